@@ -1,0 +1,1 @@
+"""The dashboard of Kalscope: the only package that knows viser."""

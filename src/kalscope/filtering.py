@@ -1,0 +1,257 @@
+"""The drivers of the filter: over a whole record, x only and fast, or sample by sample as it arrives.
+
+All three call the same compiled `step`; batch and streaming agree bit for bit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kalscope import kernels
+from kalscope.errors import BadSetting
+from kalscope.model import FilterParams, Parameter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FilterResult:
+    """What `kalman_filter` computed; arrays have the shape of z, (n,) or (n, channels)."""
+
+    x: Array
+    """Filtered value (posterior mean), unit; NaN before the first finite sample of an automatic start."""
+    p: Array
+    """Posterior variance, unit²; inf before the first finite sample of a diffuse start."""
+    k: Array
+    """Kalman gain, 0 … 1; 0 where a sample was missing or refused by the gate."""
+    innovation: Array
+    """z minus the predicted x, unit; NaN where z is missing or sets the start."""
+    s: Array
+    """Innovation variance, predicted p + r, unit²; inf where a diffuse start is set."""
+    loglik: float | Array
+    """Log-likelihood: sum over the m scored innovations of −½(ln 2π + ln s + v²/s); (channels,) for 2-D z."""
+    m: int | NDArray[np.int64]
+    """Scored innovations: neither missing, nor refused, nor the sample that sets the start."""
+    rejected: int | NDArray[np.int64]
+    """Samples refused by the outlier gate."""
+
+
+def kalman_filter(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> FilterResult:
+    """Filter a record and keep everything the filter knew at each sample.
+
+    Args:
+        z: measurements, shape (n,) or (n, channels: independent filters); NaN is a missing sample.
+        params: q, r, p0, x0 of the model, scalars or (channels,) arrays.
+        dt: nominal sample periods that elapse before each sample, shape (n,), ≥ 0; None = 1 each. dt[0] = 0
+            puts the prior at the first sample.
+
+    Raises:
+        BadSetting: z holds inf or has another shape; dt or params do not fit z.
+
+    Source: Ma'arif et al. (2019), equations (11)–(15); Durbin & Koopman (2012), section 2.2.
+    """
+    columns, shape = _columns(z)
+    out = tuple(np.empty_like(columns) for _ in range(5))
+    per_channel = _per_channel(params, len(columns))
+    steps = _steps(dt, columns.shape[1])
+    _refuse_infinite(columns)
+    sums = [
+        kernels.filter_channel(column, steps, *values, tuple(o[c] for o in out))
+        for c, (column, values) in enumerate(zip(columns, per_channel, strict=True))
+    ]
+    x, p, k, innovation, s = (_shaped(o, shape) for o in out)
+    loglik, m, rejected = zip(*sums, strict=True)
+    if len(shape) == 1:
+        return FilterResult(x, p, k, innovation, s, loglik[0], m[0], rejected[0])
+    return FilterResult(x, p, k, innovation, s, np.array(loglik), np.array(m), np.array(rejected))
+
+
+def denoise(
+    z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None, out: Array | None = None
+) -> Array:
+    """The filtered signal only, as fast as memory allows; within 1e-12 · max|z| of `kalman_filter`.
+
+    Args:
+        z: measurements, shape (n,) or (n, channels); NaN is a missing sample.
+        params: q, r, p0, x0 of the model, scalars or (channels,) arrays.
+        dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
+        out: float64 array of z's shape to write into (may be z itself); None = a new one.
+
+    Returns:
+        x, float64, shape of z.
+
+    Raises:
+        BadSetting: z holds inf or has another shape; dt, params or out do not fit z.
+    """
+    columns, shape = _columns(z)
+    if out is not None:
+        _check_out(out, shape)
+    direct = out is not None and out.ndim == 1 and out.flags.c_contiguous and not np.may_share_memory(out, z)
+    target = out.reshape(1, -1) if out is not None and direct else np.empty_like(columns)
+    steps = _steps(dt, columns.shape[1])
+    for c, values in enumerate(_per_channel(params, len(columns))):
+        stopped = kernels.denoise_channel(columns[c], steps, *values, target[c])
+        if stopped >= 0:
+            raise _infinite(columns[c, stopped], stopped)
+    if out is None:
+        return _shaped(target, shape)
+    if not direct:
+        out[...] = _shaped(target, shape)
+    return out
+
+
+class KalmanFilter:
+    """The streaming filter: one `update` a sample, equal to `kalman_filter` bit for bit.
+
+    `x`, `p` and `k` are the state after the last update: floats, or arrays of shape (channels,) once the
+    samples are arrays. Before the first finite sample of a diffuse start x is NaN, p inf and k 0.
+    """
+
+    def __init__(self, params: FilterParams) -> None:
+        self.params = params
+        self._scalar = params.channels is None
+        self._states: list[_State] = [
+            _State(*values) for values in _per_channel(params, params.channels or 1)
+        ]
+
+    @property
+    def x(self) -> float | Array:
+        """Filtered value, unit."""
+        return self._gather([state.x for state in self._states])
+
+    @property
+    def p(self) -> float | Array:
+        """Posterior variance, unit²."""
+        return self._gather([state.p for state in self._states])
+
+    @property
+    def k(self) -> float | Array:
+        """Gain of the last update, 0 … 1."""
+        return self._gather([state.k for state in self._states])
+
+    def update(self, z: ArrayLike, dt: float | None = None) -> float | Array:
+        """Take one sample and return the filtered value.
+
+        Args:
+            z: the sample, a number or shape (channels,); NaN is a missing sample (predict only).
+            dt: nominal sample periods since the last sample, ≥ 0; None = 1.
+
+        Raises:
+            BadSetting: z is infinite or has another number of channels; dt is negative. The state stays.
+        """
+        step = 1.0 if dt is None else float(dt)
+        if not (0.0 <= step < math.inf):
+            raise BadSetting(f"dt must be finite and not negative (got {dt})")
+        samples = np.atleast_1d(np.asarray(z, dtype=np.float64))
+        if np.ndim(z) == 1 and self._scalar:
+            self._spread(len(samples))
+        if samples.shape != (len(self._states),):
+            raise BadSetting(f"z must hold {len(self._states)} channels (got shape {samples.shape})")
+        if np.isinf(samples).any():
+            raise BadSetting(f"z must be finite, or NaN where missing (got {z})")
+        for state, sample in zip(self._states, samples, strict=True):
+            state.take(float(sample), step)
+        return self.x
+
+    def _spread(self, channels: int) -> None:
+        """Scalar parameters meet an array of channels: one filter each, if none has started."""
+        if self._states[0].started:
+            raise BadSetting(f"z must stay a single number (got {channels} channels)")
+        self._scalar = False
+        self._states = [_State(*values) for values in _per_channel(self.params, channels)]
+
+    def _gather(self, values: list[float]) -> float | Array:
+        return values[0] if self._scalar else np.array(values)
+
+
+class _State:
+    """One channel of the streaming filter."""
+
+    def __init__(self, q: float, r: float, gate: float, x: float, p: float) -> None:
+        self.q, self.r, self.gate, self.x, self.p = q, r, gate, x, p
+        self.k = 0.0
+        self.started = False
+        self._in_a_row = 0
+
+    def take(self, z: float, dt: float) -> None:
+        self.started = True
+        self.x, self.p, self.k, _, _, done = kernels.step(
+            z, dt, self.q, self.r, self.gate, self.x, self.p, self._in_a_row
+        )
+        if done == kernels.REJECTED:
+            self._in_a_row += 1
+        elif done != kernels.MISSING:
+            self._in_a_row = 0
+
+
+def _columns(z: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+    """Z as contiguous rows, one a channel (a view where it can be), and z's own shape."""
+    try:
+        array = np.asarray(z, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise BadSetting("z must be an array of numbers (got something else)") from None
+    if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
+        raise BadSetting(f"z must have shape (n,) or (n, channels) (got {array.shape})")
+    rows = array.reshape(1, -1) if array.ndim == 1 else array.T
+    return np.ascontiguousarray(rows), array.shape
+
+
+def _shaped(rows: Array, shape: tuple[int, ...]) -> Array:
+    return rows[0] if len(shape) == 1 else np.ascontiguousarray(rows.T)
+
+
+def _per_channel(params: FilterParams, channels: int) -> list[tuple[float, float, float, float, float]]:
+    """q, r, gate, x, p of each channel as the kernels start with them: NaN x and inf p say "automatic"."""
+    if params.channels not in (None, channels):
+        raise BadSetting(f"params must fit z: they hold {params.channels} channels (got z with {channels})")
+
+    def spread(value: Parameter | None, missing: float) -> list[float]:
+        return np.broadcast_to(missing if value is None else value, channels).astype(float).tolist()
+
+    return list(
+        zip(
+            spread(params.q, 0.0),
+            spread(params.r, 0.0),
+            spread(params.gate, math.inf),
+            spread(params.x0, math.nan),
+            spread(params.p0, math.inf),
+            strict=True,
+        )
+    )
+
+
+def _steps(dt: ArrayLike | None, n: int) -> Array:
+    """Dt as the kernels want it: empty for regular sampling."""
+    if dt is None:
+        return np.empty(0)
+    steps = np.ascontiguousarray(dt, dtype=np.float64)
+    if steps.shape != (n,):
+        raise BadSetting(f"dt must have one value a sample, shape ({n},) (got {steps.shape})")
+    if n and not (np.all(np.isfinite(steps)) and steps.min() >= 0.0):
+        raise BadSetting(f"dt must be finite and not negative (got {steps.min()} to {steps.max()})")
+    return steps
+
+
+def _refuse_infinite(columns: Array) -> None:
+    for column in columns:
+        if math.isfinite(column.sum()):
+            continue
+        where = np.flatnonzero(np.isinf(column))
+        if len(where):
+            raise _infinite(column[where[0]], int(where[0]))
+
+
+def _infinite(value: float, index: int) -> BadSetting:
+    return BadSetting(f"z must be finite, or NaN where missing (got {value} at sample {index})")
+
+
+def _check_out(out: Array, shape: tuple[int, ...]) -> None:
+    if not isinstance(out, np.ndarray) or out.dtype != np.float64 or out.shape != shape:
+        what = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+        raise BadSetting(f"out must be a float64 array of z's shape {shape} (got {what})")
+    if not out.flags.writeable:
+        raise BadSetting("out must be writeable (got a read-only array)")

@@ -1,0 +1,91 @@
+"""Recording: the one value that every source produces, and the account of how it was read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.errors import BadSetting
+
+
+@dataclass(frozen=True)
+class LineIssue:
+    """One line, or one cell of a line, that could not be taken as it stands."""
+
+    line: int
+    """Line number in the decoded text, counted from 1."""
+    reason: str
+    """What must hold and what came, in a few words."""
+    text: str
+    """The offending line or cell, cut at 200 characters."""
+    column: str | None = None
+    """Name of the column for a single cell; None where the whole line was rejected."""
+
+
+@dataclass(frozen=True)
+class ReadReport:
+    """The account of a file: rows + rejected + blank + comments + headers = lines, always."""
+
+    lines: int = 0
+    """Lines in the file, a torn last one included."""
+    rows: int = 0
+    """Lines that became one row of `Recording.values`."""
+    rejected: int = 0
+    """Lines of the wrong shape, left out."""
+    blank: int = 0
+    """Lines with nothing on them."""
+    comments: int = 0
+    """Comment lines, boot text above the header included."""
+    headers: int = 0
+    """Header and unit lines, repeated ones included."""
+    bad_cells: int = 0
+    """Cells that are no numbers in lines that were kept: missing samples."""
+    clipped_times: int = 0
+    """Time stamps that step backward; the step counts as 0 (dt = 0)."""
+    issues: tuple[LineIssue, ...] = ()
+    """The first 100 rejected lines and bad cells, in file order."""
+    notes: tuple[str, ...] = ()
+    """What the reader decided, each a sentence: delimiter, header, time column, renamed columns."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording of one or more channels, sampled together. Immutable."""
+
+    time: NDArray[np.float64]
+    """Time of each sample in s, shape (n,), as the source counts it (row numbers where it has no time)."""
+    names: tuple[str, ...]
+    """Channel names, distinct, as the source names them."""
+    units: tuple[str, ...]
+    """Unit of each channel, "" where unknown."""
+    values: NDArray[np.float64]
+    """Samples, shape (n, channels); NaN is a missing sample, never inf."""
+    sample_period: float | None
+    """Nominal sample period in s, the median step; None where the source has no time."""
+    report: ReadReport = field(default_factory=ReadReport)
+    """How the source was read; empty for synthetic signals."""
+    truth: NDArray[np.float64] | None = None
+    """The noise-free signal, shape (n, channels), where it is known."""
+    source: str = ""
+    """What reopens it: a path, "sample:NAME", "synthetic:SHAPE?…"."""
+    title: str = ""
+    """Name to show a person."""
+    sha256: str = ""
+    """SHA-256 of the bytes it was read from; "" where there are none."""
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def index(self, name: str) -> int:
+        """Column of the channel `name`; BadSetting names the choices."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            choices = ", ".join(self.names)
+            raise BadSetting(f"channel must be one of {choices} (got {name!r})") from None
+
+    def channel(self, name: str) -> NDArray[np.float64]:
+        """Samples of one channel, shape (n,)."""
+        return self.values[:, self.index(name)]

@@ -1,0 +1,89 @@
+"""What FilterParams accepts, refuses and derives; where tuning starts."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, FilterParams, starting_params
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"q": -1, "r": 1}, "q must be a finite variance from 0 to 1e300 (got -1)"),
+        ({"q": 1, "r": math.nan}, "r must be a finite variance from 0 to 1e300 (got nan)"),
+        ({"q": math.inf, "r": 1}, "q must be a finite variance from 0 to 1e300 (got inf)"),
+        ({"q": 1.1e300, "r": 1}, "q must be a finite variance"),
+        ({"q": "abc", "r": 1}, "q must be a finite variance from 0 to 1e300 (got 'abc')"),
+        ({"q": 0, "r": 0}, "q and r must not both be 0"),
+        ({"q": [1, 0], "r": [1, 0]}, "q and r must not both be 0"),
+        ({"q": 1, "r": 1, "p0": -1}, "p0 must be a finite variance"),
+        ({"q": 1, "r": 1, "x0": 1}, "x0 needs p0"),
+        ({"q": 1, "r": 1, "p0": 1, "x0": math.nan}, "x0 must be a finite number"),
+        ({"q": 1, "r": 1, "gate": 0}, "gate must be a finite threshold"),
+        ({"q": [1, 2], "r": [1, 2, 3]}, "one value a channel (got [2, 3] values)"),
+        ({"q": [[1]], "r": 1}, "q must be a finite variance"),
+        ({"q": [], "r": 1}, "q must be a finite variance"),
+    ],
+)
+def test_a_bad_value_is_refused_with_what_must_hold_and_what_came(given, message):
+    with pytest.raises(BadSetting) as refused:
+        FilterParams(**given)
+    assert message in str(refused.value)
+
+
+@pytest.mark.parametrize("given", [{"q": 0, "r": 1}, {"q": 1, "r": 0}, {"q": 1e300, "r": 1e-300, "p0": 0}])
+def test_edges_of_the_range_are_valid(given):
+    assert FilterParams(**given).q == given["q"]
+
+
+def test_params_are_frozen_values_with_equality():
+    a, b = FilterParams([1, 2], 3, p0=0), FilterParams(np.array([1.0, 2.0]), 3.0, p0=0.0)
+    assert a == b
+    assert hash(a) == hash(b)
+    assert a != FilterParams([1, 2], 4, p0=0)
+    assert a != FilterParams(1, 3, p0=0)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        a.q = 2
+    with pytest.raises(ValueError, match="read-only"):
+        a.q[0] = 7
+
+
+def test_params_do_not_share_memory_with_what_they_were_made_from():
+    q = np.array([1.0, 2.0])
+    params = FilterParams(q, 1.0)
+    q[0] = 99.0
+    assert params.q[0] == 1.0
+
+
+def test_ratio_is_q_over_r():
+    assert FilterParams(1, 4).ratio == 0.25
+    assert FilterParams(1, 0).ratio == math.inf
+    assert FilterParams([1, 2], 4).ratio.tolist() == [0.25, 0.5]
+
+
+def test_tuning_starts_at_half_the_variance_of_the_differences():
+    z = np.array([1.0, 3.0, 2.0, 5.0, 4.0])
+    params = starting_params(z)
+    assert params.r == pytest.approx(np.var(np.diff(z), ddof=1) / 2)
+    assert params.q == pytest.approx(params.r / 100)
+    assert (params.p0, params.x0) == (None, None)
+
+
+@pytest.mark.parametrize("scale", [1e-140, 1e-9, 1.0, 1e9, 1e140])
+def test_the_start_follows_the_unit_of_the_signal(scale):
+    z = np.array([1.0, 3.0, 2.0, 5.0, 4.0])
+    assert starting_params(z * scale).r == pytest.approx(starting_params(z).r * scale**2, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "z", [[], [1.0], [math.nan] * 5, [0.0] * 9, [7.0] * 9, [1e200, -1e200, 1e200], [5e-324] * 3]
+)
+def test_every_signal_has_a_usable_start(z):
+    params = starting_params(z)
+    assert params.r > 0
+    assert params.q > 0
