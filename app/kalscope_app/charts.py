@@ -1,0 +1,164 @@
+"""The one door to uPlot: which points, in which order, in which unit, and what it must never be given.
+
+viser's uPlot goes blank on a leading NaN, on inf and on empty arrays, draws a bridge over NaN, and prints ticks
+with three decimals at most. So everything drawn passes through here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+from tsdownsample import MinMaxLTTBDownsampler
+
+Array = NDArray[np.float64]
+
+POINT_LIMIT = 4000
+"""Most points a line is drawn with."""
+
+PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+"""SI prefixes by power of ten."""
+
+PREFIXABLE = {"V", "A", "g", "Pa", "Hz", "m", "W", "N", "T", "Ω", "F", "s", "lx", "m/s", "m/s²", "m/s^2"}
+"""Units that take a prefix; before any other the factor is written out."""
+
+TIME_UNITS = (
+    ("ms", 1e-3),
+    ("s", 1.0),
+    ("min", 60.0),
+    ("h", 3600.0),
+    ("days", 86400.0),
+    ("years", 31557600.0),
+)
+"""Units of the time axis and their length in s."""
+
+
+def choose_indices(z: Array, truth: Array | None = None, limit: int = POINT_LIMIT) -> NDArray[np.intp]:
+    """Ascending indices of at most `limit` samples that keep the look of z, shape (n,), and of the truth."""
+    n = len(z)
+    if n <= limit:
+        return np.arange(n, dtype=np.intp)
+    if truth is None:
+        return _downsample(z, limit)
+    share = limit // 4
+    return np.union1d(_downsample(z, limit - share), _downsample(truth, share)).astype(np.intp)
+
+
+def _downsample(y: Array, points: int) -> NDArray[np.intp]:
+    """MinMaxLTTB; missing samples are held at their last value for the choice."""
+    if np.isnan(y).any():
+        known = np.where(np.isnan(y), 0, np.arange(len(y)))
+        y = np.nan_to_num(y[np.maximum.accumulate(known)])
+    chosen = MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(y), n_out=points)
+    return np.unique(chosen).astype(np.intp)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How numbers of one quantity are written on an axis."""
+
+    factor: float
+    """Drawn value = value × factor."""
+    unit: str
+    """Unit of the drawn value, "" if none."""
+
+    def label(self, quantity: str) -> str:
+        """Axis label, such as "ax (mV)"."""
+        return f"{quantity} ({self.unit})" if self.unit else quantity
+
+
+def scale_for(values: Array, unit: str) -> Scale:
+    """A factor that brings the largest of `values` between 1 and 10,000, where three decimals suffice."""
+    finite = np.abs(values[np.isfinite(values)])
+    largest = float(finite.max(initial=0.0))
+    if largest == 0.0 or 0.5 <= largest < 1e5:
+        return Scale(1.0, unit)
+    power = 3 * math.floor(math.log10(largest) / 3)
+    power = min(max(power, -300), 300)
+    if unit in PREFIXABLE and power in PREFIXES:
+        return Scale(10.0**-power, PREFIXES[power] + unit)
+    return Scale(10.0**-power, f"1e{power} {unit}".strip())
+
+
+def time_scale_for(span: float, sample_period: float | None) -> Scale:
+    """Unit of a time axis that shows `span` seconds: the largest one that fits four times into it."""
+    if sample_period is None:
+        return Scale(1.0, "samples")
+    for unit, length in reversed(TIME_UNITS):
+        if span >= 4.0 * length:
+            return Scale(1.0 / length, unit)
+    return Scale(1000.0, "ms")
+
+
+def drawable(x: Array, ys: list[Array]) -> tuple[Array, ...]:
+    """X ascending and every y finite, never empty: what uPlot can be given.
+
+    A value that is not finite takes the nearest finite one before it, or the first after it; a line without any
+    becomes 0. A single point becomes two, because a line needs them.
+    """
+    if len(x) == 0:
+        return (np.array([0.0, 1.0]), *(np.zeros(2) for _ in ys))
+    if len(x) == 1:
+        x, ys = np.array([x[0], x[0] + 1.0]), [np.repeat(y, 2) for y in ys]
+    return (np.ascontiguousarray(x, dtype=np.float64), *(_finite(y) for y in ys))
+
+
+def _finite(y: Array) -> Array:
+    good = np.isfinite(y)
+    if good.all():
+        return np.ascontiguousarray(y, dtype=np.float64)
+    if not good.any():
+        return np.zeros(len(y))
+    first = int(np.argmax(good))
+    held = np.maximum.accumulate(np.where(good, np.arange(len(y)), first))
+    return y[held]
+
+
+class Chart:
+    """One uPlot chart that keeps its zoom while data change, and is rebuilt only when its lines do."""
+
+    def __init__(self, gui: viser.GuiApi, height: int, *, sync: str | None = None) -> None:
+        zeros = np.zeros(2)
+        cursor: dict[str, Any] = {"drag": {"x": True, "y": False}}
+        if sync is not None:
+            cursor["sync"] = {"key": sync}
+        self._handle = gui.add_uplot(
+            (np.array([0.0, 1.0]), zeros),
+            ({"label": "x"}, {"label": "y"}),
+            scales={"x": {"time": False}},
+            padding=(10, 24, 0, 0),  # without it viser rebuilds the chart whenever its width changes
+            height=height,
+            cursor=cursor,  # pyright: ignore[reportArgumentType]
+        )
+        self._layout: object = None
+
+    @property
+    def handle(self) -> viser.GuiUplotHandle:
+        """The viser handle, for tests and heights."""
+        return self._handle
+
+    def show(self, x: Array, ys: list[Array], layout: Layout) -> None:
+        """Draw; `layout` is sent only when it differs from the last one."""
+        data = drawable(x, ys)
+        if layout != self._layout:
+            self._layout = layout
+            self._handle.series = layout.series
+            self._handle.bands = layout.bands
+            self._handle.axes = layout.axes
+        self._handle.data = data
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Everything of a chart but its numbers: compared by value, so it must hold only tuples and dicts."""
+
+    series: tuple[Any, ...]
+    """uPlot series, the x axis first."""
+    axes: tuple[Any, ...]
+    """uPlot axes: x, then y."""
+    bands: tuple[Any, ...] | None = None
+    """Filled bands between pairs of series."""

@@ -1,0 +1,122 @@
+"""The whole screen: builds the views, hands every frame to all of them, and tells the person what went wrong."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import viser
+
+from kalscope_app.engine import Engine
+from kalscope_app.frame import Frame
+from kalscope_app.jobs import Jobs
+from kalscope_app.session import Session, State, set_dark
+from kalscope_app.views.export import ExportView
+from kalscope_app.views.layout import FIRST_RIGHT_WIDTH, Panels, WindowFinder, sizes_for
+from kalscope_app.views.numbers import NumbersView
+from kalscope_app.views.parameters import ParametersView
+from kalscope_app.views.signal import SignalView
+from kalscope_app.views.source import SourceView
+from kalscope_app.views.window import WindowView
+
+log = logging.getLogger(__name__)
+
+
+class Dashboard:
+    """Views, session and engine on one server."""
+
+    def __init__(self, server: viser.ViserServer, state: State, folder: Path) -> None:
+        """Args: the guarded server; what to show first; the folder that exports stay in."""
+        self._server = server
+        self.session = Session(state)
+        self._jobs = Jobs(self.tell)
+        self._panels = Panels(server)
+        self._resets = state.resets
+        self._note = ""
+        self._window_shape = 0.0
+        self._build(folder)
+        self.engine = Engine(self.session, self.show, self.tell)
+        server.on_client_connect(self._on_connect)
+
+    def _build(self, folder: Path) -> None:
+        gui = self._server.gui
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Tune"):
+            self.parameters = ParametersView(gui, self.session)
+            self._numbers = NumbersView(gui)
+        with tabs.add_tab("Source"):
+            self._source = SourceView(gui, self.session, self._jobs)
+        with tabs.add_tab("Export"):
+            self._export = ExportView(gui, self._jobs, self.tell, folder)
+        with tabs.add_tab("View"):
+            self._dark = gui.add_checkbox("dark theme", False)
+            self._dark.on_update(self._on_dark)
+        with self._panels.charts:
+            self._window = WindowView(gui, self.session)
+            self.signal = SignalView(gui)
+
+    def start(self) -> None:
+        """Show the first frame; returns when it is on its way."""
+        self.engine.start()
+        self.engine.first_frame.wait(timeout=60.0)
+
+    def stop(self) -> None:
+        """End the threads."""
+        self.engine.stop()
+        self._jobs.stop()
+
+    def show(self, frame: Frame) -> None:
+        """Draw a frame in every view, as one message batch. Runs on the engine's thread."""
+        with self._server.atomic():
+            self._panels.set_theme(dark=frame.state.dark)
+            if self._dark.value != frame.state.dark:
+                self._dark.value = frame.state.dark
+            self.signal.show(frame)
+            for view in (self.parameters, self._numbers, self._window, self._source, self._export):
+                view.show(frame)
+        self._server.flush()
+        if frame.state.resets != self._resets:
+            self._resets = frame.state.resets
+            self.signal.forget_zoom(self._server.flush)
+        if frame.state.note != self._note:
+            self._note = frame.state.note
+            if self._note:
+                self.tell(self._note, good=True)
+
+    def tell(self, message: str, *, good: bool = False) -> None:
+        """Show one sentence in every browser; plain text, so nothing in it can act as markup."""
+        (log.info if good else log.warning)("%s", message)
+        for client in self._server.get_clients().values():
+            client.add_notification(
+                title="Kalscope" if good else "That cannot be used",
+                body=message[:1000],
+                auto_close_seconds=6.0 if good else 12.0,
+                color=(0, 158, 115) if good else (213, 94, 0),
+            )
+
+    async def _on_dark(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self.session.request(set_dark(self._dark.value))
+
+    def _on_connect(self, client: viser.ClientHandle) -> None:
+        """A browser has come: its own upload button, and charts that fill its window."""
+        self._source.add_upload(client)
+        finder = WindowFinder()
+
+        def fit(camera: viser.CameraHandle) -> None:
+            window = finder.report(camera.image_width, camera.image_height, self._panels.docked_width)
+            if window is not None:
+                self._fill(*window)
+            elif finder.needs_room and abs(finder.shape - self._window_shape) > 0.01 * finder.shape:
+                self._panels.set_right_width(FIRST_RIGHT_WIDTH)
+
+        fit(client.camera)
+        client.camera.on_update(fit)
+
+    def _fill(self, width: float, height: float) -> None:
+        """Make panels and charts fill a window, px."""
+        self._window_shape = width / height
+        sizes = sizes_for(width, height)
+        self._panels.set_right_width(sizes.right_width)
+        self.signal.set_heights(sizes.signal_height, sizes.innovation_height, sizes.gain_height)

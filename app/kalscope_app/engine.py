@@ -1,0 +1,86 @@
+"""One worker thread: it takes the requests, computes one Frame for all of them, and hands it to the views.
+
+The latest request wins because requests are cheap and a Frame is computed only after all that wait are in.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from kalscope.errors import KalscopeError
+from kalscope_app.frame import Frame, Shown, choose_shown, compute_frame
+from kalscope_app.session import Session, State
+
+LEAST_INTERVAL = 0.04
+"""Seconds between two frames at least: a browser that is slower builds a backlog that nothing drops."""
+
+log = logging.getLogger(__name__)
+
+
+def pause_before_frame(now: float, last: float) -> float:
+    """Seconds to wait before the next frame may be sent."""
+    return max(0.0, min(LEAST_INTERVAL, last + LEAST_INTERVAL - now))
+
+
+class Engine:
+    """Session -> Frame, on a thread of its own."""
+
+    def __init__(self, session: Session, show: Callable[[Frame], None], tell: Callable[[str], None]) -> None:
+        """Args: the session; who draws a frame; who tells the person about a refused request."""
+        self._session = session
+        self._show = show
+        self._tell = tell
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
+        self._shown_for: tuple[object, ...] = ()
+        self._shown: Shown | None = None
+        self.first_frame = threading.Event()
+
+    def start(self) -> None:
+        """Begin with a frame of the state as it is."""
+        self._session.bell.set()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread; returns when it has ended, or after 2 s."""
+        self._stopping.set()
+        self._session.bell.set()
+        self._thread.join(timeout=2.0)
+
+    def _run(self) -> None:
+        last = 0.0
+        while not self._stopping.is_set():
+            self._session.bell.wait(timeout=self._session.seconds_to_next())
+            time.sleep(pause_before_frame(time.monotonic(), last))
+            self._session.bell.clear()
+            if self._stopping.is_set():
+                return
+            last = time.monotonic()
+            try:
+                self._turn()
+            except Exception as error:  # the thread must outlive any single frame
+                log.exception("A frame could not be made")
+                self._tell(f"That could not be shown: {error}")
+
+    def _turn(self) -> None:
+        state, serial, failures = self._session.settle()
+        for failure in failures:
+            if not isinstance(failure, KalscopeError):
+                log.error("A request failed", exc_info=failure)
+            self._tell(str(failure))
+        self._show(compute_frame(state, serial, self._choose(state)))
+        self.first_frame.set()
+
+    def _choose(self, state: State) -> Shown:
+        """The samples to draw: chosen anew only for another recording, channel or window."""
+        asked = (state.recording, state.channel, state.window)
+        same = len(self._shown_for) == 3 and all(
+            a is b if i == 0 else a == b for i, (a, b) in enumerate(zip(asked, self._shown_for, strict=True))
+        )
+        if self._shown is None or not same:
+            self._shown = choose_shown(*asked)
+            self._shown_for = asked
+        return self._shown

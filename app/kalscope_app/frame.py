@@ -1,0 +1,141 @@
+"""Session state -> Frame: every array to draw and every number to show, computed once. Pure; no viser here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.filtering import FilterResult, kalman_filter
+from kalscope.recording import Recording
+from kalscope.steady_state import SteadyState, steady_state
+from kalscope_app.charts import choose_indices
+from kalscope_app.session import State
+
+Array = NDArray[np.float64]
+
+GAIN_POINTS = 500
+"""Most points drawn of the gain; its start-up is smooth."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Which samples of a recording are drawn; chosen on the raw signal, so that tuning changes only y."""
+
+    first: int
+    """Index of the first sample in the window."""
+    last: int
+    """One past the last sample in the window."""
+    indices: NDArray[np.intp]
+    """Samples drawn, ascending, shape (m,)."""
+    time: Array
+    """Their moments, s, never descending, shape (m,)."""
+    raw: Array
+    """Their measurements, unit; NaN where missing, shape (m,)."""
+    truth: Array | None
+    """The noise-free signal there, where it is known, shape (m,)."""
+    missing: int
+    """Missing samples of the channel, drawn or not."""
+
+    @property
+    def decimated(self) -> bool:
+        """Whether some samples of the window are not drawn."""
+        return len(self.indices) < self.last - self.first
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What every view draws from; arrays have shape (m,), one value for each sample drawn, unless said."""
+
+    state: State
+    """The choices that this frame shows."""
+    serial: int
+    """Every request up to this number is in it."""
+    shown: Shown
+    """Which samples are drawn, with what does not depend on the parameters: time, raw, truth."""
+    steady: SteadyState
+    """The settled filter in words: gain, lag, decibel, hertz."""
+    filtered: Array
+    """Filtered signal, unit; NaN before the first sample."""
+    spread: Array
+    """2·√p, unit: the band around the filtered signal; inf before a diffuse start."""
+    innovation: Array
+    """Measurement minus prediction, unit; NaN where there is none."""
+    innovation_spread: Array
+    """2·√s, unit."""
+    start_up: int
+    """Samples until the gain is within 1 % of where it settles, from the first measurement on."""
+    gain: Array
+    """Gain of the first samples, shape (g,), at most 500 of them."""
+    gain_samples: Array
+    """Sample numbers of `gain`, shape (g,)."""
+
+
+def compute_frame(state: State, serial: int, shown: Shown) -> Frame:
+    """Filter the channel on screen over the whole recording and pick what is drawn."""
+    recording = state.recording
+    z = recording.channel(state.channel)
+    result = kalman_filter(z, state.params)
+    steady = steady_state(state.params, recording.sample_period)
+    at = shown.indices
+    start_up = samples_to_settle(result, float(steady.gain))
+    gain_samples = gain_axis(start_up, len(z))
+    return Frame(
+        state=state,
+        serial=serial,
+        shown=shown,
+        steady=steady,
+        filtered=result.x[at],
+        spread=2.0 * np.sqrt(result.p[at]),
+        innovation=result.innovation[at],
+        innovation_spread=2.0 * np.sqrt(result.s[at]),
+        start_up=start_up,
+        gain=result.k[gain_samples],
+        gain_samples=gain_samples.astype(np.float64),
+    )
+
+
+def choose_shown(recording: Recording, channel: str, window: tuple[float, float] | None) -> Shown:
+    """The samples to draw of one channel in a window (s, both ends inside); always at least two if there are."""
+    n = len(recording)
+    clock = np.maximum.accumulate(recording.time)
+    first, last = 0, n
+    if window is not None:
+        first = max(0, min(int(np.searchsorted(clock, window[0], side="left")), n - 2))
+        last = min(n, max(int(np.searchsorted(clock, window[1], side="right")), first + 2))
+    column = recording.index(channel)
+    z = recording.values[:, column]
+    truth = None if recording.truth is None else recording.truth[:, column]
+    at = first + choose_indices(z[first:last], None if truth is None else truth[first:last])
+    return Shown(
+        first=first,
+        last=last,
+        indices=at,
+        time=clock[at],
+        raw=z[at],
+        truth=None if truth is None else truth[at],
+        missing=int(np.isnan(z).sum()),
+    )
+
+
+def samples_to_settle(result: FilterResult, settled_gain: float) -> int:
+    """Samples until the gain first comes within 1 % of the settled gain; the whole record if it never does."""
+    n, size = len(result.k), 1024
+    while True:  # look at a short beginning first: a million samples settle as early as a thousand do
+        close = np.abs(result.k[:size] - settled_gain) <= 0.01 * settled_gain
+        if close.any():
+            return int(np.argmax(close))
+        if size >= n:
+            return n
+        size *= 8
+
+
+def gain_axis(start_up: int, n: int) -> NDArray[np.intp]:
+    """Sample numbers for the gain chart: twice the start-up, rounded to 1, 2, 5 × 10^k so that it rests."""
+    wanted = max(20, 2 * start_up)
+    decade = 10 ** math.floor(math.log10(wanted))
+    count = next(step * decade for step in (1, 2, 5, 10) if step * decade >= wanted)
+    count = min(count, n)
+    return np.unique(np.linspace(0, count - 1, min(count, GAIN_POINTS)).astype(np.intp))

@@ -1,0 +1,300 @@
+"""Who may connect to the dashboard: a viser server that answers only to the holder of the printed link.
+
+Stock viser lets any web page drive it. This module stands in front without a fork: for the moment of
+construction it replaces the one call by which viser opens its socket, and puts our check before viser's.
+What is allowed is decided in `guard_rules.py`. If viser is not what this was written for, nothing starts.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import functools
+import http
+import http.client
+import ipaddress
+import logging
+import secrets
+import socket
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rich
+import viser
+import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from kalscope.errors import BadSetting, KalscopeError
+from kalscope_app import guard_rules as rules
+from kalscope_app.guard_limits import ClientLimits, disable_sharing
+
+_log = logging.getLogger(__name__)
+_construction = threading.Lock()
+
+MAX_UPLOAD_BYTES = 64 * 2**20
+"""What all uploads under way may need together, unless told otherwise. Larger files are opened by path."""
+
+
+class GuardFailed(KalscopeError, RuntimeError):
+    """The server would not be safe, so it was stopped: viser is not as expected, or we erred."""
+
+
+@dataclass(frozen=True)
+class GuardedServer:
+    """A running dashboard server. Use it in a `with` statement, or call `stop`."""
+
+    server: viser.ViserServer
+    """To build the panels on."""
+    url: str
+    """The link for the user, token included: whoever has it can use the dashboard."""
+    port: int
+    """The port that was really taken."""
+
+    def stop(self) -> None:
+        """Stop the server and free its port. A second call does nothing."""
+        _stop(self.server)
+
+    def __enter__(self) -> GuardedServer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+
+def guarded_server(
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    *,
+    allow_hosts: Iterable[str] = (),
+    token: str | None = None,
+    max_upload_bytes: int = MAX_UPLOAD_BYTES,
+    on_refused: Callable[[str], None] | None = None,
+    **viser_kwargs: Any,
+) -> GuardedServer:
+    """Start viser behind the guard. When this returns, the server has withstood an attack on itself.
+
+    Args:
+        host: name or address of this machine to listen on. All networks (0.0.0.0, ::) need `allow_hosts`.
+        port: 1 to 65535, or 0 for any free one.
+        allow_hosts: names or addresses, without port, by which a browser may call this machine
+            besides localhost and the loopback addresses.
+        token: the secret of the link, 16 to 128 of A-Z a-z 0-9 _ -; None makes a new one.
+        max_upload_bytes: what all uploads under way may need together.
+        on_refused: told in plain words about each upload that was refused. It runs on the event loop:
+            it may show a notification, and must not block.
+        viser_kwargs: passed to `viser.ViserServer`.
+
+    Raises:
+        BadSetting: host, port, an allowed name or the token cannot be used.
+        GuardFailed: viser is not as expected, or the attack got through; nothing is left running.
+    """
+    names = tuple(name.strip("[]").lower() for name in allow_hosts)
+    with contextlib.ExitStack() as undo:
+        listener = undo.enter_context(_listen(host, port))
+        address, bound_port = listener.getsockname()[:2]
+        link_host = _link_host(host, address, names)
+        token = secrets.token_urlsafe(32) if token is None else token
+        policy = rules.Policy(bound_port, token, frozenset({*names, link_host}))
+        door = _Door(policy)
+        server = _start_viser(listener, door, viser_kwargs)
+        undo.callback(_stop, server)
+        with _expecting_known_viser():
+            disable_sharing(server)
+            ClientLimits(server, max_upload_bytes, on_refused).install()
+        _attack(policy, address)
+        door.is_open = True
+        undo.pop_all()
+    shown_host = f"[{link_host}]" if ":" in link_host else link_host
+    return GuardedServer(server, f"http://{shown_host}:{bound_port}/?token={policy.token}", bound_port)
+
+
+# --- the socket -------------------------------------------------------------------------------------------
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Take the port before viser exists: viser waits for ever on a bad host and moves on from a busy port."""
+    if not 0 <= port <= 65535:
+        raise BadSetting(f"the port must be 0 to 65535 (got {port})")
+    if not host:
+        raise BadSetting("the host must be a name or an address of this machine (got nothing)")
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        # IPv4 first: every browser finds 127.0.0.1.
+        family, *_, where = min(found, key=lambda info: info[0] != socket.AF_INET)
+        return socket.create_server(where, family=family)  # pyright: ignore[reportArgumentType]
+    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte, or too long for IDNA
+        raise BadSetting(_why_not_listening(host, port, error)) from error
+
+
+def _why_not_listening(host: str, port: int, error: Exception) -> str:
+    number = error.errno if isinstance(error, OSError) else None
+    if number == errno.EADDRINUSE:
+        return (
+            f"port {port} is in use by another program: "
+            "choose another with --port, or --port 0 for any free one"
+        )
+    if number == errno.EACCES:
+        return f"port {port} needs administrator rights: choose one from 1024 up with --port"
+    reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    return f"host {host!r} cannot be used on this machine: {reason}"
+
+
+def _link_host(host: str, address: str, names: tuple[str, ...]) -> str:
+    """The name that the printed link carries: the address on this machine, else the name the user gave."""
+    if ipaddress.ip_address(address).is_unspecified:
+        if not names:
+            raise BadSetting(
+                f"host {host} listens on all networks: "
+                "also say by which name browsers call this machine, with --allow-host"
+            )
+        return names[0]
+    return address if rules.is_loopback(address) else host.lower()
+
+
+# --- viser, started behind the door -----------------------------------------------------------------------
+
+
+class _Door:
+    """Answers each request instead of viser, or lets viser answer."""
+
+    def __init__(self, policy: rules.Policy) -> None:
+        page = Path(viser.__file__).parent / "client" / "build" / "index.html"
+        self._script_hashes = rules.inline_script_hashes(page.read_text("utf-8"))
+        self._policy = policy
+        self.is_open = False
+        """Pages are served at once, sockets after the self-test: an old tab may be knocking already."""
+        self.was_hung = False
+        """Whether viser's socket really was opened through this door."""
+
+    def answer(self, viser_answer: Callable[..., Any], connection: ServerConnection, request: Request) -> Any:
+        """The `process_request` of websockets: None goes on to the websocket handshake."""
+        try:
+            ask = _ask_of(request)
+            answer = rules.decide(self._policy, ask)
+            if isinstance(answer, rules.Allow) and ask.is_upgrade and not self.is_open:
+                answer = rules.Refuse(503, "Kalscope is still starting.")
+            if isinstance(answer, rules.Allow):
+                return viser_answer(connection, request)
+        except Exception:
+            answer = rules.Refuse(400, "This request could not be understood.")
+        if isinstance(answer, rules.SetCookie):
+            return _small_page(200, rules.link_page(), {"Set-Cookie": answer.cookie})
+        # Without the query: it may hold the token, under a wrong name or path.
+        _log.info("refused %r: %s", request.path.partition("?")[0], answer.words)
+        return _small_page(answer.status, rules.refusal_page(self._policy, answer))
+
+    def harden(self, _: ServerConnection, request: Request, response: Response) -> Response:
+        """The `process_response` of websockets: security headers on everything but an opened websocket."""
+        if response.status_code != http.HTTPStatus.SWITCHING_PROTOCOLS:
+            hosts = request.headers.get_all("Host")
+            known = hosts[0] if len(hosts) == 1 and rules.host_allowed(self._policy, hosts[0]) else None
+            csp = rules.dashboard_csp(self._script_hashes, known)
+            for name, value in rules.page_headers(csp).items():
+                if name not in response.headers:
+                    response.headers[name] = value
+        return response
+
+
+def _ask_of(request: Request) -> rules.Ask:
+    headers = request.headers
+    return rules.Ask(
+        hosts=tuple(headers.get_all("Host")),
+        origins=tuple(headers.get_all("Origin")),
+        is_upgrade=any("websocket" in value.lower() for value in headers.get_all("Upgrade")),
+        target=request.path,
+        cookies=tuple(headers.get_all("Cookie")),
+    )
+
+
+def _small_page(status: int, page: str, extra_headers: dict[str, str] | None = None) -> Response:
+    body = page.encode()
+    headers = rules.page_headers(rules.small_page_csp()) | (extra_headers or {})
+    headers |= {"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(body))}
+    return Response(status, http.HTTPStatus(status).phrase, Headers(headers), body)
+
+
+def _start_viser(listener: socket.socket, door: _Door, viser_kwargs: dict[str, Any]) -> viser.ViserServer:
+    """Construct viser so that it serves on `listener`, behind `door`."""
+    port = listener.getsockname()[1]
+    fixed = {"host": "127.0.0.1", "port": port, "share": False}
+    with _construction, _serving_behind(door, listener), _without_viser_output():
+        server = viser.ViserServer(**{"verbose": False, **viser_kwargs, **fixed})
+    if not door.was_hung or server.get_port() != port:
+        _stop(server)
+        raise GuardFailed("viser no longer opens its socket the way Kalscope guards: install viser 1.1.1")
+    return server
+
+
+def _serving_behind(door: _Door, listener: socket.socket) -> contextlib.AbstractContextManager[None]:
+    stock_serve = websockets.asyncio.server.serve
+
+    def serve(handler: Any, _host: object, _port: object, *, process_request: Any, **kwargs: Any) -> Any:
+        answer = functools.partial(door.answer, process_request)
+        door.was_hung = True
+        return stock_serve(
+            handler, sock=listener, process_request=answer, process_response=door.harden, **kwargs
+        )
+
+    return _replaced(websockets.asyncio.server, "serve", serve)
+
+
+@contextlib.contextmanager
+def _replaced(module: object, name: str, value: object) -> Iterator[None]:
+    stock = getattr(module, name)
+    setattr(module, name, value)
+    try:
+        yield
+    finally:
+        setattr(module, name, stock)
+
+
+def _without_viser_output() -> contextlib.AbstractContextManager[None]:
+    """Standard output is for our one line, the link; viser prints as it starts and stops, verbose or not."""
+    return _replaced(rich, "print", lambda *_, **__: None)
+
+
+def _stop(server: viser.ViserServer) -> None:
+    with _construction, _without_viser_output():
+        server.stop()
+
+
+@contextlib.contextmanager
+def _expecting_known_viser() -> Iterator[None]:
+    try:
+        yield
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise GuardFailed(f"viser is not the version Kalscope guards, 1.1.1 ({error!r})") from error
+
+
+# --- the self-test ----------------------------------------------------------------------------------------
+
+
+def _attack(policy: rules.Policy, address: str) -> None:
+    """Ask as an attacker would, then as the user would."""
+    ip = ipaddress.ip_address(address)
+    where = address if not ip.is_unspecified else {4: "127.0.0.1", 6: "::1"}[ip.version]
+    for attempt in rules.self_test_attempts(policy):
+        status = _status_of(where, policy.port, attempt.target, attempt.headers)
+        if status != attempt.expected_status:
+            raise GuardFailed(
+                f"the guard's self-test failed: {attempt.what} was answered {status}, "
+                f"not {attempt.expected_status}"
+            )
+
+
+def _status_of(address: str, port: int, target: str, headers: dict[str, str]) -> int:
+    connection = http.client.HTTPConnection(address, port, timeout=5)
+    try:
+        connection.request("GET", target, headers=headers)
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status
+    except (OSError, http.client.HTTPException) as error:
+        raise GuardFailed(f"the guard's self-test got no answer: {error!r}") from error
+    finally:
+        connection.close()

@@ -1,0 +1,85 @@
+"""The program `kalscope`: the headless commands, and `open`, which starts and stops the dashboard."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kalscope.cli import app, run
+
+
+@app.command("open")
+def open_dashboard(
+    source: Annotated[str, typer.Argument(help='A file, "demo", "sample:NAME" or "synthetic:SHAPE?sigma=1".')] = "",
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port to listen on; 0 for any free one.")] = 8080,
+    browser: Annotated[bool, typer.Option(help="Open the link in the browser.")] = True,
+    allow_host: Annotated[
+        list[str] | None, typer.Option(help="Name by which a browser may call this machine, for --host 0.0.0.0.")
+    ] = None,
+    config: Annotated[Path | None, typer.Option(help="Tuning file to start from.")] = None,
+) -> None:
+    """Open the dashboard in a browser."""
+    from kalscope_app.dashboard import Dashboard
+    from kalscope_app.guard import guarded_server
+
+    state = first_state(source, config)
+    dashboards: list[Dashboard] = []
+    with guarded_server(
+        host, port, allow_hosts=allow_host or (), on_refused=lambda why: [d.tell(why) for d in dashboards], label="Kalscope"
+    ) as guarded:
+        dashboard = Dashboard(guarded.server, state, Path.cwd())
+        dashboards.append(dashboard)
+        dashboard.start()
+        print(f"Kalscope: {guarded.url}", flush=True)
+        if browser:
+            webbrowser.open(guarded.url)
+        try:
+            wait_for_end()
+        finally:
+            dashboard.stop()
+
+
+def first_state(source: str, config: Path | None):
+    """What the dashboard shows first: the source, with the values of the tuning file if there is one."""
+    from kalscope.errors import BadSetting
+    from kalscope.sources import open_source
+    from kalscope.tuning import load_tuning
+    from kalscope_app.session import opened, opened_with
+
+    if config is None:
+        return opened(open_source(source or "demo"))
+    tuning = load_tuning(config)
+    spec = source or tuning.source
+    if not spec:
+        raise BadSetting(
+            f"SOURCE must be named, because {config} was made on an uploaded file (got only --config): "
+            f"kalscope open {tuning.source_name or 'FILE'} --config {config}"
+        )
+    return opened_with(open_source(spec), tuning)
+
+
+def wait_for_end() -> None:
+    """Block until Ctrl+C, SIGTERM or the closing of the terminal."""
+    end = threading.Event()
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):  # SIGHUP is unknown on Windows
+            signal.signal(getattr(signal, name), lambda *_: end.set())
+    while not end.wait(timeout=0.5):  # Windows wakes for Ctrl+C only between two waits
+        pass
+
+
+def main() -> None:
+    """Entry point: without a command the dashboard opens on the demo recording."""
+    arguments = sys.argv[1:]
+    sys.exit(run(arguments or ["open", "demo"]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""Process noise q, measurement noise r and start variance p0: a text box with the exact value, and a slider."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import viser
+
+from kalscope_app.frame import Frame
+from kalscope_app.session import (
+    Session,
+    reset_parameters,
+    select_channel,
+    set_automatic_start,
+    set_exponent,
+    set_text,
+    slider_limits,
+)
+from kalscope_app.views.words import squared, typed
+
+NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "start variance p0"}
+
+HINTS = {
+    "q": "How fast the true value wanders: the variance it gains in one sample, {unit}. Larger follows faster.",
+    "r": "How noisy the sensor is: the variance of one reading, {unit}. Larger smooths more.",
+    "p0": "How uncertain the first estimate is, a variance, {unit}. It shapes only the start. 0 is allowed.",
+}
+
+AUTOMATIC, BY_VALUE = "automatic: first sample", "by value: p0 and x0"
+
+TYPING_PAUSE = 0.9
+"""Seconds without a key after which a typed number counts, Enter or not."""
+
+
+class ParametersView:
+    """The controls of the channel on screen. Callbacks only file requests."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        self._channel = gui.add_dropdown("channel", list[str](["–"]), hint="Each channel has parameters of its own.")
+        with gui.add_form(None) as form:
+            self._controls = [VarianceControl(gui, session, name) for name in ("q", "r")]
+            self._start = gui.add_dropdown(
+                "start",
+                (AUTOMATIC, BY_VALUE),
+                hint="Automatic: the first sample is the first estimate. By value: your own p0 and x0.",
+            )
+            self._controls.append(VarianceControl(gui, session, "p0"))
+            self._x0 = TypedNumber(
+                gui,
+                session,
+                "x0",
+                "start value x0",
+                "The estimate before the first sample; 0 is allowed, empty is the first sample. Only the start.",
+            )
+        self._reset = gui.add_button("Reset q, r and the start", hint="Back to r = var(Δz)/2 and q = r/100.")
+        form.on_submit(self._on_submit)
+        self._channel.on_update(self._on_channel)
+        self._start.on_update(self._on_start)
+        self._reset.on_click(self._on_reset)
+
+    async def _on_channel(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(select_channel(self._channel.value))
+
+    async def _on_start(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_automatic_start(self._start.value == AUTOMATIC))
+
+    async def _on_reset(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.request(reset_parameters)
+
+    async def _on_submit(self, _event: viser.GuiEvent[Any]) -> None:
+        for box in (*(control.typed for control in self._controls), self._x0):
+            box.submit()
+
+    def show(self, frame: Frame) -> None:
+        """Bring every control to the frame's values, except one that is being used."""
+        state, tuning = frame.state, frame.state.tuning
+        if self._channel.options != state.recording.names:
+            self._channel.options = state.recording.names
+        if self._channel.value != state.channel:
+            self._channel.value = state.channel
+        self._channel.visible = len(state.recording.names) > 1
+        for control in self._controls:
+            control.show(frame)
+        start = AUTOMATIC if tuning.p0 is None else BY_VALUE
+        if self._start.value != start:
+            self._start.value = start
+        self._x0.visible = tuning.p0 is not None
+        self._x0.show(frame, tuning.x0, "first")
+
+
+class VarianceControl:
+    """One variance: the exact value as text, and a slider over its exponent."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, name: str) -> None:
+        self._session, self._name = session, name
+        self.typed = TypedNumber(gui, session, name, NAMES[name], HINTS[name])
+        self._slider = gui.add_slider(
+            f"log₁₀ {name}",
+            min=-6.0,
+            max=6.0,
+            step=0.01,
+            initial_value=0.0,
+            hint=f"Drag, or click and use the arrow keys: one step changes {name} by 2.3 %.",
+        )
+        self._serial = 0
+        self._slider.on_update(self._on_slider)
+
+    async def _on_slider(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._serial = self._session.request(
+                set_exponent(self._name, float(self._slider.value)), key=f"slider {self._name}"
+            )
+
+    def show(self, frame: Frame) -> None:
+        """Follow the frame unless the slider has moved since."""
+        value = getattr(frame.state.tuning, self._name)
+        self.typed.show(frame, value, "automatic")
+        if frame.serial < self._serial:
+            return
+        low, high = slider_limits(frame.state, self._name)
+        if (self._slider.min, self._slider.max) != (low, high):
+            self._slider.min, self._slider.max = float(low), float(high)
+        if value is None:  # the automatic start has the variance of one reading after its first sample
+            value = frame.state.tuning.r
+        exponent = min(max(math.log10(value), low), high) if value > 0.0 else float(low)
+        if abs(self._slider.value - exponent) > 0.005:
+            self._slider.value = round(exponent, 2)
+
+
+class TypedNumber:
+    """A number typed as text: 1e-9 works; it counts on Enter, or when typing rests."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, name: str, label: str, hint: str) -> None:
+        self._session, self._name, self._label, self._hint = session, name, label, hint
+        self._text = gui.add_text(label, "", hint=hint)
+        self._written = ""
+        self._value: object = self  # nothing has been shown yet
+        self._serial = 0
+        self._text.on_update(self._on_key)
+
+    @property
+    def visible(self) -> bool:
+        """Whether the box is on screen."""
+        return self._text.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        self._text.visible = visible
+
+    async def _on_key(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None and _looks_complete(self._text.value):
+            self._file(TYPING_PAUSE)
+
+    def submit(self) -> None:
+        """Enter was pressed: take what stands here, if it was changed, and say if it is no number."""
+        if self._text.value != self._written:
+            self._file(0.0)
+
+    def _file(self, delay: float) -> None:
+        text = self._text.value
+        self._serial = self._session.request(set_text(self._name, text), key=f"text {self._name}", delay=delay)
+
+    def show(self, frame: Frame, value: float | None, missing: str) -> None:
+        """Write the frame's value, unless a newer one is being typed or the value has not changed."""
+        if "{unit}" in self._hint:
+            unit = squared(frame.state.tuning.unit)
+            self._text.hint = self._hint.format(unit=unit)
+            self._text.label = f"{self._label}, {unit}"
+        if frame.serial < self._serial or (value == self._value and self._serial == 0):
+            return
+        self._value, self._serial = value, 0
+        self._written = missing if value is None else typed(value)
+        if self._text.value != self._written:
+            self._text.value = self._written
+
+
+def _looks_complete(text: str) -> bool:
+    try:
+        return math.isfinite(float(text.strip().replace(",", ".")))
+    except ValueError:
+        return False

@@ -1,0 +1,169 @@
+"""Where the signal comes from: a sample, a file of one's own, or the generator; and how it was read."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import viser
+
+from kalscope.recording import Recording
+from kalscope.sources import list_samples, open_source
+from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
+from kalscope_app.frame import Frame
+from kalscope_app.jobs import Jobs
+from kalscope_app.session import Session, opened
+from kalscope_app.views.words import count, duration, plain, typed
+
+MINE = "–"
+
+GENERATOR_LABELS = {
+    "n": "samples",
+    "sample_period": "sample period (s)",
+    "channels": "channels",
+    "amplitude": "amplitude",
+    "level": "level",
+    "period": "period (s)",
+    "sigma": "noise σ",
+    "outliers": "outliers (share)",
+    "outlier_size": "outlier size",
+    "quantum": "ADC step",
+    "drop_outs": "drop-outs (share)",
+    "seed": "seed",
+}
+
+
+class SourceView:
+    """The Source tab. Reading runs as a job; the session then gets the finished Recording."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
+        self._session, self._jobs = session, jobs
+        self._samples = {sample.title: sample for sample in list_samples()}
+        self._sample = gui.add_dropdown(
+            "sample recording", (MINE, *self._samples), hint="Recordings that come with Kalscope."
+        )
+        with gui.add_folder("Your own file") as self._own:
+            self._path = gui.add_text("path", "", hint="A CSV file on this computer, of any size.")
+            self._open = gui.add_button("Open this path")
+        with gui.add_folder("Generate a signal", expand_by_default=False):
+            self._generator = GeneratorForm(gui, self._open_spec)
+        with gui.add_folder("How it was read"):
+            self._report = gui.add_markdown("")
+        self._sample.on_update(self._on_sample)
+        self._open.on_click(self._on_open)
+
+    def add_upload(self, client: viser.ClientHandle) -> None:
+        """Give one browser its own upload button: a shared one would replay each upload to late joiners."""
+        with self._own:
+            button = client.gui.add_upload_button(
+                "Upload a file …",
+                mime_type="*/*",
+                hint="A CSV file of up to 64 MB; larger ones by their path.",
+            )
+        button.on_upload(lambda _event: self._upload(button.value.name, button.value.content))
+
+    async def _on_sample(self, event: viser.GuiEvent[Any]) -> None:
+        sample = self._samples.get(self._sample.value)
+        if event.client is not None and sample is not None:
+            self._open_spec(f"sample:{sample.name}")
+
+    async def _on_open(self, _event: viser.GuiEvent[Any]) -> None:
+        path = self._path.value.strip()
+        self._open_spec(path if path else "")
+
+    def _open_spec(self, spec: str) -> None:
+        self._jobs.run(lambda: self._use(open_source(spec)))
+
+    def _upload(self, name: str, content: bytes) -> None:
+        self._jobs.run(lambda: self._use(read_upload(name, content)))
+
+    def _use(self, recording: Recording) -> None:
+        self._session.request(lambda state: opened(recording, state))
+
+    def show(self, frame: Frame) -> None:
+        """Name the sample that is open and tell how it was read."""
+        recording = frame.state.recording
+        title = next((t for t, s in self._samples.items() if recording.source == f"sample:{s.name}"), MINE)
+        if self._sample.value != title:
+            self._sample.value = title
+        text = report_text(recording)
+        if self._report.content != text:
+            self._report.content = text
+
+
+class GeneratorForm:
+    """The settings of a synthetic signal and the button that makes it."""
+
+    def __init__(self, gui: viser.GuiApi, open_spec: Callable[[str], None]) -> None:
+        self._open_spec = open_spec
+        defaults = SignalSettings()
+        docs = dict(setting_docs())
+        self._shape = gui.add_dropdown("shape", SHAPES, initial_value=defaults.shape, hint=docs.get("shape"))
+        self._noise = gui.add_dropdown("noise", NOISES, initial_value=defaults.noise, hint=docs.get("noise"))
+        self._texts = {
+            name: gui.add_text(label, typed(float(getattr(defaults, name))), hint=docs.get(name))
+            for name, label in GENERATOR_LABELS.items()
+        }
+        gui.add_button("Generate").on_click(self._on_generate)
+
+    async def _on_generate(self, _event: viser.GuiEvent[Any]) -> None:
+        query = "&".join(f"{name}={text.value.strip()}" for name, text in self._texts.items())
+        self._open_spec(f"synthetic:{self._shape.value}?noise={self._noise.value}&{query}")
+
+
+def setting_docs() -> list[tuple[str, str]]:
+    """Hint of each generator setting."""
+    return [
+        ("shape", "The noise-free signal, drawn dashed as the truth."),
+        ("noise", "Law of the noise; triangular is rand − rand, as in the first paper."),
+        ("sample_period", "Time between two samples."),
+        ("amplitude", "Size of the shape."),
+        ("level", "Value around which it swings."),
+        ("period", "One cycle, the rise of a ramp, the moment of a step."),
+        ("sigma", "Standard deviation of the noise; r of the filter is its square."),
+        ("outliers", "Share of samples hit by a spike, 0 to 1."),
+        ("quantum", "Step of the analogue-to-digital converter; 0 for none."),
+        ("drop_outs", "Share of samples that are missing, 0 to 1."),
+        ("seed", "The same seed makes the same signal."),
+    ]
+
+
+def read_upload(name: str, content: bytes) -> Recording:
+    """Read what a browser sent. Its name is shown, never used as a path."""
+    from kalscope.sources.csv_file import read_recording
+
+    shown = Path(name.replace("\\", "/")).name[:200] or "upload"
+    suffix = ".csv.gz" if content[:2] == b"\x1f\x8b" else ".csv"
+    with tempfile.TemporaryDirectory(prefix="kalscope-") as folder:
+        file = Path(folder) / f"upload{suffix}"
+        file.write_bytes(content)
+        recording = read_recording(file)
+    return replace(recording, source="", title=shown)
+
+
+def report_text(recording: Recording) -> str:
+    """How a recording was read, as short markdown; every piece from the file is escaped."""
+    report = recording.report
+    lines = [f"{count(len(recording))} samples × {len(recording.names)} channels"]
+    if recording.sample_period:
+        lines.append(f"one sample every {duration(recording.sample_period)}")
+    else:
+        lines.append("no time column: samples are counted")
+    counts = {
+        "rejected lines": report.rejected,
+        "cells that are no number": report.bad_cells,
+        "steps back in time": report.clipped_times,
+        "comment lines": report.comments,
+        "blank lines": report.blank,
+    }
+    lines += [f"{count(number)} {what}" for what, number in counts.items() if number]
+    lines += [plain(note, 160) for note in report.notes]
+    for issue in report.issues[:8]:
+        where = f"line {issue.line}" + (f", {plain(issue.column, 30)}" if issue.column else "")
+        lines.append(f"{where}: {plain(issue.reason, 80)}, “{plain(issue.text, 40)}”")
+    if len(report.issues) > 8:
+        lines.append(f"and {count(report.rejected + report.bad_cells - 8)} more")
+    return "\n".join(f"- {line}" for line in lines)

@@ -1,0 +1,60 @@
+"""Which part of the recording is on screen: a range, and buttons to follow its end or to see all again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import viser
+
+from kalscope_app.charts import Scale, time_scale_for
+from kalscope_app.frame import Frame
+from kalscope_app.session import Session, follow_end, reset_view, set_window
+from kalscope_app.views.words import number
+
+
+class WindowView:
+    """The range control above the charts."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        self._range = gui.add_multi_slider(
+            "view",
+            min=0.0,
+            max=1.0,
+            step=0.001,
+            initial_value=(0.0, 1.0),
+            marks=(),
+            hint="The part of the recording that is drawn. Drag in a chart to zoom further, double click to undo.",
+        )
+        self._buttons = gui.add_button_group("", ("Reset view", "Follow end"), hint="Show all, or the newest part.")
+        self._serial = 0
+        self._scale = Scale(1.0, "s")
+        self._range.on_update(self._on_range)
+        self._buttons.on_click(self._on_button)
+
+    async def _on_range(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            first, last = (float(end) / self._scale.factor for end in self._range.value)
+            self._serial = self._session.request(set_window(first, last), key="view")
+
+    async def _on_button(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.request(reset_view if self._buttons.value == "Reset view" else follow_end)
+
+    def show(self, frame: Frame) -> None:
+        """Follow the frame unless the range has moved since."""
+        recording = frame.state.recording
+        begin, end = float(recording.time.min()), float(recording.time.max())
+        self._scale = time_scale_for(end - begin, recording.sample_period)
+        low, high = begin * self._scale.factor, end * self._scale.factor
+        high = high if high > low else low + 1.0
+        if frame.serial < self._serial:
+            return
+        window = frame.state.window or (begin, end)
+        value = tuple(min(max(moment * self._scale.factor, low), high) for moment in window)
+        label = f"{number(value[0], 4)} to {number(value[1], 4)} {self._scale.unit}"
+        if self._range.label != label:
+            self._range.label = label
+        if (self._range.min, self._range.max) != (low, high):
+            self._range.min, self._range.max, self._range.step = low, high, (high - low) / 1000.0
+        if self._range.value != value:
+            self._range.value = value

@@ -1,0 +1,313 @@
+"""What a connected client may send: updates of values, and uploads up to a cap. Each test is a raw client."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Iterator
+
+import msgspec
+import pytest
+import viser
+from viser import _messages as messages
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+from websockets.sync.connection import Connection
+
+from kalscope_app.guard import GuardedServer, guarded_server
+
+TOKEN = "T0ken-T0ken_T0ken"
+PATIENCE = 10.0
+"""Seconds that a test waits for something that must come; nothing waits that long when all is well."""
+
+CAP = 1 << 20
+
+
+def client(port: int) -> ClientConnection:
+    return connect(
+        f"ws://127.0.0.1:{port}/",
+        origin=f"http://127.0.0.1:{port}",  # pyright: ignore[reportArgumentType]
+        subprotocols=[f"viser-v{viser.__version__}"],  # pyright: ignore[reportArgumentType]
+        additional_headers={"Cookie": f"kalscope_{port}={TOKEN}"},
+        compression=None,
+        max_size=None,
+        proxy=None,
+        open_timeout=PATIENCE,
+    )
+
+
+class Bench:
+    """A guarded server with one text box and one upload button in each scope, and one connected client."""
+
+    def __init__(self, running: GuardedServer, connection: Connection, refused: queue.Queue[str]) -> None:
+        self.running, self.connection, self.refused = running, connection, refused
+        self.changed: queue.Queue[str] = queue.Queue()
+        self.uploaded: queue.Queue[viser.UploadedFile] = queue.Queue()
+        self.guis: dict[str, viser.GuiApi] = {"shared": running.server.gui}
+        self.texts = {}
+        self.buttons = {}
+
+    def furnish(self, scope: str) -> None:
+        text = self.guis[scope].add_text("text", "old")
+        button = self.guis[scope].add_upload_button("upload")
+        text.on_update(lambda event: self.changed.put(event.target.value))
+        button.on_upload(lambda event: self.uploaded.put(event.target.value))
+        self.texts[scope], self.buttons[scope] = text, button
+
+    def send(self, kind: str, **fields: object) -> None:
+        self.connection.send(msgspec.msgpack.encode({"type": kind, **fields}))
+
+    def update(self, scope: str, **updates: object) -> None:
+        self.send("GuiUpdateMessage", uuid=self.texts[scope]._impl.uuid, updates=updates)
+
+    def start(self, uuid: str, size: object, parts: object, name: str = "t") -> None:
+        self.send(
+            "FileTransferStartUpload",
+            source_component_uuid=uuid,
+            transfer_uuid=name,
+            filename="x.csv",
+            mime_type="text/csv",
+            part_count=parts,
+            size_bytes=size,
+        )
+
+    def part(self, uuid: str, index: int, content: object, name: str = "t") -> None:
+        self.send(
+            "FileTransferPart",
+            source_component_uuid=uuid,
+            transfer_uuid=name,
+            part_index=index,
+            content=content,
+        )
+
+    def settle(self) -> None:
+        """Wait until everything sent before has been handled: messages are handled in their order."""
+        self.update("shared", value="settled")
+        while self.changed.get(timeout=PATIENCE) != "settled":
+            pass
+        self.update("shared", value="old")
+        while self.changed.get(timeout=PATIENCE) != "old":
+            pass
+
+    def under_way(self) -> dict[str, int]:
+        return {
+            name: upload["total_bytes"]
+            for gui in self.guis.values()
+            for name, upload in gui._current_file_upload_states.items()
+        }
+
+
+CAMERA = {
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (1.0, 1.0, 1.0),
+    "fov": 1.0,
+    "near": 0.1,
+    "far": 10.0,
+    "image_height": 10,
+    "image_width": 10,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    refused: queue.Queue[str] = queue.Queue()
+    arrived: queue.Queue[viser.ClientHandle] = queue.Queue()
+    with (
+        guarded_server(port=0, token=TOKEN, max_upload_bytes=CAP, on_refused=refused.put) as running,
+        client(running.port) as connection,
+    ):
+        running.server.on_client_connect(arrived.put)
+        bench = Bench(running, connection, refused)
+        bench.send("ViewerCameraMessage", **CAMERA)
+        bench.guis["client"] = arrived.get(timeout=PATIENCE).gui
+        bench.furnish("shared")
+        bench.furnish("client")
+        yield bench
+
+
+SCOPES = pytest.mark.parametrize("scope", ["shared", "client"])
+
+
+@SCOPES
+def test_a_value_is_taken(bench, scope):
+    bench.update(scope, value="new")
+    assert bench.changed.get(timeout=PATIENCE) == "new"
+
+
+@SCOPES
+@pytest.mark.parametrize(
+    "attribute", ["removed", "update_cb", "is_button", "update_timestamp", "uuid", "sync_cb"]
+)
+def test_no_other_attribute_of_a_widget_can_be_set(bench, scope, attribute):
+    state = bench.texts[scope]._impl
+    bench.update(scope, **{attribute: "hostile"})
+    bench.settle()
+    assert getattr(state, attribute) != "hostile"
+    bench.texts[scope].value = "still usable"
+
+
+@SCOPES
+def test_of_a_mixed_update_only_the_value_is_taken(bench, scope):
+    bench.update(scope, removed=True, value="new", update_cb=[])
+    assert bench.changed.get(timeout=PATIENCE) == "new"
+    assert bench.texts[scope]._impl.removed is False
+
+
+@pytest.mark.parametrize("updates", [[], "value", None, 1])
+def test_updates_that_are_no_mapping_are_ignored(bench, updates):
+    bench.send("GuiUpdateMessage", uuid=bench.texts["shared"]._impl.uuid, updates=updates)
+    bench.settle()
+    assert bench.texts["shared"].value == "old"
+
+
+def test_a_share_request_does_nothing(bench, monkeypatch):
+    """W13: stock viser opens a tunnel to a public server."""
+    tunnels = []
+    monkeypatch.setattr("viser._viser.ViserTunnel", lambda *args: tunnels.append(args))
+    bench.send("ShareUrlRequest")
+    bench.send("ShareUrlDisconnect")
+    bench.settle()
+    handlers = bench.running.server._websock_server._incoming_handlers
+    assert messages.ShareUrlRequest not in handlers
+    assert messages.ShareUrlDisconnect not in handlers
+    assert bench.running.server.request_share_url() is None
+    assert tunnels == []
+
+
+@SCOPES
+def test_an_upload_within_the_cap_arrives(bench, scope):
+    uuid = bench.buttons[scope]._impl.uuid
+    bench.start(uuid, 3, 1)
+    bench.part(uuid, 0, b"1,2")
+    assert bench.uploaded.get(timeout=PATIENCE) == viser.UploadedFile("x.csv", b"1,2")
+    assert bench.under_way() == {}
+
+
+@SCOPES
+def test_an_empty_upload_arrives(bench, scope):
+    bench.start(bench.buttons[scope]._impl.uuid, 0, 0)
+    assert bench.uploaded.get(timeout=PATIENCE).content == b""
+
+
+@SCOPES
+@pytest.mark.parametrize(
+    ("size", "parts"), [(CAP + 1, 3), (10**12, 2 * 10**6), (CAP, 10**9), (5, 0), (-1, 0)]
+)
+def test_an_oversize_upload_is_refused_before_a_part_is_stored(bench, scope, size, parts):
+    uuid = bench.buttons[scope]._impl.uuid
+    bench.start(uuid, size, parts)
+    words = bench.refused.get(timeout=PATIENCE)
+    bench.part(uuid, 0, b"x" * 1000)
+    bench.settle()
+    assert bench.under_way() == {}
+    assert words.endswith("kalscope open FILE") if parts == 3 else words
+    assert bench.refused.empty()
+
+
+def test_uploads_together_stay_under_the_cap(bench):
+    shared, own = bench.buttons["shared"]._impl.uuid, bench.buttons["client"]._impl.uuid
+    bench.start(shared, CAP // 2, 2, "a")
+    bench.start(own, CAP // 2, 2, "b")
+    bench.start(own, 1, 1, "c")
+    assert "under way" in bench.refused.get(timeout=PATIENCE)
+    assert bench.under_way() == {"a": CAP // 2, "b": CAP // 2}
+
+
+def test_more_bytes_than_announced_are_refused(bench):
+    uuid = bench.buttons["shared"]._impl.uuid
+    bench.start(uuid, 2000, 2)
+    bench.part(uuid, 0, b"x" * 1500)
+    bench.part(uuid, 1, b"x" * 1500)
+    assert "more bytes than it announced" in bench.refused.get(timeout=PATIENCE)
+    assert bench.under_way() == {}
+
+
+def test_a_file_cannot_become_the_value_of_another_widget(bench):
+    """Stock viser stores it in whatever widget the client names, at the start or with the last part."""
+    button, text = bench.buttons["shared"]._impl.uuid, bench.texts["shared"]._impl.uuid
+    bench.start(text, 1, 1, "to the text")
+    bench.part(text, 0, b"x", "to the text")
+    bench.start(button, 1, 1, "moved")
+    bench.part(text, 0, b"x", "moved")
+    bench.settle()
+    assert bench.texts["shared"].value == "old"
+    assert bench.under_way() == {}
+
+
+def test_an_upload_cannot_be_announced_anew_while_it_runs(bench):
+    """Else a second client could replace the first one's upload by naming it."""
+    uuid = bench.buttons["shared"]._impl.uuid
+    bench.start(uuid, 2, 1)
+    bench.start(uuid, 9, 1)
+    bench.settle()
+    assert bench.under_way() == {"t": 2}
+
+
+def test_another_client_cannot_add_to_an_upload(bench):
+    uuid = bench.buttons["shared"]._impl.uuid
+    bench.start(uuid, 2, 2)
+    bench.start(uuid, 2, 1, "big enough")
+    bench.settle()
+    with client(bench.running.port) as other:
+        intruder = Bench(bench.running, other, bench.refused)
+        intruder.part(uuid, 0, b"!", "big enough")
+        intruder.start(uuid, 1, 1, "own")
+        intruder.part(uuid, 0, b"2", "own")
+        # No camera was sent, so viser stores the intruder's own file and calls nobody: wait for the file.
+        wait_for(lambda: getattr(bench.buttons["shared"].value, "content", b"") == b"2", bench)
+    bench.part(uuid, 0, b"ok", "big enough")
+    assert bench.uploaded.get(timeout=PATIENCE).content == b"ok"
+
+
+def test_a_client_that_leaves_takes_its_upload_with_it(bench):
+    """Also one that never sent its camera, whom stock viser forgets to clean up after."""
+    uuid = bench.buttons["shared"]._impl.uuid
+    with client(bench.running.port) as other:
+        Bench(bench.running, other, bench.refused).start(uuid, CAP, 2, "left behind")
+        wait_for(lambda: bench.under_way() == {"left behind": CAP}, bench)
+    wait_for(lambda: bench.under_way() == {}, bench)
+
+
+def test_a_refused_upload_frees_the_button(bench):
+    """The browser disables its button until the last acknowledgement, which would never come."""
+    sent = []
+    connection = next(iter(bench.running.server.get_clients().values()))._websock_connection
+    connection.queue_message = sent.append
+    bench.start(bench.buttons["client"]._impl.uuid, CAP + 1, 3, "big")
+    bench.refused.get(timeout=PATIENCE)
+    acknowledged, removed = sent
+    assert (acknowledged.transferred_bytes, acknowledged.total_bytes) == (0, 0)
+    assert acknowledged.source_component_uuid == bench.buttons["client"]._impl.uuid
+    assert removed.uuid == "upload-big"
+
+
+def wait_for(is_so: Callable[[], bool], bench: Bench) -> None:
+    """Ask after each round trip of the bench's own client; a round trip lets other clients' messages in."""
+    for _ in range(2000):
+        if is_so():
+            return
+        bench.settle()
+    raise AssertionError("it never became so")
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        b"\xc1\xff garbage",
+        "text",
+        msgspec.msgpack.encode({"type": "NoSuchMessage"}),
+        msgspec.msgpack.encode([1]),
+    ],
+)
+def test_a_malformed_frame_closes_only_its_own_connection(bench, frame):
+    with client(bench.running.port) as hostile:
+        hostile.send(frame)
+        with pytest.raises(ConnectionClosed):
+            read_for_ever(hostile)
+    bench.settle()
+
+
+def read_for_ever(connection: Connection) -> None:
+    while True:
+        connection.recv(timeout=PATIENCE)

@@ -1,0 +1,268 @@
+"""Changes of the State, as truth tables: what is asked, what comes of it; and the queue that carries them."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, FilterParams, Recording
+from kalscope.tuning import ChannelTuning, Tuning
+from kalscope_app.session import (
+    Session,
+    follow_end,
+    opened,
+    opened_with,
+    parse_number,
+    reset_parameters,
+    reset_view,
+    select_channel,
+    set_automatic_start,
+    set_exponent,
+    set_text,
+    set_window,
+    slider_limits,
+)
+
+
+def recording(n=1000, period=0.01, scale=1.0, names=("a", "b"), sha256="x"):
+    g = np.random.default_rng(0)
+    values = scale * g.normal(size=(n, len(names)))
+    time = np.arange(n) * (period or 1.0)
+    return Recording(time, names, ("V",) * len(names), values, period, source="file.csv", sha256=sha256)
+
+
+@pytest.fixture
+def state():
+    return opened(recording())
+
+
+def apply(state, *changes):
+    for change in changes:
+        state = change(state)
+    return state
+
+
+def test_a_new_recording_starts_at_half_the_variance_of_its_differences(state):
+    z = state.recording.channel("a")
+    assert state.params.r == pytest.approx(np.var(np.diff(z), ddof=1) / 2)
+    assert state.params.q == pytest.approx(state.params.r / 100)
+    assert state.params.p0 is None
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("name", ["q", "r", "p0"])
+def test_slider_limits_follow_the_scale_of_the_data_and_hold_the_value(scale, name):
+    state = opened(recording(scale=scale))
+    low, high = slider_limits(state, name)
+    assert low < math.log10(getattr(state.tuning, name) or state.tuning.r) < high
+    assert abs((low + high) / 2 - math.log10(scale**2)) < 4
+
+
+def test_slider_limits_widen_for_a_value_typed_outside(state):
+    low, high = slider_limits(apply(state, set_text("q", "1e-20")), "q")
+    assert (low, high) == (-20, slider_limits(state, "q")[1])
+
+
+@pytest.mark.parametrize(
+    ("exponent", "expected"),
+    [(-1.0, 0.1), (-1.23, 0.0589), (99.0, "high"), (-99.0, "low"), (math.nan, "same")],
+)
+def test_a_slider_sets_three_digits_and_is_clamped(state, exponent, expected):
+    low, high = slider_limits(state, "q")
+    wanted = {"high": 10.0**high, "low": 10.0**low, "same": state.tuning.q}.get(expected, expected)
+    assert set_exponent("q", exponent)(state).tuning.q == pytest.approx(wanted)
+
+
+def test_moving_p0_means_a_start_by_value(state):
+    moved = set_exponent("p0", 0.5)(state)
+    assert (moved.tuning.p0, moved.tuning.x0) == (pytest.approx(3.16), None)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [
+        ("q", "1e-9", 1e-9),
+        ("r", " 0,5 ", 0.5),
+        ("q", "0", 0.0),
+        ("p0", "0", 0.0),
+        ("x0", "-3.5", -3.5),
+        ("x0", "", None),
+        ("x0", "first", None),
+        ("q", "1e-300", 1e-300),
+        ("r", "1e300", 1e300),
+    ],
+)
+def test_typed_text_is_taken_exactly(state, name, text, value):
+    by_value = set_automatic_start(False)(state) if name == "x0" else state
+    assert getattr(set_text(name, text)(by_value).tuning, name) == value
+
+
+@pytest.mark.parametrize("text", ["abc", "", "1e", "nan", "inf", "0x10", "1 2"])
+def test_text_that_is_no_number_is_refused_with_its_name(state, text):
+    with pytest.raises(BadSetting, match=r"q must be a .*number"):
+        set_text("q", text)(state)
+
+
+def test_both_variances_zero_are_refused_and_each_alone_is_not(state):
+    zero_q = set_text("q", "0")(state)
+    with pytest.raises(BadSetting, match="not both be 0"):
+        set_text("r", "0")(zero_q)
+    assert set_text("r", "0")(state).params.r == 0
+
+
+def test_typing_x0_in_the_automatic_start_brings_its_variance(state):
+    typed = set_text("x0", "2")(state)
+    assert (typed.tuning.x0, typed.tuning.p0) == (2.0, state.tuning.r)
+
+
+def test_the_start_goes_to_values_and_back_to_automatic(state):
+    by_value = set_automatic_start(False)(state)
+    assert (by_value.tuning.p0, by_value.tuning.x0) == (state.tuning.r, None)
+    back = apply(by_value, set_text("x0", "1"), set_automatic_start(True))
+    assert (back.tuning.p0, back.tuning.x0) == (None, None)
+    assert set_automatic_start(True)(back) is back
+
+
+def test_reset_returns_to_the_starting_values(state):
+    changed = apply(state, set_text("q", "7"), set_text("r", "8"), set_text("p0", "9"))
+    assert reset_parameters(changed).params == state.params
+
+
+def test_channels_keep_their_own_parameters(state):
+    there = apply(state, set_text("q", "7"), select_channel("b"), set_text("q", "8"))
+    assert there.tuning.q == 8
+    assert select_channel("a")(there).tuning.q == 7
+    with pytest.raises(BadSetting, match="channel must be one of a, b"):
+        select_channel("<img>")(state)
+
+
+@pytest.mark.parametrize(
+    ("ends", "window"),
+    [
+        ((1.0, 2.0), (1.0, 2.0)),
+        ((2.0, 1.0), (1.0, 2.0)),
+        ((-5.0, 3.0), (0.0, 3.0)),
+        ((-5.0, 99.0), None),
+        ((4.0, 4.0), (4.0, 4.1)),
+        ((99.0, 99.0), (9.89, 9.99)),
+        ((math.nan, 1.0), None),
+    ],
+)
+def test_the_window_is_clamped_ordered_and_never_empty(state, ends, window):
+    seen = set_window(*ends)(state).window
+    assert seen == (window if window is None else pytest.approx(window))
+
+
+def test_following_the_end_keeps_the_length_of_the_window(state):
+    assert follow_end(set_window(1.0, 3.0)(state)).window == pytest.approx((7.99, 9.99))
+    assert follow_end(state).window == pytest.approx((8.991, 9.99))
+    reset = reset_view(set_window(1.0, 3.0)(state))
+    assert reset.window is None
+    assert reset.resets == state.resets + 1
+
+
+def test_a_parameter_change_never_touches_the_view(state):
+    zoomed = set_window(1.0, 3.0)(state)
+    for change in (set_exponent("q", 0.0), set_text("r", "2"), set_automatic_start(False), reset_parameters):
+        after = change(zoomed)
+        assert (after.window, after.resets, after.channel) == (zoomed.window, zoomed.resets, zoomed.channel)
+
+
+def test_a_tuning_reopens_the_same_state(state):
+    tuned = apply(state, set_text("q", "7"), select_channel("b"), set_text("p0", "0"), set_text("x0", "2"))
+    again = opened_with(tuned.recording, tuned.as_tuning())
+    assert again.tunings == tuned.tunings
+    assert again.channel == "b"
+    assert again.note == ""
+
+
+def test_a_tuning_of_another_rate_scales_q_and_says_so(state):
+    tuning = set_text("q", "7")(state).as_tuning()
+    slower = opened_with(recording(period=0.02), tuning)
+    assert slower.tuning.q == pytest.approx(14)
+    assert slower.tuning.r == state.tuning.r
+    assert "sample period is 0.02 s, not 0.01 s" in slower.note
+
+
+def test_a_tuning_of_another_recording_says_so(state):
+    assert "not the one" in opened_with(recording(sha256="y"), state.as_tuning()).note
+
+
+def test_a_tuning_without_a_common_channel_is_refused(state):
+    with pytest.raises(BadSetting, match="must have a channel of the tuning"):
+        opened_with(state.recording, Tuning((ChannelTuning("other", "", 1.0, 1.0),)))
+
+
+def test_channels_missing_in_the_tuning_start_afresh(state):
+    tuning = Tuning((ChannelTuning("b", "", 1.0, 2.0),))
+    again = opened_with(state.recording, tuning)
+    assert again.channel == "b"
+    assert again.tunings[0] == state.tunings[0]
+
+
+def test_parse_number_takes_a_decimal_comma():
+    assert parse_number("q", "1,5e-3") == 1.5e-3
+
+
+# --- the queue ------------------------------------------------------------------------------------------
+
+
+def test_requests_are_applied_in_order_and_the_serial_covers_them(state):
+    session = Session(state)
+    session.request(set_text("q", "1"))
+    last = session.request(set_text("q", "2"))
+    settled, serial, failures = session.settle()
+    assert (settled.tuning.q, serial, failures) == (2.0, last, [])
+
+
+def test_of_requests_with_one_key_only_the_last_is_left(state):
+    session, ran = Session(state), []
+    for i in range(5):
+        session.request(lambda s, i=i: ran.append(i) or s, key="slider")
+    session.settle()
+    assert ran == [4]
+
+
+def test_a_delayed_request_waits_and_the_serial_does_not_cover_it(state):
+    session = Session(state)
+    first = session.request(set_text("r", "5"))
+    delayed = session.request(set_text("q", "7"), delay=60.0)
+    settled, serial, _ = session.settle()
+    assert settled.tuning.r == 5
+    assert settled.tuning.q == state.tuning.q
+    assert first <= serial < delayed
+    assert 0 < session.seconds_to_next() <= 60
+
+
+def test_a_failing_change_leaves_the_state_and_is_reported(state):
+    session = Session(state)
+    session.request(set_text("q", "-1"))
+    session.request(set_text("r", "5"))
+    settled, _, failures = session.settle()
+    assert settled.tuning == replace(state.tuning, r=5.0, how="by hand")
+    assert [str(f)[:9] for f in failures] == ["q must be"]
+
+
+def test_requests_of_many_threads_are_all_applied(state):
+    session, hits = Session(state), []
+
+    def ask():
+        for _ in range(200):
+            session.request(lambda s: hits.append(1) or s)
+
+    threads = [threading.Thread(target=ask) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    _, serial, _ = session.settle()
+    assert (len(hits), serial) == (1600, 1600)
+
+
+def test_nothing_waits_at_first(state):
+    assert Session(state).seconds_to_next() is None
+    assert isinstance(state.params, FilterParams)

@@ -1,0 +1,48 @@
+"""One Chromium for all browser tests. A missing tool is a skip with a reason, or a failure where required."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import pytest
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+CHROMIUM = Path("/usr/bin/chromium")
+FLAGS = (
+    "--no-sandbox",  # tests run as root
+    "--use-gl=angle",  # viser draws no widget without WebGL: draw it in software
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",  # and nothing that calls home
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """A headless Chromium. Take a fresh `browser.new_context()` for each visitor: they share no cookies."""
+    try:
+        from playwright.sync_api import sync_playwright  # noqa: PLC0415 (an optional tool)
+    except ImportError:
+        not_here("playwright is not installed")
+    if not CHROMIUM.exists():
+        not_here(f"there is no {CHROMIUM}")
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
+        yield chromium
+        chromium.close()
+
+
+def not_here(reason: str) -> NoReturn:
+    """Skip the test, or fail it where `KALSCOPE_REQUIRE=all` says that every tool must be there."""
+    if os.environ.get("KALSCOPE_REQUIRE") == "all":
+        pytest.fail(f"{reason}, and KALSCOPE_REQUIRE=all")
+    pytest.skip(reason)

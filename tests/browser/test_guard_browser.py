@@ -1,0 +1,241 @@
+"""The guard as a real Chromium meets it: the user's way in, and what a hostile page or text can do."""
+
+from __future__ import annotations
+
+import http.server
+import queue
+import threading
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+import pytest
+import viser
+
+from kalscope_app.guard import GuardedServer, guarded_server
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page
+
+pytestmark = pytest.mark.browser
+
+LABEL = "process noise q"
+PATIENCE_MS = 20_000
+HARMLESS = "'unsafe-eval' is not an allowed source"
+"""viser's page starts a sorter for Gaussian splats by eval. Nothing of ours is a splat."""
+
+
+@pytest.fixture
+def dashboard() -> Iterator[SimpleNamespace]:
+    """A guarded server with a number to set and an upload button, and what came of them."""
+    changed, refused = queue.Queue(), queue.Queue()
+    with guarded_server(port=0, max_upload_bytes=2**20, on_refused=refused.put) as running:
+        number = running.server.gui.add_number(LABEL, 0.5)
+        number.on_update(lambda event: changed.put(event.target.value))
+        running.server.gui.add_upload_button("Upload a recording")
+        yield SimpleNamespace(running=running, changed=changed, refused=refused)
+
+
+@pytest.fixture
+def visitor(browser: Browser) -> Iterator[BrowserContext]:
+    context = browser.new_context(color_scheme="light")
+    context.set_default_timeout(PATIENCE_MS)
+    yield context
+    context.close()
+
+
+@pytest.fixture
+def hostile() -> Iterator[SimpleNamespace]:
+    """Another program of this machine that serves pages: same site, so even Strict cookies go along."""
+    pages: dict[str, str] = {}
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            body = pages.get(self.path, "").encode()
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+            """Keep the test's output quiet."""
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield SimpleNamespace(pages=pages, port=server.server_port)
+        server.shutdown()
+        thread.join()
+
+
+def home(running: GuardedServer) -> str:
+    return f"http://127.0.0.1:{running.port}/"
+
+
+def complaints_of(page: Page) -> list[str]:
+    """A list that fills with what the page's console and its scripts complain about."""
+    found: list[str] = []
+    page.on("console", lambda message: found.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: found.append(str(error)))
+    return found
+
+
+def log_in(context: BrowserContext, running: GuardedServer) -> Page:
+    page = context.new_page()
+    page.goto(running.url)
+    page.wait_for_url(home(running))
+    page.get_by_text(LABEL).wait_for()
+    return page
+
+
+# --- the user ---------------------------------------------------------------------------------------------
+
+
+def test_the_link_opens_a_live_dashboard_without_complaint(dashboard, visitor, tmp_path):
+    page = visitor.new_page()
+    complaints = complaints_of(page)
+    page.goto(dashboard.running.url)
+    page.wait_for_url(home(dashboard.running))
+    page.get_by_text(LABEL).wait_for()
+    page.get_by_role("textbox").first.fill("2")
+    assert dashboard.changed.get(timeout=10) == 2
+    page.screenshot(path=tmp_path / "dashboard.png")
+    assert [text for text in complaints if HARMLESS not in text] == []
+
+
+def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites(dashboard, visitor):
+    page = log_in(visitor, dashboard.running)
+    (cookie,) = visitor.cookies()
+    assert cookie.get("name") == f"kalscope_{dashboard.running.port}"
+    assert cookie.get("httpOnly") is True
+    assert cookie.get("sameSite") == "Strict"
+    assert page.evaluate("document.cookie") == ""
+
+
+def test_a_reload_and_the_bare_address_keep_the_user_in(dashboard, visitor):
+    page = log_in(visitor, dashboard.running)
+    page.reload()
+    page.get_by_text(LABEL).wait_for()
+    second_tab = visitor.new_page()
+    second_tab.goto(home(dashboard.running))
+    second_tab.get_by_text(LABEL).wait_for()
+
+
+def test_the_link_works_from_another_sites_page(dashboard, visitor, hostile):
+    """A chat or mail page in the browser. `localhost` is another site than 127.0.0.1."""
+    hostile.pages["/mail"] = f'<a href="{dashboard.running.url}">the link</a>'
+    page = visitor.new_page()
+    page.goto(f"http://localhost:{hostile.port}/mail")
+    page.get_by_text("the link").click()
+    page.get_by_text(LABEL).wait_for()
+
+
+def test_a_page_without_the_token_says_what_to_do(dashboard, visitor, browser, tmp_path):
+    page = visitor.new_page()
+    answer = page.goto(home(dashboard.running))
+    assert answer is not None
+    assert answer.status == 403
+    assert page.get_by_role("heading").inner_text() == "Open the link printed in the terminal"
+    page.screenshot(path=tmp_path / "refused.png")
+    background = "getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(background)
+    page.emulate_media(color_scheme="dark")
+    assert page.evaluate(background) != light
+
+
+def test_a_refused_upload_leaves_the_button_usable(dashboard, visitor, tmp_path):
+    page = log_in(visitor, dashboard.running)
+    large = tmp_path / "large.csv"
+    large.write_bytes(b"1\n" * 2**20)
+    page.locator("input[type=file]").set_input_files(large)
+    assert "up to 1 MiB" in dashboard.refused.get(timeout=10)
+    button = page.get_by_role("button", name="Upload a recording")
+    page.wait_for_function("button => !button.disabled", arg=button.element_handle())
+    page.get_by_text("large.csv").wait_for(state="detached")  # its notice would claim success
+
+
+# --- the attacker -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "query", ["websocket=ws://127.0.0.1:{port}/", "playbackPath=http://127.0.0.1:{port}/x.viser"]
+)
+def test_a_link_that_loads_foreign_code_is_refused(dashboard, visitor, hostile, query):
+    page = log_in(visitor, dashboard.running)
+    answer = page.goto(f"{home(dashboard.running)}?{query.format(port=hostile.port)}")
+    assert answer is not None
+    assert answer.status == 403
+    assert page.get_by_role("heading").inner_text() == "Open the link printed in the terminal"
+
+
+def test_a_foreign_name_for_this_machine_is_refused(dashboard, visitor):
+    """DNS rebinding: Chromium takes every name under localhost to this machine."""
+    page = visitor.new_page()
+    answer = page.goto(dashboard.running.url.replace("127.0.0.1", "evil.localhost"))
+    assert answer is not None
+    assert answer.status == 403
+    assert visitor.cookies() == []
+
+
+def test_an_iframe_on_a_hostile_page_stays_empty(dashboard, visitor, hostile):
+    log_in(visitor, dashboard.running)
+    hostile.pages["/frame"] = (
+        f'<iframe id="ours" src="{home(dashboard.running)}"></iframe><iframe id="own" src="/inner"></iframe>'
+    )
+    hostile.pages["/inner"] = "<p>a frame that may be shown</p>"
+    page = visitor.new_page()
+    with page.expect_console_message(lambda message: "frame-ancestors" in message.text):
+        page.goto(f"http://127.0.0.1:{hostile.port}/frame")
+    page.frame_locator("#own").get_by_text("a frame that may be shown").wait_for()
+    framed = page.locator("#ours").element_handle().content_frame()
+    assert framed is not None
+    assert framed.url.startswith("chrome-error:")
+
+
+def opening_a_socket(page: Page, running: GuardedServer) -> str:
+    """What becomes of a websocket to the dashboard that this page's script opens."""
+    return page.evaluate(
+        """([url, protocol]) => new Promise(resolve => {
+            const socket = new WebSocket(url, protocol);
+            socket.onopen = () => resolve("opened");
+            socket.onerror = () => resolve("refused");
+        })""",
+        [f"ws://127.0.0.1:{running.port}/", f"viser-v{viser.__version__}"],
+    )
+
+
+def test_a_hostile_page_opens_no_socket_though_the_user_is_in(dashboard, visitor, hostile):
+    own = log_in(visitor, dashboard.running)
+    page = visitor.new_page()
+    page.goto(f"http://127.0.0.1:{hostile.port}/")
+    assert opening_a_socket(page, dashboard.running) == "refused"
+    assert opening_a_socket(own, dashboard.running) == "opened"
+
+
+MARKUP = {
+    "handler in html": ("add_html", "<img src=x onerror=\"document.title='taken'\">"),
+    "script in a frame in markdown": (
+        "add_markdown",
+        "<iframe srcdoc=\"<script>parent.document.title='taken'</script>\"></iframe>",
+    ),
+}
+
+
+@pytest.mark.parametrize(("kind", "markup"), MARKUP.values(), ids=MARKUP.keys())
+def test_markup_in_a_text_runs_no_script(dashboard, visitor, kind, markup):
+    """A second line: names from files are escaped before they are shown."""
+    page = log_in(visitor, dashboard.running)
+    with page.expect_console_message(lambda message: "violates the following" in message.text):
+        getattr(dashboard.running.server.gui, kind)(markup)
+    assert page.title() == "Viser"
+
+
+def test_a_page_cannot_connect_elsewhere(dashboard, visitor, hostile):
+    page = log_in(visitor, dashboard.running)
+    with page.expect_console_message(lambda message: "connect-src" in message.text):
+        outcome = page.evaluate(
+            "url => fetch(url, {mode: 'no-cors'}).then(() => 'sent', () => 'blocked')",
+            f"http://127.0.0.1:{hostile.port}/stolen",
+        )
+    assert outcome == "blocked"
