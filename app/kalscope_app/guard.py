@@ -134,10 +134,7 @@ def _listen(host: str, port: int) -> socket.socket:
 def _why_not_listening(host: str, port: int, error: Exception) -> str:
     number = error.errno if isinstance(error, OSError) else None
     if number == errno.EADDRINUSE:
-        return (
-            f"port {port} is in use by another program: "
-            "choose another with --port, or --port 0 for any free one"
-        )
+        return f"port {port} is in use by another program: choose another with --port, or --port 0 for any free one"
     if number == errno.EACCES:
         return f"port {port} needs administrator rights: choose one from 1024 up with --port"
     reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
@@ -236,9 +233,7 @@ def _serving_behind(door: _Door, listener: socket.socket) -> contextlib.Abstract
     def serve(handler: Any, _host: object, _port: object, *, process_request: Any, **kwargs: Any) -> Any:
         answer = functools.partial(door.answer, process_request)
         door.was_hung = True
-        return stock_serve(
-            handler, sock=listener, process_request=answer, process_response=door.harden, **kwargs
-        )
+        return stock_serve(handler, sock=listener, process_request=answer, process_response=door.harden, **kwargs)
 
     return _replaced(websockets.asyncio.server, "serve", serve)
 
@@ -282,8 +277,7 @@ def _attack(policy: rules.Policy, address: str) -> None:
         status = _status_of(where, policy.port, attempt.target, attempt.headers)
         if status != attempt.expected_status:
             raise GuardFailed(
-                f"the guard's self-test failed: {attempt.what} was answered {status}, "
-                f"not {attempt.expected_status}"
+                f"the guard's self-test failed: {attempt.what} was answered {status}, not {attempt.expected_status}"
             )
 
 

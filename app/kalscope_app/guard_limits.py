@@ -20,9 +20,7 @@ _MIN_PART_BYTES = 1024
 """A browser cuts an upload into parts of 512 KiB; a plan of parts smaller than this is no honest upload."""
 
 
-def upload_refusal(
-    size_bytes: object, part_count: object, bytes_under_way: int, max_bytes: int
-) -> str | None:
+def upload_refusal(size_bytes: object, part_count: object, bytes_under_way: int, max_bytes: int) -> str | None:
     """Why an announced upload cannot be taken, or None if it can.
 
     Args:

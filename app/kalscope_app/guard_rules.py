@@ -292,8 +292,6 @@ def self_test_attempts(policy: Policy) -> tuple[Attempt, ...]:
         Attempt("a page without the cookie", "/", {"Host": own}, 403),
         Attempt("a socket of a foreign page", "/", {"Host": own} | from_foreign | socket | cookie, 403),
         Attempt("a socket without the cookie", "/", {"Host": own} | from_own | socket, 403),
-        Attempt(
-            "a page told to load foreign code", f"/?websocket=ws://{foreign}", {"Host": own} | cookie, 403
-        ),
+        Attempt("a page told to load foreign code", f"/?websocket=ws://{foreign}", {"Host": own} | cookie, 403),
         Attempt("the user's own page", "/", {"Host": own} | cookie, 200),
     )

@@ -30,12 +30,16 @@ def open_dashboard(
     from kalscope_app.guard import guarded_server
 
     state = first_state(source, config)
-    dashboards: list[Dashboard] = []
+    dashboard: Dashboard | None = None
+
+    def on_refused(why: str) -> None:
+        if dashboard is not None:
+            dashboard.tell(why)
+
     with guarded_server(
-        host, port, allow_hosts=allow_host or (), on_refused=lambda why: [d.tell(why) for d in dashboards], label="Kalscope"
+        host, port, allow_hosts=allow_host or (), on_refused=on_refused, label="Kalscope"
     ) as guarded:
         dashboard = Dashboard(guarded.server, state, Path.cwd())
-        dashboards.append(dashboard)
         dashboard.start()
         print(f"Kalscope: {guarded.url}", flush=True)
         if browser:

@@ -38,7 +38,9 @@ class ParametersView:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
-        self._channel = gui.add_dropdown("channel", list[str](["–"]), hint="Each channel has parameters of its own.")
+        self._channel = gui.add_dropdown(
+            "channel", list[str](["–"]), hint="Each channel has parameters of its own."
+        )
         with gui.add_form(None) as form:
             self._controls = [VarianceControl(gui, session, name) for name in ("q", "r")]
             self._start = gui.add_dropdown(

@@ -1,0 +1,138 @@
+r"""Everything that can become a Recording, and the one grammar that names it.
+
+    demo                                     the sample for a first look
+    sample:NAME                              a recording of sample_data
+    synthetic:SHAPE?n=2000&sigma=1.5&seed=3  a made-up sensor
+    anything else                            the path of a file (C:\x.csv is one)
+
+Live sources, `serial:PORT@BAUD` and pyserial URLs, are no files and are opened elsewhere.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl
+
+from kalscope.errors import BadFile, BadSetting
+from kalscope.recording import Recording
+from kalscope.sources.csv_file import read_recording
+from kalscope.sources.synthetic import SignalSettings, synthesize
+
+__all__ = ["Sample", "list_samples", "open_source", "read_recording", "sample_data_dir", "synthesize"]
+
+DEMO = "flex_sensor"
+"""The sample behind "demo": a clean periodic truth under a noise one can see."""
+
+# Two letters at least before the colon: C:\x.csv and C:/x.csv are files.
+_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):(.*)", re.DOTALL)
+_LIVE = ("serial", "socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One recording of sample_data."""
+
+    name: str
+    """What follows "sample:"."""
+    title: str
+    """Heading of its note."""
+    summary: str
+    """First line of its note below the heading."""
+
+
+def open_source(spec: str, *, sample_period: float | None = None) -> Recording:
+    """Open what `spec` names, in the grammar above.
+
+    Args:
+        spec: "demo", "sample:NAME", "synthetic:SHAPE?…" or a path.
+        sample_period: Nominal sample period in s for a file, see `read_recording`; for a synthetic signal
+            the setting of that name.
+
+    Returns:
+        The Recording; its `source` reopens it.
+
+    Raises:
+        BadFile: the file cannot be read.
+        BadSetting: an unknown sample, shape or setting; a live source; a URL.
+    """
+    if not spec.strip():
+        raise BadSetting('source must be a file, "demo", "sample:NAME" or "synthetic:SHAPE" (got nothing)')
+    if spec == "demo":
+        return _open_sample(DEMO, sample_period)
+    match = _SCHEME.fullmatch(spec)
+    scheme = match[1].lower() if match else ""
+    if match and scheme == "sample":
+        return _open_sample(match[2], sample_period)
+    if match and scheme == "synthetic":
+        return _open_synthetic(match[2], sample_period)
+    if match and (scheme in _LIVE or match[2].startswith("//")):
+        raise BadSetting(f"source must be a file to be read (got {spec!r}, a live source or a web address)")
+    return read_recording(spec, sample_period=sample_period)
+
+
+def sample_data_dir() -> Path:
+    """The folder of the samples: beside the installed package, or at the top of a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "sample_data", package.parents[1] / "sample_data"):
+        if folder.is_dir():
+            return folder
+    raise BadFile(f"sample_data must be installed with kalscope (got nothing beside {package})")
+
+
+def list_samples() -> list[Sample]:
+    """All samples by name, the one for a first look first."""
+    samples = [_describe(path) for path in sorted(sample_data_dir().glob("*.csv"))]
+    return sorted(samples, key=lambda sample: sample.name != DEMO)
+
+
+def _describe(path: Path) -> Sample:
+    note = path.with_suffix(".md")
+    lines = note.read_text(encoding="utf-8").splitlines() if note.is_file() else []
+    said = [line.strip() for line in lines if line.strip()]
+    title = said[0].lstrip("# ") if said else path.stem
+    return Sample(path.stem, title, said[1] if len(said) > 1 else "")
+
+
+def _open_sample(name: str, sample_period: float | None) -> Recording:
+    samples = {sample.name: sample for sample in list_samples()}
+    if name not in samples:
+        raise BadSetting(f"sample must be one of {', '.join(samples)} (got {name!r})")
+    recording = read_recording(sample_data_dir() / f"{name}.csv", sample_period=sample_period)
+    return replace(recording, source=f"sample:{name}", title=samples[name].title)
+
+
+def _open_synthetic(text: str, sample_period: float | None) -> Recording:
+    shape, _, query = text.partition("?")
+    try:
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
+    except ValueError:
+        raise BadSetting(f"synthetic settings must be written key=value&key=value (got {query!r})") from None
+    texts = dict(pairs)
+    if len(texts) != len(pairs):
+        raise BadSetting(f"each synthetic setting must be given once (got {query!r})")
+    kinds = {item.name: item.type for item in fields(SignalSettings) if item.name != "shape"}
+    settings: dict[str, Any] = {}
+    for key, value in texts.items():
+        if key not in kinds:
+            raise BadSetting(f"synthetic setting must be one of {', '.join(kinds)} (got {key!r})")
+        settings[key] = _setting(key, value, str(kinds[key]))
+    if sample_period is not None:
+        settings["sample_period"] = sample_period
+    return synthesize(shape, **settings)
+
+
+def _setting(key: str, text: str, kind: str) -> Any:
+    """Value of one setting from its text, by the type that SignalSettings gives it."""
+    try:
+        if kind == "int":
+            return int(text)
+        if kind == "float":
+            return float(text)
+        if kind == "str":
+            return text
+        return tuple(float(part) for part in text.split(",")) if text else None
+    except ValueError:
+        raise BadSetting(f"{key} must be a number (got {text!r})") from None

@@ -1,0 +1,239 @@
+"""Made-up sensors: a known signal, a known noise and the usual faults, for learning and for tests."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+from urllib.parse import urlencode
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.errors import BadSetting
+from kalscope.recording import Recording
+
+SHAPES = ("constant", "step", "ramp", "sine", "triangle", "random_walk", "chirp")
+"""Noise-free signals. "triangle" sweeps up and down; "chirp" is a sine that grows ten times faster."""
+NOISES = ("gaussian", "uniform", "triangular", "none")
+"""Laws of the noise. "triangular" is rand − rand, as in the MATLAB appendix of the noise-reducer paper."""
+MAX_CHANNELS = 16
+MAX_SAMPLES = 50_000_000
+"""Samples over all channels: 400 MB a copy."""
+
+
+@dataclass(frozen=True)
+class SignalSettings:
+    """All that makes a synthetic recording; equal settings make equal recordings, bit for bit."""
+
+    shape: str = "sine"
+    """Noise-free signal, one of SHAPES."""
+    n: int = 2000
+    """Samples, >= 1."""
+    sample_period: float = 0.01
+    """Time between samples in s, > 0."""
+    channels: int = 1
+    """Channels, 1…16, each with its own noise; see `synthesize` for their signals."""
+    amplitude: float = 1.0
+    """Height in u: peak of a sine, size of a step, half a sweep, std of a walk after one period."""
+    level: float = 0.0
+    """Value in u around which a sine, triangle and chirp swing, and at which the other shapes begin."""
+    period: float = 5.0
+    """Time scale of the shape in s, > 0: one cycle, the rise time of the ramp, the time of the step."""
+    noise: str = "gaussian"
+    """Law of the noise, one of NOISES."""
+    sigma: float = 0.1
+    """Standard deviation of the noise in u, >= 0, whatever its law; r of the filter is its square."""
+    outliers: float = 0.0
+    """Fraction of samples hit by a spike, 0…1."""
+    outlier_size: float = 1.0
+    """Size of a spike in u, >= 0; its sign is drawn."""
+    quantum: float = 0.0
+    """Step of the converter in u, >= 0; 0 is none."""
+    drop_outs: float = 0.0
+    """Fraction of samples that are missing (NaN), 0…1."""
+    limits: tuple[float, float] | None = None
+    """Range of the converter (lowest, highest) in u, where it clips; None is none."""
+    seed: int = 0
+    """Seed of the random numbers, >= 0."""
+
+    def __post_init__(self) -> None:
+        _check_choice("shape", self.shape, SHAPES)
+        _check_choice("noise", self.noise, NOISES)
+        _check_whole("n", self.n, 1, MAX_SAMPLES)
+        _check_whole("channels", self.channels, 1, MAX_CHANNELS)
+        if self.n * self.channels > MAX_SAMPLES:
+            raise BadSetting(f"n * channels must be at most {MAX_SAMPLES} (got {self.n * self.channels})")
+        _check_whole("seed", self.seed, 0, 2**63 - 1)
+        for name, low, high in _RANGES:
+            _check_real(name, getattr(self, name), low, high)
+        if self.limits is not None:
+            _check_limits(self.limits)
+
+    @property
+    def spec(self) -> str:
+        """What reopens it: `synthetic:SHAPE?…` with the settings that differ from their defaults."""
+        changed: dict[str, Any] = {}
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.name != "shape" and value != item.default:
+                changed[item.name] = ",".join(map(repr, value)) if isinstance(value, tuple) else value
+        return f"synthetic:{self.shape}" + ("?" + urlencode(changed, safe=",") if changed else "")
+
+
+LARGEST = 1e50
+"""Bound of all settings in u and s, and 1/LARGEST of all times: products of a few of them stay finite."""
+
+# (setting, lowest, highest)
+_RANGES = (
+    ("sample_period", 1 / LARGEST, LARGEST),
+    ("amplitude", -LARGEST, LARGEST),
+    ("level", -LARGEST, LARGEST),
+    ("period", 1 / LARGEST, LARGEST),
+    ("sigma", 0.0, LARGEST),
+    ("outliers", 0.0, 1.0),
+    ("outlier_size", 0.0, LARGEST),
+    ("quantum", 0.0, LARGEST),
+    ("drop_outs", 0.0, 1.0),
+)
+
+
+def synthesize(shape: str | SignalSettings, **settings: Any) -> Recording:
+    """Make a recording whose truth is known.
+
+    The order is that of a real sensor: signal, noise, spikes, converter (limits, then steps), lost samples.
+    Channel j of a periodic shape lags channel 0 by j/channels of a period; of the others it is
+    1 + j/2 times as high; walks are independent.
+
+    Args:
+        shape: One of SHAPES, or all settings as one SignalSettings.
+        **settings: Fields of SignalSettings by name, where `shape` is a name.
+
+    Returns:
+        A Recording with `values` and `truth` of shape (n, channels), `source` that reopens it.
+
+    Raises:
+        BadSetting: an unknown setting, or one out of its range.
+    """
+    known = {item.name for item in fields(SignalSettings)} - {"shape"}
+    unknown = set(settings) - (known if isinstance(shape, str) else set())
+    if unknown:
+        raise BadSetting(
+            f"setting must be one of {', '.join(sorted(known))} (got {', '.join(sorted(unknown))})"
+        )
+    chosen = SignalSettings(shape, **settings) if isinstance(shape, str) else shape
+    rng = np.random.default_rng(chosen.seed)
+    time = np.arange(chosen.n, dtype=np.float64) * float(chosen.sample_period)
+    truth = np.column_stack([_signal(chosen, time, j, rng) for j in range(chosen.channels)])
+    return Recording(
+        time=time,
+        names=tuple(f"{chosen.shape} {j + 1}" for j in range(chosen.channels))
+        if chosen.channels > 1
+        else (chosen.shape,),
+        units=("",) * chosen.channels,
+        values=_measure(truth, chosen, rng),
+        sample_period=float(chosen.sample_period),
+        truth=truth,
+        source=chosen.spec,
+        title=f"Synthetic {chosen.shape.replace('_', ' ')}",
+    )
+
+
+def _signal(
+    settings: SignalSettings, time: NDArray[np.float64], channel: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Noise-free channel, shape (n,)."""
+    height = settings.amplitude
+    cycles = time / settings.period
+    if settings.shape in _PERIODIC:
+        wave = _PERIODIC[settings.shape](cycles, channel / settings.channels)
+        return settings.level + height * wave
+    height = height * (1 + channel / 2)
+    if settings.shape == "step":
+        return np.where(cycles >= 1, settings.level + height, float(settings.level))
+    if settings.shape == "ramp":
+        return settings.level + height * cycles
+    if settings.shape == "random_walk":
+        # Starts at the level; after one period the walk has the standard deviation `height`.
+        steps = rng.standard_normal(len(time)) * math.sqrt(settings.sample_period / settings.period)
+        steps[0] = 0.0
+        return settings.level + height * np.cumsum(steps)
+    return np.full(len(time), float(settings.level + settings.amplitude * channel / 2))
+
+
+def _sine(cycles: NDArray[np.float64], lag: float) -> NDArray[np.float64]:
+    return np.sin(2 * np.pi * (np.mod(cycles, 1.0) - lag))
+
+
+def _triangle(cycles: NDArray[np.float64], lag: float) -> NDArray[np.float64]:
+    return 1.0 - 4.0 * np.abs(np.mod(cycles - lag, 1.0) - 0.5)
+
+
+def _chirp(cycles: NDArray[np.float64], lag: float) -> NDArray[np.float64]:
+    # Frequency rises linearly from 1/period to 10/period over the record; the phase is its integral.
+    end = cycles[-1] or 1.0
+    return np.sin(2 * np.pi * (np.mod(cycles + 4.5 * cycles * (cycles / end), 1.0) - lag))
+
+
+_PERIODIC: dict[str, Callable[[NDArray[np.float64], float], NDArray[np.float64]]] = {
+    "sine": _sine,
+    "triangle": _triangle,
+    "chirp": _chirp,
+}
+
+
+def _measure(
+    truth: NDArray[np.float64], settings: SignalSettings, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """What the sensor says of the truth, shape (n, channels)."""
+    values = truth + settings.sigma * _unit_noise(settings.noise, truth.shape, rng)
+    if settings.outliers:
+        hit = rng.random(truth.shape) < settings.outliers
+        values = values + hit * rng.choice((-1.0, 1.0), truth.shape) * settings.outlier_size
+    if settings.limits is not None:
+        values = np.clip(values, *settings.limits)
+    if settings.quantum:
+        # A quotient may overflow where the step is minute: such a step changes nothing.
+        with np.errstate(over="ignore"):
+            steps = np.round(values / settings.quantum)
+        values = np.where(np.isfinite(steps), steps * settings.quantum, values)
+    if settings.drop_outs:
+        values = np.where(rng.random(truth.shape) < settings.drop_outs, np.nan, values)
+    return values
+
+
+def _unit_noise(noise: str, shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float64]:
+    """Noise of mean 0 and standard deviation 1."""
+    if noise == "gaussian":
+        return rng.standard_normal(shape)
+    if noise == "uniform":  # width 2√3 has variance 1
+        return math.sqrt(12) * (rng.random(shape) - 0.5)
+    if noise == "triangular":  # var(rand − rand) = 1/6
+        return math.sqrt(6) * (rng.random(shape) - rng.random(shape))
+    return np.zeros(shape)
+
+
+def _check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise BadSetting(f"{name} must be one of {', '.join(choices)} (got {value!r})")
+
+
+def _check_whole(name: str, value: Any, low: int, high: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
+        raise BadSetting(f"{name} must be a whole number from {low} to {high} (got {value!r})")
+
+
+def _check_real(name: str, value: Any, low: float, high: float) -> None:
+    real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    if not real or not low <= value <= high:  # NaN fails every comparison
+        raise BadSetting(f"{name} must be a number from {low:g} to {high:g} (got {value!r})")
+
+
+def _check_limits(limits: Any) -> None:
+    if not isinstance(limits, tuple) or len(limits) != 2:
+        raise BadSetting(f"limits must be two numbers, lowest and highest (got {limits!r})")
+    for value in limits:
+        _check_real("limits", value, -LARGEST, LARGEST)
+    if not limits[0] < limits[1]:
+        raise BadSetting(f"limits must rise from lowest to highest (got {limits!r})")

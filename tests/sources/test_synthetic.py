@@ -1,0 +1,176 @@
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kalscope.errors import BadSetting
+from kalscope.sources import open_source
+from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings, synthesize
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("channels", [1, 3, 16])
+def test_shapes_agree_and_all_is_finite(shape, channels):
+    recording = synthesize(shape, n=50, channels=channels)
+    assert recording.values.shape == (50, channels)
+    assert recording.truth is not None
+    assert recording.truth.shape == (50, channels)
+    assert np.isfinite(recording.values).all()
+    assert len(set(recording.names)) == channels == len(recording.units)
+    assert recording.sample_period == 0.01
+    np.testing.assert_array_equal(recording.time, np.arange(50) * 0.01)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_equal_seeds_give_equal_bits_and_others_other_noise(shape):
+    first, second, other = (synthesize(shape, n=100, seed=seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first.values, second.values)
+    assert (first.values != other.values).any()
+
+
+def test_channels_have_independent_noise():
+    recording = synthesize("constant", n=20000, channels=2, sigma=1.0)
+    noise = recording.values - recording.truth
+    assert abs(np.corrcoef(noise.T)[0, 1]) < 4 / math.sqrt(20000)
+
+
+# Kurtosis of each law: 3 (normal), 9/5 (uniform), 12/5 (triangular).
+@pytest.mark.parametrize(("noise", "kurtosis"), [("gaussian", 3.0), ("uniform", 1.8), ("triangular", 2.4)])
+def test_noise_has_the_law_and_the_sigma_asked_for(noise, kurtosis):
+    recording = synthesize("constant", n=200_000, noise=noise, sigma=2.5)
+    errors = recording.values - recording.truth
+    assert errors.mean() == pytest.approx(0, abs=4 * 2.5 / math.sqrt(200_000))
+    assert errors.std() == pytest.approx(2.5, rel=0.01)
+    assert (errors**4).mean() / errors.var() ** 2 == pytest.approx(kurtosis, rel=0.02)
+
+
+def test_without_noise_the_sensor_tells_the_truth():
+    for shape in SHAPES:
+        recording = synthesize(shape, n=100, noise="none")
+        np.testing.assert_array_equal(recording.values, recording.truth)
+
+
+def test_truths_follow_their_formulas():
+    given = {"n": 400, "sample_period": 0.1, "period": 8.0, "amplitude": 3.0, "level": 1.0}
+    time = np.arange(400) * 0.1
+    truth = {shape: synthesize(shape, **given).truth[:, 0] for shape in SHAPES}
+    np.testing.assert_allclose(truth["constant"], 1.0)
+    np.testing.assert_allclose(truth["step"], np.where(time / 8 >= 1, 4.0, 1.0))
+    np.testing.assert_allclose(truth["ramp"], 1 + 3 * time / 8)
+    np.testing.assert_allclose(truth["sine"], 1 + 3 * np.sin(2 * np.pi * time / 8), atol=1e-9)
+    assert (truth["triangle"].min(), truth["triangle"].max()) == pytest.approx((-2.0, 4.0))
+    np.testing.assert_allclose(np.abs(np.diff(truth["triangle"])), 4 * 3 * 0.1 / 8)
+    assert truth["random_walk"][0] == 1.0
+
+
+def test_a_walk_spreads_by_its_amplitude_in_one_period():
+    ends = [
+        synthesize("random_walk", n=101, period=1.0, amplitude=3.0, seed=seed).truth[-1, 0]
+        for seed in range(400)
+    ]
+    assert np.std(ends) == pytest.approx(3.0, rel=4 / math.sqrt(2 * 400))
+
+
+def test_faults_come_as_often_as_asked():
+    recording = synthesize("constant", n=20000, noise="none", outliers=0.1, outlier_size=7.0, drop_outs=0.2)
+    values = recording.values[:, 0]
+    lost = np.isnan(values)
+    assert lost.mean() == pytest.approx(0.2, abs=0.015)
+    assert set(np.unique(values[~lost])) == {-7.0, 0.0, 7.0}
+    assert (values[~lost] != 0).mean() == pytest.approx(0.1, abs=0.01)
+
+
+def test_the_converter_clips_and_rounds_to_its_steps():
+    recording = synthesize("sine", amplitude=10.0, limits=(-4.0, 4.0), quantum=0.5)
+    assert (recording.values.min(), recording.values.max()) == (-4.0, 4.0)
+    np.testing.assert_array_equal(np.mod(recording.values, 0.5), 0.0)
+
+
+BAD = [
+    {"n": 0},
+    {"n": 1.5},
+    {"n": True},
+    {"n": 10**9},
+    {"sample_period": 0.0},
+    {"sample_period": math.nan},
+    {"channels": 0},
+    {"channels": 17},
+    {"amplitude": math.inf},
+    {"amplitude": "1"},
+    {"level": math.nan},
+    {"period": 0.0},
+    {"noise": "pink"},
+    {"sigma": -1.0},
+    {"outliers": 1.1},
+    {"outlier_size": -1.0},
+    {"quantum": -1.0},
+    {"drop_outs": -0.1},
+    {"limits": (1.0, 1.0)},
+    {"limits": (1.0,)},
+    {"limits": (0.0, math.nan)},
+    {"seed": -1},
+    {"volume": 11},
+]
+
+
+@pytest.mark.parametrize("settings", BAD, ids=str)
+def test_a_bad_setting_is_refused_and_named(settings):
+    with pytest.raises(BadSetting, match=r"must be|must rise") as caught:
+        synthesize("sine", **settings)
+    assert "got" in str(caught.value)
+    name = next(iter(settings))
+    assert name in str(caught.value)
+
+
+def test_an_unknown_shape_is_refused_with_the_choices():
+    with pytest.raises(BadSetting, match="shape must be one of constant, step"):
+        synthesize("square")
+
+
+def test_settings_as_one_value_equal_settings_by_name():
+    chosen = SignalSettings("ramp", n=10, seed=5)
+    np.testing.assert_array_equal(synthesize(chosen).values, synthesize("ramp", n=10, seed=5).values)
+
+
+_real = st.floats(-1e50, 1e50)
+_time = st.floats(1e-50, 1e50)
+_size = st.floats(0, 1e50)
+_share = st.floats(0, 1)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.builds(
+        SignalSettings,
+        shape=st.sampled_from(SHAPES),
+        n=st.integers(1, 40),
+        sample_period=_time,
+        channels=st.integers(1, 16),
+        amplitude=_real,
+        level=_real,
+        period=_time,
+        noise=st.sampled_from(NOISES),
+        sigma=_size,
+        outliers=_share,
+        outlier_size=_size,
+        quantum=_size,
+        drop_outs=_share,
+        limits=st.none() | st.tuples(st.floats(-1e50, -1), st.floats(0, 1e50)),
+        seed=st.integers(0, 2**63 - 1),
+    )
+)
+def test_every_valid_setting_gives_finite_numbers_and_reopens_from_its_source(chosen):
+    recording = synthesize(chosen)
+    assert np.isfinite(recording.truth).all()
+    assert not np.isinf(recording.values).any()
+    again = open_source(recording.source)
+    assert again.source == recording.source
+    np.testing.assert_array_equal(again.values, recording.values)
+
+
+def test_every_setting_of_the_source_is_a_field():
+    assert {item.name for item in fields(SignalSettings)} >= {"shape", "n", "seed", "limits", "drop_outs"}
+    assert SignalSettings("step", n=5, limits=(0.0, 1.0)).spec == "synthetic:step?n=5&limits=0.0,1.0"
