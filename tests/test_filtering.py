@@ -143,7 +143,7 @@ def test_nile_steps_and_log_likelihood_are_the_published_ones(nile):
     result = kalman_filter(nile, FilterParams(NILE_Q, NILE_R))
     assert result.x[:4] == pytest.approx([1120.0, 1140.92784, 1072.79853, 1117.30895], abs=5e-6)
     assert result.innovation[1:4] == pytest.approx([40.0, -177.92784, 137.20147], abs=5e-6)
-    assert result.s[1:5] == pytest.approx([31667.1, 24467.83638, 22349.56994, 21497.3796], rel=1e-3)
+    assert result.s[1:4] == pytest.approx([31667.1, 24467.83638, 22349.56994], abs=5e-6)
     assert result.p[-1] == pytest.approx(4032.158, abs=1e-3)
     assert result.k[-1] == pytest.approx(0.267048, abs=1e-6)
     assert result.m == 99
@@ -315,7 +315,7 @@ def test_dt_zero_puts_the_prior_at_the_first_sample(nile):
     dt = np.ones(len(nile))
     dt[0] = 0.0
     result = kalman_filter(nile, FilterParams(15210.195, 33874.59, p0=1000.0, x0=0.0), dt)
-    assert result.x[:5] == pytest.approx([32.11507, 396.72378, 643.48197, 909.42338, 1029.38565], abs=5e-6)
+    assert result.x[:5] == pytest.approx([32.11507, 396.72378, 643.48197, 909.42338, 1029.38565], abs=1e-5)
     assert result.innovation[:5] == pytest.approx([1120, 1127.8849, 566.2762, 566.5180, 250.5766], abs=5e-5)
     assert result.loglik == pytest.approx(-697.8576, abs=5e-5)
 

@@ -9,12 +9,15 @@ from kalscope.errors import BadDevice, BadFile, BadSetting, KalscopeError
 from kalscope.filtering import FilterResult, KalmanFilter, denoise, kalman_filter
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import LineIssue, ReadReport, Recording
+from kalscope.sources import list_samples, open_source, read_recording, synthesize
 from kalscope.steady_state import SteadyState, ratio_for, steady_state
+from kalscope.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
 
 __all__ = [
     "BadDevice",
     "BadFile",
     "BadSetting",
+    "ChannelTuning",
     "FilterParams",
     "FilterResult",
     "KalmanFilter",
@@ -23,9 +26,16 @@ __all__ = [
     "ReadReport",
     "Recording",
     "SteadyState",
+    "Tuning",
     "denoise",
     "kalman_filter",
+    "list_samples",
+    "load_tuning",
+    "open_source",
     "ratio_for",
+    "read_recording",
+    "save_tuning",
     "starting_params",
     "steady_state",
+    "synthesize",
 ]

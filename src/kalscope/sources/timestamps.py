@@ -180,7 +180,7 @@ def is_epoch(stamps: NDArray[np.float64], unit: str) -> bool:
 def to_seconds(stamps: NDArray[np.float64], column: TimeColumn) -> tuple[NDArray[np.float64], str]:
     """Seconds of the stamps, shape (n,), n >= 1, and a sentence that says how they were read.
 
-    Calendar stamps, years and epoch stamps count from the first sample; others as the source counts them.
+    Calendar and epoch stamps count from the first sample; others, years among them, as the source counts them.
     """
     if column.kind in ("calendar", "yyyymmdd"):
         start = _date_text(float(stamps[0]) * 1e-6)
@@ -195,7 +195,7 @@ def to_seconds(stamps: NDArray[np.float64], column: TimeColumn) -> tuple[NDArray
     said = f"read as {unit}" if column.unit else f"read as {unit} by their size, no unit is said"
     scale = SECONDS_PER_UNIT[unit]
     if unit == "year":
-        return (stamps - stamps[0]) * scale, f"stamps are {said}; time counts from {stamps[0]:g}"
+        return stamps * scale, f"stamps are {said}"
     if is_epoch(stamps, unit):
         start = _date_text(float(stamps[0]) * scale)
         return _scaled(stamps - stamps[0], scale), f"stamps are {said} since 1970; time counts from {start}"

@@ -1,0 +1,52 @@
+# Everything runs in .venv, which these rules make; nothing is installed by hand.
+PYTHON ?= python3
+BIN := .venv/bin
+
+# Packages of the system that tests need, and how to tell that they are there.
+SYSTEM_PACKAGES := chromium
+HAVE_SYSTEM := command -v chromium chromium-browser google-chrome >/dev/null 2>&1
+
+.PHONY: run test check bench system can-test clean
+
+run: .venv/run.stamp
+	$(BIN)/kalscope
+
+test: can-test .venv/test.stamp
+	$(BIN)/python -m pytest
+
+check: .venv/check.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+bench: .venv/bench.stamp
+	$(BIN)/kalscope bench
+	for script in start_up slider_latency drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
+
+system:
+	apt-get update -qq
+	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(SYSTEM_PACKAGES)
+
+# A container or CI is root on Debian: there the missing packages are installed. Elsewhere nothing asks for sudo.
+can-test:
+	@if $(HAVE_SYSTEM); then :; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then $(MAKE) system; \
+	else echo "No Chromium here: the browser tests will be skipped; 'make system' as root installs it."; fi
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+
+.venv/run.stamp: .venv/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
+
+.venv/%.stamp: .venv/run.stamp
+	$(BIN)/python -m pip install --quiet --editable ".[$*]"
+	touch $@
+
+.venv/check.stamp: .venv/test.stamp .venv/run.stamp
+	$(BIN)/python -m pip install --quiet --editable ".[check]"
+	touch $@
+
+clean:
+	rm -rf .venv dist build .pytest_cache .ruff_cache .hypothesis tests/artefacts

@@ -1,0 +1,62 @@
+"""The core stays headless, and the wheel carries all that the program needs."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def python(code, **kwargs):
+    return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, **kwargs).stdout
+
+
+def test_importing_the_core_imports_neither_the_dashboard_nor_the_serial_port():
+    loaded = python("import sys, kalscope; print(*sys.modules)").split()
+    assert "numpy" in loaded
+    assert not {"viser", "serial", "kalscope_app", "scipy.signal", "scipy.stats"} & set(loaded)
+
+
+def test_the_core_never_names_the_dashboard():
+    for path in (ROOT / "src").rglob("*.py"):
+        assert not re.search(r"^\s*(import|from)\s+(viser|kalscope_app)\b", path.read_text(), re.M), path
+
+
+def test_every_public_name_has_a_docstring():
+    import kalscope
+
+    for name in kalscope.__all__:
+        assert getattr(kalscope, name).__doc__, name
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """The wheel, built and installed outside the checkout; its dependencies come from this environment."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", folder, ROOT]
+    subprocess.run(build, check=True)
+    (wheel,) = folder.glob("kalscope-*.whl")
+    target = folder / "site"
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", target, wheel], check=True
+    )
+    return target
+
+
+def test_the_installed_wheel_opens_the_demo_outside_the_checkout(installed, tmp_path):
+    env = {**os.environ, "PYTHONPATH": str(installed), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    where = python("import kalscope; print(kalscope.__file__)", cwd=tmp_path, env=env)
+    assert Path(where.strip()).is_relative_to(installed)
+    command = [sys.executable, "-m", "kalscope_app.main", "open", "demo", "--port", "0", "--no-browser"]
+    with subprocess.Popen(command, cwd=tmp_path, env=env, stdout=subprocess.PIPE, text=True) as program:
+        first = program.stdout.readline()
+        program.send_signal(signal.SIGTERM)
+        assert program.wait(timeout=20) == 0
+    assert re.match(r"Kalscope: http://127\.0\.0\.1:\d+/\?token=\S+$", first)
