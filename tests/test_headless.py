@@ -40,7 +40,18 @@ def test_every_public_name_has_a_docstring():
 def installed(tmp_path_factory):
     """The wheel, built and installed outside the checkout; its dependencies come from this environment."""
     folder = tmp_path_factory.mktemp("wheel")
-    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", folder, ROOT]
+    build = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "-w",
+        folder,
+        ROOT,
+    ]
     subprocess.run(build, check=True)
     (wheel,) = folder.glob("kalscope-*.whl")
     target = folder / "site"

@@ -135,15 +135,24 @@ class Chart:
             cursor=cursor,  # pyright: ignore[reportArgumentType]
         )
         self._layout: object = None
+        self._view: object = None
 
     @property
     def handle(self) -> viser.GuiUplotHandle:
         """The viser handle, for tests and heights."""
         return self._handle
 
-    def show(self, x: Array, ys: list[Array], layout: Layout) -> None:
-        """Draw; `layout` is sent only when it differs from the last one."""
+    def show(self, x: Array, ys: list[Array], layout: Layout, view: object = None) -> None:
+        """Draw; `layout` is sent only when it differs from the last one.
+
+        A new `view`, or another reach of x, rebuilds the chart and so ends a zoom: with a fixed range for x viser
+        keeps a zoom over new data, but not over a new scale.
+        """
         data = drawable(x, ys)
+        reach = (float(data[0][0]), float(data[0][-1]))
+        if (view, reach) != self._view:
+            self._view = (view, reach)
+            self._handle.scales = {"x": {"time": False, "range": reach}}
         if layout != self._layout:
             self._layout = layout
             self._handle.series = layout.series

@@ -32,7 +32,6 @@ class Dashboard:
         self.session = Session(state)
         self._jobs = Jobs(self.tell)
         self._panels = Panels(server)
-        self._resets = state.resets
         self._note = ""
         self._window_shape = 0.0
         self._build(folder)
@@ -76,9 +75,6 @@ class Dashboard:
             for view in (self.parameters, self._numbers, self._window, self._source, self._export):
                 view.show(frame)
         self._server.flush()
-        if frame.state.resets != self._resets:
-            self._resets = frame.state.resets
-            self.signal.forget_zoom(self._server.flush)
         if frame.state.note != self._note:
             self._note = frame.state.note
             if self._note:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,13 +59,6 @@ class SignalView:
         for chart, height in ((self.signal, signal), (self.innovation, innovation), (self.gain, gain)):
             chart.handle.height = height
 
-    def forget_zoom(self, flush: Callable[[], None]) -> None:
-        """Show all charts in full: viser keeps a zoom as long as the chart is there, so they leave for a moment."""
-        for visible in (False, True):
-            for chart in (self.signal, self.innovation):
-                chart.handle.visible = visible
-            flush()
-
     def show(self, frame: Frame) -> None:
         """Draw the frame."""
         palette = DARK if frame.state.dark else LIGHT
@@ -113,7 +105,7 @@ class SignalView:
             _axes(scale.label(state.channel)),
             ({"series": (3, 2), "fill": palette.band},),
         )
-        self.signal.show(shown.time * clock.factor, [y * scale.factor for y in ys], layout)
+        self.signal.show(shown.time * clock.factor, [y * scale.factor for y in ys], layout, state.resets)
 
     def _show_innovation(self, frame: Frame, palette: Palette, clock: Scale) -> None:
         v, spread = without_start(frame)
@@ -129,7 +121,8 @@ class SignalView:
             ({"series": (2, 1), "fill": palette.innovation_band},),
         )
         ys = [-spread, spread, v]
-        self.innovation.show(frame.shown.time * clock.factor, [y * scale.factor for y in ys], layout)
+        time = frame.shown.time * clock.factor
+        self.innovation.show(time, [y * scale.factor for y in ys], layout, frame.state.resets)
 
     def _show_gain(self, frame: Frame, palette: Palette) -> None:
         layout = Layout(

@@ -1,0 +1,277 @@
+"""Journeys of a person through the real dashboard, each against numbers computed here; each leaves a picture."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+from screen import FIND, Program, Screen
+
+from kalscope import FilterParams, kalman_filter, open_source, starting_params
+
+pytestmark = pytest.mark.browser
+DEMO = open_source("demo").values[:, 0]
+
+
+def filtered(z, **params):
+    start = starting_params(z)
+    return kalman_filter(z, FilterParams(**{"q": start.q, "r": start.r, **params})).x
+
+
+@pytest.fixture
+def start(browser, tmp_path):
+    """Start the program with arguments and open a page on it."""
+    running = []
+
+    def begin(*arguments, **size):
+        program = Program(*arguments, cwd=tmp_path)
+        running.append(program)
+        screen = Screen(browser, program.url, **size)
+        running.append(screen)
+        return screen
+
+    yield begin
+    for thing in reversed(running):
+        thing.close() if isinstance(thing, Screen) else thing.stop()
+
+
+def test_first_look_shows_the_demo_filtered_at_its_starting_values(start):
+    screen = start("demo")
+    _, raw = screen.line("raw")
+    assert np.array_equal(raw, DEMO)
+    screen.wait_for_line("filtered", filtered(DEMO))
+    result = kalman_filter(DEMO, starting_params(DEMO))
+    _, innovation = screen.line("innovation")
+    assert np.array_equal(innovation[1:], result.innovation[1:])
+    _, high = screen.line("+2√p")
+    assert np.allclose(high, result.x + 2 * np.sqrt(result.p), rtol=1e-12)
+    for words in ("lag on a ramp", "190 ms", "13.0 dB", "0.796 Hz", "0.0951", "46.1 samples"):
+        assert screen.page.get_by_text(words).first.is_visible()
+    screen.shot("first-look")
+
+
+def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_never_the_zoom(start):
+    screen = start("demo")
+    over = screen.page.locator(".u-over").first.bounding_box()
+    y = over["y"] + over["height"] / 2
+    screen.page.mouse.move(over["x"] + 0.25 * over["width"], y)
+    screen.page.mouse.down()
+    screen.page.mouse.move(over["x"] + 0.5 * over["width"], y, steps=4)
+    screen.page.mouse.up()
+    screen.wait(f"() => ({FIND})('filtered').scales.x.max < 30")
+    zoom = screen.range("x")
+    assert zoom[1] - zoom[0] < 15
+    assert screen.range("x", "innovation") == pytest.approx(zoom)
+
+    screen.slider("q").focus()
+    before = screen.text_box("process noise q").input_value()
+    screen.page.keyboard.press("End")
+    screen.wait_for_line("filtered", filtered(DEMO, q=1e5))
+    assert screen.text_box("process noise q").input_value() == "100000" != before
+
+    screen.type("process noise q", "1e-9")
+    screen.wait_for_line("filtered", filtered(DEMO, q=1e-9))
+    screen.type("measurement noise r", "2,5", enter=False)  # counts when typing rests
+    screen.wait_for_line("filtered", filtered(DEMO, q=1e-9, r=2.5))
+
+    screen.type("process noise q", "much")
+    screen.notification("q must be a number such as 0.01 or 1e-9 (got 'much')").wait_for()
+    screen.type("process noise q", "-1")
+    screen.notification("q must be a finite variance from 0 to 1e300 (got -1.0)").wait_for()
+    screen.wait_for_line("filtered", filtered(DEMO, q=1e-9, r=2.5))
+    assert screen.range("x") == zoom
+    screen.shot("tuned-and-zoomed")
+
+    screen.page.get_by_role("button", name="Reset q, r and the start").click()
+    screen.wait_for_line("filtered", filtered(DEMO))
+    assert screen.range("x") == zoom
+    screen.page.get_by_role("button", name="Reset view").click()
+    screen.wait(f"() => ({FIND})('filtered')?.scales.x.min === 0")
+
+
+def test_the_start_by_value_reproduces_the_matlab_appendix(start):
+    screen = start("demo")
+    screen.choose("start", "by value: p0 and x0")
+    screen.type("start variance p0", "0")
+    screen.type("start value x0", "0")
+    screen.type("measurement noise r", "100")
+    screen.type("process noise q", "1")
+    screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100, p0=0, x0=0))
+    low, high = screen.range("y")
+    assert low > 200  # the wild start at 0 leaves the picture; the range follows the signal
+    assert high < 800
+    screen.shot("start-by-value")
+    screen.slider("p0").focus()
+    screen.page.keyboard.press("End")
+    screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100, p0=1e8, x0=0))
+    screen.choose("start", "automatic: first sample")
+    screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100))
+
+
+def test_the_last_value_of_a_drag_wins(start):
+    screen = start("synthetic:random_walk?n=100000&sample_period=0.001")
+    z = open_source("synthetic:random_walk?n=100000&sample_period=0.001").values[:, 0]
+    time, _ = screen.line("filtered")
+    drawn = np.rint(time / time[-1] * (len(z) - 1)).astype(int)
+    assert len(drawn) <= 4000
+    thumb = screen.slider("q")
+    for turn in range(4):
+        box = thumb.bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        screen.page.mouse.move(x, y)
+        screen.page.mouse.down()
+        for step in range(12):
+            screen.page.mouse.move(x + (-1) ** turn * 3 * step, y)
+        screen.page.mouse.up()
+        exponent = float(thumb.get_attribute("aria-valuenow"))
+        q = float(f"{10.0**exponent:.2e}")
+        screen.wait_for_line("filtered", filtered(z, q=q)[drawn], tolerance=1e-12)
+
+
+def test_another_sample_another_channel_and_the_generator(start):
+    screen = start("demo")
+    screen.tab("Source")
+    screen.choose("sample recording", "Nile at Aswan")
+    nile = open_source("sample:nile").values[:, 0]
+    screen.wait_for_line("filtered", filtered(nile))
+    assert screen.range("x") == pytest.approx((1871, 1970))
+    screen.shot("nile")
+    screen.choose("sample recording", "Resting LIS302DL accelerometer")
+    axes = open_source("sample:lis302dl")
+    screen.wait_for_line("raw", axes.values[:, 0])
+    screen.tab("Tune")
+    screen.choose("channel", axes.names[2])
+    screen.wait_for_line("raw", axes.values[:, 2])
+    screen.tab("Source")
+    screen.page.get_by_text("Generate a signal").click()
+    screen.choose("shape", "step")
+    screen.type("noise σ", "0.2")
+    screen.page.get_by_role("button", name="Generate", exact=True).click()
+    made = open_source("synthetic:step?sigma=0.2")
+    screen.wait_for_line("truth", made.truth[:, 0])
+    screen.wait_for_line("filtered", filtered(made.values[:, 0]))
+    screen.type("noise σ", "-3")
+    screen.page.get_by_role("button", name="Generate", exact=True).click()
+    screen.notification("sigma must").wait_for()
+    screen.shot("generator")
+
+
+BAD_FILES = {
+    "empty.csv": (b"", "must"),
+    "header.csv": (b"time,z\n", "must"),
+    "letter.txt": (b"Dear reader,\nthis is a letter.\n", "must"),
+    "picture.png": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + bytes(range(256)) * 4, "must"),
+}
+
+
+def test_an_upload_is_read_and_a_bad_one_is_refused_in_words(start, tmp_path):
+    screen = start("demo")
+    good = tmp_path / "my <img src=x onerror=alert(1)> sensor.csv"
+    good.write_text("time,temp <b>\n" + "".join(f"{i / 10},{i % 7}\n" for i in range(50)))
+    screen.tab("Source")
+    for name, (content, words) in BAD_FILES.items():
+        (tmp_path / name).write_bytes(content)
+        with screen.page.expect_file_chooser() as chooser:
+            screen.page.get_by_role("button", name="Upload a file").click()
+        chooser.value.set_files(tmp_path / name)
+        screen.notification(re.compile(words)).last.wait_for()
+    screen.shot("bad-uploads")
+    with screen.page.expect_file_chooser() as chooser:
+        screen.page.get_by_role("button", name="Upload a file").click()
+    chooser.value.set_files(good)
+    screen.wait_for_line("raw", np.arange(50) % 7)
+    assert screen.page.locator("img[src=x]").count() == 0
+    screen.shot("upload")
+
+
+def test_the_saved_file_reopens_the_same_filter_and_filters_alike_without_a_dashboard(start, tmp_path):
+    screen = start("sample:nile")
+    screen.type("process noise q", "1469.1")
+    screen.type("measurement noise r", "15099")
+    nile = open_source("sample:nile").values[:, 0]
+    screen.wait_for_line("filtered", filtered(nile, q=1469.1, r=15099))
+    screen.tab("Export")
+    screen.type("tuning file", "../outside.toml")
+    screen.page.get_by_role("button", name="Save tuning file").click()
+    screen.notification("must").wait_for()
+    screen.type("tuning file", "tuning.toml")
+    screen.page.get_by_role("button", name="Save tuning file").click()
+    screen.notification("Saved").wait_for()
+    screen.shot("export")
+    assert not (tmp_path.parent / "outside.toml").exists()
+    saved = tomllib.loads((tmp_path / "tuning.toml").read_text())
+    channel = saved["channel"][0]
+    assert (channel["q"], channel["r"], channel["p0"], channel["x0"]) == (1469.1, 15099.0, "diffuse", "first")
+
+    for button, name in (("Download tuning file", "tuning.toml"), ("Download filtered CSV", "filtered.csv")):
+        with screen.page.expect_download() as download:
+            screen.page.get_by_role("button", name=button).click()
+        assert download.value.suggested_filename == name
+        download.value.save_as(tmp_path / f"downloaded-{name}")
+    seen = np.genfromtxt(tmp_path / "downloaded-filtered.csv", delimiter=",", names=True)
+    assert np.array_equal(seen["volume_filtered"], filtered(nile, q=1469.1, r=15099))
+
+    command = [sys.executable, "-m", "kalscope.cli", "filter", "sample:nile", "--config", "tuning.toml"]
+    subprocess.run([*command, "-o", "out.csv"], cwd=tmp_path, check=True, capture_output=True)
+    assert (tmp_path / "out.csv").read_bytes() == (tmp_path / "downloaded-filtered.csv").read_bytes()
+
+    again = start("--config", "tuning.toml")
+    again.wait_for_line("filtered", filtered(nile, q=1469.1, r=15099))
+    assert again.text_box("process noise q").input_value() == "1469.1"
+
+
+def test_a_reload_and_a_second_tab_show_the_same_values(start, browser):
+    screen = start("demo")
+    screen.type("process noise q", "7")
+    screen.wait_for_line("filtered", filtered(DEMO, q=7))
+    screen.page.reload()
+    screen.ready()
+    screen.wait_for_line("filtered", filtered(DEMO, q=7))
+    assert screen.text_box("process noise q").input_value() == "7"
+    second = screen.context.new_page()
+    second.goto(screen.page.url)
+    second.wait_for_function("() => Object.keys(window.__viserTestpoints?.uplots ?? {}).length >= 3")
+    screen.type("process noise q", "8")
+    screen.wait_for_line("filtered", filtered(DEMO, q=8))
+    second.wait_for_function(
+        """(last) => Object.values(window.__viserTestpoints.uplots).map(e => e.chart).some(c => {
+        const at = c.series.findIndex(s => s.label === 'filtered');
+        return at > 0 && c.data[at][c.data[at].length - 1] === last; })""",
+        arg=float(filtered(DEMO, q=8)[-1]),
+    )
+
+
+def test_a_million_samples_are_thinned_for_drawing_only_and_that_is_said(start):
+    spec = "synthetic:random_walk?n=1000000&sample_period=0.001"
+    screen = start(spec)
+    z = open_source(spec).values[:, 0]
+    time, drawn = screen.line("filtered")
+    assert len(time) <= 4000
+    at = np.rint(time * 60_000).astype(int)  # minutes -> samples
+    assert np.allclose(drawn, filtered(z)[at], rtol=0, atol=1e-12)
+    assert screen.page.get_by_text("numbers use all").is_visible()
+    screen.page.get_by_role("button", name="Follow end").click()
+    screen.wait(f"() => ({FIND})('filtered')?.data[0][0] > 14.9")
+    screen.shot("million-follow-end")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "height"), [(1600, 900), (1280, 720), (390, 844)])
+def test_every_window_and_theme_is_filled_without_sideways_scrolling(start, width, height, theme):
+    screen = start("synthetic:sine?n=3000&sigma=0.2&seed=1", width=width, height=height)
+    if theme == "dark":
+        screen.tab("View")
+        screen.page.get_by_text("dark theme").click()
+        screen.wait("() => document.documentElement.getAttribute('data-mantine-color-scheme') === 'dark'")
+        screen.tab("Tune")
+    if width > 576:  # the chart panel has grown to the window
+        screen.wait(
+            "(width) => document.querySelector('.uplot').getBoundingClientRect().width > width - 330 - 120 - 60",
+            width,
+        )
+    assert screen.page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
+    screen.shot(f"{width}x{height}-{theme}")
