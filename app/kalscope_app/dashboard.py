@@ -13,9 +13,10 @@ from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session, State, set_dark
 from kalscope_app.views.export import ExportView
-from kalscope_app.views.layout import FIRST_RIGHT_WIDTH, Panels, WindowFinder, sizes_for
+from kalscope_app.views.layout import CANVAS_WIDTH, FIRST_RIGHT_WIDTH, Panels, WindowFinder, sizes_for
 from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
+from kalscope_app.views.picture import draw_picture
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
 from kalscope_app.views.window import WindowView
@@ -34,9 +35,12 @@ class Dashboard:
         self._panels = Panels(server)
         self._note = ""
         self._window_shape = 0.0
+        self._frame: Frame | None = None
+        self._portraits: dict[viser.ClientHandle, float] = {}
         self._build(folder)
         self.engine = Engine(self.session, self.show, self.tell)
         server.on_client_connect(self._on_connect)
+        server.on_client_disconnect(self._on_disconnect)
 
     def _build(self, folder: Path) -> None:
         gui = self._server.gui
@@ -74,6 +78,9 @@ class Dashboard:
             self.signal.show(frame)
             for view in (self.parameters, self._numbers, self._window, self._source, self._export):
                 view.show(frame)
+        self._frame = frame
+        for client, shape in tuple(self._portraits.items()):
+            self._draw_behind(client, shape)
         self._server.flush()
         if frame.state.note != self._note:
             self._note = frame.state.note
@@ -102,6 +109,7 @@ class Dashboard:
 
         def fit(camera: viser.CameraHandle) -> None:
             window = finder.report(camera.image_width, camera.image_height, self._panels.docked_width)
+            self._note_portrait(client, camera.image_width, camera.image_height)
             if window is not None:
                 self._fill(*window)
             elif finder.needs_room and abs(finder.shape - self._window_shape) > 0.01 * finder.shape:
@@ -109,6 +117,23 @@ class Dashboard:
 
         fit(client.camera)
         client.camera.on_update(fit)
+
+    def _on_disconnect(self, client: viser.ClientHandle) -> None:
+        self._portraits.pop(client, None)
+
+    def _note_portrait(self, client: viser.ClientHandle, width: int, height: int) -> None:
+        """A canvas that stays upright is a phone's: no panel is docked beside it, so the signal is drawn in it."""
+        docked = CANVAS_WIDTH + 10
+        upright = docked < width < 0.8 * height
+        if upright and self._portraits.get(client) != width / height:
+            self._portraits[client] = width / height
+            self._draw_behind(client, width / height)
+        elif not upright and self._portraits.pop(client, None) is not None:
+            client.scene.set_background_image(None)
+
+    def _draw_behind(self, client: viser.ClientHandle, shape: float) -> None:
+        if self._frame is not None:
+            client.scene.set_background_image(draw_picture(self._frame, shape), format="jpeg", jpeg_quality=90)
 
     def _fill(self, width: float, height: float) -> None:
         """Make panels and charts fill a window, px."""

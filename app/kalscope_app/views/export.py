@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from kalscope.tuning import dumps, save_tuning
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import State
-from kalscope_app.views.words import plain
 
 
 class ExportView:
@@ -68,7 +68,13 @@ class ExportView:
             "The file reopens this very state:\n\n"
             "`kalscope open --config tuning.toml`\n\n"
             "and filters without a dashboard:\n\n"
-            f"`kalscope filter` {plain(source, 200)} `--config tuning.toml -o out.csv`"
+            f"`kalscope filter {shell_word(source)} --config tuning.toml -o out.csv`"
         )
         if self._how.content != text:
             self._how.content = text
+
+
+def shell_word(source: str) -> str:
+    """The source as one word of a command line; FILE where it could not stand in a line of code."""
+    printable = source.isprintable() and "`" not in source and len(source) <= 200
+    return shlex.quote(source) if source and printable else "FILE"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,6 +152,8 @@ def heading_of(frame: Frame) -> str:
         parts.append(
             f"drawn: {count(len(shown.indices))} of {count(shown.last - shown.first)} points; numbers use all"
         )
+    if starts_wild(frame):
+        parts.append("the innovation is cut off during the start")
     return " · ".join(parts)
 
 
@@ -168,13 +171,22 @@ def time_label(clock: Scale) -> str:
 
 def without_start(frame: Frame) -> tuple[Array, Array]:
     """Innovation and its 2√s, held within what occurs after the start-up, so that the start does not dwarf it."""
-    v, spread = frame.innovation, frame.innovation_spread
-    later = frame.shown.indices > frame.start_up
-    finite = np.isfinite(v) & later
-    if not finite.any():
-        return v, spread
-    limit = 1.05 * max(float(np.abs(v[finite]).max()), float(spread[finite].max()))
-    return np.clip(v, -limit, limit), np.minimum(spread, limit)
+    limit = largest_after_start(frame)
+    return np.clip(frame.innovation, -limit, limit), np.minimum(frame.innovation_spread, limit)
+
+
+def starts_wild(frame: Frame) -> bool:
+    """Whether the innovation of the start-up is larger than any later one, and so is cut off in the chart."""
+    finite = frame.innovation[np.isfinite(frame.innovation)]
+    return bool(np.abs(finite).max(initial=0.0) > largest_after_start(frame))
+
+
+def largest_after_start(frame: Frame) -> float:
+    """Largest |innovation| or 2√s drawn after the start-up, with a little room; inf if nothing comes after it."""
+    later = (frame.shown.indices > frame.start_up) & np.isfinite(frame.innovation)
+    if not later.any():
+        return math.inf
+    return 1.05 * float(max(np.abs(frame.innovation[later]).max(), frame.innovation_spread[later].max()))
 
 
 def _raw_series(palette: Palette, *, points: bool) -> dict[str, object]:

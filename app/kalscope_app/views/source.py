@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +12,7 @@ from typing import Any
 import viser
 
 from kalscope.recording import Recording
-from kalscope.sources import list_samples, open_source
+from kalscope.sources import list_samples, open_source, read_recording
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
@@ -133,12 +134,10 @@ def setting_docs() -> list[tuple[str, str]]:
 
 def read_upload(name: str, content: bytes) -> Recording:
     """Read what a browser sent. Its name is shown, never used as a path."""
-    from kalscope.sources.csv_file import read_recording
-
     shown = Path(name.replace("\\", "/")).name[:200] or "upload"
-    suffix = ".csv.gz" if content[:2] == b"\x1f\x8b" else ".csv"
+    safe = re.sub(r"[^\w.-]+", "_", shown).strip(".")[-80:] or "upload"
     with tempfile.TemporaryDirectory(prefix="kalscope-") as folder:
-        file = Path(folder) / f"upload{suffix}"
+        file = Path(folder) / safe
         file.write_bytes(content)
         recording = read_recording(file)
     return replace(recording, source="", title=shown)

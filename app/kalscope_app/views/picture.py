@@ -1,0 +1,65 @@
+"""The signal as a picture behind the sheet of a phone, where viser shows no chart beside the controls. Pure."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from kalscope_app.charts import Array, drawable, scale_for
+from kalscope_app.frame import Frame
+from kalscope_app.views.signal import DARK, LIGHT, Palette, time_axis
+from kalscope_app.views.words import number
+
+WIDTH = 780
+"""Width of the picture, px: sharp on the screens of phones."""
+
+VISIBLE = 0.39
+"""Share of the height that viser's sheet leaves free."""
+
+MARGIN = 0.04
+"""Space around the curves, share of the width."""
+
+
+def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
+    """Raw and filtered signal with its band, for a canvas of `shape` = width : height; (height, width, 3)."""
+    palette = DARK if frame.state.dark else LIGHT
+    background, ink = ("#1e2024", "#c9ced6") if frame.state.dark else ("#ffffff", "#495057")
+    image = Image.new("RGB", (WIDTH, round(WIDTH / shape)), background)
+    margin = round(MARGIN * WIDTH)
+    text = ImageFont.load_default(size=24)
+    top, bottom = margin + 36, round(VISIBLE * image.height) - 44
+    pen = ImageDraw.Draw(image, "RGBA")
+    low, high = _draw_curves(pen, frame, palette, (margin, top, WIDTH - margin, bottom))
+    scale, clock = scale_for(frame.shown.raw, frame.state.tuning.unit), time_axis(frame)
+    first, last = (frame.shown.time[i] * clock.factor if len(frame.shown.time) else 0.0 for i in (0, -1))
+    reach = f"{number(low * scale.factor)} to {number(high * scale.factor)} {scale.unit}"
+    pen.text((margin, margin), f"{frame.state.channel[:24]}: {reach}", fill=ink, font=text)
+    span = f"{number(first, 4)} to {number(last, 4)} {clock.unit}"
+    pen.text((margin, bottom + 10), span, fill=ink, font=text)
+    pen.text((WIDTH - margin - 110, bottom + 10), "raw", fill=palette.raw, font=text, anchor="ra")
+    pen.text((WIDTH - margin, bottom + 10), "filtered", fill=palette.filtered, font=text, anchor="ra")
+    return np.asarray(image)
+
+
+def _draw_curves(
+    pen: ImageDraw.ImageDraw, frame: Frame, palette: Palette, box: tuple[int, int, int, int]
+) -> tuple[float, float]:
+    """Draw into a box (left, top, right, bottom); the range of y follows the signal, as in the chart."""
+    shown = frame.shown
+    x, raw, filtered, spread = drawable(shown.time, [shown.raw, frame.filtered, frame.spread])
+    low, high = float(raw.min()), float(raw.max())
+    if high <= low:
+        low, high = low - 1.0, high + 1.0
+    left, top, right, bottom = box
+
+    def points(y: Array) -> list[tuple[float, float]]:
+        across = left + (right - left) * (x - x[0]) / (x[-1] - x[0] or 1.0)
+        up = np.clip((y - low) / (high - low), -0.1, 1.1)
+        return list(zip(across.tolist(), (bottom - (bottom - top) * up).tolist(), strict=True))
+
+    band = tuple(int(part) for part in palette.band[5:-1].split(",")[:3])
+    pen.polygon([*points(filtered - spread), *points(filtered + spread)[::-1]], fill=(*band, 45))
+    pen.line(points(raw), fill=palette.raw, width=1)
+    pen.line(points(filtered), fill=palette.filtered, width=5, joint="curve")
+    return low, high
