@@ -7,11 +7,14 @@ import sys
 import threading
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from kalscope.cli import app, run
+
+if TYPE_CHECKING:
+    from kalscope_app.session import State
 
 
 @app.command("open")
@@ -23,13 +26,16 @@ def open_dashboard(
     allow_host: Annotated[
         list[str] | None, typer.Option(help="Name by which a browser may call this machine, for --host 0.0.0.0.")
     ] = None,
+    sample_period: Annotated[
+        float | None, typer.Option(help="Time between two samples in s, for a file that has no time.")
+    ] = None,
     config: Annotated[Path | None, typer.Option(help="Tuning file to start from.")] = None,
 ) -> None:
     """Open the dashboard in a browser."""
     from kalscope_app.dashboard import Dashboard
     from kalscope_app.guard import guarded_server
 
-    state = first_state(source, config)
+    state = first_state(source, config, sample_period)
     dashboard: Dashboard | None = None
 
     def on_refused(why: str) -> None:
@@ -39,18 +45,20 @@ def open_dashboard(
     with guarded_server(
         host, port, allow_hosts=allow_host or (), on_refused=on_refused, label="Kalscope"
     ) as guarded:
+        end = asked_to_end()
         dashboard = Dashboard(guarded.server, state, Path.cwd())
         dashboard.start()
         print(f"Kalscope: {guarded.url}", flush=True)
         if browser:
             webbrowser.open(guarded.url)
         try:
-            wait_for_end()
+            while not end.wait(timeout=0.5):  # Windows wakes for Ctrl+C only between two waits
+                pass
         finally:
             dashboard.stop()
 
 
-def first_state(source: str, config: Path | None):
+def first_state(source: str, config: Path | None, sample_period: float | None = None) -> State:
     """What the dashboard shows first: the source, with the values of the tuning file if there is one."""
     from kalscope.errors import BadSetting
     from kalscope.sources import open_source
@@ -58,7 +66,7 @@ def first_state(source: str, config: Path | None):
     from kalscope_app.session import opened, opened_with
 
     if config is None:
-        return opened(open_source(source or "demo"))
+        return opened(open_source(source or "demo", sample_period=sample_period))
     tuning = load_tuning(config)
     spec = source or tuning.source
     if not spec:
@@ -66,17 +74,16 @@ def first_state(source: str, config: Path | None):
             f"SOURCE must be named, because {config} was made on an uploaded file (got only --config): "
             f"kalscope open {tuning.source_name or 'FILE'} --config {config}"
         )
-    return opened_with(open_source(spec), tuning)
+    return opened_with(open_source(spec, sample_period=sample_period), tuning)
 
 
-def wait_for_end() -> None:
-    """Block until Ctrl+C, SIGTERM or the closing of the terminal."""
+def asked_to_end() -> threading.Event:
+    """An event that is set by Ctrl+C, SIGTERM or the closing of the terminal."""
     end = threading.Event()
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):  # SIGHUP is unknown on Windows
             signal.signal(getattr(signal, name), lambda *_: end.set())
-    while not end.wait(timeout=0.5):  # Windows wakes for Ctrl+C only between two waits
-        pass
+    return end
 
 
 def main() -> None:

@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from kalscope.errors import BadSetting
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import Recording
@@ -96,6 +98,8 @@ def opened_with(recording: Recording, tuning: Tuning, before: State | None = Non
     Raises:
         BadSetting: none of the recording's channels is in the file.
     """
+    if recording.sample_period is None and tuning.sample_period is not None:
+        recording = timed(recording, tuning.sample_period)
     state = opened(recording, before)
     notes: list[str] = []
     if tuning.sha256 and recording.sha256 and tuning.sha256 != recording.sha256:
@@ -112,6 +116,26 @@ def opened_with(recording: Recording, tuning: Tuning, before: State | None = Non
     tunings = tuple(given.get(t.name, t) for t in state.tunings)
     channel = tuning.selected if tuning.selected in common else common[0]
     return replace(state, tunings=tunings, channel=channel, note=" ".join(notes))
+
+
+def timed(recording: Recording, sample_period: float) -> Recording:
+    """A recording without time, taken to be sampled every `sample_period` s, > 0; one with time stays as it is."""
+    if recording.sample_period is not None:
+        return recording
+    if not (0.0 < sample_period < math.inf):
+        raise BadSetting(f"sample period must be a finite number of seconds above 0 (got {sample_period:g})")
+    time = np.arange(len(recording)) * sample_period
+    return replace(recording, time=time, sample_period=sample_period)
+
+
+def set_sample_period(text: str) -> Change:
+    """The time between two samples was typed, s, for a recording that does not tell it."""
+
+    def change(state: State) -> State:
+        recording = timed(state.recording, parse_number("sample period", text))
+        return replace(state, recording=recording, window=None, resets=state.resets + 1)
+
+    return change
 
 
 def slider_limits(state: State, name: str) -> tuple[int, int]:

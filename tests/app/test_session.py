@@ -22,6 +22,7 @@ from kalscope_app.session import (
     select_channel,
     set_automatic_start,
     set_exponent,
+    set_sample_period,
     set_text,
     set_window,
     slider_limits,
@@ -266,3 +267,22 @@ def test_requests_of_many_threads_are_all_applied(state):
 def test_nothing_waits_at_first(state):
     assert Session(state).seconds_to_next() is None
     assert isinstance(state.params, FilterParams)
+
+
+def test_a_recording_without_time_takes_the_period_that_is_typed(state):
+    untimed = opened(recording(period=None))
+    timed = set_sample_period("0,02")(untimed)
+    assert timed.recording.sample_period == 0.02
+    assert timed.recording.time[:3].tolist() == [0.0, 0.02, 0.04]
+    assert timed.tunings == untimed.tunings
+    assert set_sample_period("5")(state).recording.sample_period == 0.01
+    with pytest.raises(BadSetting, match="above 0"):
+        set_sample_period("0")(untimed)
+
+
+def test_a_tuning_brings_its_period_to_a_recording_without_time():
+    untimed = opened(recording(period=None))
+    tuned = set_sample_period("0.02")(untimed)
+    again = opened_with(untimed.recording, tuned.as_tuning())
+    assert again.recording.sample_period == 0.02
+    assert (again.tunings, again.note) == (tuned.tunings, "")

@@ -16,7 +16,7 @@ from kalscope.sources import list_samples, open_source, read_recording
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
-from kalscope_app.session import Session, opened
+from kalscope_app.session import Session, opened, set_sample_period
 from kalscope_app.views.words import count, duration, plain, typed
 
 MINE = "–"
@@ -49,12 +49,17 @@ class SourceView:
         with gui.add_folder("Your own file") as self._own:
             self._path = gui.add_text("path", "", hint="A CSV file on this computer, of any size.")
             self._open = gui.add_button("Open this path")
+            with gui.add_form(None) as form:
+                self._period = gui.add_text(
+                    "sample period (s)", "", hint="Time between two samples, for a file that has no time. Enter."
+                )
         with gui.add_folder("Generate a signal", expand_by_default=False):
             self._generator = GeneratorForm(gui, self._open_spec)
         with gui.add_folder("How it was read"):
             self._report = gui.add_markdown("")
         self._sample.on_update(self._on_sample)
         self._open.on_click(self._on_open)
+        form.on_submit(self._on_period)
 
     def add_upload(self, client: viser.ClientHandle) -> None:
         """Give one browser its own upload button: a shared one would replay each upload to late joiners."""
@@ -75,6 +80,9 @@ class SourceView:
         path = self._path.value.strip()
         self._open_spec(path if path else "")
 
+    async def _on_period(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.request(set_sample_period(self._period.value))
+
     def _open_spec(self, spec: str) -> None:
         self._jobs.run(lambda: self._use(open_source(spec)))
 
@@ -90,6 +98,7 @@ class SourceView:
         title = next((t for t, s in self._samples.items() if recording.source == f"sample:{s.name}"), MINE)
         if self._sample.value != title:
             self._sample.value = title
+        self._period.visible = not recording.sample_period or bool(self._period.value)
         text = report_text(recording)
         if self._report.content != text:
             self._report.content = text

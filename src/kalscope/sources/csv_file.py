@@ -10,6 +10,7 @@ rejected: its samples have no place.
 from __future__ import annotations
 
 import hashlib
+import os
 import math
 from pathlib import Path
 
@@ -77,7 +78,7 @@ def read_recording(path: str | Path, *, sample_period: float | None = None) -> R
         values=table[:, channels],
         sample_period=period,
         report=report,
-        source=str(path),
+        source=os.path.abspath(path),  # so that a tuning file reopens it from any folder
         title=name,
         sha256=hashlib.sha256(packed).hexdigest(),
     )

@@ -1,0 +1,109 @@
+"""Starting and stopping the program: every refusal is one line and status 2; the port is free afterwards."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from kalscope_app.main import run
+
+PROGRAM = [sys.executable, "-m", "kalscope_app.main"]
+
+
+def refusal(arguments, capsys):
+    """The one line on stderr of a call that ends with status 2."""
+    assert run(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    (line,) = err.splitlines()
+    assert line.startswith("kalscope: ")
+    return line
+
+
+FILES = {
+    "empty.csv": b"",
+    "header.csv": b"time,z\n",
+    "letter.txt": b"Dear reader,\nthis is a letter without numbers.\n",
+    "picture.png": b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + bytes(range(256)) * 4,
+    "words.csv": b"name\nanna\nbert\ncarl\n",
+    "missing.csv": b"time,z\n0,\n1,nan\n2,\n",
+    "not.toml": b"q = [",
+    "none.toml": b"format = 1\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["open", "nowhere.csv"], "nowhere.csv"),
+        (["open", "."], "must be a file"),
+        (["open", "empty.csv"], "must hold lines of numbers (got an empty file)"),
+        (["open", "header.csv"], "must hold numbers below its header"),
+        (["open", "letter.txt"], "must"),
+        (["open", "picture.png"], "must be a text file (got a PNG image)"),
+        (["open", "words.csv"], "must"),
+        (["open", "missing.csv"], "must"),
+        (["open", "sample:nothing"], "nothing"),
+        (["open", "synthetic:zigzag"], "shape must be one of"),
+        (["open", "synthetic:sine?sigma=-1"], "sigma must"),
+        (["open", "serial:/dev/ttyACM0@115200"], "must be a file"),
+        (["open", "--config", "not.toml"], "not.toml"),
+        (["open", "--config", "none.toml"], "none.toml"),
+        (["open", "--config", "nowhere.toml"], "nowhere.toml"),
+        (["open", "demo", "--port", "99999"], "port must"),
+        (["open", "demo", "--host", "no.such.host.invalid"], "cannot be used on this machine"),
+        (["open", "demo", "--host", "0.0.0.0", "--no-browser"], "--allow-host"),
+        (["open", "demo", "--no-such-option"], "--no-such-option"),
+        (["opne"], "opne"),
+    ],
+)
+def test_what_cannot_be_opened_is_refused_in_one_line(arguments, message, tmp_path, monkeypatch, capsys):
+    for name, content in FILES.items():
+        (tmp_path / name).write_bytes(content)
+    monkeypatch.chdir(tmp_path)
+    assert message in refusal(arguments, capsys)
+
+
+def test_a_busy_port_is_refused_in_one_line(capsys):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert f"port {port}" in refusal(["open", "demo", "--port", str(port)], capsys)
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_the_program_says_its_link_and_stops_cleanly(stop, tmp_path):
+    (tmp_path / "one.csv").write_text("z\n5\n")
+    command = [*PROGRAM, "open", "one.csv", "--port", "0", "--no-browser"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as program:
+        line = program.stdout.readline()
+        port = int(re.fullmatch(r"Kalscope: http://127\.0\.0\.1:(\d+)/\?token=\S+\n", line)[1])
+        with socket.create_connection(("127.0.0.1", port), timeout=5):
+            pass
+        program.send_signal(stop)
+        rest, errors = program.communicate(timeout=10)
+    assert (program.returncode, rest, errors) == (0, "", "")
+    with socket.socket() as free:
+        free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        free.bind(("127.0.0.1", port))
+
+
+def test_without_a_command_the_demo_opens(tmp_path):
+    with socket.socket() as probe:
+        if probe.connect_ex(("127.0.0.1", 8080)) == 0:
+            pytest.skip("another program listens on port 8080")
+    env = {**os.environ, "BROWSER": "true"}
+    with subprocess.Popen(PROGRAM, cwd=tmp_path, env=env, stdout=subprocess.PIPE, text=True) as program:
+        line = program.stdout.readline()
+        program.terminate()
+        assert program.wait(timeout=10) == 0
+    assert line.startswith("Kalscope: http://127.0.0.1:8080/?token=")
