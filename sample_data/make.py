@@ -81,9 +81,7 @@ def ultrasonic() -> str:
     distance = truth + rng.normal(0.0, 0.6, len(time))
     lost = rng.random(len(time)) < 0.04
     lost[500:512] = True  # the hand leaves the beam
-    rows = [
-        f"{t:.2f}," + ("" if gone else f"{z:.1f}") for t, z, gone in zip(time, distance, lost, strict=True)
-    ]
+    rows = [f"{t:.2f}," + ("" if gone else f"{z:.1f}") for t, z, gone in zip(time, distance, lost, strict=True)]
     return _csv("time (s),distance (cm)", rows)
 
 

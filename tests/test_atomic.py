@@ -162,9 +162,7 @@ def test_a_busy_file_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert (tmp_path / "a.toml").read_bytes() == b"x"
 
 
-def test_a_file_that_stays_busy_is_an_error_without_litter(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_stays_busy_is_an_error_without_litter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def busy(source: str, target: str) -> None:
         raise PermissionError(13, "in use by another program")
 

@@ -77,9 +77,7 @@ def test_the_filtered_column_is_kalman_filter_bit_for_bit(log: Path, config: Pat
     assert err == ""
 
 
-def test_a_file_holds_what_stdout_would_show(
-    log: Path, config: Path, tmp_path: Path, capsys: Captured
-) -> None:
+def test_a_file_holds_what_stdout_would_show(log: Path, config: Path, tmp_path: Path, capsys: Captured) -> None:
     assert run(["filter", str(log), "--config", str(config)]) == 0
     shown = capsys.readouterr().out
     assert run(["filter", str(log), "--config", str(config), "-o", str(tmp_path / "out.csv")]) == 0

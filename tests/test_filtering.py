@@ -165,9 +165,7 @@ def test_filter_equals_the_five_lines_bit_for_bit(start, missing, irregular):
     result = kalman_filter(z, FilterParams(0.01, 1.0, p0, x0), dt)
     p, x = (math.inf if p0 is None else p0), (math.nan if x0 is None else x0)
     expected = five_lines(z, 0.01, 1.0, p, x, dt)
-    for seen, wanted in zip(
-        (result.x, result.p, result.k, result.innovation, result.s), expected, strict=True
-    ):
+    for seen, wanted in zip((result.x, result.p, result.k, result.innovation, result.s), expected, strict=True):
         assert_same_bits(seen, wanted)
 
 

@@ -21,9 +21,7 @@ from kalscope.tuning_text import updated
 variances = st.floats(0.0, LARGEST)
 positive = st.floats(0.0, LARGEST, exclude_min=True)
 estimates = st.floats(allow_nan=False, allow_infinity=False)
-words = st.text(max_size=30) | st.sampled_from(
-    ['"', "'", '"""', "\n", "\r\n", "\t", "\\", "\0", "\x7f", "# x"]
-)
+words = st.text(max_size=30) | st.sampled_from(['"', "'", '"""', "\n", "\r\n", "\t", "\\", "\0", "\x7f", "# x"])
 
 TWO = Tuning(
     (ChannelTuning("a", "V", 1e-3, 1.0), ChannelTuning("b", "°C", 2.0, 1.0, p0=4.0, x0=-1.5, how="EM")),
@@ -114,7 +112,7 @@ def test_extreme_variances_come_back_bit_for_bit(q: float) -> None:
 
 @given(tunings(), tunings())
 def test_saving_over_any_tuning_saves_every_value(old: Tuning, new: Tuning) -> None:
-    from kalscope.tuning import _plain  # noqa: PLC0415
+    from kalscope.tuning import _plain
 
     again = loads(updated(dumps(old), _plain(new)))
     assert again == new
@@ -252,9 +250,7 @@ def test_files_by_windows_notepad_load(tmp_path: Path) -> None:
 
 
 def test_unknown_keys_are_ignored_and_optional_ones_have_defaults() -> None:
-    text = (
-        'format = 1\nfuture = [1, {a = 2}]\n[extra]\nq = 1\n[[channel]]\nname = "a"\nq = 1\nr = 0\nnote = 3\n'
-    )
+    text = 'format = 1\nfuture = [1, {a = 2}]\n[extra]\nq = 1\n[[channel]]\nname = "a"\nq = 1\nr = 0\nnote = 3\n'
     assert loads(text).channels == (ChannelTuning("a", "", 1.0, 0.0, how=""),)
 
 
@@ -362,9 +358,7 @@ def test_dots_in_strings_and_comments_are_no_deep_keys() -> None:
     ],
     ids=["missing", "folder", "binary", "utf-16", "large", "NUL"],
 )
-def test_files_that_are_no_tuning_are_refused_in_one_line_with_their_name(
-    tmp_path: Path, make, says: str
-) -> None:
+def test_files_that_are_no_tuning_are_refused_in_one_line_with_their_name(tmp_path: Path, make, says: str) -> None:
     path = tmp_path / "t\n.toml"
     make(path)
     with pytest.raises(BadFile, match=says) as caught:

@@ -8,10 +8,12 @@ from typing import Any
 
 import viser
 
+from kalscope_app.changes import set_dark
 from kalscope_app.engine import Engine
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
-from kalscope_app.session import Session, State, set_dark
+from kalscope_app.session import Session
+from kalscope_app.state import State
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.layout import CANVAS_WIDTH, FIRST_RIGHT_WIDTH, Panels, WindowFinder, sizes_for
 from kalscope_app.views.numbers import NumbersView

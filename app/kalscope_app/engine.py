@@ -12,7 +12,8 @@ from collections.abc import Callable
 
 from kalscope.errors import KalscopeError
 from kalscope_app.frame import Frame, Shown, choose_shown, compute_frame
-from kalscope_app.session import Session, State
+from kalscope_app.session import Session
+from kalscope_app.state import State
 
 LEAST_INTERVAL = 0.04
 """Seconds between two frames at least: a browser that is slower builds a backlog that nothing drops."""

@@ -12,7 +12,7 @@ from kalscope.filtering import FilterResult, kalman_filter
 from kalscope.recording import Recording
 from kalscope.steady_state import SteadyState, steady_state
 from kalscope_app.charts import choose_indices
-from kalscope_app.session import State
+from kalscope_app.state import State
 
 Array = NDArray[np.float64]
 

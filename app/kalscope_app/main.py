@@ -14,7 +14,7 @@ import typer
 from kalscope.cli import app, run
 
 if TYPE_CHECKING:
-    from kalscope_app.session import State
+    from kalscope_app.state import State
 
 
 @app.command("open")
@@ -63,7 +63,7 @@ def first_state(source: str, config: Path | None, sample_period: float | None = 
     from kalscope.errors import BadSetting
     from kalscope.sources import open_source
     from kalscope.tuning import load_tuning
-    from kalscope_app.session import opened, opened_with
+    from kalscope_app.state import opened, opened_with
 
     if config is None:
         return opened(open_source(source or "demo", sample_period=sample_period))

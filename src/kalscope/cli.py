@@ -59,7 +59,7 @@ def _number_option(name: str, text: str) -> Any:
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version as installed  # noqa: PLC0415
+        from importlib.metadata import version as installed
 
         print(f"kalscope {installed('kalscope')}")
         raise typer.Exit
@@ -105,19 +105,17 @@ def filter_command(
 
     --q, --r, --p0 and --x0 outrank --config. With none of them q and r are guessed from the signal.
     """
-    from kalscope.filter_choice import params_for, params_for_stdin  # noqa: PLC0415
+    from kalscope.filter_choice import params_for, params_for_stdin
 
     given = _given(q=q, r=r, p0=p0, x0=x0)
     period = None if sample_period is None else _number("--sample-period", sample_period)
     if source == "-":
         if output is not None:
-            raise BadSetting(
-                '-o must be left out where SOURCE is "-": the answers go to stdout, line by line'
-            )
+            raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
         _filter_stdin(*params_for_stdin(config, given, channel, period))
         return
-    from kalscope.sources import open_source  # noqa: PLC0415
-    from kalscope.sources.csv_writer import filtered_csv_chunks  # noqa: PLC0415
+    from kalscope.sources import open_source
+    from kalscope.sources.csv_writer import filtered_csv_chunks
 
     if output is not None and output.exists() and os.path.exists(source) and output.samefile(source):
         raise BadSetting(f"-o must be another file than SOURCE (got {source!r} twice)")
@@ -126,6 +124,20 @@ def filter_command(
     _write(filtered_csv_chunks(recording, params), output)
     for note in notes:  # last, so that an error is the only line
         _say(f"note: {note}")
+
+
+@app.command("bench")
+def bench_command(
+    as_json: Annotated[bool, typer.Option("--json", help="Print the rows as JSON.")] = False,
+    samples: Annotated[
+        str | None, typer.Option("--samples", metavar="N", help="Length of the long record; else 10 million.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Less work and fewer turns, rougher figures.")] = False,
+) -> None:
+    """Measure the speed of the filter against numpy, scipy and other Kalman libraries, as ratios."""
+    from kalscope.bench_command import bench
+
+    bench(as_json=as_json, samples=samples, quick=quick)
 
 
 def _given(**texts: str | None) -> dict[str, float | None]:
@@ -149,7 +161,7 @@ def _number(option: str, text: str, word: str | None = None) -> float:
 
 def _filter_stdin(params: FilterParams | list[FilterParams], notes: list[str]) -> None:
     """Answer each line at once: whoever writes them may wait for the answer."""
-    from kalscope.line_filter import LineFilter  # noqa: PLC0415
+    from kalscope.line_filter import LineFilter
 
     for note in notes:
         _say(f"note: {note}")
@@ -174,7 +186,7 @@ def _lines(stream: BinaryIO) -> Iterator[bytes]:
 
 
 def _write(chunks: Iterator[str], output: Path | None) -> None:
-    from kalscope.atomic import atomic_file  # noqa: PLC0415
+    from kalscope.atomic import atomic_file
 
     with _stdout() if output is None else atomic_file(output) as file:
         for chunk in chunks:

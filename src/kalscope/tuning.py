@@ -192,9 +192,7 @@ def save_tuning(tuning: Tuning, path: str | os.PathLike[str]) -> None:
             before = read_text(path)
             parse(before)
         except BadFile as error:
-            raise BadFile(
-                f"{os.fspath(path)!r} must be a tuning file to be saved over (got: {error})"
-            ) from None
+            raise BadFile(f"{os.fspath(path)!r} must be a tuning file to be saved over (got: {error})") from None
     data = updated(before, _plain(tuning)).encode()
     if len(data) > MAX_BYTES:
         raise BadSetting(f"a tuning file must hold at most {MAX_BYTES} bytes (got {len(data)})")

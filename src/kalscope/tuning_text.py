@@ -31,9 +31,7 @@ _STRING_OR_COMMENT = re.compile(
 )
 _DEEP_KEY = re.compile(rf'(?<![\w-])(?:(?:[\w-]+|"")[ \t]*\.[ \t]*){{{MAX_DEPTH}}}')
 
-_TITLE = (
-    "Kalscope tuning: the parameters of a scalar Kalman noise filter. Edit freely: your comments are kept."
-)
+_TITLE = "Kalscope tuning: the parameters of a scalar Kalman noise filter. Edit freely: your comments are kept."
 _COMMENTS = {
     "date": "UTC",
     "selected": "the channel on the screen",

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from kalscope import Recording, kalman_filter
+from kalscope_app.changes import set_exponent, set_text
 from kalscope_app.engine import LEAST_INTERVAL, Engine, pause_before_frame
-from kalscope_app.session import Session, opened, set_exponent, set_text
+from kalscope_app.session import Session
+from kalscope_app.state import opened
 
 
 class Screen:

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, Recording, kalman_filter, steady_state
+from kalscope_app.changes import set_text, set_window
 from kalscope_app.charts import POINT_LIMIT
 from kalscope_app.frame import choose_shown, compute_frame, gain_axis, samples_to_settle
-from kalscope_app.session import opened, set_text, set_window
+from kalscope_app.state import opened
 
 
 def recording(n=20_000, missing=0.0, truth=False, period=0.01):

@@ -175,9 +175,7 @@ def test_the_printed_link_does_not_work_under_a_foreign_name():
 anything = st.text(st.characters(codec=None), max_size=60)
 nearly = st.builds(
     lambda start, junk, end: start + junk + end,
-    st.sampled_from(
-        ["", OWN, "localhost", f"http://{OWN}", "/", "/?token=", "kalscope_8080=", "/?websocket="]
-    ),
+    st.sampled_from(["", OWN, "localhost", f"http://{OWN}", "/", "/?token=", "kalscope_8080=", "/?websocket="]),
     anything,
     st.sampled_from(["", OWN, ":8080", ".local", ";", "&token=", f" {TOKEN[:-1]}"]),
 )
@@ -221,9 +219,7 @@ def test_no_name_but_our_own_is_allowed(host):
 # --- settings, pages, headers -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "token", ["", "short", "a" * 129, "with space-16-chars", "semi;colon-16-chars", "ö" * 20]
-)
+@pytest.mark.parametrize("token", ["", "short", "a" * 129, "with space-16-chars", "semi;colon-16-chars", "ö" * 20])
 def test_a_token_that_a_cookie_cannot_carry_is_a_bad_setting(token):
     with pytest.raises(BadSetting, match="token must have 16 to 128"):
         Policy(8080, token)

@@ -136,9 +136,7 @@ def test_a_value_is_taken(bench, scope):
 
 
 @SCOPES
-@pytest.mark.parametrize(
-    "attribute", ["removed", "update_cb", "is_button", "update_timestamp", "uuid", "sync_cb"]
-)
+@pytest.mark.parametrize("attribute", ["removed", "update_cb", "is_button", "update_timestamp", "uuid", "sync_cb"])
 def test_no_other_attribute_of_a_widget_can_be_set(bench, scope, attribute):
     state = bench.texts[scope]._impl
     bench.update(scope, **{attribute: "hostile"})
@@ -191,9 +189,7 @@ def test_an_empty_upload_arrives(bench, scope):
 
 
 @SCOPES
-@pytest.mark.parametrize(
-    ("size", "parts"), [(CAP + 1, 3), (10**12, 2 * 10**6), (CAP, 10**9), (5, 0), (-1, 0)]
-)
+@pytest.mark.parametrize(("size", "parts"), [(CAP + 1, 3), (10**12, 2 * 10**6), (CAP, 10**9), (5, 0), (-1, 0)])
 def test_an_oversize_upload_is_refused_before_a_part_is_stored(bench, scope, size, parts):
     uuid = bench.buttons[scope]._impl.uuid
     bench.start(uuid, size, parts)

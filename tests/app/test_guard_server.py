@@ -27,9 +27,7 @@ TOKEN = "T0ken-T0ken_T0ken"
 PATIENCE = 10.0
 """Seconds that a test waits for something that must come; nothing waits that long when all is well."""
 
-UPGRADE = (
-    "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
-)
+UPGRADE = "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
 
 
 @pytest.fixture(scope="module")

@@ -68,7 +68,5 @@ def test_panels_that_may_be_too_wide_ask_for_room_and_are_measured_again(width):
     finder.report(width, 800, wide)
     assert finder.report(canvas(width, wide), 800, wide) is None
     assert finder.needs_room
-    assert finder.report(canvas(width), 800, DOCKED) == pytest.approx(
-        (width, 800), rel=0.01
-    )
+    assert finder.report(canvas(width), 800, DOCKED) == pytest.approx((width, 800), rel=0.01)
     assert not finder.needs_room

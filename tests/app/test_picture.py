@@ -9,7 +9,7 @@ import pytest
 
 from kalscope import Recording
 from kalscope_app.frame import choose_shown, compute_frame
-from kalscope_app.session import opened
+from kalscope_app.state import opened
 from kalscope_app.views.picture import VISIBLE, WIDTH, draw_picture
 
 

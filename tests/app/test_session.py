@@ -11,11 +11,8 @@ import pytest
 
 from kalscope import BadSetting, FilterParams, Recording
 from kalscope.tuning import ChannelTuning, Tuning
-from kalscope_app.session import (
-    Session,
+from kalscope_app.changes import (
     follow_end,
-    opened,
-    opened_with,
     parse_number,
     reset_parameters,
     reset_view,
@@ -25,8 +22,9 @@ from kalscope_app.session import (
     set_sample_period,
     set_text,
     set_window,
-    slider_limits,
 )
+from kalscope_app.session import Session
+from kalscope_app.state import opened, opened_with, slider_limits
 
 
 def recording(n=1000, period=0.01, scale=1.0, names=("a", "b"), sha256="x"):

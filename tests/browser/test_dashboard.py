@@ -86,7 +86,16 @@ def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_never_the_zoom(start)
     assert screen.range("x") == zoom
     screen.shot("tuned-and-zoomed")
 
+    screen.page.get_by_role("button", name="Undo").click()
+    screen.wait_for_line("filtered", filtered(DEMO, q=1e-9))
+    screen.page.get_by_role("button", name="Redo").click()
+    screen.wait_for_line("filtered", filtered(DEMO, q=1e-9, r=2.5))
     screen.page.get_by_role("button", name="Reset q, r and the start").click()
+    screen.wait_for_line("filtered", filtered(DEMO))
+    screen.slider("q").focus()
+    screen.page.keyboard.press("Control+z")
+    screen.wait_for_line("filtered", filtered(DEMO, q=1e-9, r=2.5))
+    screen.page.keyboard.press("Control+Shift+z")
     screen.wait_for_line("filtered", filtered(DEMO))
     assert screen.range("x") == zoom
     screen.page.get_by_role("button", name="Reset view").click()

@@ -13,7 +13,7 @@ from kalscope.sources.csv_writer import filtered_csv
 from kalscope.tuning import dumps, save_tuning
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
-from kalscope_app.session import State
+from kalscope_app.state import State
 
 
 class ExportView:

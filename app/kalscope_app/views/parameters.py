@@ -7,16 +7,10 @@ from typing import Any
 
 import viser
 
+from kalscope_app.changes import reset_parameters, select_channel, set_automatic_start, set_exponent, set_text
 from kalscope_app.frame import Frame
-from kalscope_app.session import (
-    Session,
-    reset_parameters,
-    select_channel,
-    set_automatic_start,
-    set_exponent,
-    set_text,
-    slider_limits,
-)
+from kalscope_app.session import Session, redo, undo
+from kalscope_app.state import slider_limits
 from kalscope_app.views.words import squared, typed
 
 NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "start variance p0"}
@@ -56,11 +50,15 @@ class ParametersView:
                 "start value x0",
                 "The estimate before the first sample; 0 is allowed, empty is the first sample. Only the start.",
             )
+        self._steps = gui.add_button_group("", ("Undo", "Redo"), hint="Also Ctrl+Z, Ctrl+Shift+Z.")
         self._reset = gui.add_button("Reset q, r and the start", hint="Back to r = var(Δz)/2 and q = r/100.")
         form.on_submit(self._on_submit)
         self._channel.on_update(self._on_channel)
         self._start.on_update(self._on_start)
         self._reset.on_click(self._on_reset)
+        self._steps.on_click(self._on_step)
+        gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger(self._on_undo)
+        gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift").on_trigger(self._on_redo)
 
     async def _on_channel(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
@@ -72,6 +70,15 @@ class ParametersView:
 
     async def _on_reset(self, _event: viser.GuiEvent[Any]) -> None:
         self._session.request(reset_parameters)
+
+    async def _on_step(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.request(undo if self._steps.value == "Undo" else redo)
+
+    async def _on_undo(self, _event: viser.CommandEvent) -> None:
+        self._session.request(undo)
+
+    async def _on_redo(self, _event: viser.CommandEvent) -> None:
+        self._session.request(redo)
 
     async def _on_submit(self, _event: viser.GuiEvent[Any]) -> None:
         for box in (*(control.typed for control in self._controls), self._x0):

@@ -14,9 +14,11 @@ import viser
 from kalscope.recording import Recording
 from kalscope.sources import list_samples, open_source, read_recording
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
+from kalscope_app.changes import set_sample_period
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
-from kalscope_app.session import Session, opened, set_sample_period
+from kalscope_app.session import Session
+from kalscope_app.state import opened
 from kalscope_app.views.words import count, duration, plain, typed
 
 MINE = "–"

@@ -6,9 +6,10 @@ from typing import Any
 
 import viser
 
+from kalscope_app.changes import follow_end, reset_view, set_window
 from kalscope_app.charts import Scale, time_scale_for
 from kalscope_app.frame import Frame
-from kalscope_app.session import Session, follow_end, reset_view, set_window
+from kalscope_app.session import Session
 from kalscope_app.views.words import number
 
 

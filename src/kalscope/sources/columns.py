@@ -148,9 +148,7 @@ def _base(column: Column) -> tuple[str, str]:
 
 def _rises_steadily(cells: list[str], decimal: str) -> bool:
     """True for eight or more rising stamps of nearly even step; a counter 0, 1, 2, … is none."""
-    stamps = np.array(
-        [value if (value := parse_number(cell, decimal)) is not None else np.nan for cell in cells]
-    )
+    stamps = np.array([value if (value := parse_number(cell, decimal)) is not None else np.nan for cell in cells])
     stamps = stamps[np.isfinite(stamps) & (np.abs(stamps) < 1e20)]
     if stamps.size < 8 or stamps.size < 0.9 * len(cells):
         return False

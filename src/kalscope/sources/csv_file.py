@@ -10,8 +10,8 @@ rejected: its samples have no place.
 from __future__ import annotations
 
 import hashlib
-import os
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -113,9 +113,7 @@ def _keep_channels(
     """Columns that are channels and what to say about them; BadFile where no sample is left."""
     if tally.rows == 0:
         last = tally.issues[-1].reason if tally.issues else "no data lines"
-        raise BadFile(
-            f"{name} must hold a whole line of numbers (got {tally.rejected} rejected lines: {last})"
-        )
+        raise BadFile(f"{name} must hold a whole line of numbers (got {tally.rejected} rejected lines: {last})")
     names = [column.name or f"column {i + 1}" for i, column in enumerate(layout.columns)]
     channels = [i for i, column in enumerate(layout.columns) if column.role == "channel"]
     finite = np.isfinite(table)

@@ -84,9 +84,7 @@ def split_labels(line: str) -> list[tuple[str, str]] | None:
     text = line.strip().removeprefix(">")
     if any(mark in text for mark in ",;\t"):
         parts = [part for part in re.split(r"[,;\t]", text) if part.strip()]
-        pairs = [
-            (label.strip(), value.strip()) for label, _, value in (part.partition(":") for part in parts)
-        ]
+        pairs = [(label.strip(), value.strip()) for label, _, value in (part.partition(":") for part in parts)]
         complete = all(":" in part for part in parts)
     elif text.count(":") == 1:
         label, _, value = text.partition(":")

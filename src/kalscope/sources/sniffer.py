@@ -130,9 +130,7 @@ def sniff(head: Sequence[str]) -> Layout | None:
 
 def _candidate_lines(head: Sequence[str]) -> tuple[list[_Line], bool]:
     """Lines that may hold data, with their number; stamps split off where most lines begin with one."""
-    lines = [
-        _Line(i, text, "") for i, text in enumerate(head, 1) if not is_blank(text) and not is_comment(text)
-    ]
+    lines = [_Line(i, text, "") for i, text in enumerate(head, 1) if not is_blank(text) and not is_comment(text)]
     split = [(line, split_stamp(line.text)) for line in lines]
     stamped = [_Line(line.number, parts[1], parts[0]) for line, parts in split if parts is not None]
     if stamped and len(stamped) > len(lines) / 2:
@@ -247,8 +245,7 @@ def _read_header(
     if fits == [True, True] and len(rows[0][1]) == width and are_units(rows[0][1]):
         columns = _columns(rows[1][1], width)
         said = [
-            replace(c, unit=bare_unit(unit)) if unit else c
-            for c, unit in zip(columns, rows[0][1], strict=True)
+            replace(c, unit=bare_unit(unit)) if unit else c for c, unit in zip(columns, rows[0][1], strict=True)
         ]
         return (
             (rows[0], rows[1]),
@@ -278,9 +275,7 @@ def _names_fit(names: Cells, width: int) -> bool:
     return len(names) == width or (width > 2 and width - 1 <= len(names) <= 2 * width)
 
 
-def _commented_header(
-    head: Sequence[str], form: LineFormat, width: int, first: int
-) -> tuple[int, Cells] | None:
+def _commented_header(head: Sequence[str], form: LineFormat, width: int, first: int) -> tuple[int, Cells] | None:
     """The last comment above the data where it is a list of names, as `# time ax ay` of numpy.savetxt."""
     for number in range(first - 1, 0, -1):
         text = head[number - 1]

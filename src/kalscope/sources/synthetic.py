@@ -119,9 +119,7 @@ def synthesize(shape: str | SignalSettings, **settings: Any) -> Recording:
     known = {item.name for item in fields(SignalSettings)} - {"shape"}
     unknown = set(settings) - (known if isinstance(shape, str) else set())
     if unknown:
-        raise BadSetting(
-            f"setting must be one of {', '.join(sorted(known))} (got {', '.join(sorted(unknown))})"
-        )
+        raise BadSetting(f"setting must be one of {', '.join(sorted(known))} (got {', '.join(sorted(unknown))})")
     chosen = SignalSettings(shape, **settings) if isinstance(shape, str) else shape
     rng = np.random.default_rng(chosen.seed)
     time = np.arange(chosen.n, dtype=np.float64) * float(chosen.sample_period)
@@ -183,9 +181,7 @@ _PERIODIC: dict[str, Callable[[NDArray[np.float64], float], NDArray[np.float64]]
 }
 
 
-def _measure(
-    truth: NDArray[np.float64], settings: SignalSettings, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _measure(truth: NDArray[np.float64], settings: SignalSettings, rng: np.random.Generator) -> NDArray[np.float64]:
     """What the sensor says of the truth, shape (n, channels)."""
     values = truth + settings.sigma * _unit_noise(settings.noise, truth.shape, rng)
     if settings.outliers:

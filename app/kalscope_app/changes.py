@@ -1,0 +1,132 @@
+"""The changes that can be asked for: each returns a function State -> State that checks all it was given.
+
+A browser may send anything, so a change clamps its values or raises BadSetting; it never trusts a widget's limits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from kalscope.errors import BadSetting
+from kalscope_app.state import State, slider_limits, timed
+
+Change = Callable[[State], State]
+
+
+def set_exponent(name: str, exponent: float) -> Change:
+    """A slider was moved: q, r or p0 becomes 10^exponent; moving p0 means a start by value."""
+
+    def change(state: State) -> State:
+        if not math.isfinite(exponent):
+            return state
+        low, high = slider_limits(state, name)
+        value = 10.0 ** min(max(exponent, low), high)
+        return state.with_tuning(**{name: float(f"{value:.2e}")}, how="by hand")  # three digits suit a slider
+
+    return change
+
+
+def set_text(name: str, text: str) -> Change:
+    """An exact value was typed for q, r, p0 or x0; an empty or "first" x0 is the first sample."""
+
+    def change(state: State) -> State:
+        if name == "x0" and text.strip().lower() in ("", "first"):
+            return state.with_tuning(x0=None)
+        value = parse_number(name, text)
+        if getattr(state.tuning, name) == value:
+            return state
+        if name == "x0" and state.tuning.p0 is None:
+            return state.with_tuning(x0=value, p0=state.tuning.r, how="by hand")
+        return state.with_tuning(**{name: value}, how="by hand")
+
+    return change
+
+
+def set_automatic_start(automatic: bool) -> Change:
+    """Automatic (diffuse) start at the first sample, or p0 and x0 by value, beginning with p0 = r."""
+
+    def change(state: State) -> State:
+        if automatic == (state.tuning.p0 is None):
+            return state
+        return state.with_tuning(p0=None if automatic else max(state.tuning.r, 1e-300), x0=None)
+
+    return change
+
+
+def reset_parameters(state: State) -> State:
+    """Back to the starting values of the channel."""
+    start = state.starts[state.recording.index(state.channel)]
+    return state.with_tuning(q=start.q, r=start.r, p0=start.p0, x0=start.x0, how=start.how)
+
+
+def select_channel(name: str) -> Change:
+    """Look at another channel, with its own parameters."""
+
+    def change(state: State) -> State:
+        state.recording.index(name)
+        return state if name == state.channel else replace(state, channel=name, resets=state.resets + 1, note="")
+
+    return change
+
+
+def set_window(first: float, last: float) -> Change:
+    """Show the recording from `first` to `last`, s; at least ten samples; the whole of it is None."""
+
+    def change(state: State) -> State:
+        t = state.recording.time
+        begin, end = float(t.min()), float(t.max())
+        if not (math.isfinite(first) and math.isfinite(last)):
+            return state
+        low, high = sorted((min(max(first, begin), end), min(max(last, begin), end)))
+        least = 10.0 * (state.recording.sample_period or 1.0)
+        if high - low < least:
+            low, high = max(begin, min(low, end - least)), min(end, max(high, low + least))
+        window = None if low <= begin and high >= end else (low, high)
+        return state if window == state.window else replace(state, window=window)
+
+    return change
+
+
+def reset_view(state: State) -> State:
+    """Show the whole recording and forget the zoom."""
+    return replace(state, window=None, resets=state.resets + 1)
+
+
+def follow_end(state: State) -> State:
+    """Move the window, at its present length (a tenth of the recording if it shows all), to the end."""
+    t = state.recording.time
+    begin, end = float(t.min()), float(t.max())
+    length = state.window[1] - state.window[0] if state.window else (end - begin) / 10.0
+    return replace(set_window(end - length, end)(state), resets=state.resets + 1)
+
+
+def set_dark(dark: bool) -> Change:
+    """Dark or light theme."""
+    return lambda state: replace(state, dark=bool(dark))
+
+
+def parse_number(name: str, text: str) -> float:
+    """The number in a text box; decimal comma allowed.
+
+    Raises:
+        BadSetting: it is no number.
+    """
+    try:
+        value = float(text.strip().replace(",", "."))
+    except ValueError:
+        raise BadSetting(f"{name} must be a number such as 0.01 or 1e-9 (got {text[:40]!r})") from None
+    if not math.isfinite(value):
+        raise BadSetting(f"{name} must be a finite number (got {text[:40]!r})")
+    return value
+
+
+def set_sample_period(text: str) -> Change:
+    """The time between two samples was typed, s, for a recording that does not tell it."""
+
+    def change(state: State) -> State:
+        recording = timed(state.recording, parse_number("sample period", text))
+        return replace(state, recording=recording, window=None, resets=state.resets + 1)
+
+    return change

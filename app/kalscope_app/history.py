@@ -1,0 +1,78 @@
+"""Undo and redo of gestures, pure: what is remembered, what belongs to one gesture, the steps back and forth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from kalscope_app.state import State
+
+LIMIT = 200
+"""Gestures that can be undone."""
+
+RECORDINGS = 4
+"""Recordings that the remembered states may hold on to; older states are forgotten, because they fill memory."""
+
+SAME_GESTURE = 1.0
+"""Seconds: changes of one control that follow each other faster are one gesture."""
+
+
+@dataclass(frozen=True)
+class History:
+    """States before and after the present one."""
+
+    past: tuple[State, ...] = ()
+    """Oldest first."""
+    future: tuple[State, ...] = ()
+    """Undone states, the nearest first."""
+    key: str = ""
+    """Control of the last gesture; "" never continues."""
+    time: float = 0.0
+    """When it last changed something, s."""
+
+
+def record(history: History, before: State, after: State, key: str, now: float) -> History:
+    """Remember `before` if `after` differs in what a person tunes; the view and the theme do not count."""
+    if _essence(before) == _essence(after):
+        return history
+    if key and key == history.key and now - history.time < SAME_GESTURE:
+        return replace(history, future=(), time=now)
+    return History(_within_limits((*history.past, before)), (), key, now)
+
+
+def step_back(history: History, present: State) -> tuple[History, State]:
+    """One gesture back; the same if there is none."""
+    if not history.past:
+        return history, present
+    past = History(history.past[:-1], (present, *history.future))
+    return past, _seen_as(present, history.past[-1])
+
+
+def step_forward(history: History, present: State) -> tuple[History, State]:
+    """One undone gesture forward; the same if there is none."""
+    if not history.future:
+        return history, present
+    future = History((*history.past, present), history.future[1:])
+    return future, _seen_as(present, history.future[0])
+
+
+def _essence(state: State) -> tuple[object, ...]:
+    return id(state.recording), state.channel, state.tunings
+
+
+def _seen_as(present: State, other: State) -> State:
+    """The other state in the present theme and, on the same recording, in the present window."""
+    window = present.window if present.recording is other.recording else other.window
+    same_view = present.recording is other.recording and present.channel == other.channel
+    resets = present.resets if same_view else present.resets + 1
+    return replace(other, dark=present.dark, window=window, resets=resets, note="")
+
+
+def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:
+    kept: list[State] = []
+    seen: set[int] = set()
+    for state in reversed(past[-LIMIT:]):
+        seen.add(id(state.recording))
+        if len(seen) > RECORDINGS:
+            break
+        kept.append(state)
+    return tuple(reversed(kept))

@@ -1,0 +1,129 @@
+"""What the person has chosen, as one frozen State, and how a newly opened recording begins. No viser here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kalscope.errors import BadSetting
+from kalscope.model import FilterParams, starting_params
+from kalscope.recording import Recording
+from kalscope.tuning import ChannelTuning, Tuning
+
+DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
+"""Reach of each slider, in decades around the starting r of the channel."""
+
+
+@dataclass(frozen=True)
+class State:
+    """All that decides what is on screen."""
+
+    recording: Recording
+    """What is open."""
+    channel: str
+    """The channel on screen, one of recording.names."""
+    tunings: tuple[ChannelTuning, ...]
+    """The parameters of every channel, in the order of recording.names."""
+    starts: tuple[ChannelTuning, ...]
+    """What they were when the recording was opened; Reset goes back there."""
+    window: tuple[float, float] | None = None
+    """First and last moment on screen, s; None = the whole recording."""
+    dark: bool = False
+    """Dark theme."""
+    resets: int = 0
+    """How often the view was reset: a new number tells the charts to forget their zoom."""
+    note: str = ""
+    """One sentence on what the last change did, where that needs saying."""
+
+    @property
+    def tuning(self) -> ChannelTuning:
+        """Parameters of the channel on screen."""
+        return self.tunings[self.recording.index(self.channel)]
+
+    @property
+    def params(self) -> FilterParams:
+        """The same as the filter takes them."""
+        return self.tuning.params
+
+    def with_tuning(self, **values: object) -> State:
+        """The state with other parameters for the channel on screen; refused as FilterParams refuses."""
+        changed = replace(self.tuning, **values)  # pyright: ignore[reportArgumentType]
+        at = self.recording.index(self.channel)
+        tunings = (*self.tunings[:at], changed, *self.tunings[at + 1 :])
+        return replace(self, tunings=tunings, note="")
+
+    def as_tuning(self) -> Tuning:
+        """What the tuning file holds."""
+        rec = self.recording
+        return Tuning(
+            channels=self.tunings,
+            source=rec.source,
+            source_name=rec.title,
+            sha256=rec.sha256,
+            sample_period=rec.sample_period,
+            selected=self.channel,
+        )
+
+
+def opened(recording: Recording, before: State | None = None) -> State:
+    """A state that looks at a newly opened recording, every channel at its starting values."""
+    starts = tuple(starting_tuning(recording, name) for name in recording.names)
+    resets = before.resets + 1 if before else 0
+    dark = before.dark if before else False
+    return State(recording, recording.names[0], starts, starts, dark=dark, resets=resets)
+
+
+def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
+    """R = var(Δz)/2 and q = r/100 of one channel, automatic start."""
+    start = starting_params(recording.channel(name))
+    unit = recording.units[recording.index(name)]
+    return ChannelTuning(name, unit, float(start.q), float(start.r), None, None, "starting values")
+
+
+def opened_with(recording: Recording, tuning: Tuning, before: State | None = None) -> State:
+    """A state at the values of a tuning file: q follows the sample period; channels it lacks start afresh.
+
+    Raises:
+        BadSetting: none of the recording's channels is in the file.
+    """
+    if recording.sample_period is None and tuning.sample_period is not None:
+        recording = timed(recording, tuning.sample_period)
+    state = opened(recording, before)
+    notes: list[str] = []
+    if tuning.sha256 and recording.sha256 and tuning.sha256 != recording.sha256:
+        notes.append("This recording is not the one the tuning was made on.")
+    old, new = tuning.sample_period, recording.sample_period
+    if old and new and not math.isclose(old, new, rel_tol=1e-3):
+        tuning = tuning.rescaled(new)
+        notes.append(f"The sample period is {new:.4g} s, not {old:.4g} s: q was scaled by {new / old:.4g}.")
+    given = {channel.name: channel for channel in tuning.channels}
+    common = [name for name in recording.names if name in given]
+    if not common:
+        has, wants = ", ".join(recording.names), ", ".join(given)
+        raise BadSetting(f"the recording must have a channel of the tuning, {wants} (got {has})")
+    tunings = tuple(given.get(t.name, t) for t in state.tunings)
+    channel = tuning.selected if tuning.selected in common else common[0]
+    return replace(state, tunings=tunings, channel=channel, note=" ".join(notes))
+
+
+def timed(recording: Recording, sample_period: float) -> Recording:
+    """A recording without time, taken to be sampled every `sample_period` s, > 0; one with time stays as it is."""
+    if recording.sample_period is not None:
+        return recording
+    if not (0.0 < sample_period < math.inf):
+        raise BadSetting(f"sample period must be a finite number of seconds above 0 (got {sample_period:g})")
+    time = np.arange(len(recording)) * sample_period
+    return replace(recording, time=time, sample_period=sample_period)
+
+
+def slider_limits(state: State, name: str) -> tuple[int, int]:
+    """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside."""
+    start = state.starts[state.recording.index(state.channel)]
+    centre = round(math.log10(start.r))
+    low, high = (centre + reach for reach in DECADES[name])
+    value = getattr(state.tuning, name)
+    if value:
+        low, high = min(low, math.floor(math.log10(value))), max(high, math.ceil(math.log10(value)))
+    return max(low, -300), min(high, 300)
