@@ -70,9 +70,7 @@ def kalman_filter(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = Non
     return FilterResult(x, p, k, innovation, s, np.array(loglik), np.array(m), np.array(rejected))
 
 
-def denoise(
-    z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None, out: Array | None = None
-) -> Array:
+def denoise(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None, out: Array | None = None) -> Array:
     """The filtered signal only, as fast as memory allows; within 1e-12 · max|z| of `kalman_filter`.
 
     Args:
@@ -114,9 +112,7 @@ class KalmanFilter:
     def __init__(self, params: FilterParams) -> None:
         self.params = params
         self._scalar = params.channels is None
-        self._states: list[_State] = [
-            _State(*values) for values in _per_channel(params, params.channels or 1)
-        ]
+        self._states: list[_State] = [_State(*values) for values in _per_channel(params, params.channels or 1)]
 
     @property
     def x(self) -> float | Array:

@@ -110,9 +110,7 @@ def filter_channel(
 
 
 @njit(cache=True, nogil=True)
-def denoise_channel(
-    z: Array, dt: Array, q: float, r: float, gate: float, x: float, p: float, out: Array
-) -> int:
+def denoise_channel(z: Array, dt: Array, q: float, r: float, gate: float, x: float, p: float, out: Array) -> int:
     """Filter one channel into `out` (not z itself), x only: in chunks once the variance has settled.
 
     Returns -1, or the index of the first infinite sample, where it stops.

@@ -99,9 +99,7 @@ def ratio_for(
     }
     given = {name: value for name, value in wishes.items() if value is not None}
     if len(given) != 1:
-        raise BadSetting(
-            f"exactly one of {', '.join(wishes)} must be given (got {', '.join(given) or 'none'})"
-        )
+        raise BadSetting(f"exactly one of {', '.join(wishes)} must be given (got {', '.join(given) or 'none'})")
     ((name, wish),) = given.items()
     value = _positive(name, wish)
     if name == "gain":
@@ -119,9 +117,7 @@ def ratio_for(
     if name == "lag_s":
         return ratio_for(lag_samples=value / period)
     if value * period > 0.5:
-        raise BadSetting(
-            f"cutoff_hz must be at most half the sample rate, {0.5 / period:g} Hz (got {value:g})"
-        )
+        raise BadSetting(f"cutoff_hz must be at most half the sample rate, {0.5 / period:g} Hz (got {value:g})")
     return 4.0 * math.sin(math.pi * value * period) ** 2
 
 

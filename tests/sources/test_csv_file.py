@@ -36,9 +36,7 @@ def _accounted(recording):
     return parts == report.lines
 
 
-CLEAN = "t,a,b\n" + "".join(
-    f"{0.01 * i:.2f},{20 + 0.37 * i:.4f},{-3 + 0.01 * i * i:.3f}\n" for i in range(40)
-)
+CLEAN = "t,a,b\n" + "".join(f"{0.01 * i:.2f},{20 + 0.37 * i:.4f},{-3 + 0.01 * i * i:.3f}\n" for i in range(40))
 
 
 def _oracle(text):
@@ -326,9 +324,7 @@ def _check_any_bytes(path, data):
         written = {float(word.replace(",", ".")) for word in _WRITTEN.findall(text)}
         # Cells split at a decimal comma are parts of a written word.
         written |= {float(word) for word in re.findall(r"[-+]?[0-9]+(?:[eE][-+]?[0-9]+)?", text)}
-        written |= {
-            float(w) for w in re.findall(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", text)
-        }
+        written |= {float(w) for w in re.findall(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", text)}
         values = recording.values[np.isfinite(recording.values)]
         assert set(values.tolist()) <= written
 
@@ -341,9 +337,7 @@ def test_any_damage_is_accounted_for_and_invents_nothing(tmp_path_factory, seed,
 
 
 @settings(max_examples=300, deadline=None)
-@given(
-    st.binary(max_size=300) | st.text(alphabet='0123456789.,;:-+eE \t\n"#naT/', max_size=200).map(str.encode)
-)
+@given(st.binary(max_size=300) | st.text(alphabet='0123456789.,;:-+eE \t\n"#naT/', max_size=200).map(str.encode))
 def test_any_bytes_at_all_give_a_recording_or_a_bad_file(tmp_path_factory, data):
     _check_any_bytes(tmp_path_factory.getbasetemp() / "any.csv", data)
 
@@ -487,9 +481,7 @@ def test_a_real_recording_reads_as_the_catalogue_says(name, channel, rows, good,
 
 
 @needs_data
-@pytest.mark.parametrize(
-    "name", ["basic_motions/BasicMotions_TRAIN.ts", "solar_stations/bsrn-lr0100-pay0616.dat"]
-)
+@pytest.mark.parametrize("name", ["basic_motions/BasicMotions_TRAIN.ts", "solar_stations/bsrn-lr0100-pay0616.dat"])
 def test_a_text_that_is_no_table_of_samples_is_refused(name):
     with pytest.raises(BadFile, match="table of numbers"):
         read_recording(SHARED / name)

@@ -26,9 +26,7 @@ NAN = math.nan
 def recording(values: object, names: tuple[str, ...] = ("a",), period: float = 0.01) -> Recording:
     table = np.array(values, dtype=float)
     table = table.reshape(len(table), len(names))
-    return Recording(
-        np.arange(len(table), dtype=np.float64) * period, names, ("",) * len(names), table, period
-    )
+    return Recording(np.arange(len(table), dtype=np.float64) * period, names, ("",) * len(names), table, period)
 
 
 def rows(text: str) -> list[list[str]]:
@@ -50,8 +48,7 @@ def test_every_number_comes_back_bit_for_bit(samples: list[float]) -> None:
     source = recording(samples)
     expected = kalman_filter(source.channel("a"), PARAMS)
     table = [
-        [float(cell) if cell else NAN for cell in row]
-        for row in rows(filtered_csv(source, {"a": PARAMS}))[1:]
+        [float(cell) if cell else NAN for cell in row] for row in rows(filtered_csv(source, {"a": PARAMS}))[1:]
     ]
     variance = np.where(np.isfinite(expected.p), expected.p, NAN)
     columns = [source.time, source.channel("a"), expected.x, variance]
@@ -103,9 +100,7 @@ def test_the_filtered_csv_can_be_filtered_again(tmp_path: Path) -> None:
     assert len(set(header)) == len(header) == 10
 
 
-@given(
-    st.lists(st.text(max_size=8) | st.sampled_from(["time", "a", "a_filtered", "a_filtered_2"]), unique=True)
-)
+@given(st.lists(st.text(max_size=8) | st.sampled_from(["time", "a", "a_filtered", "a_filtered_2"]), unique=True))
 def test_headers_are_distinct_plain_and_run_no_formula(names: list[str]) -> None:
     line = csv_header(names)
     assert line.count("\n") == 1

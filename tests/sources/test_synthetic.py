@@ -68,8 +68,7 @@ def test_truths_follow_their_formulas():
 
 def test_a_walk_spreads_by_its_amplitude_in_one_period():
     ends = [
-        synthesize("random_walk", n=101, period=1.0, amplitude=3.0, seed=seed).truth[-1, 0]
-        for seed in range(400)
+        synthesize("random_walk", n=101, period=1.0, amplitude=3.0, seed=seed).truth[-1, 0] for seed in range(400)
     ]
     assert np.std(ends) == pytest.approx(3.0, rel=4 / math.sqrt(2 * 400))
 

@@ -26,9 +26,7 @@ def test_iso_stamps_are_microseconds_since_1970(cell, seconds):
     assert parse_calendar(cell) == seconds * 1e6
 
 
-@pytest.mark.parametrize(
-    "cell", ["1970-02-31", "0000-01-01", "1970-01-01 25:00:00", "hello", "1970", "1.5", ""]
-)
+@pytest.mark.parametrize("cell", ["1970-02-31", "0000-01-01", "1970-01-01 25:00:00", "hello", "1970", "1.5", ""])
 def test_what_is_no_date_is_none(cell):
     assert parse_calendar(cell) is None
 
