@@ -44,7 +44,7 @@ can-test:
 	$(BIN)/python -m pip install --quiet --editable ".[$*]"
 	touch $@
 
-.venv/check.stamp: .venv/test.stamp .venv/run.stamp
+.venv/check.stamp: .venv/test.stamp .venv/bench.stamp
 	$(BIN)/python -m pip install --quiet --editable ".[check]"
 	touch $@
 

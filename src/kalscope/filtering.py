@@ -142,6 +142,10 @@ class KalmanFilter:
         step = 1.0 if dt is None else float(dt)
         if not (0.0 <= step < math.inf):
             raise BadSetting(f"dt must be finite and not negative (got {dt})")
+        if self._scalar and isinstance(z, float) and not math.isinf(z):  # the usual case, without arrays
+            state = self._states[0]
+            state.take(z, step)
+            return state.x
         samples = np.atleast_1d(np.asarray(z, dtype=np.float64))
         if np.ndim(z) == 1 and self._scalar:
             self._spread(len(samples))

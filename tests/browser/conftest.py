@@ -18,6 +18,8 @@ FLAGS = (
     "--use-gl=angle",  # viser draws no widget without WebGL: draw it in software
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    "--disable-accelerated-2d-canvas",  # charts through SwiftShader take a second a frame
+    "--disable-gpu-rasterization",
     "--disable-quic",  # and nothing that calls home
     "--no-first-run",
     "--disable-background-networking",

@@ -1,0 +1,142 @@
+"""What the browser benchmarks share: the real program in a process of its own, and a real Chromium on it."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Browser, Locator, Page, sync_playwright
+
+PROGRAM = Path(sys.executable).with_name("kalscope")
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = (
+    "--no-sandbox",
+    "--use-gl=angle",  # viser draws no widget without WebGL: draw it in software
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-accelerated-2d-canvas",  # but the charts on the CPU: through the software GL one takes 0.8 s
+    "--disable-gpu-rasterization",
+    "--disable-quic",  # and nothing that calls home
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+SIGNAL_CHART = """Object.values(window.__viserTestpoints?.uplots ?? {}).map(entry => entry.chart)
+    .find(chart => chart.series.some(series => series.label === 'filtered'))"""
+"""JavaScript expression: the uPlot chart that holds the filtered line, undefined while there is none."""
+
+FILTERED = "chart.data[chart.series.findIndex(series => series.label === 'filtered')]"
+"""JavaScript expression: the numbers that the filtered line of `chart` is drawn from."""
+
+
+class Program:
+    """`kalscope open SOURCE` in a process of its own; use it in a `with`."""
+
+    def __init__(self, source: str) -> None:
+        self.process = subprocess.Popen(
+            [PROGRAM, "open", source, "--port", "0", "--no-browser"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._errors: list[str] = []
+        self._reader = threading.Thread(target=self._read_errors, daemon=True)
+        self._reader.start()  # a full pipe would stop the program
+        self.url = self._wait_for_line()
+
+    def _read_errors(self) -> None:
+        self._errors.extend(self.process.stderr or ())
+
+    def _wait_for_line(self) -> str:
+        for line in self.process.stdout or ():
+            if line.startswith("Kalscope: http"):
+                return line.split()[1]
+        self._reader.join(timeout=5.0)
+        raise RuntimeError(f"kalscope must print its link (it ended): {''.join(self._errors)}")
+
+    def __enter__(self) -> Program:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.send_signal(signal.SIGTERM)
+        try:
+            self.process.wait(timeout=15.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        if self.process.stdout is not None:
+            self.process.stdout.close()
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """A headless system Chromium."""
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        raise SystemExit(f"one of {', '.join(BROWSERS)} must be installed (got none)")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@contextmanager
+def dashboard_page(browser: Browser, url: str) -> Iterator[Page]:
+    """A page on the dashboard, charts drawn, viser's own notice closed, nothing more on its way."""
+    context = browser.new_context(viewport={"width": 1600, "height": 900})
+    try:
+        page = context.new_page()
+        page.set_default_timeout(30_000)
+        page.goto(url)
+        page.wait_for_function(f"() => {SIGNAL_CHART}?.data[0].length > 2")
+        notice = page.locator(".mantine-Notification-root", has_text="Software WebGL")
+        notice.locator(".mantine-Notification-closeButton").click()
+        notice.wait_for(state="detached")
+        wait_until_quiet(page)
+        yield page
+    finally:
+        context.close()
+
+
+def wait_until_quiet(page: Page, milliseconds: int = 400) -> None:
+    """Wait until the signal chart has kept its width, height and numbers for so long."""
+    page.evaluate("() => { window.__quiet = null }")
+    page.wait_for_function(
+        f"""(least) => {{
+            const chart = {SIGNAL_CHART};
+            if (!chart) return false;
+            const now = JSON.stringify([chart.width, chart.height, {FILTERED}.reduce((a, b) => a + b, 0)]);
+            if (window.__quiet?.what !== now) window.__quiet = {{what: now, since: performance.now()}};
+            return performance.now() - window.__quiet.since >= least;
+        }}""",
+        arg=milliseconds,
+    )
+
+
+def slider(page: Page, name: str) -> Locator:
+    """The thumb of the slider of q, r or p0."""
+    root = page.locator("label", has_text=f"log₁₀ {name}").first.get_attribute("for")
+    return page.locator(f'[id="{root}"] [role="slider"]')
+
+
+def text_box(page: Page, label: str) -> Locator:
+    """The text box whose label begins with `label`."""
+    near = page.locator("label", has_text=label).first
+    return near.locator("xpath=ancestor::*[.//input][1]//input").first
+
+
+def filtered_line(page: Page) -> list[float]:
+    """The numbers that the filtered line is drawn from."""
+    found: Any = page.evaluate(f"() => {{ const chart = {SIGNAL_CHART}; return Array.from({FILTERED}) }}")
+    return [float(value) for value in found]

@@ -1,0 +1,80 @@
+"""Start-up, warm: `import kalscope`, and `kalscope open` until it prints its link and until the page answers.
+
+Whole processes, wall clock, medians; the first run of each is not counted, because it fills the file cache and
+the cache of compiled kernels. A bare `python -c pass` is timed in the same turns, to judge the machine by.
+
+    python benchmarks/start_up.py [--json] [--runs 7]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+import time
+import urllib.request
+
+from dashboard_page import Program
+
+
+def run_python(code: str) -> float:
+    """Seconds of a Python process that runs `code`."""
+    start = time.perf_counter()
+    subprocess.run([sys.executable, "-c", code], check=True)
+    return time.perf_counter() - start
+
+
+def open_dashboard() -> tuple[float, float]:
+    """Seconds from the start of the process to the printed link, and to the page behind it."""
+    start = time.perf_counter()
+    with Program("demo") as program:
+        link = time.perf_counter() - start
+        with urllib.request.urlopen(program.url, timeout=30.0) as answer:
+            page = answer.read()
+        answered = time.perf_counter() - start
+    if b"<html" not in page.lower():
+        raise RuntimeError(f"the link must lead to a page (got {page[:80]!r})")
+    return link, answered
+
+
+def measure(runs: int) -> dict[str, dict[str, float]]:
+    """Median, fastest and slowest of each, s."""
+    times: dict[str, list[float]] = {"python -c pass": [], "import kalscope": [], "link": [], "page": []}
+    for turn in range(runs + 1):
+        bare, imported = run_python("pass"), run_python("import kalscope")
+        link, page = open_dashboard()
+        if turn > 0:
+            for taken, seconds in zip(times.values(), (bare, imported, link, page), strict=True):
+                taken.append(seconds)
+    return {
+        name: {"median_s": statistics.median(taken), "least_s": min(taken), "most_s": max(taken), "runs": runs}
+        for name, taken in times.items()
+    }
+
+
+NAMES = {
+    "python -c pass": "python -c pass",
+    "import kalscope": 'python -c "import kalscope"',
+    "link": "kalscope open demo: link printed",
+    "page": "kalscope open demo: page answered",
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--runs", type=int, default=7)
+    options = parser.parse_args()
+    rows = measure(options.runs)
+    if options.json:
+        print(json.dumps(rows, indent=1))
+        return
+    print(f"{'':<34}  median s  least s   most s")
+    for name, row in rows.items():
+        print(f"{NAMES[name]:<34}  {row['median_s']:>8.3f} {row['least_s']:>8.3f} {row['most_s']:>8.3f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""From what a person knows or wishes to a pair (q, r): the one road that `kalscope tune` and the dashboard take.
+
+A wish (lag, cut-off, noise reduction, gain) fixes λ = q/r; knowledge of the noise (a still stretch, a data sheet,
+a number) fixes r; whatever is left open is estimated from the record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from kalscope.errors import BadSetting
+from kalscope.estimation import (
+    Estimate,
+    estimate,
+    estimate_fixed_r,
+    estimate_fixed_ratio,
+    noise_from_datasheet,
+    noise_from_still,
+    params_for_specification,
+)
+from kalscope.likelihood import Array
+from kalscope.model import FilterParams, starting_params
+
+METHOD_WORDS = {
+    "ml": "maximum likelihood",
+    "em": "EM",
+    "moments": "moments of the differences",
+    "als": "correlations of the innovations",
+    "allan": "Allan variance",
+}
+"""The methods of `estimate` as a person reads them."""
+
+WISHES = ("lag_s", "lag_samples", "cutoff_hz", "noise_reduction_db", "gain")
+"""What fixes λ, as `ratio_for` names it."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is known of the measurement noise; nothing, or one of the four."""
+
+    r: float | None = None
+    """The variance itself, unit²."""
+    sigma: float | None = None
+    """One standard deviation from a data sheet, unit."""
+    density: float | None = None
+    """Noise density from a data sheet, unit/√Hz; needs the bandwidth."""
+    bandwidth_hz: float | None = None
+    """Bandwidth that goes with the density, Hz."""
+    still: tuple[int, int] | None = None
+    """First sample of a still stretch and one past its last."""
+
+    def resolve(self, z: Array) -> tuple[float, str] | None:
+        """The variance in unit² and a sentence on where it comes from; None where nothing is known."""
+        given = [name for name in ("r", "sigma", "density", "still") if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise BadSetting(f"the noise must be known from one source (got {', '.join(given)})")
+        if self.still is not None:
+            first, last = self.still
+            noise = noise_from_still(z[first:last])
+            return noise.r, f"r is the variance of the still stretch. {noise.message}"
+        if self.r is not None:
+            return FilterParams(q=1.0, r=self.r).r, "r as given."  # pyright: ignore[reportReturnType]
+        if self.sigma is not None or self.density is not None:
+            r = noise_from_datasheet(sigma=self.sigma, density=self.density, bandwidth_hz=self.bandwidth_hz)
+            return r, f"r = {r:.4g} from the data sheet."
+        return None
+
+
+@dataclass(frozen=True)
+class Found:
+    """An answer, whether or not it comes with parameters."""
+
+    params: FilterParams | None
+    """The pair to use; None where there is none, and `message` says what to do instead."""
+    how: str
+    """How it was found, in a few words, for the tuning file."""
+    message: str
+    """What was found and what it means, in plain sentences."""
+    estimate: Estimate | None = None
+    """The estimate behind it, where there was one."""
+
+
+def find_parameters(
+    z: Array,
+    *,
+    sample_period: float | None = None,
+    method: str = "ml",
+    wish: dict[str, float] | None = None,
+    ratio: float | None = None,
+    noise: Noise | None = None,
+    present_r: float | None = None,
+    progress: Callable[[float, str], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Found:
+    """Find q and r of one channel.
+
+    Args:
+        z: measurements, shape (n,); NaN is a missing sample.
+        sample_period: nominal sample period in s, for wishes in s or Hz.
+        method: of `estimate`, used where neither a wish nor the noise decides.
+        wish: one of WISHES with its value: λ follows from it.
+        ratio: λ itself, such as 0.01; r is then estimated unless it is known.
+        noise: what is known of r.
+        present_r: r to keep with a wish where the noise is not known; None = estimate it.
+        progress: called with the fraction done and a few words.
+        cancelled: asked whether to stop.
+
+    Raises:
+        BadSetting: contradictory or out-of-range wishes.
+        Cancelled: `cancelled()` was true.
+    """
+    if wish and ratio is not None:
+        raise BadSetting(f"λ must follow from one wish (got {', '.join(wish)} and q/r)")
+    known = (noise or Noise()).resolve(z)
+    if wish:
+        r, said = known or _noise_for_wish(z, present_r)
+        params = params_for_specification(r, **wish, sample_period=sample_period)
+        ((name, value),) = wish.items()
+        words = _wish_words(name, value)
+        return Found(params, words, f"q/r = {params.ratio:.4g} has {words}. {said}")
+    if ratio is not None and known:
+        params = FilterParams(q=ratio * known[0], r=known[0])
+        return Found(params, f"q/r = {ratio:g}", f"q = {ratio:g} · r. {known[1]}")
+    if ratio is not None:
+        return _from(estimate_fixed_ratio(z, ratio), f"q/r = {ratio:g}, r by maximum likelihood")
+    if known:
+        found = _from(estimate_fixed_r(z, known[0]), "r known, q by maximum likelihood")
+        return Found(found.params, found.how, f"{known[1]} {found.message}", found.estimate)
+    return _from(estimate(z, method, progress=progress, cancelled=cancelled), METHOD_WORDS.get(method, method))
+
+
+def _from(answer: Estimate, how: str) -> Found:
+    return Found(answer.params, how, str(answer.message), answer)
+
+
+def _noise_for_wish(z: Array, present_r: float | None) -> tuple[float, str]:
+    """A variance where only λ was wished: the present one, the likelihood's, or var(Δz)/2."""
+    if present_r is not None and present_r > 0.0:
+        return present_r, "r is kept: it sets the width of the band, not the curve."
+    answer = estimate(z)
+    if answer.params is not None:
+        return float(answer.r), "r by maximum likelihood; it sets the width of the band, not the curve."
+    r = float(starting_params(z).r)
+    return r, "r = var(Δz)/2, because the record gives no better; it sets the width of the band, not the curve."
+
+
+def _wish_words(name: str, value: float) -> str:
+    return {
+        "lag_s": f"a lag of {value * 1e3:.4g} ms",
+        "lag_samples": f"a lag of {value:.4g} samples",
+        "cutoff_hz": f"its −3 dB cut-off at {value:.4g} Hz",
+        "noise_reduction_db": f"{value:.4g} dB less noise",
+        "gain": f"the gain {value:.4g}",
+    }[name]
