@@ -60,9 +60,10 @@ def test_nile_diagnostics_are_those_of_eviews(nile):
     params = FilterParams(q=math.exp(7.348705), r=math.exp(9.600350))
     found = diagnose(kalman_filter(nile, params), lags=10)
     assert isinstance(found, Diagnostics)
-    assert found.ljung_box_p == pytest.approx(0.217, abs=0.02)  # EViews corrects neither mean nor start alike
-    assert found.normality == pytest.approx(0.041686, abs=0.01)
-    assert found.normality_p == pytest.approx(0.979373, abs=0.005)
+    assert found.ljung_box == pytest.approx(13.117, abs=0.0005)
+    assert found.ljung_box_p == pytest.approx(0.217, abs=0.0005)
+    assert found.normality == pytest.approx(0.041686, abs=5e-7)
+    assert found.normality_p == pytest.approx(0.979373, abs=5e-7)
 
 
 def test_norwegian_diagnostics_are_those_of_commandeur_and_koopman():
@@ -181,7 +182,7 @@ def test_wrong_q_is_named_and_the_factor_is_about_right(ratio, wrong, word):
     factors = []
     for seed in range(20):
         found = judge(noisy_walk(2000, ratio, seed=seed), ratio * wrong)
-        assert found.advice.startswith(word)
+        assert word in found.advice
         factors.append(found.q_factor * wrong)
         assert 0.3 < found.q_factor * wrong < 3.0
         assert found.r_factor == pytest.approx(1.0, abs=0.4)
@@ -439,6 +440,12 @@ def test_no_parameters_make_it_fail(q, r, p0):
             judge(z, q, r, p0=p0)
 
 
+@pytest.mark.parametrize("size", [1e150, 1e290])
+def test_noise_of_another_world_is_named(size):
+    found = judge(np.random.default_rng(13).normal(size=100), 0.01 * size, size)
+    assert found.advice.startswith("q and r both too large by about 1000 × or more")
+
+
 def test_quantised_signal_that_mostly_stands_still_is_judged_without_failing():
     z = np.round(noisy_walk(2000, 1e-5, 0.01))
     z[100] = 1.0
@@ -474,4 +481,11 @@ def test_a_million_samples_are_judged_while_the_hand_rests():
         began = time.perf_counter()
         diagnose(result)
         times.append(time.perf_counter() - began)
-    assert min(times) < 0.15  # 40 ms on the machine it was written on
+    assert min(times) < 0.15  # 50 ms on the machine it was written on, 100 ms while others load it
+
+
+def test_long_record_whose_samples_all_lie_between_the_stretches_is_not_an_error():
+    z = np.full(100_000, np.nan)
+    z[10_000:10_100] = noisy_walk(100)
+    assert judge(z, 0.01, 0.0).n == 99
+    assert judge(z, 0.01, 1.0).advice == NO_FAULT

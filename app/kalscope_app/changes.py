@@ -10,7 +10,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from kalscope.errors import BadSetting
-from kalscope_app.state import State, slider_limits, timed
+from kalscope.estimation import Estimate
+from kalscope.finding import Found
+from kalscope.recording import Recording
+from kalscope_app.state import Outcome, State, slider_limits, timed
 
 Change = Callable[[State], State]
 
@@ -29,11 +32,13 @@ def set_exponent(name: str, exponent: float) -> Change:
 
 
 def set_text(name: str, text: str) -> Change:
-    """An exact value was typed for q, r, p0 or x0; an empty or "first" x0 is the first sample."""
+    """An exact value was typed for q, r, p0 or x0; an empty x0 is the first sample, an empty gate is off."""
 
     def change(state: State) -> State:
         if name == "x0" and text.strip().lower() in ("", "first"):
             return state.with_tuning(x0=None)
+        if name == "gate" and text.strip().lower() in ("", "off"):
+            return state.with_tuning(gate=None)
         value = parse_number(name, text)
         if getattr(state.tuning, name) == value:
             return state
@@ -66,7 +71,9 @@ def select_channel(name: str) -> Change:
 
     def change(state: State) -> State:
         state.recording.index(name)
-        return state if name == state.channel else replace(state, channel=name, resets=state.resets + 1, note="")
+        if name == state.channel:
+            return state
+        return replace(state, channel=name, resets=state.resets + 1, outcome=None, opinions=(), note="")
 
     return change
 
@@ -100,6 +107,40 @@ def follow_end(state: State) -> State:
     begin, end = float(t.min()), float(t.max())
     length = state.window[1] - state.window[0] if state.window else (end - begin) / 10.0
     return replace(set_window(end - length, end)(state), resets=state.resets + 1)
+
+
+def apply_found(recording: Recording, channel: str, found: Found) -> Change:
+    """A search has ended: its pair becomes the channel's q and r, if it has one and the channel is still there."""
+
+    def change(state: State) -> State:
+        if state.recording is not recording:
+            return replace(state, note="The search ended after another recording was opened; nothing was changed.")
+        at = recording.index(channel)
+        before = state.tunings[at]
+        if found.params is None:
+            return replace(state, outcome=Outcome(found.how, found.message, before, None))
+        q, r = float(found.params.q), float(found.params.r)
+        after = replace(before, q=q, r=r, how=found.how)
+        tunings = (*state.tunings[:at], after, *state.tunings[at + 1 :])
+        outcome = Outcome(found.how, found.message, before, after) if channel == state.channel else None
+        return replace(state, tunings=tunings, outcome=outcome)
+
+    return change
+
+
+def set_opinions(recording: Recording, channel: str, opinions: tuple[Estimate, ...]) -> Change:
+    """The five methods have answered."""
+
+    def change(state: State) -> State:
+        same = state.recording is recording and state.channel == channel
+        return replace(state, opinions=opinions) if same else state
+
+    return change
+
+
+def set_smoother(shown: bool) -> Change:
+    """Draw the best possible offline curve, or not."""
+    return lambda state: replace(state, smoother=bool(shown))
 
 
 def set_dark(dark: bool) -> Change:

@@ -8,14 +8,17 @@ from typing import Any
 
 import viser
 
-from kalscope_app.changes import set_dark
+from kalscope_app.changes import set_dark, set_smoother
+from kalscope_app.checks import Checks
 from kalscope_app.engine import Engine
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
 from kalscope_app.state import State
+from kalscope_app.views.checks import ChecksView
 from kalscope_app.views.export import ExportView
-from kalscope_app.views.layout import CANVAS_WIDTH, FIRST_RIGHT_WIDTH, Panels, WindowFinder, sizes_for
+from kalscope_app.views.find import FindView
+from kalscope_app.views.layout import FIRST_RIGHT_WIDTH, Panels, WindowFinder, gutter, sizes_for
 from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
@@ -36,11 +39,11 @@ class Dashboard:
         self._jobs = Jobs(self.tell)
         self._panels = Panels(server)
         self._note = ""
-        self._window_shape = 0.0
+        self._filled = (0.0, 0.0)
         self._frame: Frame | None = None
         self._portraits: dict[viser.ClientHandle, float] = {}
         self._build(folder)
-        self.engine = Engine(self.session, self.show, self.tell)
+        self.engine = Engine(self.session, self.show, self.tell, self._show_checks)
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
 
@@ -50,6 +53,8 @@ class Dashboard:
         with tabs.add_tab("Tune"):
             self.parameters = ParametersView(gui, self.session)
             self._numbers = NumbersView(gui)
+            self._checks = ChecksView(gui)
+            self._find = FindView(gui, self.session, self._jobs)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
         with tabs.add_tab("Export"):
@@ -57,9 +62,16 @@ class Dashboard:
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False)
             self._dark.on_update(self._on_dark)
+            self._smoother = gui.add_checkbox(
+                "best possible offline", False, hint="The smoother looks ahead as well; a device cannot."
+            )
+            self._smoother.on_update(self._on_smoother)
         with self._panels.charts:
             self._window = WindowView(gui, self.session)
             self.signal = SignalView(gui)
+        with self._panels.right.add_tab("Check"):
+            self._checks.build_tab(gui)
+            self._find.build_opinions(gui)
 
     def start(self) -> None:
         """Show the first frame; returns when it is on its way."""
@@ -78,7 +90,16 @@ class Dashboard:
             if self._dark.value != frame.state.dark:
                 self._dark.value = frame.state.dark
             self.signal.show(frame)
-            for view in (self.parameters, self._numbers, self._window, self._source, self._export):
+            if self._smoother.value != frame.state.smoother:
+                self._smoother.value = frame.state.smoother
+            for view in (
+                self.parameters,
+                self._numbers,
+                self._find,
+                self._window,
+                self._source,
+                self._export,
+            ):
                 view.show(frame)
         self._frame = frame
         for client, shape in tuple(self._portraits.items()):
@@ -100,6 +121,14 @@ class Dashboard:
                 color=(0, 158, 115) if good else (213, 94, 0),
             )
 
+    def _show_checks(self, checks: Checks) -> None:
+        self._checks.show(checks)
+        self._server.flush()
+
+    async def _on_smoother(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self.session.request(set_smoother(self._smoother.value))
+
     async def _on_dark(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
             self.session.request(set_dark(self._dark.value))
@@ -110,11 +139,14 @@ class Dashboard:
         finder = WindowFinder()
 
         def fit(camera: viser.CameraHandle) -> None:
+            if min(camera.image_width, camera.image_height) <= 0:
+                return
             window = finder.report(camera.image_width, camera.image_height, self._panels.docked_width)
-            self._note_portrait(client, camera.image_width, camera.image_height)
+            self._note_portrait(client, finder.shape, camera.image_width / camera.image_height)
             if window is not None:
+                self._filled = finder.first
                 self._fill(*window)
-            elif finder.needs_room and abs(finder.shape - self._window_shape) > 0.01 * finder.shape:
+            elif finder.needs_room and finder.first != self._filled:
                 self._panels.set_right_width(FIRST_RIGHT_WIDTH)
 
         fit(client.camera)
@@ -123,15 +155,14 @@ class Dashboard:
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         self._portraits.pop(client, None)
 
-    def _note_portrait(self, client: viser.ClientHandle, width: int, height: int) -> None:
-        """A canvas that stays upright is a phone's: no panel is docked beside it, so the signal is drawn in it."""
-        docked = CANVAS_WIDTH + 10
-        upright = docked < width < 0.8 * height
-        if upright and self._portraits.get(client) != width / height:
-            self._portraits[client] = width / height
-            self._draw_behind(client, width / height)
+    def _note_portrait(self, client: viser.ClientHandle, window: float, canvas: float) -> None:
+        """An upright window whose canvas keeps its shape (width : height) is a phone: the signal is drawn there."""
+        upright = window < 0.8 and abs(canvas - window) <= 0.01 * window
+        if upright and client not in self._portraits:
+            self._portraits[client] = canvas
+            self._draw_behind(client, canvas)
         elif not upright and self._portraits.pop(client, None) is not None:
-            client.scene.set_background_image(None)
+            client.scene.set_background_image(gutter(dark=bool(self._frame and self._frame.state.dark)))
 
     def _draw_behind(self, client: viser.ClientHandle, shape: float) -> None:
         if self._frame is not None:
@@ -139,7 +170,6 @@ class Dashboard:
 
     def _fill(self, width: float, height: float) -> None:
         """Make panels and charts fill a window, px."""
-        self._window_shape = width / height
         sizes = sizes_for(width, height)
         self._panels.set_right_width(sizes.right_width)
         self.signal.set_heights(sizes.signal_height, sizes.innovation_height, sizes.gain_height)

@@ -1,6 +1,7 @@
 """One worker thread: it takes the requests, computes one Frame for all of them, and hands it to the views.
 
-The latest request wins because requests are cheap and a Frame is computed only after all that wait are in.
+The latest request wins because requests are cheap and a Frame is computed only after all that wait are in. What is
+slower, the checks, is computed once nothing has been asked for a while.
 """
 
 from __future__ import annotations
@@ -11,12 +12,16 @@ import time
 from collections.abc import Callable
 
 from kalscope.errors import KalscopeError
+from kalscope_app.checks import Checks, compute_checks
 from kalscope_app.frame import Frame, Shown, choose_shown, compute_frame
 from kalscope_app.session import Session
 from kalscope_app.state import State
 
 LEAST_INTERVAL = 0.04
 """Seconds between two frames at least: a browser that is slower builds a backlog that nothing drops."""
+
+REST = 0.2
+"""Seconds without a request after which the checks are computed."""
 
 log = logging.getLogger(__name__)
 
@@ -29,11 +34,19 @@ def pause_before_frame(now: float, last: float) -> float:
 class Engine:
     """Session -> Frame, on a thread of its own."""
 
-    def __init__(self, session: Session, show: Callable[[Frame], None], tell: Callable[[str], None]) -> None:
-        """Args: the session; who draws a frame; who tells the person about a refused request."""
+    def __init__(
+        self,
+        session: Session,
+        show: Callable[[Frame], None],
+        tell: Callable[[str], None],
+        show_checks: Callable[[Checks], None] | None = None,
+    ) -> None:
+        """Args: the session; who draws a frame; who tells of a refused request; who draws the checks."""
         self._session = session
         self._show = show
         self._tell = tell
+        self._show_checks = show_checks
+        self._unchecked: Frame | None = None
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
         self._shown_for: tuple[object, ...] = ()
@@ -54,17 +67,26 @@ class Engine:
     def _run(self) -> None:
         last = 0.0
         while not self._stopping.is_set():
-            self._session.bell.wait(timeout=self._session.seconds_to_next())
+            waiting = self._session.seconds_to_next()
+            if self._unchecked is not None and (waiting is None or waiting > REST):
+                if not self._session.bell.wait(timeout=REST):
+                    self._guarded(self._check)
+                    continue
+            else:
+                self._session.bell.wait(timeout=waiting)
             time.sleep(pause_before_frame(time.monotonic(), last))
             self._session.bell.clear()
             if self._stopping.is_set():
                 return
             last = time.monotonic()
-            try:
-                self._turn()
-            except Exception as error:  # the thread must outlive any single frame
-                log.exception("A frame could not be made")
-                self._tell(f"That could not be shown: {error}")
+            self._guarded(self._turn)
+
+    def _guarded(self, step: Callable[[], None]) -> None:
+        try:
+            step()
+        except Exception as error:  # the thread must outlive any single frame
+            log.exception("A frame could not be made")
+            self._tell(f"That could not be shown: {error}")
 
     def _turn(self) -> None:
         state, serial, failures = self._session.settle()
@@ -72,8 +94,16 @@ class Engine:
             if not isinstance(failure, KalscopeError):
                 log.error("A request failed", exc_info=failure)
             self._tell(str(failure))
-        self._show(compute_frame(state, serial, self._choose(state)))
+        frame = compute_frame(state, serial, self._choose(state))
+        self._show(frame)
         self.first_frame.set()
+        self._unchecked = frame if self._show_checks is not None else None
+
+    def _check(self) -> None:
+        """The slow part, for the frame that is on screen."""
+        frame, self._unchecked = self._unchecked, None
+        if frame is not None and self._show_checks is not None:
+            self._show_checks(compute_checks(frame.state))
 
     def _choose(self, state: State) -> Shown:
         """The samples to draw: chosen anew only for another recording, channel or window."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from kalscope.filtering import FilterResult, kalman_filter
 from kalscope.recording import Recording
+from kalscope.smoothing import smooth
 from kalscope.steady_state import SteadyState, steady_state
 from kalscope_app.charts import choose_indices
 from kalscope_app.state import State
@@ -61,6 +62,10 @@ class Frame:
     """Filtered signal, unit; NaN before the first sample."""
     spread: Array
     """2·√p, unit: the band around the filtered signal; inf before a diffuse start."""
+    smoothed: Array | None
+    """The best possible offline, unit; None unless asked for."""
+    rejected: int
+    """Samples that the outlier gate refused."""
     innovation: Array
     """Measurement minus prediction, unit; NaN where there is none."""
     innovation_spread: Array
@@ -89,6 +94,8 @@ def compute_frame(state: State, serial: int, shown: Shown) -> Frame:
         steady=steady,
         filtered=result.x[at],
         spread=2.0 * np.sqrt(result.p[at]),
+        smoothed=smooth(z, state.params).x[at] if state.smoother else None,
+        rejected=int(result.rejected),
         innovation=result.innovation[at],
         innovation_spread=2.0 * np.sqrt(result.s[at]),
         start_up=start_up,

@@ -8,12 +8,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kalscope.errors import BadSetting
+from kalscope.estimation import Estimate
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import Recording
 from kalscope.tuning import ChannelTuning, Tuning
 
 DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 """Reach of each slider, in decades around the starting r of the channel."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the last search for q and r gave on one channel."""
+
+    how: str
+    """How it was searched, in a few words."""
+    message: str
+    """What was found and what it means."""
+    before: ChannelTuning
+    """The parameters before."""
+    after: ChannelTuning | None
+    """The parameters now; None where nothing usable was found and nothing changed."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +45,12 @@ class State:
     """What they were when the recording was opened; Reset goes back there."""
     window: tuple[float, float] | None = None
     """First and last moment on screen, s; None = the whole recording."""
+    outcome: Outcome | None = None
+    """The last search on this channel."""
+    opinions: tuple[Estimate, ...] = ()
+    """What the five methods say of this channel, once asked."""
+    smoother: bool = False
+    """Whether the best possible offline curve is drawn."""
     dark: bool = False
     """Dark theme."""
     resets: int = 0
@@ -71,8 +92,9 @@ def opened(recording: Recording, before: State | None = None) -> State:
     """A state that looks at a newly opened recording, every channel at its starting values."""
     starts = tuple(starting_tuning(recording, name) for name in recording.names)
     resets = before.resets + 1 if before else 0
-    dark = before.dark if before else False
-    return State(recording, recording.names[0], starts, starts, dark=dark, resets=resets)
+    dark, smoother = (before.dark, before.smoother) if before else (False, False)
+    first = recording.names[0]
+    return State(recording, first, starts, starts, dark=dark, smoother=smoother, resets=resets)
 
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:

@@ -5,10 +5,23 @@ Numbers in, numbers out: importing this package imports neither the dashboard no
 
 from __future__ import annotations
 
+from kalscope.diagnostics import Diagnostics, diagnose, diagnose_held_out
 from kalscope.errors import BadDevice, BadFile, BadSetting, KalscopeError
+from kalscope.estimation import (
+    Estimate,
+    compare_methods,
+    estimate,
+    estimate_fixed_r,
+    estimate_fixed_ratio,
+    noise_from_datasheet,
+    noise_from_still,
+    params_for_specification,
+)
 from kalscope.filtering import FilterResult, KalmanFilter, denoise, kalman_filter
+from kalscope.likelihood import likelihood_profile, log_likelihood
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import LineIssue, ReadReport, Recording
+from kalscope.smoothing import SmootherResult, smooth
 from kalscope.sources import list_samples, open_source, read_recording, synthesize
 from kalscope.steady_state import SteadyState, ratio_for, steady_state
 from kalscope.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
@@ -18,6 +31,8 @@ __all__ = [
     "BadFile",
     "BadSetting",
     "ChannelTuning",
+    "Diagnostics",
+    "Estimate",
     "FilterParams",
     "FilterResult",
     "KalmanFilter",
@@ -25,16 +40,29 @@ __all__ = [
     "LineIssue",
     "ReadReport",
     "Recording",
+    "SmootherResult",
     "SteadyState",
     "Tuning",
+    "compare_methods",
     "denoise",
+    "diagnose",
+    "diagnose_held_out",
+    "estimate",
+    "estimate_fixed_r",
+    "estimate_fixed_ratio",
     "kalman_filter",
+    "likelihood_profile",
     "list_samples",
     "load_tuning",
+    "log_likelihood",
+    "noise_from_datasheet",
+    "noise_from_still",
     "open_source",
+    "params_for_specification",
     "ratio_for",
     "read_recording",
     "save_tuning",
+    "smooth",
     "starting_params",
     "steady_state",
     "synthesize",

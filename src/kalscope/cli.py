@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
 import typer
 
 from kalscope.errors import BadSetting, KalscopeError
+from kalscope.tune_command import tune_command
 
 if TYPE_CHECKING:
     from kalscope.model import FilterParams
@@ -33,6 +34,9 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help: importing rich takes longer than all the rest
     pretty_exceptions_enable=False,
 )
+
+
+app.command("tune")(tune_command)
 
 
 def run(argv: Sequence[str] | None = None) -> int:

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope import kernels
+from kalscope.arrays import Array, columns_of, infinite, kernel_values, refuse_infinite, shaped_like, steps_of
 from kalscope.errors import BadSetting
-from kalscope.model import FilterParams, Parameter
-
-Array = NDArray[np.float64]
+from kalscope.model import FilterParams
 
 
 @dataclass(frozen=True)
@@ -54,16 +53,16 @@ def kalman_filter(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = Non
 
     Source: Ma'arif et al. (2019), equations (11)–(15); Durbin & Koopman (2012), section 2.2.
     """
-    columns, shape = _columns(z)
+    columns, shape = columns_of(z)
     out = tuple(np.empty_like(columns) for _ in range(5))
-    per_channel = _per_channel(params, len(columns))
-    steps = _steps(dt, columns.shape[1])
-    _refuse_infinite(columns)
+    per_channel = kernel_values(params, len(columns))
+    steps = steps_of(dt, columns.shape[1])
+    refuse_infinite(columns)
     sums = [
         kernels.filter_channel(column, steps, *values, tuple(o[c] for o in out))
         for c, (column, values) in enumerate(zip(columns, per_channel, strict=True))
     ]
-    x, p, k, innovation, s = (_shaped(o, shape) for o in out)
+    x, p, k, innovation, s = (shaped_like(o, shape) for o in out)
     loglik, m, rejected = zip(*sums, strict=True)
     if len(shape) == 1:
         return FilterResult(x, p, k, innovation, s, loglik[0], m[0], rejected[0])
@@ -85,20 +84,20 @@ def denoise(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None, out
     Raises:
         BadSetting: z holds inf or has another shape; dt, params or out do not fit z.
     """
-    columns, shape = _columns(z)
+    columns, shape = columns_of(z)
     if out is not None:
         _check_out(out, shape)
     direct = out is not None and out.ndim == 1 and out.flags.c_contiguous and not np.may_share_memory(out, z)
     target = out.reshape(1, -1) if out is not None and direct else np.empty_like(columns)
-    steps = _steps(dt, columns.shape[1])
-    for c, values in enumerate(_per_channel(params, len(columns))):
+    steps = steps_of(dt, columns.shape[1])
+    for c, values in enumerate(kernel_values(params, len(columns))):
         stopped = kernels.denoise_channel(columns[c], steps, *values, target[c])
         if stopped >= 0:
-            raise _infinite(columns[c, stopped], stopped)
+            raise infinite(columns[c, stopped], stopped)
     if out is None:
-        return _shaped(target, shape)
+        return shaped_like(target, shape)
     if not direct:
-        out[...] = _shaped(target, shape)
+        out[...] = shaped_like(target, shape)
     return out
 
 
@@ -112,7 +111,7 @@ class KalmanFilter:
     def __init__(self, params: FilterParams) -> None:
         self.params = params
         self._scalar = params.channels is None
-        self._states: list[_State] = [_State(*values) for values in _per_channel(params, params.channels or 1)]
+        self._states: list[_State] = [_State(*values) for values in kernel_values(params, params.channels or 1)]
 
     @property
     def x(self) -> float | Array:
@@ -162,7 +161,7 @@ class KalmanFilter:
         if self._states[0].started:
             raise BadSetting(f"z must stay a single number (got {channels} channels)")
         self._scalar = False
-        self._states = [_State(*values) for values in _per_channel(self.params, channels)]
+        self._states = [_State(*values) for values in kernel_values(self.params, channels)]
 
     def _gather(self, values: list[float]) -> float | Array:
         return values[0] if self._scalar else np.array(values)
@@ -186,67 +185,6 @@ class _State:
             self._in_a_row += 1
         elif done != kernels.MISSING:
             self._in_a_row = 0
-
-
-def _columns(z: ArrayLike) -> tuple[Array, tuple[int, ...]]:
-    """Z as contiguous rows, one a channel (a view where it can be), and z's own shape."""
-    try:
-        array = np.asarray(z, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise BadSetting("z must be an array of numbers (got something else)") from None
-    if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
-        raise BadSetting(f"z must have shape (n,) or (n, channels) (got {array.shape})")
-    rows = array.reshape(1, -1) if array.ndim == 1 else array.T
-    return np.ascontiguousarray(rows), array.shape
-
-
-def _shaped(rows: Array, shape: tuple[int, ...]) -> Array:
-    return rows[0] if len(shape) == 1 else np.ascontiguousarray(rows.T)
-
-
-def _per_channel(params: FilterParams, channels: int) -> list[tuple[float, float, float, float, float]]:
-    """q, r, gate, x, p of each channel as the kernels start with them: NaN x and inf p say "automatic"."""
-    if params.channels not in (None, channels):
-        raise BadSetting(f"params must fit z: they hold {params.channels} channels (got z with {channels})")
-
-    def spread(value: Parameter | None, missing: float) -> list[float]:
-        return np.broadcast_to(missing if value is None else value, channels).astype(float).tolist()
-
-    return list(
-        zip(
-            spread(params.q, 0.0),
-            spread(params.r, 0.0),
-            spread(params.gate, math.inf),
-            spread(params.x0, math.nan),
-            spread(params.p0, math.inf),
-            strict=True,
-        )
-    )
-
-
-def _steps(dt: ArrayLike | None, n: int) -> Array:
-    """Dt as the kernels want it: empty for regular sampling."""
-    if dt is None:
-        return np.empty(0)
-    steps = np.ascontiguousarray(dt, dtype=np.float64)
-    if steps.shape != (n,):
-        raise BadSetting(f"dt must have one value a sample, shape ({n},) (got {steps.shape})")
-    if n and not (np.all(np.isfinite(steps)) and steps.min() >= 0.0):
-        raise BadSetting(f"dt must be finite and not negative (got {steps.min()} to {steps.max()})")
-    return steps
-
-
-def _refuse_infinite(columns: Array) -> None:
-    for column in columns:
-        if math.isfinite(column.sum()):
-            continue
-        where = np.flatnonzero(np.isinf(column))
-        if len(where):
-            raise _infinite(column[where[0]], int(where[0]))
-
-
-def _infinite(value: float, index: int) -> BadSetting:
-    return BadSetting(f"z must be finite, or NaN where missing (got {value} at sample {index})")
 
 
 def _check_out(out: Array, shape: tuple[int, ...]) -> None:

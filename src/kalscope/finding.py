@@ -9,8 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from kalscope.errors import BadSetting
 from kalscope.estimation import (
+    METHODS,
     Estimate,
     estimate,
     estimate_fixed_r,
@@ -20,7 +23,7 @@ from kalscope.estimation import (
     params_for_specification,
 )
 from kalscope.likelihood import Array
-from kalscope.model import FilterParams, starting_params
+from kalscope.model import LARGEST, FilterParams, starting_params
 
 METHOD_WORDS = {
     "ml": "maximum likelihood",
@@ -55,16 +58,25 @@ class Noise:
         given = [name for name in ("r", "sigma", "density", "still") if getattr(self, name) is not None]
         if len(given) > 1:
             raise BadSetting(f"the noise must be known from one source (got {', '.join(given)})")
+        if self.bandwidth_hz is not None and self.density is None:
+            raise BadSetting(f"bandwidth_hz goes with density only (got {' and '.join(['bandwidth_hz', *given])})")
         if self.still is not None:
             first, last = self.still
             noise = noise_from_still(z[first:last])
             return noise.r, f"r is the variance of the still stretch. {noise.message}"
         if self.r is not None:
-            return FilterParams(q=1.0, r=self.r).r, "r as given."  # pyright: ignore[reportReturnType]
+            return _above_zero("r", self.r), "r as given."
         if self.sigma is not None or self.density is not None:
             r = noise_from_datasheet(sigma=self.sigma, density=self.density, bandwidth_hz=self.bandwidth_hz)
             return r, f"r = {r:.4g} from the data sheet."
         return None
+
+    @property
+    def origin(self) -> str:
+        """Where r comes from, as in "r from a still stretch"; for the tuning file."""
+        if self.still is not None:
+            return "from a still stretch"
+        return "as given" if self.r is not None else "from the data sheet"
 
 
 @dataclass(frozen=True)
@@ -107,42 +119,97 @@ def find_parameters(
         cancelled: asked whether to stop.
 
     Raises:
-        BadSetting: contradictory or out-of-range wishes.
+        BadSetting: contradictory, unknown or out-of-range wishes.
         Cancelled: `cancelled()` was true.
     """
-    if wish and ratio is not None:
-        raise BadSetting(f"λ must follow from one wish (got {', '.join(wish)} and q/r)")
-    known = (noise or Noise()).resolve(z)
+    _check(method, wish, ratio)
+    noise = noise or Noise()
+    known = noise.resolve(z)
     if wish:
-        r, said = known or _noise_for_wish(z, present_r)
-        params = params_for_specification(r, **wish, sample_period=sample_period)
+        r, said = known or _noise_for_wish(z, present_r, progress, cancelled)
         ((name, value),) = wish.items()
+        params = _two_variances(params_for_specification(r, **wish, sample_period=sample_period))
         words = _wish_words(name, value)
-        return Found(params, words, f"q/r = {params.ratio:.4g} has {words}. {said}")
+        how = f"{words}, r {noise.origin}" if known else words
+        return Found(params, how, f"q/r = {params.ratio:.4g} has {words}. {said}")
     if ratio is not None and known:
-        params = FilterParams(q=ratio * known[0], r=known[0])
-        return Found(params, f"q/r = {ratio:g}", f"q = {ratio:g} · r. {known[1]}")
+        params = _two_variances(FilterParams(q=ratio * known[0], r=known[0]))
+        return Found(params, f"q/r = {ratio:g}, r {noise.origin}", f"q = {ratio:g} · r. {known[1]}")
     if ratio is not None:
         return _from(estimate_fixed_ratio(z, ratio), f"q/r = {ratio:g}, r by maximum likelihood")
     if known:
-        found = _from(estimate_fixed_r(z, known[0]), "r known, q by maximum likelihood")
-        return Found(found.params, found.how, f"{known[1]} {found.message}", found.estimate)
-    return _from(estimate(z, method, progress=progress, cancelled=cancelled), METHOD_WORDS.get(method, method))
+        return _fit_q(z, *known, noise.origin)
+    return _from(estimate(z, method, progress=progress, cancelled=cancelled), METHOD_WORDS[method])
+
+
+def _check(method: str, wish: dict[str, float] | None, ratio: float | None) -> None:
+    """At most one wish for λ, and no word that is not understood."""
+    if method not in METHODS:
+        raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {method!r})")
+    wishes = [*(wish or {}), *([] if ratio is None else ["q/r"])]
+    if len(wishes) > 1:
+        raise BadSetting(f"λ must follow from one wish (got {' and '.join(wishes)})")
+    for name in wish or {}:
+        if name not in WISHES:
+            raise BadSetting(f"wish must be one of {', '.join(WISHES)} (got {name!r})")
+    if ratio is not None:
+        _above_zero("q/r", ratio)
+
+
+def _above_zero(name: str, value: float) -> float:
+    number = float(value)
+    if not 0.0 < number <= LARGEST:
+        raise BadSetting(f"{name} must be a finite number above 0 (got {value})")
+    return number
+
+
+def _two_variances(params: FilterParams) -> FilterParams:
+    """The pair itself; a wish so extreme that q rounds to 0 would stop the filter for good."""
+    if params.q == 0.0:
+        raise BadSetting("the wish must leave a q above 0: less smoothing, please (got q = 0)")
+    return params
+
+
+def _fit_q(z: Array, r: float, said: str, origin: str) -> Found:
+    """Q where r is known; words of its own where that r leaves nothing to be movement."""
+    answer = estimate_fixed_r(z, r)
+    message = str(answer.message)
+    if answer.verdict == "no_movement":
+        message = (
+            f"Noise of variance {r:.4g} explains all that changes in this record, so nothing is left for q; "
+            "q = 0 is not an answer, for such a filter stops following after a while. Instead: check that r is not "
+            "too large, record while the signal moves, or choose the lag or the cut-off that you can accept."
+        )
+    return Found(answer.params, f"r {origin}, q by maximum likelihood", f"{said} {message}", answer)
 
 
 def _from(answer: Estimate, how: str) -> Found:
     return Found(answer.params, how, str(answer.message), answer)
 
 
-def _noise_for_wish(z: Array, present_r: float | None) -> tuple[float, str]:
+def _noise_for_wish(
+    z: Array,
+    present_r: float | None,
+    progress: Callable[[float, str], None] | None,
+    cancelled: Callable[[], bool] | None,
+) -> tuple[float, str]:
     """A variance where only λ was wished: the present one, the likelihood's, or var(Δz)/2."""
+    band = "it sets the width of the band, not the curve."
     if present_r is not None and present_r > 0.0:
-        return present_r, "r is kept: it sets the width of the band, not the curve."
-    answer = estimate(z)
-    if answer.params is not None:
-        return float(answer.r), "r by maximum likelihood; it sets the width of the band, not the curve."
+        return present_r, f"r is kept: {band}"
+    answer = estimate(z, progress=progress, cancelled=cancelled)
+    if float(answer.r) > 0.0:  # good at the edge q = 0 too
+        return float(answer.r), f"r by maximum likelihood; {band}"
     r = float(starting_params(z).r)
-    return r, "r = var(Δz)/2, because the record gives no better; it sets the width of the band, not the curve."
+    if not still_or_silent(z):
+        return r, f"r = var(Δz)/2, because the record gives no better; {band}"
+    return r, f"r = {r:.4g} is no more than a placeholder, because nothing changes in the record; {band}"
+
+
+def still_or_silent(z: Array) -> bool:
+    """Whether the samples z, shape (n,), say nothing of noise or movement: fewer than three, or all equal."""
+    finite = z[np.isfinite(z)]
+    return len(finite) < 3 or bool(np.all(finite == finite[0]))
 
 
 def _wish_words(name: str, value: float) -> str:

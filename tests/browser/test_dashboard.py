@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from screen import FIND, Program, Screen
 
-from kalscope import FilterParams, kalman_filter, open_source, starting_params
+from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo").values[:, 0]
@@ -90,7 +90,7 @@ def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_never_the_zoom(start)
     screen.wait_for_line("filtered", filtered(DEMO, q=1e-9))
     screen.page.get_by_role("button", name="Redo").click()
     screen.wait_for_line("filtered", filtered(DEMO, q=1e-9, r=2.5))
-    screen.page.get_by_role("button", name="Reset q, r and the start").click()
+    screen.page.get_by_role("button", name="Reset", exact=True).click()
     screen.wait_for_line("filtered", filtered(DEMO))
     screen.slider("q").focus()
     screen.page.keyboard.press("Control+z")
@@ -284,3 +284,44 @@ def test_every_window_and_theme_is_filled_without_sideways_scrolling(start, widt
         )
     assert screen.page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
     screen.shot(f"{width}x{height}-{theme}")
+
+
+def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
+    screen = start("demo")
+    screen.page.get_by_text("Too slow: raise q").wait_for()
+    screen.page.get_by_role("button", name="Find and apply").click()
+    best = estimate(DEMO).params
+    screen.wait_for_line("filtered", filtered(DEMO, q=best.q, r=best.r))
+    screen.page.get_by_text("Noise and movement can be told apart").first.wait_for()
+    assert screen.page.get_by_role("row", name="lag 190 ms 11 ms").is_visible()
+    screen.shot("found")
+    screen.page.get_by_role("button", name="Undo").click()
+    screen.wait_for_line("filtered", filtered(DEMO))
+
+    screen.choose("by", "largest lag")
+    screen.type("lag (ms)", "50", enter=False)
+    screen.pause()
+    screen.page.get_by_role("button", name="Find and apply").click()
+    r = starting_params(DEMO).r
+    screen.wait_for_line("filtered", filtered(DEMO, q=r * ratio_for(lag_s=0.05, sample_period=0.02)))
+    assert screen.page.get_by_text("50 ms").first.is_visible()
+
+    screen.tab("View")
+    screen.page.get_by_text("best possible offline").click()
+    screen.wait(f"() => ({FIND})('best offline')")
+    screen.tab("Check")
+    screen.page.get_by_role("button", name="Ask five methods").click()
+    screen.page.get_by_role("cell", name="Allan variance").wait_for()
+    screen.page.get_by_text("The model does not describe this signal").first.wait_for()
+    screen.shot("check")
+
+
+def test_a_record_without_visible_noise_gets_a_verdict_and_no_parameters(start, tmp_path):
+    ramp = tmp_path / "slow.csv"
+    ramp.write_text("time,temp\n" + "".join(f"{i},{round(20 + i / 40, 1)}\n" for i in range(400)))
+    screen = start("slow.csv")
+    before = screen.text_box("process noise q").input_value()
+    screen.page.get_by_role("button", name="Find and apply").click()
+    screen.page.get_by_text("nothing was changed").wait_for()
+    assert screen.text_box("process noise q").input_value() == before
+    screen.shot("verdict")

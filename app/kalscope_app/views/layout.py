@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 LEFT_WIDTH = 330
 """Width of the control panel, px."""
@@ -41,6 +42,11 @@ def sizes_for(window_width: float, window_height: float) -> Sizes:
     return Sizes(right, max(180, free - innovation - gain), innovation, gain)
 
 
+def gutter(*, dark: bool) -> NDArray[np.uint8]:
+    """A plain picture for the canvas between the panels."""
+    return np.full((2, 2, 3), (30, 32, 36) if dark else (236, 239, 242), dtype=np.uint8)
+
+
 class WindowFinder:
     """Finds the size of a browser's window from all that viser tells: the pixels of the canvas between the panels.
 
@@ -52,6 +58,8 @@ class WindowFinder:
 
     def __init__(self) -> None:
         self._whole: float | None = None
+        self.first = (0.0, 0.0)
+        """The first report, pixels: the same again is most likely the same window, reloaded."""
         self._height = 0.0
         self._reported = (0.0, 0.0)
         self.needs_room = False
@@ -69,7 +77,7 @@ class WindowFinder:
         shape, (old_shape, old_height) = width / height, self._reported
         self._reported = (shape, height)
         if self._whole is None:
-            self._whole = shape
+            self._whole, self.first = shape, (width, height)
             return None
         if abs(shape - old_shape) <= 0.01 * old_shape:
             return None
@@ -115,8 +123,7 @@ class Panels:
         if dark == self._dark:
             return
         self._dark = dark
-        gutter = (30, 32, 36) if dark else (236, 239, 242)
-        self._server.scene.set_background_image(np.full((2, 2, 3), gutter, dtype=np.uint8), format="png")
+        self._server.scene.set_background_image(gutter(dark=dark), format="png")
         self._server.gui.configure_theme(
             dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(0, 114, 178)
         )

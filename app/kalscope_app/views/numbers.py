@@ -5,7 +5,7 @@ from __future__ import annotations
 import viser
 
 from kalscope_app.frame import Frame
-from kalscope_app.views.words import duration, frequency, number
+from kalscope_app.views.words import count, duration, frequency, number
 
 
 class NumbersView:
@@ -38,6 +38,8 @@ def table(frame: Frame) -> str:
         ("q / r", f"**{number(float(params.ratio))}**"),
         ("follows a step in", _both(settle, period)),
     ]
+    if params.gate is not None:
+        rows.append(("refused by the gate", f"**{count(frame.rejected)} samples**"))
     return "| | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows)
 
 

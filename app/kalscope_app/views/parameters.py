@@ -50,12 +50,19 @@ class ParametersView:
                 "start value x0",
                 "The estimate before the first sample; 0 is allowed, empty is the first sample. Only the start.",
             )
-        self._steps = gui.add_button_group("", ("Undo", "Redo"), hint="Also Ctrl+Z, Ctrl+Shift+Z.")
-        self._reset = gui.add_button("Reset q, r and the start", hint="Back to r = var(Δz)/2 and q = r/100.")
+            self._gate = TypedNumber(
+                gui,
+                session,
+                "gate",
+                "outlier gate v²/s",
+                "A sample further from its prediction is not used: 9 is three σ, empty is off.",
+            )
+        self._steps = gui.add_button_group(
+            "", ("Undo", "Redo", "Reset"), hint="Ctrl+Z, Ctrl+Shift+Z. Reset: r = var(Δz)/2, q = r/100."
+        )
         form.on_submit(self._on_submit)
         self._channel.on_update(self._on_channel)
         self._start.on_update(self._on_start)
-        self._reset.on_click(self._on_reset)
         self._steps.on_click(self._on_step)
         gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger(self._on_undo)
         gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift").on_trigger(self._on_redo)
@@ -68,11 +75,8 @@ class ParametersView:
         if event.client is not None:
             self._session.request(set_automatic_start(self._start.value == AUTOMATIC))
 
-    async def _on_reset(self, _event: viser.GuiEvent[Any]) -> None:
-        self._session.request(reset_parameters)
-
     async def _on_step(self, _event: viser.GuiEvent[Any]) -> None:
-        self._session.request(undo if self._steps.value == "Undo" else redo)
+        self._session.request({"Undo": undo, "Redo": redo, "Reset": reset_parameters}[self._steps.value])
 
     async def _on_undo(self, _event: viser.CommandEvent) -> None:
         self._session.request(undo)
@@ -81,7 +85,7 @@ class ParametersView:
         self._session.request(redo)
 
     async def _on_submit(self, _event: viser.GuiEvent[Any]) -> None:
-        for box in (*(control.typed for control in self._controls), self._x0):
+        for box in (*(control.typed for control in self._controls), self._x0, self._gate):
             box.submit()
 
     def show(self, frame: Frame) -> None:
@@ -99,6 +103,7 @@ class ParametersView:
             self._start.value = start
         self._x0.visible = tuning.p0 is not None
         self._x0.show(frame, tuning.x0, "first")
+        self._gate.show(frame, tuning.gate, "off")
 
 
 class VarianceControl:

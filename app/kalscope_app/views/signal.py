@@ -22,6 +22,7 @@ class Palette:
     truth: str
     innovation: str
     gain: str
+    smoothed: str
     band: str
     innovation_band: str
 
@@ -32,6 +33,7 @@ LIGHT = Palette(
     truth="#0072B2",
     innovation="#009E73",
     gain="#CC79A7",
+    smoothed="#1b9e8a",
     band="rgba(213, 94, 0, 0.14)",
     innovation_band="rgba(0, 158, 115, 0.14)",
 )
@@ -41,6 +43,7 @@ DARK = Palette(
     truth="#56B4E9",
     innovation="#2fc99b",
     gain="#e39ac6",
+    smoothed="#3fd6bd",
     band="rgba(255, 138, 61, 0.20)",
     innovation_band="rgba(47, 201, 155, 0.18)",
 )
@@ -80,30 +83,19 @@ class SignalView:
         series = [
             {"label": time_label(clock)},
             _raw_series(palette, points=bool(np.isnan(shown.raw).any())),
-            {**_line("−2√p"), "auto": False},
-            {**_line("+2√p"), "auto": False},
-            {
-                "label": "filtered",
-                "stroke": palette.filtered,
-                "width": 2.5,
-                "auto": False,
-                "points": {"show": False},
-            },
+            {**line("−2√p"), "auto": False},
+            {**line("+2√p"), "auto": False},
+            {**line("filtered", palette.filtered, 2.5), "auto": False},
         ]
         if shown.truth is not None:
             ys.append(shown.truth)
-            series.append(
-                {
-                    "label": "truth",
-                    "stroke": palette.truth,
-                    "width": 1.5,
-                    "dash": (6, 4),
-                    "points": {"show": False},
-                }
-            )
+            series.append({**line("truth", palette.truth, 1.5), "dash": (6, 4)})
+        if frame.smoothed is not None:
+            ys.append(frame.smoothed)
+            series.append(line("best offline", palette.smoothed, 1.5))
         layout = Layout(
             tuple(series),
-            _axes(scale.label(state.channel)),
+            axes(scale.label(state.channel)),
             ({"series": (3, 2), "fill": palette.band},),
         )
         self.signal.show(shown.time * clock.factor, [y * scale.factor for y in ys], layout, state.resets)
@@ -114,11 +106,11 @@ class SignalView:
         layout = Layout(
             (
                 {"label": time_label(clock)},
-                _line("−2√s"),
-                _line("+2√s"),
-                _line("innovation", palette.innovation),
+                line("−2√s"),
+                line("+2√s"),
+                line("innovation", palette.innovation),
             ),
-            _axes(scale.unit or "innovation"),
+            axes(scale.unit or "innovation"),
             ({"series": (2, 1), "fill": palette.innovation_band},),
         )
         ys = [-spread, spread, v]
@@ -129,9 +121,9 @@ class SignalView:
         layout = Layout(
             (
                 {"label": "samples since the start"},
-                _line("gain K", palette.gain, 2),
+                line("gain K", palette.gain, 2),
             ),
-            _axes("gain K"),
+            axes("gain K"),
         )
         self.gain.show(frame.gain_samples, [frame.gain], layout)
 
@@ -193,15 +185,15 @@ def _raw_series(palette: Palette, *, points: bool) -> dict[str, object]:
     if points:  # uPlot would draw a line across every gap
         marks = {"show": True, "size": 3, "space": 0, "fill": palette.raw, "stroke": palette.raw}
         return {"label": "raw", "stroke": palette.raw, "width": 0, "points": marks}
-    return _line("raw", palette.raw)
+    return line("raw", palette.raw)
 
 
-def _line(label: str, colour: str = "transparent", width: float = 1) -> dict[str, object]:
+def line(label: str, colour: str = "transparent", width: float = 1) -> dict[str, object]:
     """A line without marks; without a colour it is the edge of a band."""
     return {"label": label, "stroke": colour, "width": width, "points": {"show": False}}
 
 
-def _axes(y: str) -> tuple[dict[str, object], ...]:
+def axes(y: str) -> tuple[dict[str, object], ...]:
     """Small type; the x axis has its name in the legend, which saves a line."""
     small = {
         "font": "12px sans-serif",

@@ -1,0 +1,91 @@
+"""Does the filter fit? The advice beside the sliders, and the Check tab with the tests behind it."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import viser
+
+from kalscope.diagnostics import Diagnostics
+from kalscope_app.charts import Array, Chart, Layout
+from kalscope_app.checks import Checks
+from kalscope_app.views.signal import DARK, LIGHT, axes, line
+from kalscope_app.views.words import count, number
+
+
+class ChecksView:
+    """One or two sentences in the control panel, a table in the chart panel."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("Does it fit?"):
+            self._advice = gui.add_markdown("")
+        self._table: viser.GuiMarkdownHandle | None = None
+        self._correlation: Chart | None = None
+
+    def build_tab(self, gui: viser.GuiApi) -> None:
+        """The part that stands in the tab of the chart panel."""
+        self._table = gui.add_markdown("")
+        self._correlation = Chart(gui, 170)
+
+    def show(self, checks: Checks) -> None:
+        """Write both."""
+        said = sentence(checks.all_samples.advice)
+        if self._advice.content != said:
+            self._advice.content = said
+        text = table(checks)
+        if self._table is not None and self._table.content != text:
+            self._table.content = text
+        if self._correlation is not None:
+            self._correlation.show(*correlation_lines(checks))
+
+
+def sentence(advice: str) -> str:
+    """Advice as sentences; it is made of our own words and numbers only."""
+    said = re.sub(r"(^|\. )([a-z])(?=[a-z])", lambda m: m[1] + m[2].upper(), advice)
+    return said if said.endswith(".") else f"{said}."
+
+
+def correlation_lines(checks: Checks) -> tuple[Array, list[Array], Layout]:
+    """Correlation of the innovation with itself, lags 1 … h, and the bound that 95 % of white ones keep."""
+    d, palette = checks.all_samples, DARK if checks.state.dark else LIGHT
+    lags = np.arange(1.0, len(d.correlation) + 1.0)
+    bound = np.full(len(lags), d.r1_bound)
+    marks = {"show": True, "size": 7, "space": 0, "fill": palette.innovation}
+    layout = Layout(
+        (
+            {"label": "samples apart"},
+            line("−bound"),
+            line("+bound"),
+            {**line("memory of the innovation", palette.innovation), "points": marks},
+        ),
+        axes("correlation"),
+        ({"series": (2, 1), "fill": palette.innovation_band},),
+    )
+    return lags, [-bound, bound, d.correlation], layout
+
+
+def table(checks: Checks) -> str:
+    """What is tested, what was seen, what a fitting filter would show; markdown."""
+    d = checks.all_samples
+    rows = [
+        ("Size: mean of v²/s (NIS)", number(d.nis), f"{number(d.nis_low)} to {number(d.nis_high)}"),
+        ("the same on the second half", number(checks.held_out.nis), _band(checks.held_out)),
+        ("Memory: correlation of neighbours", number(d.r1), f"within ±{number(d.r1_bound)}"),
+        ("Ljung-Box over several lags", f"p = {number(d.ljung_box_p)}", "p above 0.05"),
+        ("Spikes beyond 4 σ", count(d.spikes), f"about {number(d.spikes_expected, 2)}"),
+        ("Slow waves", f"{number(100.0 * d.slow_share, 2)} % of the variance", f"p = {number(d.slow_p)}"),
+        ("Last third against first", f"variance × {number(d.variance_ratio)}", f"p = {number(d.variance_ratio_p)}"),
+        ("Bell shape (skewness, excess)", f"{number(d.skewness)}, {number(d.excess_kurtosis)}", "0, 0"),
+    ]
+    head = (
+        f"**{sentence(d.advice)}**\n\n"
+        "If q and r fit, the innovation is shapeless noise: of the right size, without memory, without spikes. "
+        f"Judged on {count(d.n)} samples.\n\n"
+        "| test | seen | a fitting filter shows |\n|---|---|---|\n"
+    )
+    return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)
+
+
+def _band(d: Diagnostics) -> str:
+    return f"{number(d.nis_low)} to {number(d.nis_high)}"

@@ -1,0 +1,233 @@
+"""Find q and r: by the record itself, by what the filter should do, or by what is known of the sensor."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import viser
+
+from kalscope.errors import BadSetting
+from kalscope.estimation import compare_methods, disagreement
+from kalscope.finding import METHOD_WORDS, Noise, find_parameters
+from kalscope.steady_state import steady_state
+from kalscope_app.changes import apply_found, parse_number, set_opinions
+from kalscope_app.frame import Frame
+from kalscope_app.jobs import Jobs
+from kalscope_app.session import Session
+from kalscope_app.state import State
+from kalscope_app.views.words import duration, number
+
+PATIENCE = 1.0
+"""Seconds after which a search shows its progress and can be cancelled."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to find q and r."""
+
+    arguments: Callable[[State, list[str]], dict[str, Any]]
+    """Arguments of `find_parameters` from the state and the typed texts."""
+    boxes: tuple[tuple[str, str], ...] = ()
+    """Label and first content of each text box it needs."""
+
+
+def _method(name: str) -> Way:
+    return Way(lambda _state, _texts: {"method": name})
+
+
+def _wish(name: str, label: str, content: str, factor: float = 1.0) -> Way:
+    def arguments(state: State, texts: list[str]) -> dict[str, Any]:
+        return {"wish": {name: factor * parse_number(label, texts[0])}, "present_r": state.tuning.r}
+
+    return Way(arguments, ((label, content),))
+
+
+def _noise(*names: tuple[str, str, str]) -> Way:
+    def arguments(_state: State, texts: list[str]) -> dict[str, Any]:
+        values = {name: parse_number(label, text) for (name, label, _), text in zip(names, texts, strict=False)}
+        sigma, density, bandwidth = (values.get(name) for name in ("sigma", "density", "bandwidth_hz"))
+        return {"noise": Noise(sigma=sigma, density=density, bandwidth_hz=bandwidth)}
+
+    return Way(arguments, tuple((label, content) for _, label, content in names))
+
+
+def _still(state: State, texts: list[str]) -> dict[str, Any]:
+    """The stretch that is typed, or else the part on screen; in s, or sample numbers where there is no time."""
+    time = state.recording.time
+    shown = state.window or (float(time.min()), float(time.max()))
+    first, last = (
+        parse_number(label, text) if text.strip() else default
+        for label, text, default in zip(("from", "to"), texts, shown, strict=False)
+    )
+    inside = (time >= min(first, last)) & (time <= max(first, last))
+    if not inside.any():
+        raise BadSetting(f"the still stretch must lie inside the recording (got {first:g} to {last:g})")
+    at = inside.nonzero()[0]
+    return {"noise": Noise(still=(int(at[0]), int(at[-1]) + 1))}
+
+
+WAYS: dict[str, Way] = {
+    "maximum likelihood": _method("ml"),
+    "largest lag": _wish("lag_s", "lag (ms)", "50", 1e-3),
+    "cut-off frequency": _wish("cutoff_hz", "cut-off (Hz)", "1"),
+    "noise reduction": _wish("noise_reduction_db", "reduction (dB)", "12"),
+    "gain K": _wish("gain", "gain K", "0.1"),
+    "lag in samples": _wish("lag_samples", "lag (samples)", "10"),
+    "a still stretch, fit q": Way(_still, (("from (s)", ""), ("to (s)", ""))),
+    "data sheet σ, fit q": _noise(("sigma", "σ, one std", "")),
+    "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
+    "keep r, fit q": Way(lambda state, _texts: {"noise": Noise(r=state.tuning.r)}),
+    "r/q = 100, fit r": Way(lambda _state, _texts: {"ratio": 0.01}),
+    **{METHOD_WORDS[name]: _method(name) for name in ("em", "moments", "als", "allan")},
+}
+"""Ways by the words on screen, the most useful first."""
+
+HINT = (
+    "From the record itself (maximum likelihood), from what the filter should do (lag, cut-off, noise), "
+    "or from what you know of the sensor (a still stretch, its data sheet)."
+)
+
+
+class FindView:
+    """The folder "Find q and r". A search runs as a job; its answer is filed as one undoable change."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
+        self._session, self._jobs = session, jobs
+        self._state: State | None = None
+        self._stop = threading.Event()
+        with gui.add_folder("Find q and r"):
+            self._way = gui.add_dropdown("by", tuple(WAYS), hint=HINT)
+            self._boxes = [gui.add_text("", "", visible=False) for _ in range(2)]
+            self._find = gui.add_button("Find and apply", hint="One step that Undo takes back.")
+            self._progress = gui.add_progress_bar(0.0, visible=False)
+            self._cancel = gui.add_button("Cancel", visible=False)
+            self._answer = gui.add_markdown("")
+        self._way.on_update(self._on_way)
+        self._find.on_click(self._on_find)
+        self._cancel.on_click(self._on_cancel)
+        self._opinions: viser.GuiMarkdownHandle | None = None
+
+    def build_opinions(self, gui: viser.GuiApi) -> None:
+        """The part that stands in a tab of the chart panel: five methods side by side."""
+        gui.add_markdown("### Second opinions")
+        ask = gui.add_button("Ask five methods", hint="Under the model they agree; where they differ, beware.")
+        ask.on_click(self._on_ask)
+        self._opinions = gui.add_markdown("")
+
+    async def _on_way(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is None:
+            return
+        wanted = WAYS[self._way.value].boxes
+        for i, box in enumerate(self._boxes):
+            box.visible = i < len(wanted)
+            if i < len(wanted):
+                box.label, box.value = wanted[i]
+
+    async def _on_find(self, _event: viser.GuiEvent[Any]) -> None:
+        way, texts, state = WAYS[self._way.value], [box.value for box in self._boxes], self._state
+        if state is not None:
+            self._stop.clear()
+            self._jobs.run(lambda: self._search(state, way, texts))
+
+    async def _on_ask(self, _event: viser.GuiEvent[Any]) -> None:
+        state = self._state
+        if state is not None:
+            self._stop.clear()
+            self._jobs.run(lambda: self._compare(state))
+
+    async def _on_cancel(self, _event: viser.GuiEvent[Any]) -> None:
+        self._stop.set()
+
+    def _search(self, state: State, way: Way, texts: list[str]) -> None:
+        z, period = state.recording.channel(state.channel), state.recording.sample_period
+        with _Patience(self._progress, self._cancel) as patience:
+            found = find_parameters(
+                z,
+                sample_period=period,
+                progress=patience.report,
+                cancelled=self._stop.is_set,
+                **way.arguments(state, texts),
+            )
+        self._session.request(apply_found(state.recording, state.channel, found))
+
+    def _compare(self, state: State) -> None:
+        z = state.recording.channel(state.channel)
+        with _Patience(self._progress, self._cancel) as patience:
+            opinions = compare_methods(z, progress=patience.report, cancelled=self._stop.is_set)
+        self._session.request(set_opinions(state.recording, state.channel, opinions))
+
+    def show(self, frame: Frame) -> None:
+        """Keep the state to search in, and write the last answers."""
+        self._state = frame.state
+        answer = answer_text(frame.state)
+        if self._answer.content != answer:
+            self._answer.content = answer
+        opinions = opinions_text(frame.state)
+        if self._opinions is not None and self._opinions.content != opinions:
+            self._opinions.content = opinions
+
+
+class _Patience:
+    """Progress and Cancel, on screen only while a job takes longer than PATIENCE."""
+
+    def __init__(self, bar: Any, cancel: viser.GuiButtonHandle) -> None:
+        self._bar, self._cancel, self._start = bar, cancel, time.monotonic()
+
+    def __enter__(self) -> _Patience:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._bar.visible = self._cancel.visible = False
+
+    def report(self, fraction: float, _text: str) -> None:
+        """Show how far it is."""
+        if time.monotonic() - self._start > PATIENCE:
+            self._bar.value = min(max(100.0 * fraction, 0.0), 100.0)
+            self._bar.visible = self._cancel.visible = True
+
+
+def answer_text(state: State) -> str:
+    """The last answer with before and after, as markdown; made of our own words and numbers."""
+    outcome = state.outcome
+    if outcome is None:
+        return ""
+    if outcome.after is None:
+        return f"**{outcome.how}: nothing was changed.** {outcome.message}"
+    period = state.recording.sample_period
+    before, after = outcome.before, outcome.after
+
+    def lag(tuning: Any) -> str:
+        steady = steady_state(tuning.params)
+        samples = float(steady.lag_samples)
+        return f"{number(samples)} samples" if period is None else duration(samples * period)
+
+    rows = [
+        ("q", number(before.q, 4), number(after.q, 4)),
+        ("r", number(before.r, 4), number(after.r, 4)),
+        ("lag", lag(before), lag(after)),
+    ]
+    table = "| | before | now |\n|---|---|---|\n" + "\n".join(f"| {n} | {b} | **{a}** |" for n, b, a in rows)
+    return f"{table}\n\n{outcome.message}"
+
+
+def opinions_text(state: State) -> str:
+    """The five methods side by side and their disagreement named, as markdown."""
+    if not state.opinions:
+        return "Five ways to estimate q and r from the record. If the model describes the signal, they agree."
+    period = state.recording.sample_period
+    rows = []
+    for one in state.opinions:
+        steady = steady_state(one.params) if one.params is not None else None
+        lag = "–" if steady is None else f"{number(float(steady.lag_samples))} samples"
+        if steady is not None and period is not None:
+            lag = duration(float(steady.lag_samples) * period)
+        gain = "–" if steady is None else number(float(steady.gain))
+        q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
+        rows.append(f"| {METHOD_WORDS[one.method]} | {q} | {r} | {gain} | {lag} | {verdict} |")
+    said = disagreement(state.opinions) or "They agree, as far as chance allows."
+    head = "| method | q | r | gain K | lag | verdict |\n|---|---|---|---|---|---|\n"
+    return f"{head}{chr(10).join(rows)}\n\n**{said}**\n\n{state.opinions[0].message}"

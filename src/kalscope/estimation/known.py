@@ -1,0 +1,212 @@
+"""q and r from what the user knows: a still stretch, a data sheet, a wanted lag or cut-off, or one of the two."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kalscope.errors import BadSetting
+from kalscope.estimation import maximum_likelihood as ml
+from kalscope.estimation import words
+from kalscope.estimation.conclusion import NOWHERE, each_channel, exp
+from kalscope.estimation.result import Estimate, Pair, Watch
+from kalscope.estimation.search import Peak, find_peak, grid_for
+from kalscope.likelihood import Array, Differences
+from kalscope.model import LARGEST, FilterParams
+from kalscope.steady_state import ratio_for
+
+_FARTHEST = 1e100
+"""A given r this many times above or below the readings' largest squared step belongs to another unit."""
+
+_WIDE_GAP = 64.0 * np.finfo(np.float64).eps
+"""Two readings closer than this, relative to the largest, are one: a step of rounding is no step."""
+
+
+@dataclass(frozen=True)
+class StillNoise:
+    """The noise of a sensor at rest."""
+
+    r: float
+    """Measurement-noise variance, unit²: the variance without the drift, but at least `floor`."""
+    variance: float
+    """Variance about the straight line through the stretch, unit²."""
+    drift: float
+    """Slope of that line, unit a sample."""
+    quantum: float
+    """Step Δ of the readings, unit; 0 where none shows."""
+    floor: float
+    """Δ²/12, the variance that rounding to steps of Δ adds at least, unit²."""
+    samples: int
+    """Finite samples used."""
+    message: str
+    """For a person: what r rests on."""
+
+
+def noise_from_still(z_segment: ArrayLike, quantum: float | None = None) -> StillNoise:
+    """The noise variance r of a stretch in which the sensor was at rest.
+
+    Args:
+        z_segment: measurements at rest, shape (n,), at least 8 of them finite; NaN is a missing sample.
+        quantum: step Δ of the readings in their unit, ≥ 0; None = the smallest step between two readings.
+
+    Raises:
+        BadSetting: too few finite samples, inf, another shape, a negative quantum, or readings that are all the
+            same while no quantum is known.
+
+    Source: residual variance of a straight line, Σe²/(n − 2); rounding to steps of Δ adds Δ²/12 (Widrow 1956).
+    """
+    column = np.asarray(z_segment, dtype=np.float64)
+    if column.ndim != 1 or np.isinf(column).any():
+        raise BadSetting(f"the still stretch must be finite samples, shape (n,) (got shape {column.shape})")
+    place = np.flatnonzero(np.isfinite(column))
+    if len(place) < words.MIN_SAMPLES:
+        raise BadSetting(f"the still stretch must hold at least {words.MIN_SAMPLES} samples (got {len(place)})")
+    if quantum is not None and not 0.0 <= quantum < math.inf:
+        raise BadSetting(f"quantum must be a finite step, 0 or more (got {quantum})")
+    samples = column[place]
+    step = _smallest_step(samples) if quantum is None else float(quantum)
+    middle = place - place.mean()
+    level = samples - samples[0]
+    drift = float(middle @ level / (middle @ middle))
+    left = level - level.mean() - drift * middle
+    variance = float(left @ left) / (len(place) - 2)
+    floor = step**2 / 12.0
+    if max(variance, floor) == 0.0:
+        raise BadSetting("the still stretch must show noise, or quantum must be given (got equal readings)")
+    if floor > variance:
+        message = f"The readings hardly change: r is what rounding to steps of {step:.4g} adds, Δ²/12."
+    else:
+        message = f"Standard deviation {math.sqrt(variance):.4g} over {len(place)} readings, drift removed."
+    return StillNoise(max(variance, floor), variance, drift, step, floor, len(place), message)
+
+
+def noise_from_datasheet(
+    *, sigma: float | None = None, density: float | None = None, bandwidth_hz: float | None = None
+) -> float:
+    """The noise variance r, unit², from a data sheet.
+
+    Args:
+        sigma: RMS noise (one standard deviation), unit, > 0: r = σ².
+        density: noise density, unit/√Hz, > 0, with bandwidth_hz: r = density² · bandwidth.
+        bandwidth_hz: noise bandwidth at the output, Hz, > 0; for a first-order low-pass π/2 times its −3 dB
+            frequency; without any filter half the sample rate.
+
+    Raises:
+        BadSetting: neither or both of sigma and density, density without bandwidth, or a value not above 0.
+    """
+    if (sigma is None) == (density is None):
+        raise BadSetting(f"one of sigma and density must be given (got sigma = {sigma}, density = {density})")
+    if sigma is not None:
+        return _above_zero("sigma", sigma) ** 2
+    if density is None or bandwidth_hz is None:
+        raise BadSetting("density needs bandwidth_hz, the bandwidth of the noise in Hz (got None)")
+    return _above_zero("density", density) ** 2 * _above_zero("bandwidth_hz", bandwidth_hz)
+
+
+def params_for_specification(
+    r: float,
+    *,
+    gain: float | None = None,
+    lag_samples: float | None = None,
+    lag_s: float | None = None,
+    cutoff_hz: float | None = None,
+    noise_reduction_db: float | None = None,
+    sample_period: float | None = None,
+) -> FilterParams:
+    """The pair whose settled filter has what is asked: λ from the wish (`ratio_for`), then q = λ r.
+
+    Args:
+        r: measurement-noise variance, unit², > 0.
+        gain: steady gain K; or one of
+        lag_samples: largest lag behind a ramp, samples;
+        lag_s: the same in s;
+        cutoff_hz: −3 dB frequency;
+        noise_reduction_db: white noise, in to out.
+        sample_period: nominal sample period in s, for wishes in s or Hz.
+
+    Raises:
+        BadSetting: r is not above 0, no wish or several, or a wish out of range.
+    """
+    ratio = ratio_for(
+        gain=gain,
+        lag_samples=lag_samples,
+        lag_s=lag_s,
+        cutoff_hz=cutoff_hz,
+        noise_reduction_db=noise_reduction_db,
+        sample_period=sample_period,
+    )
+    noise = _above_zero("r", r)
+    return FilterParams(q=ratio * noise, r=noise)
+
+
+def estimate_fixed_r(z: ArrayLike, r: float, dt: ArrayLike | None = None) -> Estimate:
+    """Find q by maximum likelihood where r is known (a still stretch, a data sheet); method "fixed_r".
+
+    Args:
+        z: measurements, shape (n,) or (n, channels); NaN is a missing sample.
+        r: measurement-noise variance of every channel, unit², > 0.
+        dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
+
+    Raises:
+        BadSetting: r is not above 0; z holds inf or has another shape; dt does not fit z.
+    """
+    noise = _above_zero("r", r)
+
+    def fit(data: Differences, watch: Watch) -> tuple[Pair, Peak]:
+        scaled = noise / data.scale / data.scale
+        if not _FARTHEST**-1 < scaled < _FARTHEST:
+            return Pair(0.0, 0.0, math.inf, math.inf, verdict="bad_unit", text=words.other_unit()), NOWHERE
+        constant = data.m * (math.log(2.0 * math.pi) + math.log(noise))
+
+        def loglik(log_ratios: Array) -> Array:
+            chi2, logdet = data.sums(np.exp(log_ratios))
+            return -0.5 * (constant + logdet + chi2 / scaled)
+
+        # λ can hardly exceed the largest squared difference (at most 1 in this scale) over r
+        peak = find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(scaled))), -math.inf, watch)
+        q = math.exp(peak.log_ratio) * scaled
+        q_se = q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf
+        return Pair(q, scaled, q_se, 0.0), peak
+
+    return each_channel("fixed_r", z, dt, Watch(), fit)
+
+
+def estimate_fixed_ratio(z: ArrayLike, ratio: float = 0.01, dt: ArrayLike | None = None) -> Estimate:
+    """Find r by maximum likelihood where λ = q/r is chosen; method "fixed_ratio". r = Σv²/f / m.
+
+    Args:
+        z: measurements, shape (n,) or (n, channels); NaN is a missing sample.
+        ratio: λ = q/r, > 0; 0.01, r a hundred times q, is the advice of Ma'arif et al. (2019), section 4.
+        dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
+
+    Raises:
+        BadSetting: ratio is not above 0; z holds inf or has another shape; dt does not fit z.
+    """
+    chosen = _above_zero("ratio", ratio)
+
+    def fit(data: Differences, watch: Watch) -> tuple[Pair, Peak]:
+        r = float(data.sums(np.array([chosen]))[0][0]) / data.m
+        r_se = r * math.sqrt(2.0 / data.m)
+        peak = ml.search(data, watch)
+        low, high = peak.interval
+        text = words.chosen_ratio(exp(low), exp(high), chosen)
+        return Pair(chosen * r, r, chosen * r_se, r_se, text=text), peak
+
+    return each_channel("fixed_ratio", z, dt, Watch(), fit)
+
+
+def _smallest_step(samples: Array) -> float:
+    """The smallest difference between two readings that is not rounding; 0 where all are equal."""
+    levels = np.diff(np.unique(samples))
+    levels = levels[levels > _WIDE_GAP * np.abs(samples).max()]
+    return float(levels.min(initial=math.inf)) if len(levels) else 0.0
+
+
+def _above_zero(name: str, value: float) -> float:
+    number = float(value)
+    if not 0.0 < number <= LARGEST:
+        raise BadSetting(f"{name} must be a finite number above 0 (got {value})")
+    return number

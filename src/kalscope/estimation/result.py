@@ -1,0 +1,142 @@
+"""Estimate: what every method answers, one value for one channel or arrays for several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.errors import KalscopeError
+from kalscope.model import FilterParams
+
+Value = float | NDArray[np.float64]
+Words = str | NDArray[np.str_]
+
+
+class Cancelled(KalscopeError):
+    """A long fit was told to stop before it had an answer."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """q and r found in a record, with what they are worth. For z of shape (n, channels) fields are arrays.
+
+    No field is ever NaN. Where the record cannot give a usable pair `params` is None, `verdict` is not "ok",
+    and `message` says in words what that means and what to do instead; q and r then hold the bare maximum of
+    the likelihood (r = 0 for "no_noise", q = 0 for "no_movement"), or 0 where there is nothing to maximise.
+    """
+
+    method: str
+    """How it was found: "ml", "em", "moments", "als", "allan", "fixed_r" or "fixed_ratio"."""
+    q: Value
+    """Process-noise variance per nominal sample period, unit², ≥ 0."""
+    r: Value
+    """Measurement-noise variance, unit², ≥ 0."""
+    ratio: Value
+    """λ = q/r, 0 … inf; 0 where both are 0."""
+    loglik: Value
+    """Log-likelihood at (q, r), exact diffuse start, first finite sample not scored; 0 where nothing
+    is, −inf where r = 0 contradicts two samples at one instant."""
+    ratio_interval: tuple[Value, Value]
+    """The λ that the record allows: profile-likelihood 95 %, whatever the method; ends may be 0 and inf."""
+    gain_interval: tuple[Value, Value]
+    """The same as steady gain, 0 … 1."""
+    lag_interval: tuple[Value, Value]
+    """The same as lag behind a ramp, samples, 0 … inf, short one first."""
+    q_se: Value
+    """Standard error of q, unit²; inf at an edge, where there is none."""
+    r_se: Value
+    """Standard error of r, unit²; inf at an edge."""
+    verdict: Words
+    """"ok", "no_noise" (r → 0), "no_movement" (q → 0), "flat" (any λ explains the record), "too_few",
+    "constant", "bad_unit" (variances outside 1e-300 … 1e300), "irregular" (the method needs regular sampling)
+    or "not_converged"."""
+    message: Words
+    """For a person: what was found, what it means, what to do."""
+    params: FilterParams | None
+    """The pair, ready for the filter, diffuse start; None where there is none (in any channel)."""
+
+    def channel(self, index: int) -> Estimate:
+        """One channel of an estimate for several, as scalars."""
+        if np.ndim(self.q) == 0:
+            return self
+        values: dict[str, Any] = {f.name: _pick(getattr(self, f.name), index) for f in fields(self)}
+        usable = values["verdict"] in USABLE
+        values["params"] = FilterParams(q=values["q"], r=values["r"]) if usable else None
+        return Estimate(**values)
+
+
+USABLE = ("ok", "flat", "not_converged")
+"""Verdicts that come with parameters: both variances are above 0, though perhaps vague."""
+
+
+def stack(estimates: Sequence[Estimate]) -> Estimate:
+    """The estimates of several channels as one, fields of shape (channels,)."""
+    if not estimates:
+        raise ValueError("at least one estimate is needed (got none)")
+    values: dict[str, Any] = {}
+    for f in fields(Estimate):
+        column = [getattr(one, f.name) for one in estimates]
+        if f.name.endswith("_interval"):
+            values[f.name] = tuple(np.array(end) for end in zip(*column, strict=True))
+        elif f.name not in ("method", "params"):
+            values[f.name] = np.array(column)
+    usable = all(one.params is not None for one in estimates)
+    values["method"] = estimates[0].method
+    values["params"] = FilterParams(q=values["q"], r=values["r"]) if usable else None
+    return Estimate(**values)
+
+
+def _pick(value: Any, index: int) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_pick(end, index) for end in value)
+    return value[index].item() if isinstance(value, np.ndarray) else value
+
+
+@dataclass(frozen=True)
+class Pair:
+    """What one method finds in one channel, in the squared scale of its `Differences`."""
+
+    q: float
+    """Process-noise variance, scale², ≥ 0."""
+    r: float
+    """Measurement-noise variance, scale², ≥ 0."""
+    q_se: float
+    """Standard error of q, scale²; inf where unknown."""
+    r_se: float
+    """Standard error of r, scale²; inf where unknown."""
+    verdict: str = ""
+    """A verdict only the method can give: "irregular", "too_few", "not_converged"; "" = judge by the numbers."""
+    text: str = ""
+    """The whole message, where the one that belongs to the verdict does not fit; "" = that one."""
+    note: str = ""
+    """A sentence to add to the message."""
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Shows progress and listens for the wish to stop, on behalf of one part of a longer task."""
+
+    progress: Callable[[float, str], None] | None = None
+    """Called with the fraction done, 0 … 1, and what is being done; None = nobody looks."""
+    cancelled: Callable[[], bool] | None = None
+    """Asked whether to stop; None = never."""
+    start: float = 0.0
+    """Fraction of the whole at which this part starts."""
+    stop: float = 1.0
+    """Fraction of the whole at which this part ends."""
+
+    def report(self, fraction: float, text: str) -> None:
+        """Tell how far this part is; raises Cancelled where the caller wants to stop."""
+        if self.cancelled is not None and self.cancelled():
+            raise Cancelled("the estimate was cancelled before it was finished")
+        if self.progress is not None:
+            self.progress(self.start + (self.stop - self.start) * fraction, text)
+
+    def part(self, start: float, stop: float) -> Watch:
+        """A watch over the part from `start` to `stop` of this one."""
+        width = self.stop - self.start
+        return Watch(self.progress, self.cancelled, self.start + width * start, self.start + width * stop)

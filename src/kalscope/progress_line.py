@@ -1,0 +1,45 @@
+"""How far a long command is: one line on a terminal that disappears when the work is done."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TextIO
+
+PATIENCE_S = 1.0
+"""Work that takes longer shows how far it is."""
+
+PAUSE_S = 0.1
+"""Least time between two looks of the line."""
+
+
+class ProgressLine:
+    """One line on a terminal, gone at the end of the block; nothing anywhere else."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._wanted = stream.isatty()
+        self._due = time.monotonic() + PATIENCE_S
+        self._width = 0
+
+    def __enter__(self) -> ProgressLine:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._width:
+            self._stream.write(f"\r{' ' * self._width}\r")
+            self._stream.flush()
+
+    def part(self, name: str, index: int, count: int) -> Callable[[float, str], None]:
+        """The reporter of one channel among `count`."""
+        return lambda fraction, text: self._show((index + fraction) / count, f"{name}: {text}")
+
+    def _show(self, fraction: float, text: str) -> None:
+        now = time.monotonic()
+        if not self._wanted or now < self._due:
+            return
+        self._due = now + PAUSE_S
+        line = f"{fraction:4.0%} {text}"[:70]
+        self._stream.write(f"\r{line:<{self._width}}")
+        self._stream.flush()
+        self._width = max(self._width, len(line))

@@ -1,0 +1,43 @@
+"""Every real recording within reach: an estimate or a verdict in words, never an exception, never NaN."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kalscope import KalscopeError, read_recording
+from kalscope.estimation import METHODS, estimate
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+FILES = sorted(p for p in DATA.rglob("*") if p.is_file() and p.name != "README.md")
+
+
+@pytest.mark.skipif(not FILES, reason="the shared recordings are not here")
+@pytest.mark.parametrize("path", FILES, ids=lambda p: f"{p.parent.name}/{p.name}")
+def test_every_channel_gets_an_estimate_or_a_verdict_in_words(path):
+    try:
+        values = read_recording(path).values
+    except KalscopeError:
+        pytest.skip("no recording")
+    for method in METHODS:
+        # EM's passes are the slow part and meet nothing that a shorter record would not show
+        found = estimate(values[:2000] if method == "em" else values, method)
+        for c in range(values.shape[1]):
+            judge(found.channel(c))
+
+
+def judge(found):
+    for f in fields(found):
+        value = getattr(found, f.name)
+        if not isinstance(value, str) and f.name != "params":
+            assert not np.isnan(value).any(), f.name
+    assert len(found.message) > 40
+    assert found.message.endswith(".")
+    usable = found.verdict in ("ok", "flat", "not_converged")
+    assert usable == (found.params is not None)
+    if usable:
+        assert found.q > 0
+        assert found.r > 0
