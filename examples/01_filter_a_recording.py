@@ -22,7 +22,7 @@ def main() -> None:
     result = kalscope.kalman_filter(z, params)
     steady = kalscope.steady_state(params, recording.sample_period)
     print(f"q = {params.q:.4g}, r = {params.r:.4g} counts²")
-    print(f"lag {steady.lag_s * 1e3:.1f} ms, noise reduction {steady.noise_reduction_db:.1f} dB")
+    print(f"lag {steady.lag_samples:.1f} samples, noise reduction {steady.noise_reduction_db:.1f} dB")
     print(f"step between samples: raw {np.std(np.diff(z)):.2f}, filtered {np.std(np.diff(result.x)):.2f} counts")
 
 

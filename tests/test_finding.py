@@ -196,7 +196,7 @@ def test_a_given_r_that_explains_everything_is_not_called_good() -> None:
     assert says_what_to_do(found)
 
 
-@pytest.mark.parametrize(("verdict", "silent"), zip(EDGES, [False, False, False, True], strict=True))
+@pytest.mark.parametrize(("verdict", "silent"), list(zip(EDGES, [False, False, False, True], strict=True)))
 def test_what_never_changes_is_silent(verdict: str, silent: bool) -> None:
     assert still_or_silent(EDGES[verdict]) is silent
     assert still_or_silent(np.array([1.0, math.nan, 2.0]))
