@@ -125,7 +125,10 @@ class Panels:
         self._dark = dark
         self._server.scene.set_background_image(gutter(dark=dark), format="png")
         self._server.gui.configure_theme(
-            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(0, 114, 178)
+            dark_mode=dark,
+            show_logo=False,
+            show_share_button=False,
+            brand_color=(86, 180, 233) if dark else (0, 114, 178),
         )
 
     @property

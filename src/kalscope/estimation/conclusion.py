@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kalscope.arrays import columns_of, refuse_infinite, steps_of
 from kalscope.estimation import words
 from kalscope.estimation.result import USABLE, Estimate, Pair, Watch, stack
 from kalscope.estimation.search import Peak
-from kalscope.arrays import columns_of, refuse_infinite, steps_of
 from kalscope.likelihood import Differences, differences
 from kalscope.model import LARGEST, FilterParams
 
