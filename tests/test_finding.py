@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,7 +112,13 @@ def test_the_words_for_the_tuning_file_name_what_decided() -> None:
 
 @pytest.mark.parametrize("scale", [1e-9, 1e9])
 def test_the_answer_does_not_depend_on_the_unit(scale: float) -> None:
-    for asked in ({}, {"wish": {"lag_samples": 5.0}}, {"ratio": 0.01}, {"noise": Noise(still=(0, 60))}):
+    cases: list[dict[str, Any]] = [
+        {},
+        {"wish": {"lag_samples": 5.0}},
+        {"ratio": 0.01},
+        {"noise": KNOWN["still"][0]},
+    ]
+    for asked in cases:
         plain, scaled = find_parameters(Z, **asked).params, find_parameters(Z * scale, **asked).params
         assert plain is not None
         assert scaled is not None
@@ -185,6 +192,10 @@ def test_at_the_edge_without_movement_the_likelihood_still_gives_r_for_a_wish() 
 def test_a_placeholder_is_called_one() -> None:
     assert "placeholder" in find_parameters(np.full(50, 4.0), wish={"gain": 0.2}).message
     assert "placeholder" in find_parameters(np.full(50, math.nan), wish={"gain": 0.2}).message
+    counter = find_parameters(1e6 + np.arange(5000.0), wish={"gain": 0.2})  # a column of row numbers
+    assert "placeholder" in counter.message
+    assert counter.params is not None
+    assert counter.params.r == pytest.approx(0.5)
     assert "placeholder" not in find_parameters(EDGES["no_noise"], wish={"gain": 0.2}).message
 
 
@@ -196,8 +207,8 @@ def test_a_given_r_that_explains_everything_is_not_called_good() -> None:
     assert says_what_to_do(found)
 
 
-@pytest.mark.parametrize(("verdict", "silent"), list(zip(EDGES, [False, False, False, True], strict=True)))
-def test_what_never_changes_is_silent(verdict: str, silent: bool) -> None:
+@pytest.mark.parametrize(("verdict", "silent"), list(zip(EDGES, [False, False, True, True], strict=True)))
+def test_a_constant_and_an_even_ramp_show_no_noise(verdict: str, silent: bool) -> None:
     assert still_or_silent(EDGES[verdict]) is silent
     assert still_or_silent(np.array([1.0, math.nan, 2.0]))
 

@@ -150,7 +150,7 @@ def _cells(one: Estimate) -> tuple[str, str, str, str]:
 
 
 def _row(method: str, q: str, r: str, gain: str, lag: str, verdict: str) -> str:
-    return f"  {method:<30}{q:>12}{r:>12}{gain:>11}{lag:>11}  {verdict}"
+    return f"  {method:<32}{q:>12}{r:>12}{gain:>11}{lag:>11}  {verdict}"
 
 
 def _trust(answer: Answer) -> Iterator[str]:
@@ -166,7 +166,7 @@ def _trust(answer: Answer) -> Iterator[str]:
     if held is None:
         yield "Held-out test: not possible, one half of the record gives too little."
         return
-    band = f"{number(held.nis)}, white: {number(held.nis_low)} to {number(held.nis_high)}"
+    band = f"{number(held.nis)}, expected {number(held.nis_low)} to {number(held.nis_high)}"
     test = "On the second half" if answer.verdict == CHOSEN else "Tuned on the first half, judged on the second"
     yield from _wrapped(f"{test}: NIS {band}: {_nis(held)}.")
 
