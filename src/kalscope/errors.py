@@ -17,3 +17,7 @@ class BadFile(KalscopeError, ValueError):
 
 class BadDevice(KalscopeError, OSError):
     """A port or a network address cannot be used: busy, unknown, unplugged."""
+
+
+class Cancelled(KalscopeError):
+    """A long task was told to stop before it had an answer."""

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.errors import BadSetting
+
+Gaps = Literal["rows", "missing", "dt"]
+"""What a gap in time is to the filter: nothing, rows of missing samples, or elapsed time."""
 
 
 @dataclass(frozen=True)
@@ -31,19 +35,21 @@ class ReadReport:
     lines: int = 0
     """Lines in the file, a torn last one included."""
     rows: int = 0
-    """Lines that became one row of `Recording.values`."""
+    """Lines that were taken: one row of `Recording.values` each, except where several lines of Teleplot make one."""
     rejected: int = 0
     """Lines of the wrong shape, left out."""
     blank: int = 0
     """Lines with nothing on them."""
     comments: int = 0
-    """Comment lines, boot text above the header included."""
+    """Comment lines, boot text above the header and prose between labelled lines included."""
     headers: int = 0
     """Header and unit lines, repeated ones included."""
     bad_cells: int = 0
-    """Cells that are no numbers in lines that were kept: missing samples."""
+    """Cells that are no numbers in lines that were kept: missing samples; and tokens that no column claims."""
     clipped_times: int = 0
     """Time stamps that step backward; the step counts as 0 (dt = 0)."""
+    inserted: int = 0
+    """Rows of missing samples put into the gaps of time; 0 unless they were asked for."""
     issues: tuple[LineIssue, ...] = ()
     """The first 100 rejected lines and bad cells, in file order."""
     notes: tuple[str, ...] = ()
@@ -74,6 +80,8 @@ class Recording:
     """Name to show a person."""
     sha256: str = ""
     """SHA-256 of the bytes it was read from; "" where there are none."""
+    gaps: Gaps = "rows"
+    """How its gaps in time are to be filtered; "dt" asks for dt = `steps()`, the others for dt = None."""
 
     def __len__(self) -> int:
         return len(self.time)
@@ -89,3 +97,13 @@ class Recording:
     def channel(self, name: str) -> NDArray[np.float64]:
         """Samples of one channel, shape (n,)."""
         return self.values[:, self.index(name)]
+
+    def steps(self) -> NDArray[np.float64]:
+        """Time before each sample in nominal sample periods, shape (n,): the filter's `dt`.
+
+        The first is 1; a step back in time is 0. BadSetting where the recording has no time.
+        """
+        if self.sample_period is None:
+            raise BadSetting("dt needs a recording with time or a sample period (got neither)")
+        steps = np.diff(self.time) / self.sample_period
+        return np.concatenate(([1.0], np.maximum(steps, 0.0)))[: len(self)]

@@ -20,8 +20,9 @@ FILES = sorted(p for p in DATA.rglob("*") if p.is_file() and p.name != "README.m
 def test_every_channel_gets_an_estimate_or_a_verdict_in_words(path):
     try:
         values = read_recording(path).values
-    except KalscopeError:
-        pytest.skip("no recording")
+    except KalscopeError as refusal:  # not every file is a table of numbers; then that is said
+        assert path.name in str(refusal)
+        return
     for method in METHODS:
         # EM's passes are the slow part and meet nothing that a shorter record would not show
         found = estimate(values[:2000] if method == "em" else values, method)

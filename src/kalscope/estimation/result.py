@@ -9,15 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.errors import KalscopeError
+from kalscope.errors import Cancelled as Cancelled
 from kalscope.model import FilterParams
 
 Value = float | NDArray[np.float64]
 Words = str | NDArray[np.str_]
-
-
-class Cancelled(KalscopeError):
-    """A long fit was told to stop before it had an answer."""
 
 
 @dataclass(frozen=True)

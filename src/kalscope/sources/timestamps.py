@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.sources.line_parser import MISSING, parse_number
+from kalscope.sources.cells import MISSING, parse_number
 
-TimeKind = Literal["number", "calendar", "clock", "yyyymmdd"]
+TimeKind = Literal["number", "calendar", "clock", "yyyymmdd", "year day"]
 DateOrder = Literal["ymd", "dmy", "mdy"]
 
 SECONDS_PER_UNIT = {
@@ -58,13 +58,21 @@ class TimeColumn:
     index: int
     """Column of the stamp, from 0."""
     kind: TimeKind
-    """Numbers, calendar stamps (ISO 8601 or d/m/y), clock times without a date, or 20260131."""
+    """Numbers, calendar stamps (ISO 8601 or d/m/y), clock times without a date, 20260131, or a year with the
+    day of the year and the clock as 2359 in columns of their own."""
     unit: str = ""
     """Unit of a numeric stamp, a key of SECONDS_PER_UNIT; "" is decided by magnitude."""
     order: DateOrder = "ymd"
     """Order of the parts of a calendar stamp."""
     clock_index: int | None = None
     """Column of the clock where date and clock stand in two columns; None otherwise."""
+    day_index: int | None = None
+    """Column of the day of the year, 1 … 366, for "year day"; None otherwise."""
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """All columns that the time is made of."""
+        return tuple(i for i in (self.index, self.day_index, self.clock_index) if i is not None)
 
 
 def parse_clock(cell: str) -> float | None:
@@ -103,6 +111,32 @@ def parse_yyyymmdd(cell: str) -> float | None:
     if not re.fullmatch("[0-9]{8}", cell):
         return None
     return parse_calendar(f"{cell[:4]}-{cell[4:6]}-{cell[6:]}")
+
+
+def parse_year_day(year: str, day: str, hhmm: str) -> float | None:
+    """Microseconds since 1970 of `2018`, `291`, `2359`: year, day of the year, clock; None for anything else."""
+    if not all(cell.isascii() and cell.isdecimal() for cell in (year, day, hhmm)):
+        return None
+    if not (1900 <= int(year) <= 2200 and 1 <= int(day) <= 366 and int(hhmm) <= 2400 and int(hhmm) % 100 < 60):
+        return None
+    start = datetime(int(year), 1, 1, tzinfo=UTC) + timedelta(days=int(day) - 1)
+    return float((start - _EPOCH) // _MICROSECOND) + (int(hhmm) // 100 * 60 + int(hhmm) % 100) * 60e6
+
+
+def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str]], float | None]:
+    """The function that reads the stamp of a row from all its cells, whatever columns it is made of."""
+    index, day, clock = column.index, column.day_index, column.clock_index
+    if column.kind == "year day" and day is not None and clock is not None:
+        return lambda cells: parse_year_day(cells[index], cells[day], cells[clock])
+    parse = stamp_parser(column, decimal)
+    if clock is None:
+        return lambda cells: parse(cells[index])
+
+    def parse_both(cells: Sequence[str]) -> float | None:
+        date, time = parse(cells[index]), parse_clock(cells[clock])
+        return None if date is None or time is None else date + time
+
+    return parse_both
 
 
 def stamp_parser(column: TimeColumn, decimal: str) -> Callable[[str], float | None]:
@@ -159,8 +193,9 @@ def unit_by_magnitude(stamps: NDArray[np.float64]) -> str:
     then microseconds, of millions nanoseconds. Whole minutes stay seconds, and so do all fractions.
     """
     low, high = float(stamps.min()), float(stamps.max())
-    step = _median_step(stamps)
-    whole = bool(np.all(stamps == np.floor(stamps)))
+    step = _median_step(stamps[:100_000])
+    # The head alone is looked at first: most stamps with fractions show them there.
+    whole = all(bool(np.all(part == np.floor(part))) for part in (stamps[:1000], stamps))
     for size, unit in ((1e9, "s"), (1e12, "ms"), (1e15, "us"), (1e18, "ns")):
         # 2001 to 2100; whole seconds that step by thousands but not by minutes are a counter of µs.
         counter = unit == "s" and whole and step >= 1000 and step % 60 != 0
@@ -182,15 +217,16 @@ def to_seconds(stamps: NDArray[np.float64], column: TimeColumn) -> tuple[NDArray
 
     Calendar and epoch stamps count from the first sample; others, years among them, as the source counts them.
     """
-    if column.kind in ("calendar", "yyyymmdd"):
+    if column.kind in ("calendar", "yyyymmdd", "year day"):
         start = _date_text(float(stamps[0]) * 1e-6)
         return (stamps - stamps[0]) / 1e6, f"time counts from the first stamp, {start}"
     if column.kind == "clock":
         # A clock that jumps back by more than half a day has passed midnight.
         days = np.cumsum(np.diff(stamps, prepend=stamps[0]) < -43200e6)
         seconds = (stamps - stamps[0]) / 1e6 + 86400.0 * days
-        midnight = timedelta(microseconds=float(stamps[0]))
-        return seconds, f"time counts from the first stamp, {midnight} on the clock"
+        start = timedelta(microseconds=float(stamps[0]))
+        passed = f"; the clock passes midnight {times(int(days[-1]))}" if days[-1] else ""
+        return seconds, f"time counts from the first stamp, {start} on the clock{passed}"
     unit = column.unit or unit_by_magnitude(stamps)
     said = f"read as {unit}" if column.unit else f"read as {unit} by their size, no unit is said"
     scale = SECONDS_PER_UNIT[unit]
@@ -220,6 +256,11 @@ def nominal_period(time: NDArray[np.float64]) -> float | None:
 def _scaled(stamps: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
     # Dividing by 1000 rounds 3 ms to the double nearest 0.003; multiplying by 0.001 may not.
     return stamps / round(1 / scale) if scale < 1 else stamps * scale
+
+
+def times(count: int) -> str:
+    """`once`, `twice`, `3 times`."""
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
 def _date_text(seconds: float) -> str:
