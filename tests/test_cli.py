@@ -238,7 +238,7 @@ def test_a_tuning_of_other_channels_is_refused(log: Path, tmp_path: Path, capsys
     config = tmp_path / "t.toml"
     save_tuning(Tuning((ChannelTuning("x", "", 1.0, 1.0), ChannelTuning("y", "", 1.0, 1.0))), config)
     assert run(["filter", str(log), "--config", str(config)]) == 2
-    assert capsys.readouterr().err == "kalscope: --config must tune a or b (got channels x, y)\n"
+    assert capsys.readouterr().err == "kalscope: the tuning must hold a or b (got channels x, y)\n"
 
 
 def test_the_recording_is_never_written_over(log: Path, capsys: Captured) -> None:

@@ -6,6 +6,7 @@ A browser may send anything, so a change clamps its values or raises BadSetting;
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -26,7 +27,7 @@ def set_exponent(name: str, exponent: float) -> Change:
             return state
         low, high = slider_limits(state, name)
         value = 10.0 ** min(max(exponent, low), high)
-        return state.with_tuning(**{name: float(f"{value:.2e}")}, how="by hand")  # three digits suit a slider
+        return _by_hand(state, name, float(f"{value:.2e}"))  # three digits suit a slider
 
     return change
 
@@ -43,10 +44,16 @@ def set_text(name: str, text: str) -> Change:
         if getattr(state.tuning, name) == value:
             return state
         if name == "x0" and state.tuning.p0 is None:
-            return state.with_tuning(x0=value, p0=state.tuning.r, how="by hand")
-        return state.with_tuning(**{name: value}, how="by hand")
+            return state.with_tuning(x0=value, p0=state.tuning.r)
+        return _by_hand(state, name, value)
 
     return change
+
+
+def _by_hand(state: State, name: str, value: float) -> State:
+    """One parameter set by hand; only q and r have a history that this ends."""
+    how = "by hand" if name in ("q", "r") else state.tuning.how
+    return state.with_tuning(**{name: value}, how=how)
 
 
 def set_automatic_start(automatic: bool) -> Change:
@@ -63,7 +70,7 @@ def set_automatic_start(automatic: bool) -> Change:
 def reset_parameters(state: State) -> State:
     """Back to the starting values of the channel."""
     start = state.starts[state.recording.index(state.channel)]
-    return state.with_tuning(q=start.q, r=start.r, p0=start.p0, x0=start.x0, how=start.how)
+    return state.with_tuning(q=start.q, r=start.r, p0=start.p0, x0=start.x0, gate=start.gate, how=start.how)
 
 
 def select_channel(name: str) -> Change:
@@ -138,6 +145,11 @@ def set_opinions(recording: Recording, channel: str, opinions: tuple[Estimate, .
     return change
 
 
+def set_way(way: str) -> Change:
+    """Search q and r in another way; the view knows which there are."""
+    return lambda state: replace(state, way=way)
+
+
 def set_smoother(shown: bool) -> Change:
     """Draw the best possible offline curve, or not."""
     return lambda state: replace(state, smoother=bool(shown))
@@ -154,8 +166,11 @@ def parse_number(name: str, text: str) -> float:
     Raises:
         BadSetting: it is no number.
     """
+    bare = re.sub(r"(?<=\d)[ \u202f](?=\d{3}(?!\d))", "", text.strip().replace("−", "-"))
+    if re.fullmatch(r"[-+]?[1-9]\d{0,2}(,\d{3})+", bare):
+        raise BadSetting(f"{name} must be written without a comma for thousands: 1000 or 1.0 (got {text[:40]!r})")
     try:
-        value = float(text.strip().replace(",", "."))
+        value = float(bare.replace(",", ".")) + 0.0  # -0 becomes 0
     except ValueError:
         raise BadSetting(f"{name} must be a number such as 0.01 or 1e-9 (got {text[:40]!r})") from None
     if not math.isfinite(value):

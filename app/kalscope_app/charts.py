@@ -94,8 +94,10 @@ def time_scale_for(span: float, sample_period: float | None) -> Scale:
     return Scale(1000.0, "ms")
 
 
-def drawable(x: Array, ys: list[Array]) -> tuple[Array, ...]:
+def drawable(x: Array, ys: list[Array], gaps: frozenset[int] = frozenset()) -> tuple[Array, ...]:
     """X ascending and every y finite, never empty: what uPlot can be given.
+
+    The lines whose numbers are in `gaps` keep their NaN: they are drawn as points and decide no range.
 
     A value that is not finite takes the nearest finite one before it, or the first after it; a line without any
     becomes 0. A single point becomes two, because a line needs them.
@@ -104,7 +106,10 @@ def drawable(x: Array, ys: list[Array]) -> tuple[Array, ...]:
         return (np.array([0.0, 1.0]), *(np.zeros(2) for _ in ys))
     if len(x) == 1:
         x, ys = np.array([x[0], x[0] + 1.0]), [np.repeat(y, 2) for y in ys]
-    return (np.ascontiguousarray(x, dtype=np.float64), *(_finite(y) for y in ys))
+    return (
+        np.ascontiguousarray(x, dtype=np.float64),
+        *(np.where(np.isfinite(y), y, np.nan) if i in gaps else _finite(y) for i, y in enumerate(ys)),
+    )
 
 
 def _finite(y: Array) -> Array:
@@ -148,11 +153,14 @@ class Chart:
         A new `view`, or another reach of x, rebuilds the chart and so ends a zoom: with a fixed range for x viser
         keeps a zoom over new data, but not over a new scale.
         """
-        data = drawable(x, ys)
+        data = drawable(x, ys, layout.gaps)
         reach = (float(data[0][0]), float(data[0][-1]))
-        if (view, reach) != self._view:
-            self._view = (view, reach)
-            self._handle.scales = {"x": {"time": False, "range": reach}}
+        if (view, reach, layout.y_range) != self._view:
+            self._view = (view, reach, layout.y_range)
+            scales: dict[str, Any] = {"x": {"time": False, "range": reach}}
+            if layout.y_range is not None:
+                scales["y"] = {"range": layout.y_range}
+            self._handle.scales = scales
         if layout != self._layout:
             self._layout = layout
             self._handle.series = layout.series
@@ -171,3 +179,7 @@ class Layout:
     """uPlot axes: x, then y."""
     bands: tuple[Any, ...] | None = None
     """Filled bands between pairs of series."""
+    gaps: frozenset[int] = frozenset()
+    """Numbers of the lines, from 0, that are drawn as points and keep their gaps."""
+    y_range: tuple[float, float] | None = None
+    """Fixed range of y; None = what the lines need."""

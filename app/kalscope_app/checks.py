@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from kalscope.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.estimation import estimate
 from kalscope.filtering import kalman_filter
+from kalscope.finding import METHOD_WORDS
 from kalscope_app.state import State
 
 
@@ -18,7 +20,9 @@ class Checks:
     all_samples: Diagnostics
     """Of the whole recording."""
     held_out: Diagnostics
-    """Of its second half, which is honest where q and r were fitted to the first."""
+    """Of its second half."""
+    fitted_on_first_half: bool
+    """Whether q and r were estimated anew on the first half for that, because they come from an estimate."""
 
 
 def compute_checks(state: State) -> Checks:
@@ -27,4 +31,7 @@ def compute_checks(state: State) -> Checks:
     whole = diagnose(kalman_filter(z, state.params))
     if isinstance(whole, tuple):
         whole = whole[0]
-    return Checks(state, whole, diagnose_held_out(z, state.params))
+    # q and r that were fitted to the whole recording have seen the second half: ask again, of the first.
+    estimated = state.tuning.how in METHOD_WORDS.values()
+    fit = (lambda first, dt: estimate(first, dt=dt).params or state.params) if estimated else state.params
+    return Checks(state, whole, diagnose_held_out(z, fit), estimated)

@@ -18,7 +18,8 @@ from kalscope_app.state import State
 from kalscope_app.views.checks import ChecksView
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
-from kalscope_app.views.layout import FIRST_RIGHT_WIDTH, Panels, WindowFinder, gutter, sizes_for
+from kalscope_app.views.fitting import WindowFitter
+from kalscope_app.views.layout import Panels, gutter
 from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
@@ -39,11 +40,12 @@ class Dashboard:
         self._jobs = Jobs(self.tell)
         self._panels = Panels(server)
         self._note = ""
-        self._filled = (0.0, 0.0)
         self._frame: Frame | None = None
         self._portraits: dict[viser.ClientHandle, float] = {}
+        self._toasts: dict[viser.ClientHandle, viser.NotificationHandle] = {}
         self._build(folder)
         self.engine = Engine(self.session, self.show, self.tell, self._show_checks)
+        self._fitter = WindowFitter(self._panels, self.signal.set_heights, self._set_portrait)
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
 
@@ -58,7 +60,7 @@ class Dashboard:
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
         with tabs.add_tab("Export"):
-            self._export = ExportView(gui, self._jobs, self.tell, folder)
+            self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False)
             self._dark.on_update(self._on_dark)
@@ -81,7 +83,6 @@ class Dashboard:
     def stop(self) -> None:
         """End the threads."""
         self.engine.stop()
-        self._jobs.stop()
 
     def show(self, frame: Frame) -> None:
         """Draw a frame in every view, as one message batch. Runs on the engine's thread."""
@@ -114,10 +115,13 @@ class Dashboard:
         """Show one sentence in every browser; plain text, so nothing in it can act as markup."""
         (log.info if good else log.warning)("%s", message)
         for client in self._server.get_clients().values():
-            client.add_notification(
+            before = self._toasts.get(client)
+            if before is not None:  # one at a time: a pile of them would cover the charts
+                before.remove()
+            self._toasts[client] = client.add_notification(
                 title="Kalscope" if good else "That cannot be used",
                 body=message[:1000],
-                auto_close_seconds=6.0 if good else 12.0,
+                auto_close_seconds=5.0 if good else 8.0,
                 color=(0, 158, 115) if good else (213, 94, 0),
             )
 
@@ -136,40 +140,20 @@ class Dashboard:
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A browser has come: its own upload button, and charts that fill its window."""
         self._source.add_upload(client)
-        finder = WindowFinder()
-
-        def fit(camera: viser.CameraHandle) -> None:
-            if min(camera.image_width, camera.image_height) <= 0:
-                return
-            window = finder.report(camera.image_width, camera.image_height, self._panels.docked_width)
-            self._note_portrait(client, finder.shape, camera.image_width / camera.image_height)
-            if window is not None:
-                self._filled = finder.first
-                self._fill(*window)
-            elif finder.needs_room and finder.first != self._filled:
-                self._panels.set_right_width(FIRST_RIGHT_WIDTH)
-
-        fit(client.camera)
-        client.camera.on_update(fit)
+        self._fitter.attach(client)
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         self._portraits.pop(client, None)
+        self._toasts.pop(client, None)
 
-    def _note_portrait(self, client: viser.ClientHandle, window: float, canvas: float) -> None:
-        """An upright window whose canvas keeps its shape (width : height) is a phone: the signal is drawn there."""
-        upright = window < 0.8 and abs(canvas - window) <= 0.01 * window
-        if upright and client not in self._portraits:
-            self._portraits[client] = canvas
-            self._draw_behind(client, canvas)
-        elif not upright and self._portraits.pop(client, None) is not None:
+    def _set_portrait(self, client: viser.ClientHandle, shape: float | None) -> None:
+        """Draw the signal into the canvas of a phone, width : height, where no panel is docked; None: no phone."""
+        if shape is not None:
+            self._portraits[client] = shape
+            self._draw_behind(client, shape)
+        elif self._portraits.pop(client, None) is not None:
             client.scene.set_background_image(gutter(dark=bool(self._frame and self._frame.state.dark)))
 
     def _draw_behind(self, client: viser.ClientHandle, shape: float) -> None:
         if self._frame is not None:
             client.scene.set_background_image(draw_picture(self._frame, shape), format="jpeg", jpeg_quality=90)
-
-    def _fill(self, width: float, height: float) -> None:
-        """Make panels and charts fill a window, px."""
-        sizes = sizes_for(width, height)
-        self._panels.set_right_width(sizes.right_width)
-        self.signal.set_heights(sizes.signal_height, sizes.innovation_height, sizes.gain_height)

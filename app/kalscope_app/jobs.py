@@ -1,12 +1,14 @@
-"""Work that takes longer than a gesture (reading a file, writing one), one at a time, beside the engine."""
+"""Work that takes longer than a gesture (reading a file, a long fit), one at a time, beside the engine."""
 
 from __future__ import annotations
 
 import logging
+import queue
+import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
-from kalscope.errors import KalscopeError
+from kalscope.errors import KalscopeError, describe
+from kalscope.estimation import Cancelled
 
 log = logging.getLogger(__name__)
 
@@ -14,23 +16,28 @@ log = logging.getLogger(__name__)
 class Jobs:
     """One worker thread for slow work; whatever fails becomes one sentence for the person."""
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
+    def __init__(self, tell: Callable[..., None]) -> None:
+        """Args: who shows a sentence; `good=True` marks one that is no refusal."""
         self._tell = tell
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="kalscope-job")
+        self._waiting: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        # A daemon, unlike the threads of a pool: a job that hangs does not keep the program from ending.
+        threading.Thread(target=self._run, name="kalscope-jobs", daemon=True).start()
 
     def run(self, work: Callable[[], None]) -> None:
         """Queue `work`."""
-        self._pool.submit(self._guarded, work)
+        self._waiting.put(work)
 
-    def stop(self) -> None:
-        """Drop what waits; what runs is left to end with the program."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
-
-    def _guarded(self, work: Callable[[], None]) -> None:
-        try:
-            work()
-        except (KalscopeError, OSError) as error:
-            self._tell(str(error))
-        except Exception as error:  # the dashboard goes on
-            log.exception("A job failed")
-            self._tell(f"That did not work: {error}")
+    def _run(self) -> None:
+        while True:
+            work = self._waiting.get()
+            try:
+                work()
+            except Cancelled as error:
+                self._tell(f"{error}.", good=True)
+            except (KalscopeError, OSError) as error:
+                self._tell(describe(error))
+            except MemoryError:
+                self._tell("That needs more memory than this computer has.")
+            except Exception as error:  # the dashboard goes on
+                log.exception("A job failed")
+                self._tell(f"That did not work: {error}")

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 from kalscope_app.changes import Change
 from kalscope_app.history import History, record, step_back, step_forward
@@ -53,12 +54,24 @@ class Session:
         """
         with self._lock:
             self._serial += 1
+            now = time.monotonic()
             if key:
                 self._waiting = [waiting for waiting in self._waiting if waiting.key != key]
-            self._waiting.append(_Request(self._serial, time.monotonic() + delay, key, change))
+            # A later gesture ends the wait of earlier ones: what was typed belongs to what was then on screen.
+            self._waiting = [replace(waiting, due=min(waiting.due, now)) for waiting in self._waiting]
+            self._waiting.append(_Request(self._serial, now + delay, key, change))
             serial = self._serial
         self.bell.set()
         return serial
+
+    def ask(self, use: Callable[[State], None]) -> None:
+        """Hand the state to `use` once every earlier request is in it; on the engine's thread, so be quick."""
+
+        def change(state: State) -> State:
+            use(state)
+            return state
+
+        self.request(change)
 
     def seconds_to_next(self) -> float | None:
         """Seconds until the next waiting change is due; None if none waits."""

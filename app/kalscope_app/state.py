@@ -9,6 +9,7 @@ import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.estimation import Estimate
+from kalscope.filter_choice import adapt_tuning
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import Recording
 from kalscope.tuning import ChannelTuning, Tuning
@@ -49,6 +50,8 @@ class State:
     """The last search on this channel."""
     opinions: tuple[Estimate, ...] = ()
     """What the five methods say of this channel, once asked."""
+    way: str = "maximum likelihood"
+    """How q and r are searched, one of the ways of the dashboard."""
     smoother: bool = False
     """Whether the best possible offline curve is drawn."""
     dark: bool = False
@@ -73,7 +76,8 @@ class State:
         changed = replace(self.tuning, **values)  # pyright: ignore[reportArgumentType]
         at = self.recording.index(self.channel)
         tunings = (*self.tunings[:at], changed, *self.tunings[at + 1 :])
-        return replace(self, tunings=tunings, note="")
+        same = (changed.q, changed.r) == (self.tuning.q, self.tuning.r)
+        return replace(self, tunings=tunings, outcome=self.outcome if same else None, note="")
 
     def as_tuning(self) -> Tuning:
         """What the tuning file holds."""
@@ -92,9 +96,10 @@ def opened(recording: Recording, before: State | None = None) -> State:
     """A state that looks at a newly opened recording, every channel at its starting values."""
     starts = tuple(starting_tuning(recording, name) for name in recording.names)
     resets = before.resets + 1 if before else 0
-    dark, smoother = (before.dark, before.smoother) if before else (False, False)
-    first = recording.names[0]
-    return State(recording, first, starts, starts, dark=dark, smoother=smoother, resets=resets)
+    fresh = State(recording, recording.names[0], starts, starts, resets=resets)
+    if before is None:
+        return fresh
+    return replace(fresh, dark=before.dark, smoother=before.smoother, way=before.way)
 
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
@@ -105,29 +110,23 @@ def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
 
 
 def opened_with(recording: Recording, tuning: Tuning, before: State | None = None) -> State:
-    """A state at the values of a tuning file: q follows the sample period; channels it lacks start afresh.
+    """A state at the values of a tuning file; what had to be adapted is said in its note.
 
     Raises:
         BadSetting: none of the recording's channels is in the file.
     """
     if recording.sample_period is None and tuning.sample_period is not None:
         recording = timed(recording, tuning.sample_period)
+    adapted, notes = adapt_tuning(recording, tuning)
     state = opened(recording, before)
-    notes: list[str] = []
-    if tuning.sha256 and recording.sha256 and tuning.sha256 != recording.sha256:
-        notes.append("This recording is not the one the tuning was made on.")
-    old, new = tuning.sample_period, recording.sample_period
-    if old and new and not math.isclose(old, new, rel_tol=1e-3):
-        tuning = tuning.rescaled(new)
-        notes.append(f"The sample period is {new:.4g} s, not {old:.4g} s: q was scaled by {new / old:.4g}.")
-    given = {channel.name: channel for channel in tuning.channels}
-    common = [name for name in recording.names if name in given]
-    if not common:
-        has, wants = ", ".join(recording.names), ", ".join(given)
-        raise BadSetting(f"the recording must have a channel of the tuning, {wants} (got {has})")
-    tunings = tuple(given.get(t.name, t) for t in state.tunings)
-    channel = tuning.selected if tuning.selected in common else common[0]
-    return replace(state, tunings=tunings, channel=channel, note=" ".join(notes))
+    units = dict(zip(recording.names, recording.units, strict=True))
+    tunings = tuple(
+        replace(adapted[t.name], name=t.name, unit=units[t.name]) if t.name in adapted else t for t in state.tunings
+    )
+    channel = tuning.selected if tuning.selected in adapted else next(iter(adapted))
+    return replace(
+        state, tunings=tunings, channel=channel, note=" ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
+    )
 
 
 def timed(recording: Recording, sample_period: float) -> Recording:

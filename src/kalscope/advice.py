@@ -156,13 +156,16 @@ def noise_sentence(remedy: Remedy) -> str | None:
     q_off, r_off, ratio_off = (abs(math.log(f)) >= math.log(WORTH_SAYING) for f in (q, r, q / r))
     if q_off and r_off and not ratio_off:
         size = "small" if r > 1.0 else "large"
-        return f"q and r both too {size} by about {_times(r)}: the curve is right, its uncertainty is not"
+        return f"q and r both too {size} by about {_times(r)}: the curve stays the same, its band does not"
     if not (q_off or r_off):
         return None
     pace = "too slow" if q > r else "too fast"
     change_q, change_r = ("raise" if f > 1.0 else "lower" for f in (q, r))
     if q_off and r_off:
-        return f"{pace}: {change_q} q about {_times(q)} and {change_r} r about {_times(r)}"
+        both = f"{pace}: {change_q} q about {_times(q)} and {change_r} r about {_times(r)}"
+        if change_q != change_r:
+            return both
+        return f"{both}, so that q/r becomes about {_times(max(q / r, r / q))} {'larger' if q > r else 'smaller'}"
     if q_off:
         return f"{pace}: {change_q} q about {_times(q)}"
     return f"{pace}: r is too {'small' if r > 1.0 else 'large'} by about {_times(r)}, {change_r} it"

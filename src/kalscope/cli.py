@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
 
 import typer
 
-from kalscope.errors import BadSetting, KalscopeError
+from kalscope.errors import BadSetting, KalscopeError, describe
+from kalscope.reproduce_command import reproduce_command
 from kalscope.tune_command import tune_command
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ app = typer.Typer(
 
 
 app.command("tune")(tune_command)
+app.command("reproduce")(reproduce_command)
 
 
 def run(argv: Sequence[str] | None = None) -> int:
@@ -217,11 +219,8 @@ def _say(message: str) -> None:
 
 def _message(error: Exception) -> str | None:
     """What to tell the user; None for an exception that is not theirs to mend."""
-    if isinstance(error, KalscopeError):
-        return str(error)
-    if isinstance(error, OSError):
-        reason = error.strerror or str(error)
-        return f"{os.fspath(error.filename)!r}: {reason}" if error.filename is not None else reason
+    if isinstance(error, KalscopeError | OSError):
+        return describe(error)
     # Typer's usage errors; it brought its own copy of click's classes in 0.2x, the method is common to both.
     usage = getattr(error, "format_message", None)
     return str(usage()) if callable(usage) else None

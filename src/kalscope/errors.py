@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+import os
+
 
 class KalscopeError(Exception):
     """Anything that Kalscope refuses. `str(error)` is one line for the person who can mend it."""
+
+
+def describe(error: Exception) -> str:
+    """One line for the person: the message of ours, or the reason and the file of an OSError."""
+    if isinstance(error, OSError) and not isinstance(error, KalscopeError):
+        reason = error.strerror or str(error)
+        return f"{os.fspath(error.filename)!r}: {reason}" if error.filename is not None else reason
+    return str(error)
 
 
 class BadSetting(KalscopeError, ValueError):

@@ -9,7 +9,7 @@ from typing import Any
 from kalscope.errors import BadSetting
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import Recording
-from kalscope.tuning import Tuning, load_tuning, same_period
+from kalscope.tuning import ChannelTuning, Tuning, load_tuning, same_period
 
 Given = dict[str, float | None]
 """Parameters by name, those that were given; None is an automatic start."""
@@ -59,8 +59,29 @@ def _untuned_params(recording: Recording, name: str, given: Given) -> tuple[Filt
 def _tuned_params(
     recording: Recording, config: Path, given: Given, channel: str | None
 ) -> tuple[dict[str, FilterParams], list[str]]:
-    tuning, notes = _rescaled(load_tuning(config), recording.sample_period, given)
-    if recording.sample_period is None and tuning.sample_period is not None and "q" not in given:
+    pairs, notes = adapt_tuning(recording, load_tuning(config), given, channel)
+    return {name: replace(entry.params, **given) for name, entry in pairs.items()}, notes
+
+
+def adapt_tuning(
+    recording: Recording, tuning: Tuning, given: Given | None = None, channel: str | None = None
+) -> tuple[dict[str, ChannelTuning], list[str]]:
+    """Which entry of a tuning belongs to which channel of a recording, q rescaled to its sample period.
+
+    Args:
+        recording: What is to be filtered.
+        tuning: What was found, perhaps on another recording.
+        given: Parameters that will outrank the tuning; a given q is not rescaled.
+        channel: The one channel that is wanted, or None for all.
+
+    Returns:
+        (entries, notes): a tuning by channel, and sentences a person should know about the choice.
+
+    Raises:
+        BadSetting: The tuning has none of the channels.
+    """
+    tuning, notes = _rescaled(tuning, recording.sample_period, given or {})
+    if recording.sample_period is None and tuning.sample_period is not None and "q" not in (given or {}):
         notes.append(
             f"q is used as it was tuned at a sample period of {tuning.sample_period:.6g} s: the recording"
             " says none (see --sample-period)"
@@ -77,11 +98,11 @@ def _tuned_params(
         pairs = {wanted[0]: tuning.channels[0]}
         notes.append(f"{wanted[0]}: filtered as the tuning's only channel, {tuning.channels[0].name}")
     if not pairs:
-        raise BadSetting(f"--config must tune {' or '.join(wanted)} (got channels {', '.join(tuned)})")
+        raise BadSetting(f"the tuning must hold {' or '.join(wanted)} (got channels {', '.join(tuned)})")
     left_out = [name for name in wanted if name not in pairs]
     if left_out:
-        notes.append(f"left out, because the tuning has no such channel: {', '.join(left_out)}")
-    return {name: replace(entry.params, **given) for name, entry in pairs.items()}, notes
+        notes.append(f"the tuning has no such channel: {', '.join(left_out)}")
+    return pairs, notes
 
 
 def _rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:

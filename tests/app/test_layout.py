@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from kalscope_app.views.layout import CANVAS_WIDTH, FIRST_RIGHT_WIDTH, LEFT_WIDTH, WindowFinder, sizes_for
+from kalscope_app.views.fitting import resized
+from kalscope_app.views.layout import CANVAS_WIDTH, FIRST_RIGHT_WIDTH, LEFT_WIDTH, PROBE, sizes_for, window_size
 
 DOCKED = float(LEFT_WIDTH + FIRST_RIGHT_WIDTH)
 """Width of both panels at first, px."""
 
 
-def canvas(window_width, docked=DOCKED):
-    return max(CANVAS_WIDTH, window_width - docked)
+def canvas(width, height, docked, pixel_ratio):
+    """What viser reports of a window: the canvas that the panels leave, in its own pixels."""
+    return (max(CANVAS_WIDTH, width - docked) * pixel_ratio, height * pixel_ratio)
 
 
 @pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1600, 900), (1280, 720), (1024, 768)])
@@ -28,45 +30,38 @@ def test_a_tiny_window_keeps_usable_sizes():
 
 
 @pytest.mark.parametrize("pixel_ratio", [0.75, 1.0, 1.5, 2.0, 3.0])
+@pytest.mark.parametrize("later_ratio", [1.0, 0.8])
 @pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1600, 900), (1280, 720), (1100, 700)])
-def test_the_window_is_found_at_every_pixel_ratio(width, height, pixel_ratio):
-    finder = WindowFinder()
-    assert finder.report(width * pixel_ratio, height * pixel_ratio, DOCKED) is None
-    assert finder.report(width * pixel_ratio, height * pixel_ratio, DOCKED) is None
-    found = finder.report(canvas(width) * pixel_ratio, height * pixel_ratio, DOCKED)
+def test_the_window_is_found_at_every_pixel_ratio(width, height, pixel_ratio, later_ratio):
+    first = canvas(width, height, DOCKED, pixel_ratio)
+    second = canvas(width, height, DOCKED + PROBE, pixel_ratio * later_ratio)
+    found = window_size(first, second, docked=DOCKED, more=PROBE)
     assert found == pytest.approx((width, height), rel=0.01)
 
 
-@pytest.fixture
-def found():
-    finder = WindowFinder()
-    finder.report(1600, 900, DOCKED)
-    finder.report(canvas(1600), 900, DOCKED)
-    return finder
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ((390, 844), (390, 844)),  # a phone docks nothing
+        ((120, 700), (120, 700)),  # a tiny window has nothing left to give
+        ((0, 900), (0, 900)),
+        ((500, 0), (400, 0)),
+    ],
+)
+def test_a_canvas_that_does_not_give_way_tells_nothing(first, second):
+    assert window_size(first, second, docked=DOCKED, more=PROBE) is None
 
 
-def test_a_dragged_divider_is_left_alone(found):
-    assert found.report(300, 900, DOCKED) is None
-
-
-def test_a_changed_pixel_ratio_is_no_new_window(found):
-    assert found.report(canvas(1600) * 0.8, 900 * 0.8, DOCKED) is None
-
-
-def test_a_resized_window_is_news(found):
-    assert found.report(canvas(1920), 1080, DOCKED) == pytest.approx((1920, 1080), rel=0.01)
-
-
-def test_reports_without_size_are_ignored(found):
-    assert found.report(0, 0, DOCKED) is None
-    assert WindowFinder().report(0, 900, DOCKED) is None
-
-
-@pytest.mark.parametrize("width", [1100, 1280, 1600])
-def test_panels_that_may_be_too_wide_ask_for_room_and_are_measured_again(width):
-    finder, wide = WindowFinder(), 1480.0
-    finder.report(width, 800, wide)
-    assert finder.report(canvas(width, wide), 800, wide) is None
-    assert finder.needs_room
-    assert finder.report(canvas(width), 800, DOCKED) == pytest.approx((width, 800), rel=0.01)
-    assert not finder.needs_room
+@pytest.mark.parametrize(
+    ("before", "now", "news"),
+    [
+        ((120, 900), (120, 1080), True),
+        ((120, 900), (500, 1080), True),
+        ((120, 900), (96, 720), False),  # viser's own scaling
+        ((120, 900), (300, 900), False),  # the person drags a divider
+        ((120, 900), (120, 900), False),
+        ((0, 0), (120, 900), False),
+    ],
+)
+def test_only_a_new_window_size_is_news(before, now, news):
+    assert resized(before, now) is news

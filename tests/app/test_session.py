@@ -184,7 +184,7 @@ def test_a_tuning_of_another_rate_scales_q_and_says_so(state):
     slower = opened_with(recording(period=0.02), tuning)
     assert slower.tuning.q == pytest.approx(14)
     assert slower.tuning.r == state.tuning.r
-    assert "sample period is 0.02 s, not 0.01 s" in slower.note
+    assert "tuned at a sample period of 0.01 s, here it is 0.02 s" in slower.note
 
 
 def test_a_tuning_of_another_recording_says_so(state):
@@ -192,7 +192,7 @@ def test_a_tuning_of_another_recording_says_so(state):
 
 
 def test_a_tuning_without_a_common_channel_is_refused(state):
-    with pytest.raises(BadSetting, match="must have a channel of the tuning"):
+    with pytest.raises(BadSetting, match="the tuning must hold a or b"):
         opened_with(state.recording, Tuning((ChannelTuning("other", "", 1.0, 1.0),)))
 
 
@@ -203,8 +203,21 @@ def test_channels_missing_in_the_tuning_start_afresh(state):
     assert again.tunings[0] == state.tunings[0]
 
 
-def test_parse_number_takes_a_decimal_comma():
-    assert parse_number("q", "1,5e-3") == 1.5e-3
+@pytest.mark.parametrize(
+    ("text", "value"), [("1,5e-3", 1.5e-3), ("15 100", 15100.0), ("1 000 000", 1e6), ("−3", -3.0), ("0,001", 0.001)]
+)
+def test_numbers_are_read_as_people_and_the_screen_write_them(text, value):
+    assert parse_number("q", text) == value
+
+
+def test_minus_zero_becomes_zero():
+    assert math.copysign(1.0, parse_number("x0", "-0")) == 1.0
+
+
+@pytest.mark.parametrize("text", ["1,000", "12,345,678"])
+def test_a_comma_for_thousands_is_refused(text):
+    with pytest.raises(BadSetting, match="without a comma for thousands"):
+        parse_number("q", text)
 
 
 # --- the queue ------------------------------------------------------------------------------------------
@@ -235,6 +248,42 @@ def test_a_delayed_request_waits_and_the_serial_does_not_cover_it(state):
     assert settled.tuning.q == state.tuning.q
     assert first <= serial < delayed
     assert 0 < session.seconds_to_next() <= 60
+
+
+def test_a_later_request_ends_the_wait_of_what_was_typed_before(state):
+    """What is typed belongs to the channel that was on screen, and the later gesture wins."""
+    session = Session(state)
+    session.request(set_text("q", "7"), key="text q", delay=60.0)
+    session.request(select_channel("b"))
+    settled, _, _ = session.settle()
+    assert settled.tunings[0].q == 7
+    assert settled.tuning == state.tunings[1]
+    session.request(set_text("q", "9"), key="text q", delay=60.0)
+    session.request(set_exponent("q", -1.0), key="slider q")
+    assert session.settle()[0].tuning.q == pytest.approx(0.1)
+
+
+def test_asking_for_the_state_sees_every_earlier_request(state):
+    session, seen = Session(state), []
+    session.request(set_text("q", "7"), delay=60.0)
+    session.ask(lambda present: seen.append(present.tuning.q))
+    session.settle()
+    assert seen == [7.0]
+
+
+def test_only_q_and_r_by_hand_end_how_they_were_found(state):
+    found = state.with_tuning(how="maximum likelihood")
+    for change in (set_text("gate", "9"), set_text("p0", "1"), set_automatic_start(False), set_exponent("p0", 0.0)):
+        assert change(found).tuning.how == "maximum likelihood"
+    assert set_text("q", "1")(found).tuning.how == "by hand"
+    assert reset_parameters(set_text("gate", "9")(found)).tuning.gate is None
+
+
+def test_the_only_channel_of_a_tuning_fits_the_only_channel_of_a_recording(state):
+    one = opened(recording(names=("z",)))
+    again = opened_with(one.recording, Tuning((ChannelTuning("other", "mV", 3.0, 4.0),)))
+    assert (again.tuning.name, again.tuning.unit, again.tuning.q) == ("z", "V", 3.0)
+    assert "only channel" in again.note
 
 
 def test_a_failing_change_leaves_the_state_and_is_reported(state):

@@ -187,7 +187,7 @@ def test_an_upload_is_read_and_a_bad_one_is_refused_in_words(start, tmp_path):
         with screen.page.expect_file_chooser() as chooser:
             screen.page.get_by_role("button", name="Upload a file").click()
         chooser.value.set_files(tmp_path / name)
-        screen.notification(re.compile(words)).last.wait_for()
+        screen.notification(re.compile(f"{name} {words}")).wait_for()
     screen.shot("bad-uploads")
     with screen.page.expect_file_chooser() as chooser:
         screen.page.get_by_role("button", name="Upload a file").click()

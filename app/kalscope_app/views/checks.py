@@ -7,6 +7,7 @@ import re
 import numpy as np
 import viser
 
+from kalscope.advice import MIN_SAMPLES
 from kalscope.diagnostics import Diagnostics
 from kalscope_app.charts import Array, Chart, Layout
 from kalscope_app.checks import Checks
@@ -68,14 +69,21 @@ def correlation_lines(checks: Checks) -> tuple[Array, list[Array], Layout]:
 def table(checks: Checks) -> str:
     """What is tested, what was seen, what a fitting filter would show; markdown."""
     d = checks.all_samples
+    if d.n < MIN_SAMPLES:
+        return f"**{sentence(d.advice)}**"
+    half = "the same on the second half" + (", fitted on the first" if checks.fitted_on_first_half else "")
     rows = [
-        ("Size: mean of v²/s (NIS)", number(d.nis), f"{number(d.nis_low)} to {number(d.nis_high)}"),
-        ("the same on the second half", number(checks.held_out.nis), _band(checks.held_out)),
+        ("Size: mean of v²/s (NIS)", number(d.nis), _band(d)),
+        (half, number(checks.held_out.nis), _band(checks.held_out)),
         ("Memory: correlation of neighbours", number(d.r1), f"within ±{number(d.r1_bound)}"),
-        ("Ljung-Box over several lags", f"p = {number(d.ljung_box_p)}", "p above 0.05"),
+        ("Ljung-Box over several lags", chance(d.ljung_box_p), "p above 0.05"),
         ("Spikes beyond 4 σ", count(d.spikes), f"about {number(d.spikes_expected, 2)}"),
-        ("Slow waves", f"{number(100.0 * d.slow_share, 2)} % of the variance", f"p = {number(d.slow_p)}"),
-        ("Last third against first", f"variance × {number(d.variance_ratio)}", f"p = {number(d.variance_ratio_p)}"),
+        ("Slow waves", f"{number(100.0 * d.slow_share, 2)} % of the variance, {chance(d.slow_p)}", "p above 0.05"),
+        (
+            "Last third against first",
+            f"variance × {number(d.variance_ratio)}, {chance(d.variance_ratio_p)}",
+            "p above 0.05",
+        ),
         ("Bell shape (skewness, excess)", f"{number(d.skewness)}, {number(d.excess_kurtosis)}", "0, 0"),
     ]
     head = (
@@ -85,6 +93,11 @@ def table(checks: Checks) -> str:
         "| test | seen | a fitting filter shows |\n|---|---|---|\n"
     )
     return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)
+
+
+def chance(p: float) -> str:
+    """A p value as a person reads it."""
+    return "p < 1e-6" if p < 1e-6 else f"p = {number(p, 2)}"
 
 
 def _band(d: Diagnostics) -> str:

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import viser
 
 from kalscope.atomic import check_inside
+from kalscope.errors import BadSetting
 from kalscope.sources.csv_writer import filtered_csv
 from kalscope.tuning import dumps, save_tuning
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
+from kalscope_app.session import Session
 from kalscope_app.state import State
 
 
 class ExportView:
     """The Export tab. Files are made as jobs from the state on screen."""
 
-    def __init__(self, gui: viser.GuiApi, jobs: Jobs, tell: Any, folder: Path) -> None:
-        self._jobs, self._tell, self._folder = jobs, tell, folder
-        self._state: State | None = None
+    def __init__(
+        self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
+    ) -> None:
+        self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
         self._path = gui.add_text(
             "tuning file", "tuning.toml", hint="A name inside the folder in which Kalscope was started."
         )
@@ -36,42 +40,49 @@ class ExportView:
         self._csv.on_click(self._on_csv)
 
     async def _on_save(self, _event: viser.GuiEvent[Any]) -> None:
-        state, name = self._state, self._path.value.strip()
-        if state is not None:
-            self._jobs.run(lambda: self._save_to(state, name))
+        name = self._path.value.strip() or "tuning.toml"
+        self._session.ask(lambda state: self._jobs.run(lambda: self._save_to(state, name)))
 
     def _save_to(self, state: State, name: str) -> None:
-        path = check_inside(name or "tuning.toml", self._folder)
+        path = check_inside(name, self._folder)
+        if path.suffix != ".toml" or any(part.startswith(".") for part in Path(name).parts if part != "."):
+            raise BadSetting(f"the tuning file must be named like tuning.toml (got {name!r})")
         save_tuning(state.as_tuning(), path)
         self._tell(f"Saved {path}", good=True)
 
     async def _on_download(self, event: viser.GuiEvent[Any]) -> None:
-        state, client = self._state, event.client
-        if state is not None and client is not None:
-            content = dumps(state.as_tuning()).encode()
-            self._jobs.run(lambda: client.send_file_download("tuning.toml", content, save_immediately=True))
+        client = event.client
+        if client is not None:
+            self._session.ask(lambda state: self._jobs.run(lambda: _send_tuning(state, client)))
 
     async def _on_csv(self, event: viser.GuiEvent[Any]) -> None:
-        state, client = self._state, event.client
-        if state is not None and client is not None:
-            self._jobs.run(lambda: self._send_csv(state, client))
-
-    def _send_csv(self, state: State, client: viser.ClientHandle) -> None:
-        content = filtered_csv(state.recording, state.as_tuning()).encode()
-        client.send_file_download("filtered.csv", content, save_immediately=True)
+        client = event.client
+        if client is not None:
+            self._session.ask(lambda state: self._jobs.run(lambda: _send_csv(state, client)))
 
     def show(self, frame: Frame) -> None:
-        """Keep the state to export, and say how to use the file."""
-        self._state = frame.state
-        source = frame.state.recording.source or frame.state.recording.title
+        """Say how to use the file."""
+        source = frame.state.recording.source
+        word = shell_word(source)
         text = (
             "The file reopens this very state:\n\n"
-            "`kalscope open --config tuning.toml`\n\n"
-            "and filters without a dashboard:\n\n"
-            f"`kalscope filter {shell_word(source)} --config tuning.toml -o out.csv`"
+            f"`kalscope open {'' if source else 'FILE '}--config tuning.toml`\n\n"
+            f"and filters without a dashboard:\n\n`kalscope filter {word} --config tuning.toml -o out.csv`"
         )
+        if not source:
+            text += "\n\nFILE is the file that you uploaded: a browser does not tell where it lies."
         if self._how.content != text:
             self._how.content = text
+
+
+def _send_tuning(state: State, client: viser.ClientHandle) -> None:
+    content = dumps(state.as_tuning()).encode()
+    client.send_file_download("tuning.toml", content, save_immediately=True)
+
+
+def _send_csv(state: State, client: viser.ClientHandle) -> None:
+    content = filtered_csv(state.recording, state.as_tuning()).encode()
+    client.send_file_download("filtered.csv", content, save_immediately=True)
 
 
 def shell_word(source: str) -> str:

@@ -14,7 +14,8 @@ from kalscope.errors import BadSetting
 from kalscope.estimation import compare_methods, disagreement
 from kalscope.finding import METHOD_WORDS, Noise, find_parameters
 from kalscope.steady_state import steady_state
-from kalscope_app.changes import apply_found, parse_number, set_opinions
+from kalscope_app.changes import apply_found, parse_number, set_opinions, set_way
+from kalscope_app.charts import Scale, time_scale_for
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
@@ -56,19 +57,37 @@ def _noise(*names: tuple[str, str, str]) -> Way:
 
 
 def _still(state: State, texts: list[str]) -> dict[str, Any]:
-    """The stretch that is typed, or else the part on screen; in s, or sample numbers where there is no time."""
-    time = state.recording.time
+    """The stretch that is typed, in the unit of the time axis, or else the part on screen."""
+    if state.window is None and not all(text.strip() for text in texts):
+        raise BadSetting(
+            "the still stretch must be named: type from and to, or narrow the view to it (got neither)"
+        )
+    time, factor = state.recording.time, clock_of(state).factor
     shown = state.window or (float(time.min()), float(time.max()))
     first, last = (
-        parse_number(label, text) if text.strip() else default
+        parse_number(label, text) / factor if text.strip() else default
         for label, text, default in zip(("from", "to"), texts, shown, strict=False)
     )
-    inside = (time >= min(first, last)) & (time <= max(first, last))
-    if not inside.any():
-        raise BadSetting(f"the still stretch must lie inside the recording (got {first:g} to {last:g})")
-    at = inside.nonzero()[0]
+    low, high = min(first, last), max(first, last)
+    slack = 1e-9 * max(abs(low), abs(high))  # 0.1 h typed is 360 s only nearly
+    at = ((time >= low - slack) & (time <= high + slack)).nonzero()[0]
+    if len(at) == 0:
+        raise BadSetting(
+            f"the still stretch must lie inside the recording (got {low * factor:.6g} to {high * factor:.6g})"
+        )
     return {"noise": Noise(still=(int(at[0]), int(at[-1]) + 1))}
 
+
+def clock_of(state: State) -> Scale:
+    """Unit of the time axis on screen."""
+    time = state.recording.time
+    first, last = state.window or (float(time.min()), float(time.max()))
+    return time_scale_for(last - first, state.recording.sample_period)
+
+
+STILL = "a still stretch, fit q"
+
+STILL_HINT = "Both ends, as on the time axis. Empty: the part of the recording that is on screen."
 
 WAYS: dict[str, Way] = {
     "maximum likelihood": _method("ml"),
@@ -77,7 +96,7 @@ WAYS: dict[str, Way] = {
     "noise reduction": _wish("noise_reduction_db", "reduction (dB)", "12"),
     "gain K": _wish("gain", "gain K", "0.1"),
     "lag in samples": _wish("lag_samples", "lag (samples)", "10"),
-    "a still stretch, fit q": Way(_still, (("from (s)", ""), ("to (s)", ""))),
+    STILL: Way(_still, (("from", ""), ("to", ""))),
     "data sheet σ, fit q": _noise(("sigma", "σ, one std", "")),
     "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
     "keep r, fit q": Way(lambda state, _texts: {"noise": Noise(r=state.tuning.r)}),
@@ -97,7 +116,7 @@ class FindView:
 
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
-        self._state: State | None = None
+        self._shown_way = ""
         self._stop = threading.Event()
         with gui.add_folder("Find q and r"):
             self._way = gui.add_dropdown("by", tuple(WAYS), hint=HINT)
@@ -119,56 +138,66 @@ class FindView:
         self._opinions = gui.add_markdown("")
 
     async def _on_way(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is None:
-            return
-        wanted = WAYS[self._way.value].boxes
-        for i, box in enumerate(self._boxes):
-            box.visible = i < len(wanted)
-            if i < len(wanted):
-                box.label, box.value = wanted[i]
+        if event.client is not None:
+            self._session.request(set_way(self._way.value))
 
     async def _on_find(self, _event: viser.GuiEvent[Any]) -> None:
-        way, texts, state = WAYS[self._way.value], [box.value for box in self._boxes], self._state
-        if state is not None:
-            self._stop.clear()
-            self._jobs.run(lambda: self._search(state, way, texts))
+        texts = [box.value for box in self._boxes]
+        self._start(lambda state, stop: self._search(state, WAYS[state.way], texts, stop))
 
     async def _on_ask(self, _event: viser.GuiEvent[Any]) -> None:
-        state = self._state
-        if state is not None:
-            self._stop.clear()
-            self._jobs.run(lambda: self._compare(state))
+        self._start(self._compare)
 
     async def _on_cancel(self, _event: viser.GuiEvent[Any]) -> None:
         self._stop.set()
 
-    def _search(self, state: State, way: Way, texts: list[str]) -> None:
+    def _start(self, work: Callable[[State, threading.Event], None]) -> None:
+        """Queue a job on the state that every earlier request has led to; each job has a stop sign of its own."""
+        stop = self._stop = threading.Event()
+        self._session.ask(lambda state: self._jobs.run(lambda: work(state, stop)))
+
+    def _search(self, state: State, way: Way, texts: list[str], stop: threading.Event) -> None:
         z, period = state.recording.channel(state.channel), state.recording.sample_period
         with _Patience(self._progress, self._cancel) as patience:
             found = find_parameters(
                 z,
                 sample_period=period,
                 progress=patience.report,
-                cancelled=self._stop.is_set,
+                cancelled=stop.is_set,
                 **way.arguments(state, texts),
             )
         self._session.request(apply_found(state.recording, state.channel, found))
 
-    def _compare(self, state: State) -> None:
+    def _compare(self, state: State, stop: threading.Event) -> None:
         z = state.recording.channel(state.channel)
         with _Patience(self._progress, self._cancel) as patience:
-            opinions = compare_methods(z, progress=patience.report, cancelled=self._stop.is_set)
+            opinions = compare_methods(z, progress=patience.report, cancelled=stop.is_set)
         self._session.request(set_opinions(state.recording, state.channel, opinions))
 
     def show(self, frame: Frame) -> None:
-        """Keep the state to search in, and write the last answers."""
-        self._state = frame.state
+        """Show the boxes of the chosen way, and the last answers."""
+        self._show_way(frame.state)
         answer = answer_text(frame.state)
         if self._answer.content != answer:
             self._answer.content = answer
         opinions = opinions_text(frame.state)
         if self._opinions is not None and self._opinions.content != opinions:
             self._opinions.content = opinions
+
+    def _show_way(self, state: State) -> None:
+        if self._way.value != state.way:
+            self._way.value = state.way
+        wanted = WAYS[state.way].boxes
+        for i, box in enumerate(self._boxes):
+            box.visible = i < len(wanted)
+            if i < len(wanted):
+                label, content = wanted[i]
+                box.label = f"{label} ({clock_of(state).unit})" if label in ("from", "to") else label
+                if state.way != self._shown_way:
+                    box.value = content
+        if state.way != self._shown_way:
+            self._boxes[0].hint = STILL_HINT if state.way == STILL else None
+            self._shown_way = state.way
 
 
 class _Patience:
@@ -228,6 +257,8 @@ def opinions_text(state: State) -> str:
         gain = "–" if steady is None else number(float(steady.gain))
         q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
         rows.append(f"| {METHOD_WORDS[one.method]} | {q} | {r} | {gain} | {lag} | {verdict} |")
-    said = disagreement(state.opinions) or "They agree, as far as chance allows."
+    usable = sum(one.params is not None for one in state.opinions)
+    agree = "They agree, as far as chance allows." if usable > 1 else "No two of them can be compared."
+    said = disagreement(state.opinions) or agree
     head = "| method | q | r | gain K | lag | verdict |\n|---|---|---|---|---|---|\n"
     return f"{head}{chr(10).join(rows)}\n\n**{said}**\n\n{state.opinions[0].message}"

@@ -8,14 +8,17 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-LEFT_WIDTH = 330
+LEFT_WIDTH = 345
 """Width of the control panel, px."""
 
 CANVAS_WIDTH = 120
 """Width of the 3D canvas between the panels, px: the least that viser keeps."""
 
-FIRST_RIGHT_WIDTH = 560
+FIRST_RIGHT_WIDTH = 420
 """Width of the chart panel until a browser has told how large it is, px: leaves canvas to measure by."""
+
+PROBE = 120
+"""Width by which the chart panel grows to measure a window, px."""
 
 PHONE_WIDTH = 576
 """Up to this width viser stacks the panels in one sheet, px."""
@@ -47,59 +50,28 @@ def gutter(*, dark: bool) -> NDArray[np.uint8]:
     return np.full((2, 2, 3), (30, 32, 36) if dark else (236, 239, 242), dtype=np.uint8)
 
 
-class WindowFinder:
-    """Finds the size of a browser's window from all that viser tells: the pixels of the canvas between the panels.
+def window_size(
+    first: tuple[float, float], second: tuple[float, float], *, docked: float, more: float
+) -> tuple[float, float] | None:
+    """Size of a browser's window, px, from two reports of the canvas between the panels; None if they do not tell.
 
-    Those pixels are not the page's. They are scaled by the screen's pixel ratio, which viser changes as it likes,
-    so only width : height is used. The first report shows the whole window, before the panels are docked; the
-    next what they leave of it, and that fixes the scale. A change of height and shape together is a new window
-    size; a change of width alone is the person dragging a divider, which is not ours to undo.
+    viser tells only the canvas's pixels, which are not the page's: the screen's pixel ratio and viser itself scale
+    them. Their shape, width : height, is free of that. With `docked` px of panels the canvas has the shape
+    (W − docked) : H; with `more` px docked beside them (W − docked − more) : H, and the difference gives H.
+
+    Args:
+        first: canvas width and height with `docked` px of panels.
+        second: the same with `more` px added to the panels.
+        docked: width of the panels, px.
+        more: what was added, px.
     """
-
-    def __init__(self) -> None:
-        self._whole: float | None = None
-        self.first = (0.0, 0.0)
-        """The first report, pixels: the same again is most likely the same window, reloaded."""
-        self._height = 0.0
-        self._reported = (0.0, 0.0)
-        self.needs_room = False
-        """The panels may have taken more than there is: dock them narrower and the next report will tell."""
-
-    @property
-    def shape(self) -> float:
-        """Width : height of the window, 0 while unknown."""
-        return self._whole or 0.0
-
-    def report(self, width: float, height: float, docked: float) -> tuple[float, float] | None:
-        """Take one report, pixels of any scale, with `docked` px of panels; the window's size if it is news."""
-        if width <= 0.0 or height <= 0.0:
-            return None
-        shape, (old_shape, old_height) = width / height, self._reported
-        self._reported = (shape, height)
-        if self._whole is None:
-            self._whole, self.first = shape, (width, height)
-            return None
-        if abs(shape - old_shape) <= 0.01 * old_shape:
-            return None
-        if self._height == 0.0:
-            return self._calibrate(shape, docked)
-        if height == old_height:
-            return None
-        self._height *= height / old_height
-        return shape * self._height + docked, self._height
-
-    def _calibrate(self, shape: float, docked: float) -> tuple[float, float] | None:
-        """The canvas lost `docked` px of width; or all but CANVAS_WIDTH, which looks much the same."""
-        whole = self._whole or 0.0
-        if shape >= whole:
-            self._whole = shape
-            return None
-        self.needs_room = docked > LEFT_WIDTH + FIRST_RIGHT_WIDTH
-        if self.needs_room:
-            return None
-        height = docked / (whole - shape)
-        self._height = height if shape * height >= CANVAS_WIDTH else CANVAS_WIDTH / shape
-        return whole * self._height, self._height
+    if min(*first, *second) <= 0.0:
+        return None
+    shape, narrower = first[0] / first[1], second[0] / second[1]
+    if shape - narrower < 0.02:  # a phone docks nothing, and a tiny window has nothing left to give
+        return None
+    height = more / (shape - narrower)
+    return shape * height + docked, height
 
 
 class Panels:

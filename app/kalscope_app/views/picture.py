@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 from kalscope_app.charts import Array, drawable, scale_for
 from kalscope_app.frame import Frame
 from kalscope_app.views.signal import DARK, LIGHT, Palette, time_axis
-from kalscope_app.views.words import number
+from kalscope_app.views.words import duration, number
 
 WIDTH = 780
 """Width of the picture, px: sharp on the screens of phones."""
@@ -39,7 +39,23 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
     pen.text((margin, bottom + 10), span, fill=ink, font=text)
     pen.text((WIDTH - margin - 110, bottom + 10), "raw", fill=palette.raw, font=text, anchor="ra")
     pen.text((WIDTH - margin, bottom + 10), "filtered", fill=palette.filtered, font=text, anchor="ra")
+    _write_numbers(pen, frame, ink, (margin, round(VISIBLE * image.height) + 2 * margin))
     return np.asarray(image)
+
+
+def _write_numbers(pen: ImageDraw.ImageDraw, frame: Frame, ink: str, corner: tuple[int, int]) -> None:
+    """The three numbers that matter, in the strip that viser's sheet leaves free at the left."""
+    steady, period = frame.steady, frame.state.recording.sample_period
+    lag = float(steady.lag_samples)
+    rows = (
+        ("lag", f"{number(lag)} samples" if period is None else duration(lag * period)),
+        ("noise", f"−{number(float(steady.noise_reduction_db))} dB"),
+        ("gain K", number(float(steady.gain))),
+    )
+    for i, (name, value) in enumerate(rows):
+        at = corner[0], corner[1] + 130 * i
+        pen.text(at, name, fill=ink, font=ImageFont.load_default(size=24))
+        pen.text((at[0], at[1] + 34), value, fill=ink, font=ImageFont.load_default(size=36))
 
 
 def _draw_curves(
@@ -60,6 +76,13 @@ def _draw_curves(
 
     band = tuple(int(part) for part in palette.band[5:-1].split(",")[:3])
     pen.polygon([*points(filtered - spread), *points(filtered + spread)[::-1]], fill=(*band, 45))
-    pen.line(points(raw), fill=palette.raw, width=1)
+    seen = np.isfinite(shown.raw) if len(shown.raw) == len(x) else np.ones(len(x), dtype=bool)
+    drawn = points(raw)
+    for start, end in zip(range(len(x) - 1), range(1, len(x)), strict=True):
+        if seen[start] and seen[end]:
+            pen.line([drawn[start], drawn[end]], fill=palette.raw, width=1)
+    for extra, colour in ((shown.truth, palette.truth), (frame.smoothed, palette.smoothed)):
+        if extra is not None:
+            pen.line(points(drawable(shown.time, [extra])[1]), fill=colour, width=2)
     pen.line(points(filtered), fill=palette.filtered, width=5, joint="curve")
     return low, high

@@ -10,6 +10,7 @@ import viser
 
 from kalscope_app.charts import Array, Chart, Layout, Scale, scale_for, time_scale_for
 from kalscope_app.frame import Frame
+from kalscope_app.views.layout import Sizes
 from kalscope_app.views.words import count, duration, frequency, plain
 
 
@@ -58,10 +59,11 @@ class SignalView:
         self.innovation = Chart(gui, 200, sync="kalscope-time")
         self.gain = Chart(gui, 150)
 
-    def set_heights(self, signal: int, innovation: int, gain: int) -> None:
-        """Heights of the three charts in px."""
-        for chart, height in ((self.signal, signal), (self.innovation, innovation), (self.gain, gain)):
-            chart.handle.height = height
+    def set_heights(self, sizes: Sizes) -> None:
+        """Heights of the three charts."""
+        self.signal.handle.height = sizes.signal_height
+        self.innovation.handle.height = sizes.innovation_height
+        self.gain.handle.height = sizes.gain_height
 
     def show(self, frame: Frame) -> None:
         """Draw the frame."""
@@ -77,55 +79,85 @@ class SignalView:
     def _show_signal(self, frame: Frame, palette: Palette, clock: Scale) -> None:
         shown, state = frame.shown, frame.state
         scale = scale_for(shown.raw, state.tuning.unit)
-        low, high = frame.filtered - frame.spread, frame.filtered + frame.spread
-        ys = [shown.raw, low, high, frame.filtered]
+        raw = gappy("raw", shown.raw, palette.raw)
         # Only the measurements and the truth decide the y range: a wild start may leave the picture.
-        series = [
-            {"label": time_label(clock)},
-            _raw_series(palette, points=bool(np.isnan(shown.raw).any())),
-            {**line("−2√p"), "auto": False},
-            {**line("+2√p"), "auto": False},
-            {**line("filtered", palette.filtered, 2.5), "auto": False},
+        lines: list[Line] = [
+            *raw,
+            Line(frame.filtered - frame.spread, {**line("−2√p"), "auto": False}),
+            Line(frame.filtered + frame.spread, {**line("+2√p"), "auto": False}),
+            Line(frame.filtered, {**line("filtered", palette.filtered, 2.5), "auto": False}),
         ]
         if shown.truth is not None:
-            ys.append(shown.truth)
-            series.append({**line("truth", palette.truth, 1.5), "dash": (6, 4)})
+            lines.append(Line(shown.truth, {**line("truth", palette.truth, 1.5), "dash": (6, 4)}))
         if frame.smoothed is not None:
-            ys.append(frame.smoothed)
-            series.append(line("best offline", palette.smoothed, 1.5))
-        layout = Layout(
-            tuple(series),
-            axes(scale.label(state.channel)),
-            ({"series": (3, 2), "fill": palette.band},),
-        )
-        self.signal.show(shown.time * clock.factor, [y * scale.factor for y in ys], layout, state.resets)
+            lines.append(Line(frame.smoothed, line("best offline", palette.smoothed, 1.5)))
+        band = {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band}
+        label = scale.label(short(state.channel, 30))
+        self._draw(self.signal, frame, clock, scale, lines, label, band)
 
     def _show_innovation(self, frame: Frame, palette: Palette, clock: Scale) -> None:
         v, spread = without_start(frame)
         scale = scale_for(v, frame.state.tuning.unit)
-        layout = Layout(
-            (
-                {"label": time_label(clock)},
-                line("−2√s"),
-                line("+2√s"),
-                line("innovation", palette.innovation),
-            ),
-            axes(scale.unit or "innovation"),
-            ({"series": (2, 1), "fill": palette.innovation_band},),
-        )
-        ys = [-spread, spread, v]
-        time = frame.shown.time * clock.factor
-        self.innovation.show(time, [y * scale.factor for y in ys], layout, frame.state.resets)
+        lines = [
+            Line(-spread, line("−2√s")),
+            Line(spread, line("+2√s")),
+            *gappy("innovation", v, palette.innovation, quiet=1),
+        ]
+        band = {"series": (2, 1), "fill": palette.innovation_band}
+        label = scale.label("innovation")
+        self._draw(self.innovation, frame, clock, scale, lines, label if len(label) < 20 else "innovation", band)
+
+    def _draw(
+        self, chart: Chart, frame: Frame, clock: Scale, scale: Scale, lines: list[Line], label: str, band: object
+    ) -> None:
+        series = ({"label": time_label(clock)}, *(one.style for one in lines))
+        gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
+        layout = Layout(series, axes(label), (band,), gaps)
+        ys = [one.y * scale.factor for one in lines]
+        chart.show(frame.shown.time * clock.factor, ys, layout, frame.state.resets)
 
     def _show_gain(self, frame: Frame, palette: Palette) -> None:
+        top = float(frame.gain.max(initial=0.0))
+        ceiling = next((level for level in GAIN_LEVELS if top <= level), 1.0)
         layout = Layout(
-            (
-                {"label": "samples since the start"},
-                line("gain K", palette.gain, 2),
-            ),
+            ({"label": "samples since the start"}, line("gain K", palette.gain, 2)),
             axes("gain K"),
+            y_range=(0.0, ceiling),
         )
         self.gain.show(frame.gain_samples, [frame.gain], layout)
+
+
+GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+"""Ranges of the gain chart: few, so that it rests while q moves."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a chart."""
+
+    y: Array
+    """Values, unit."""
+    style: dict[str, object]
+    """uPlot series."""
+    gaps: bool = False
+    """Drawn as points, with gaps where y is NaN."""
+
+
+def gappy(label: str, y: Array, colour: str, quiet: int = 0) -> tuple[Line, ...]:
+    """A measured line. With missing samples (after the first `quiet`): points, and the last value for the range.
+
+    uPlot draws a line across every gap, and takes no range from a line that begins with one.
+    """
+    if not np.isnan(y[quiet:]).any():
+        return (Line(y, line(label, colour)),)
+    marks = {"show": True, "size": 3, "space": 0, "fill": colour, "stroke": colour}
+    points: dict[str, object] = {"label": label, "stroke": colour, "width": 0, "points": marks, "auto": False}
+    return Line(y, points, gaps=True), Line(y, line(f"last {label}"))
+
+
+def short(name: str, limit: int) -> str:
+    """A name cut to a length that fits beside an axis."""
+    return name if len(name) <= limit else f"{name[: limit - 1]}…"
 
 
 def heading_of(frame: Frame) -> str:
@@ -179,13 +211,6 @@ def largest_after_start(frame: Frame) -> float:
     if not later.any():
         return math.inf
     return 1.05 * float(max(np.abs(frame.innovation[later]).max(), frame.innovation_spread[later].max()))
-
-
-def _raw_series(palette: Palette, *, points: bool) -> dict[str, object]:
-    if points:  # uPlot would draw a line across every gap
-        marks = {"show": True, "size": 3, "space": 0, "fill": palette.raw, "stroke": palette.raw}
-        return {"label": "raw", "stroke": palette.raw, "width": 0, "points": marks}
-    return line("raw", palette.raw)
 
 
 def line(label: str, colour: str = "transparent", width: float = 1) -> dict[str, object]:

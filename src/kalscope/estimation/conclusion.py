@@ -85,7 +85,7 @@ def _informative(data: Differences) -> Differences:
 
 def _without_looking(data: Differences) -> tuple[str, str]:
     if data.m + 1 < words.MIN_SAMPLES:
-        return "too_few", words.too_few(data.m + 1 if data.m else 0)
+        return "too_few", words.too_few(data.m + 1)
     if not data.d.any():
         return "constant", words.constant(data.m + 1)
     return "", ""
