@@ -145,6 +145,7 @@ class Dashboard:
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         self._portraits.pop(client, None)
         self._toasts.pop(client, None)
+        self._fitter.detach(client)
 
     def _set_portrait(self, client: viser.ClientHandle, shape: float | None) -> None:
         """Draw the signal into the canvas of a phone, width : height, where no panel is docked; None: no phone."""

@@ -47,6 +47,7 @@ class Screen:
         self.page.set_default_timeout(20_000)
         self.page_errors = []
         self.page.on("pageerror", lambda error: self.page_errors.append(str(error)))
+        self.url = url
         self.page.goto(url)
         self.ready()
 
@@ -68,7 +69,7 @@ class Screen:
             return [Array.from(chart.data[0]), Array.from(chart.data[at])]; }}""",
             label,
         )
-        return np.array(x), np.array(y)
+        return np.array(x), np.array(y, dtype=float)
 
     def wait_for_line(self, label, expected, tolerance=0.0):
         """Until the drawn line equals `expected`."""

@@ -279,7 +279,7 @@ def test_every_window_and_theme_is_filled_without_sideways_scrolling(start, widt
         screen.tab("Tune")
     if width > 576:  # the chart panel has grown to the window
         screen.wait(
-            "(width) => document.querySelector('.uplot').getBoundingClientRect().width > width - 330 - 120 - 60",
+            "(width) => document.querySelector('.uplot').getBoundingClientRect().width > width - 345 - 120 - 60",
             width,
         )
     assert screen.page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
@@ -325,3 +325,44 @@ def test_a_record_without_visible_noise_gets_a_verdict_and_no_parameters(start, 
     screen.page.get_by_text("nothing was changed").wait_for()
     assert screen.text_box("process noise q").input_value() == before
     screen.shot("verdict")
+
+
+def test_a_second_window_of_another_size_is_filled_too(start, browser):
+    first = start("demo", width=1600, height=900)
+    chart_width = "() => document.querySelector('.uplot').getBoundingClientRect().width"
+    first.wait(f"() => ({chart_width})() > 1600 - 345 - 120 - 60")
+    first.page.set_viewport_size({"width": 1280, "height": 720})
+    first.wait(f"() => Math.abs(({chart_width})() - (1280 - 345 - 120 - 35)) < 30")
+    first.context.close()
+    second = Screen(browser, first.url, width=1600, height=900)
+    try:
+        second.wait(f"() => ({chart_width})() > 1600 - 345 - 120 - 60")
+    finally:
+        second.close()
+
+
+def test_missing_samples_are_drawn_as_gaps(start, tmp_path):
+    z = np.sin(np.arange(200) / 15)
+    gap = (np.arange(200) // 40) == 2
+    rows = "".join(f"{i / 10},{'' if missing else v}\n" for i, (v, missing) in enumerate(zip(z, gap, strict=True)))
+    (tmp_path / "gap.csv").write_text("time,z\n" + rows)
+    screen = start("gap.csv")
+    seen = np.where(gap, np.nan, z)
+    screen.wait_for_line("filtered", filtered(seen), tolerance=1e-12)
+    for label in ("raw", "innovation"):
+        _, y = screen.line(label)
+        present = np.isfinite(y)
+        assert present[:80].sum() >= 79
+        assert not present[80:120].any()
+    screen.shot("gap")
+
+
+def test_what_is_typed_stays_with_its_channel_and_the_later_gesture_wins(start):
+    screen = start("sample:lis302dl")
+    axes = open_source("sample:lis302dl")
+    screen.type("process noise q", "7", enter=False)
+    screen.pause()
+    screen.choose("channel", axes.names[1])
+    screen.wait_for_line("filtered", filtered(axes.values[:, 1]))
+    screen.choose("channel", axes.names[0])
+    screen.wait_for_line("filtered", filtered(axes.values[:, 0], q=7))

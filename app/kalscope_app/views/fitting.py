@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections.abc import Callable
 
 import viser
 
-from kalscope_app.views.layout import FIRST_RIGHT_WIDTH, PROBE, Panels, Sizes, sizes_for, window_size
+from kalscope_app.views.layout import CANVAS_WIDTH, FIRST_RIGHT_WIDTH, PROBE, Panels, Sizes, sizes_for, window_size
 
-SETTLED = 0.3
+SETTLED = 0.4
 """Seconds for which a canvas must keep its size to count as settled; viser eases its panels for 0.16 s."""
 
-PATIENCE = 3.0
+PATIENCE = 1.5
 """Seconds to wait for that at most."""
 
-log = logging.getLogger(__name__)
+ATTEMPTS = 3
+"""Measurements at most; each checks itself."""
 
 Pixels = tuple[int, int]
 
@@ -35,43 +35,55 @@ class WindowFitter:
         self._panels = panels
         self._set_heights = set_heights
         self._set_portrait = set_portrait
-        self._measuring = threading.Lock()
+        self._measuring = threading.RLock()
+        self._fitted: dict[viser.ClientHandle, Pixels] = {}
 
     def attach(self, client: viser.ClientHandle) -> None:
         """Fit now, and again whenever the height and the shape of this browser's canvas change together."""
         self._fit(client)
-        known = canvas_of(client)
+        client.camera.on_update(lambda _camera: self._on_camera(client))
 
-        def on_camera(_camera: object) -> None:
-            nonlocal known
-            now = canvas_of(client)
-            before, known = known, now
-            if resized(before, now) and self._fit(client):
-                known = canvas_of(client)
+    def detach(self, client: viser.ClientHandle) -> None:
+        """Forget a browser that has gone."""
+        self._fitted.pop(client, None)
 
-        client.camera.on_update(on_camera)
+    def _on_camera(self, client: viser.ClientHandle) -> None:
+        if not self._is_resized(client):
+            return
+        with self._measuring:  # reports that came meanwhile find the window fitted
+            if self._is_resized(client):
+                self._fit(client)
 
-    def _fit(self, client: viser.ClientHandle) -> bool:
-        """Measure and fill; False if another measurement is under way."""
-        if not self._measuring.acquire(blocking=False):
+    def _is_resized(self, client: viser.ClientHandle) -> bool:
+        known = self._fitted.get(client)
+        return known is not None and resized(known, canvas_of(client))
+
+    def _fit(self, client: viser.ClientHandle) -> None:
+        """Measure and fill; then remember what every browser's canvas has become by that."""
+        with self._measuring:
+            for _ in range(ATTEMPTS):  # the first may meet a page that has not docked its panels yet
+                if self._measure_and_fill(client):
+                    break
+            self._fitted = {one: canvas_of(one) for one in {*self._fitted, client}}
+
+    def _measure_and_fill(self, client: viser.ClientHandle) -> bool:
+        """One attempt; True if the canvas then is as narrow as the measured window says."""
+        self._panels.set_right_width(FIRST_RIGHT_WIDTH)
+        first, docked = settled(client), self._panels.docked_width
+        self._panels.set_right_width(FIRST_RIGHT_WIDTH + PROBE)
+        second = settled(client, unlike=first)
+        window = window_size(first, second, docked=docked, more=PROBE)
+        if window is None:
+            upright = 0 < second[0] < 0.8 * second[1]
+            self._set_portrait(client, second[0] / second[1] if upright else None)
             return False
-        try:
-            self._panels.set_right_width(FIRST_RIGHT_WIDTH)
-            first, docked = settled(client), self._panels.docked_width
-            self._panels.set_right_width(FIRST_RIGHT_WIDTH + PROBE)
-            second = settled(client)
-            window = window_size(first, second, docked=docked, more=PROBE)
-            self._set_portrait(
-                client, second[0] / second[1] if window is None and second[0] < 0.8 * second[1] else None
-            )
-            if window is not None:
-                sizes = sizes_for(*window)
-                self._panels.set_right_width(sizes.right_width)
-                self._set_heights(sizes)
-                settled(client)
-        finally:
-            self._measuring.release()
-        return True
+        self._set_portrait(client, None)
+        sizes = sizes_for(*window)
+        self._panels.set_right_width(sizes.right_width)
+        self._set_heights(sizes)
+        filled = settled(client, unlike=second)
+        expected = CANVAS_WIDTH / window[1]
+        return abs(filled[0] / max(filled[1], 1) - expected) <= 0.05 * expected
 
 
 def resized(before: Pixels, now: Pixels) -> bool:
@@ -89,11 +101,13 @@ def canvas_of(client: viser.ClientHandle) -> Pixels:
     return client.camera.image_width, client.camera.image_height
 
 
-def settled(client: viser.ClientHandle) -> Pixels:
-    """The canvas once it has kept its size for a while; viser has no event for that."""
-    start = last_change = time.monotonic()
-    size = canvas_of(client)
-    while time.monotonic() - last_change < SETTLED and time.monotonic() - start < PATIENCE:
+def settled(client: viser.ClientHandle, unlike: Pixels | None = None) -> Pixels:
+    """The canvas once it has kept its size for a while, and has changed from `unlike`; viser has no event for that."""
+    end = time.monotonic() + PATIENCE
+    while unlike is not None and canvas_of(client) == unlike and time.monotonic() < end:
+        time.sleep(0.03)
+    size, last_change = canvas_of(client), time.monotonic()
+    while time.monotonic() - last_change < SETTLED and time.monotonic() < end + SETTLED:
         time.sleep(0.03)
         now = canvas_of(client)
         if now != size:
