@@ -3,8 +3,9 @@ PYTHON ?= python3
 BIN := .venv/bin
 
 # Packages of the system that tests need, and how to tell that they are there.
-SYSTEM_PACKAGES := chromium
-HAVE_SYSTEM := command -v chromium chromium-browser google-chrome >/dev/null 2>&1
+SYSTEM_PACKAGES := chromium octave gcc g++
+HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v google-chrome) >/dev/null 2>&1 \
+  && command -v octave >/dev/null 2>&1 && command -v gcc >/dev/null 2>&1 && command -v g++ >/dev/null 2>&1
 
 .PHONY: run test check bench system can-test clean
 
@@ -31,7 +32,7 @@ system:
 can-test:
 	@if $(HAVE_SYSTEM); then :; \
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then $(MAKE) system; \
-	else echo "No Chromium here: the browser tests will be skipped; 'make system' as root installs it."; fi
+	else echo "Chromium, Octave or gcc is missing: the tests that need it will be skipped; 'make system' as root installs all."; fi
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv

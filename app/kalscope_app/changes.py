@@ -12,6 +12,7 @@ from dataclasses import replace
 
 from kalscope.errors import BadSetting
 from kalscope.estimation import Estimate
+from kalscope.experiments import GeneralizedParams
 from kalscope.finding import Found
 from kalscope.recording import Recording
 from kalscope_app.state import Outcome, State, slider_limits, timed
@@ -130,7 +131,8 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
         after = replace(before, q=q, r=r, how=found.how)
         tunings = (*state.tunings[:at], after, *state.tunings[at + 1 :])
         outcome = Outcome(found.how, found.message, before, after) if channel == state.channel else None
-        return replace(state, tunings=tunings, outcome=outcome)
+        rules = (*state.rules[:at], None, *state.rules[at + 1 :]) if state.rules else ()
+        return replace(state, tunings=tunings, rules=rules, outcome=outcome)
 
     return change
 
@@ -141,6 +143,32 @@ def set_opinions(recording: Recording, channel: str, opinions: tuple[Estimate, .
     def change(state: State) -> State:
         same = state.recording is recording and state.channel == channel
         return replace(state, opinions=opinions) if same else state
+
+    return change
+
+
+def set_reading(reading: str | None) -> Change:
+    """Filter with the second paper's equations, "printed" or "without_slip", or with the five lines (None)."""
+
+    def change(state: State) -> State:
+        rule = state.rule
+        if reading is None or (rule is not None and rule.reading == reading):
+            return state if (rule is None) == (reading is None) else state.with_rule(None)
+        if rule is not None:
+            return state.with_rule(GeneralizedParams(rule.sigma_m, rule.sigma_e0, rule.e0, reading))
+        return state.with_rule(GeneralizedParams(max(state.tuning.r, 1e-290), None, None, reading))
+
+    return change
+
+
+def set_rule_text(name: str, text: str) -> Change:
+    """A value of the second paper's filter was typed: sigma_m, sigma_e0 or e0; empty is automatic."""
+
+    def change(state: State) -> State:
+        if state.rule is None:
+            return state
+        empty = name != "sigma_m" and text.strip().lower() in ("", "automatic")
+        return state.with_rule(replace(state.rule, **{name: None if empty else parse_number(name, text)}))
 
     return change
 

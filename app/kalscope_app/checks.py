@@ -25,8 +25,10 @@ class Checks:
     """Whether q and r were estimated anew on the first half for that, because they come from an estimate."""
 
 
-def compute_checks(state: State) -> Checks:
-    """Diagnose the channel on screen."""
+def compute_checks(state: State) -> Checks | None:
+    """Diagnose the channel on screen; None where its filter has no q and r to judge."""
+    if state.rule is not None:
+        return None
     z = state.recording.channel(state.channel)
     whole = diagnose(kalman_filter(z, state.params))
     if isinstance(whole, tuple):

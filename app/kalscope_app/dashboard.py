@@ -125,7 +125,7 @@ class Dashboard:
                 color=(0, 158, 115) if good else (213, 94, 0),
             )
 
-    def _show_checks(self, checks: Checks) -> None:
+    def _show_checks(self, checks: Checks | None) -> None:
         self._checks.show(checks)
         self._server.flush()
 

@@ -39,7 +39,7 @@ class Engine:
         session: Session,
         show: Callable[[Frame], None],
         tell: Callable[[str], None],
-        show_checks: Callable[[Checks], None] | None = None,
+        show_checks: Callable[[Checks | None], None] | None = None,
     ) -> None:
         """Args: the session; who draws a frame; who tells of a refused request; who draws the checks."""
         self._session = session

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.filtering import FilterResult, kalman_filter
+from kalscope.experiments import run_filter
+from kalscope.filtering import FilterResult
+from kalscope.model import FilterParams
 from kalscope.recording import Recording
 from kalscope.smoothing import smooth
-from kalscope.steady_state import SteadyState, steady_state
+from kalscope.steady_state import SteadyState, ratio_for, steady_state
 from kalscope_app.charts import choose_indices
 from kalscope_app.state import State
 
@@ -82,8 +84,9 @@ def compute_frame(state: State, serial: int, shown: Shown) -> Frame:
     """Filter the channel on screen over the whole recording and pick what is drawn."""
     recording = state.recording
     z = recording.channel(state.channel)
-    result = kalman_filter(z, state.params)
-    steady = steady_state(state.params, recording.sample_period)
+    result = run_filter(z, state.rule or state.params)
+    settled = state.params if state.rule is None else _as_if_settled(float(result.k[-1]))
+    steady = steady_state(settled, recording.sample_period)
     at = shown.indices
     start_up = samples_to_settle(result, float(steady.gain))
     gain_samples = gain_axis(start_up, len(z))
@@ -94,7 +97,7 @@ def compute_frame(state: State, serial: int, shown: Shown) -> Frame:
         steady=steady,
         filtered=result.x[at],
         spread=2.0 * np.sqrt(result.p[at]),
-        smoothed=smooth(z, state.params).x[at] if state.smoother else None,
+        smoothed=smooth(z, state.params).x[at] if state.smoother and state.rule is None else None,
         rejected=int(result.rejected),
         innovation=result.innovation[at],
         innovation_spread=2.0 * np.sqrt(result.s[at]),
@@ -102,6 +105,13 @@ def compute_frame(state: State, serial: int, shown: Shown) -> Frame:
         gain=result.k[gain_samples],
         gain_samples=gain_samples.astype(np.float64),
     )
+
+
+def _as_if_settled(gain: float) -> FilterParams:
+    """The five lines that settle at a gain: the second paper's filter in the words of the first."""
+    if gain <= 0.0:
+        return FilterParams(q=0.0, r=1.0)
+    return FilterParams(q=1.0, r=0.0) if gain >= 1.0 else FilterParams(q=ratio_for(gain=gain), r=1.0)
 
 
 def choose_shown(recording: Recording, channel: str, window: tuple[float, float] | None) -> Shown:

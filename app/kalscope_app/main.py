@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 @app.command("open")
 def open_dashboard(
-    source: Annotated[str, typer.Argument(help='A file, "demo", "sample:NAME" or "synthetic:SHAPE?sigma=1".')] = "",
+    source: Annotated[
+        str, typer.Argument(help='A file, "demo", "sample:NAME", "experiment:NAME" or "synthetic:SHAPE?sigma=1".')
+    ] = "",
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port to listen on; 0 for any free one.")] = 8080,
     browser: Annotated[bool, typer.Option(help="Open the link in the browser.")] = True,
@@ -63,8 +65,10 @@ def first_state(source: str, config: Path | None, sample_period: float | None = 
     from kalscope.errors import BadSetting
     from kalscope.sources import open_source
     from kalscope.tuning import load_tuning
-    from kalscope_app.state import opened, opened_with
+    from kalscope_app.state import opened, opened_experiment, opened_with
 
+    if source.startswith("experiment:") and config is None:
+        return opened_experiment(source)
     if config is None:
         return opened(open_source(source or "demo", sample_period=sample_period))
     tuning = load_tuning(config)

@@ -9,6 +9,7 @@ import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.estimation import Estimate
+from kalscope.experiments import GeneralizedParams, open_experiment
 from kalscope.filter_choice import adapt_tuning
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import Recording
@@ -44,6 +45,8 @@ class State:
     """The parameters of every channel, in the order of recording.names."""
     starts: tuple[ChannelTuning, ...]
     """What they were when the recording was opened; Reset goes back there."""
+    rules: tuple[GeneralizedParams | None, ...] = ()
+    """The second paper's filter in place of the five lines, by channel; None or absent = the five lines."""
     window: tuple[float, float] | None = None
     """First and last moment on screen, s; None = the whole recording."""
     outcome: Outcome | None = None
@@ -70,6 +73,17 @@ class State:
     def params(self) -> FilterParams:
         """The same as the filter takes them."""
         return self.tuning.params
+
+    @property
+    def rule(self) -> GeneralizedParams | None:
+        """The second paper's filter, where the channel on screen runs it."""
+        return self.rules[self.recording.index(self.channel)] if self.rules else None
+
+    def with_rule(self, rule: GeneralizedParams | None) -> State:
+        """The state with another filter for the channel on screen."""
+        rules = list(self.rules or (None,) * len(self.tunings))
+        rules[self.recording.index(self.channel)] = rule
+        return replace(self, rules=tuple(rules), outcome=None, note="")
 
     def with_tuning(self, **values: object) -> State:
         """The state with other parameters for the channel on screen; refused as FilterParams refuses."""
@@ -127,6 +141,28 @@ def opened_with(recording: Recording, tuning: Tuning, before: State | None = Non
     return replace(
         state, tunings=tunings, channel=channel, note=" ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
     )
+
+
+def opened_experiment(name: str, before: State | None = None) -> State:
+    """A state that looks at a figure of a source document, at that figure's settings.
+
+    Raises:
+        BadSetting: no such experiment.
+    """
+    recording, settings = open_experiment(name)
+    state = opened(recording, before)
+    chosen = [settings[channel] for channel in recording.names]
+    tunings = tuple(map(_tuning_of, state.tunings, chosen))
+    rules = tuple(s if isinstance(s, GeneralizedParams) else None for s in chosen)
+    return replace(state, tunings=tunings, starts=tunings, rules=rules)
+
+
+def _tuning_of(start: ChannelTuning, settings: FilterParams | GeneralizedParams) -> ChannelTuning:
+    """Five-line parameters of a figure; the starting values where the figure has another filter."""
+    if isinstance(settings, GeneralizedParams):
+        return start
+    p0, x0 = (None if value is None else float(value) for value in (settings.p0, settings.x0))
+    return ChannelTuning(start.name, start.unit, float(settings.q), float(settings.r), p0, x0, "source document")
 
 
 def timed(recording: Recording, sample_period: float) -> Recording:

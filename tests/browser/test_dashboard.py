@@ -12,6 +12,8 @@ import pytest
 from screen import FIND, Program, Screen
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params
+from kalscope.experiments import list_experiments, open_experiment, run_filter
+from kalscope_app.views.source import experiment_label
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo").values[:, 0]
@@ -366,3 +368,17 @@ def test_what_is_typed_stays_with_its_channel_and_the_later_gesture_wins(start):
     screen.wait_for_line("filtered", filtered(axes.values[:, 1]))
     screen.choose("channel", axes.names[0])
     screen.wait_for_line("filtered", filtered(axes.values[:, 0], q=7))
+
+
+def test_a_figure_of_a_source_document_opens_with_one_choice(start):
+    screen = start("demo")
+    screen.tab("Source")
+    for name in ("generalized_figure_7", "noise_reducer_figure_6", "lis302dl_r_32"):
+        experiment = next(one for one in list_experiments() if one.name == name)
+        screen.choose("experiment", experiment_label(experiment))
+        recording, settings = open_experiment(name)
+        channel = recording.names[0]
+        screen.wait_for_line("filtered", run_filter(recording.channel(channel), settings[channel]).x)
+        screen.tab("Tune")
+        screen.shot(f"experiment-{name}")
+        screen.tab("Source")

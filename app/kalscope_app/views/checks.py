@@ -14,6 +14,8 @@ from kalscope_app.checks import Checks
 from kalscope_app.views.signal import DARK, LIGHT, axes, line
 from kalscope_app.views.words import count, number
 
+UNJUDGED = "This filter has no q and r, so there is nothing to judge it by."
+
 
 class ChecksView:
     """One or two sentences in the control panel, a table in the chart panel."""
@@ -29,8 +31,13 @@ class ChecksView:
         self._table = gui.add_markdown("")
         self._correlation = Chart(gui, 170)
 
-    def show(self, checks: Checks) -> None:
+    def show(self, checks: Checks | None) -> None:
         """Write both."""
+        if checks is None:
+            self._advice.content = UNJUDGED
+            if self._table is not None:
+                self._table.content = UNJUDGED
+            return
         said = sentence(checks.all_samples.advice)
         if self._advice.content != said:
             self._advice.content = said

@@ -102,7 +102,7 @@ def canvas_of(client: viser.ClientHandle) -> Pixels:
 
 
 def settled(client: viser.ClientHandle, unlike: Pixels | None = None) -> Pixels:
-    """The canvas once it has kept its size for a while, and has changed from `unlike`; viser has no event for that."""
+    """The canvas once it has changed from `unlike` and kept its size for a while; viser has no event for that."""
     end = time.monotonic() + PATIENCE
     while unlike is not None and canvas_of(client) == unlike and time.monotonic() < end:
         time.sleep(0.03)

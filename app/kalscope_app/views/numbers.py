@@ -35,7 +35,7 @@ def table(frame: Frame) -> str:
         rows.append(("cut-off (−3 dB)", f"**{frequency(float(steady.cutoff_hz or 0.0))}**"))
     rows += [
         ("gain K", f"**{number(float(steady.gain))}**"),
-        ("q / r", f"**{number(float(params.ratio))}**"),
+        ("q / r", "–" if frame.state.rule is not None else f"**{number(float(params.ratio))}**"),
         ("follows a step in", _both(settle, period)),
     ]
     if params.gate is not None:

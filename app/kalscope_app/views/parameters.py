@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import viser
 
-from kalscope_app.changes import reset_parameters, select_channel, set_automatic_start, set_exponent, set_text
+from kalscope_app.changes import (
+    Change,
+    reset_parameters,
+    select_channel,
+    set_automatic_start,
+    set_exponent,
+    set_reading,
+    set_rule_text,
+    set_text,
+)
 from kalscope_app.frame import Frame
 from kalscope_app.session import Session, redo, undo
-from kalscope_app.state import slider_limits
+from kalscope_app.state import State, slider_limits
 from kalscope_app.views.words import squared, typed
 
 NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "start variance p0"}
@@ -35,7 +45,11 @@ class ParametersView:
         self._channel = gui.add_dropdown(
             "channel", list[str](["–"]), hint="Each channel has parameters of its own."
         )
+        self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="The second paper's filter, to compare.")
         with gui.add_form(None) as form:
+            self._rule_boxes = [
+                TypedNumber(gui, session, name, label, hint, set_rule_text) for name, label, hint in RULE_BOXES
+            ]
             self._controls = [VarianceControl(gui, session, name) for name in ("q", "r")]
             self._start = gui.add_dropdown(
                 "start",
@@ -62,6 +76,7 @@ class ParametersView:
         )
         form.on_submit(self._on_submit)
         self._channel.on_update(self._on_channel)
+        self._filter.on_update(self._on_filter)
         self._start.on_update(self._on_start)
         self._steps.on_click(self._on_step)
         gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger(self._on_undo)
@@ -70,6 +85,10 @@ class ParametersView:
     async def _on_channel(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
             self._session.request(select_channel(self._channel.value))
+
+    async def _on_filter(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_reading(FILTERS[self._filter.value]))
 
     async def _on_start(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
@@ -85,7 +104,7 @@ class ParametersView:
         self._session.request(redo)
 
     async def _on_submit(self, _event: viser.GuiEvent[Any]) -> None:
-        for box in (*(control.typed for control in self._controls), self._x0, self._gate):
+        for box in (*(control.typed for control in self._controls), self._x0, self._gate, *self._rule_boxes):
             box.submit()
 
     def show(self, frame: Frame) -> None:
@@ -96,14 +115,41 @@ class ParametersView:
         if self._channel.value != state.channel:
             self._channel.value = state.channel
         self._channel.visible = len(state.recording.names) > 1
+        self._show_rule(state)
         for control in self._controls:
+            control.visible = state.rule is None
             control.show(frame)
+        self._start.visible = self._gate.visible = state.rule is None
         start = AUTOMATIC if tuning.p0 is None else BY_VALUE
         if self._start.value != start:
             self._start.value = start
-        self._x0.visible = tuning.p0 is not None
+        self._x0.visible = tuning.p0 is not None and state.rule is None
         self._x0.show(frame, tuning.x0, "first")
         self._gate.show(frame, tuning.gate, "off")
+        for box, (name, _, _) in zip(self._rule_boxes, RULE_BOXES, strict=True):
+            box.visible = state.rule is not None
+            box.show(frame, None if state.rule is None else getattr(state.rule, name), "automatic")
+
+    def _show_rule(self, state: State) -> None:
+        reading = None if state.rule is None else state.rule.reading
+        name = next(name for name, value in FILTERS.items() if value == reading)
+        if self._filter.value != name:
+            self._filter.value = name
+
+
+FILTERS: dict[str, str | None] = {
+    "Kalman filter: q and r": None,
+    "Khan et al.: eq. (3) as printed": "printed",
+    "Khan et al.: without the slip": "without_slip",
+}
+"""Filters by the words on screen, and the reading of the second paper's equation."""
+
+RULE_BOXES = (
+    ("sigma_m", "measured error σM", "The one value that the paper changes from sensor to sensor; above 0."),
+    ("sigma_e0", "first error σE", "Empty is automatic."),
+    ("e0", "first estimate E", "Empty is the first sample."),
+)
+"""Name, label and hint of the second paper's parameters."""
 
 
 class VarianceControl:
@@ -122,6 +168,15 @@ class VarianceControl:
         )
         self._serial = 0
         self._slider.on_update(self._on_slider)
+
+    @property
+    def visible(self) -> bool:
+        """Whether it is on screen."""
+        return self._slider.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        self._slider.visible = self.typed.visible = visible
 
     async def _on_slider(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
@@ -148,8 +203,16 @@ class VarianceControl:
 class TypedNumber:
     """A number typed as text: 1e-9 works; it counts on Enter, or when typing rests."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session, name: str, label: str, hint: str) -> None:
-        self._session, self._name, self._label, self._hint = session, name, label, hint
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        session: Session,
+        name: str,
+        label: str,
+        hint: str,
+        change: Callable[[str, str], Change] = set_text,
+    ) -> None:
+        self._session, self._name, self._label, self._hint, self._change = session, name, label, hint, change
         self._text = gui.add_text(label, "", hint=hint)
         self._written = ""
         self._value: object = self  # nothing has been shown yet
@@ -176,7 +239,7 @@ class TypedNumber:
 
     def _file(self, delay: float) -> None:
         text = self._text.value
-        self._serial = self._session.request(set_text(self._name, text), key=f"text {self._name}", delay=delay)
+        self._serial = self._session.request(self._change(self._name, text), key=f"text {self._name}", delay=delay)
 
     def show(self, frame: Frame, value: float | None, missing: str) -> None:
         """Write the frame's value, unless a newer one is being typed or the value has not changed."""

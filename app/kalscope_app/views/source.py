@@ -11,6 +11,7 @@ from typing import Any
 
 import viser
 
+from kalscope.experiments import Experiment, list_experiments
 from kalscope.recording import Recording
 from kalscope.sources import list_samples, open_source, read_recording
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
@@ -18,7 +19,7 @@ from kalscope_app.changes import set_sample_period
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
-from kalscope_app.state import opened
+from kalscope_app.state import opened, opened_experiment
 from kalscope_app.views.words import count, duration, plain, typed
 
 MINE = "–"
@@ -48,6 +49,10 @@ class SourceView:
         self._sample = gui.add_dropdown(
             "sample recording", (MINE, *self._samples), hint="Recordings that come with Kalscope."
         )
+        self._experiments = {experiment_label(e): e.name for e in list_experiments()}
+        self._experiment = gui.add_dropdown(
+            "experiment", (MINE, *self._experiments), hint="The figures of the three source documents."
+        )
         with gui.add_folder("Your own file") as self._own:
             self._path = gui.add_text("path", "", hint="A CSV file on this computer, of any size.")
             self._open = gui.add_button("Open this path")
@@ -60,6 +65,7 @@ class SourceView:
         with gui.add_folder("How it was read"):
             self._report = gui.add_markdown("")
         self._sample.on_update(self._on_sample)
+        self._experiment.on_update(self._on_experiment)
         self._open.on_click(self._on_open)
         form.on_submit(self._on_period)
 
@@ -77,6 +83,11 @@ class SourceView:
         sample = self._samples.get(self._sample.value)
         if event.client is not None and sample is not None:
             self._open_spec(f"sample:{sample.name}")
+
+    async def _on_experiment(self, event: viser.GuiEvent[Any]) -> None:
+        name = self._experiments.get(self._experiment.value)
+        if event.client is not None and name is not None:
+            self._session.request(lambda state: opened_experiment(name, state))
 
     async def _on_open(self, _event: viser.GuiEvent[Any]) -> None:
         path = self._path.value.strip()
@@ -100,10 +111,24 @@ class SourceView:
         title = next((t for t, s in self._samples.items() if recording.source == f"sample:{s.name}"), MINE)
         if self._sample.value != title:
             self._sample.value = title
+        experiment = recording.source.removeprefix("experiment:")
+        shown = next((title for title, name in self._experiments.items() if name == experiment), MINE)
+        if self._experiment.value != shown:
+            self._experiment.value = shown
         self._period.visible = not recording.sample_period or bool(self._period.value)
         text = report_text(recording)
         if self._report.content != text:
             self._report.content = text
+
+
+AUTHORS = {"noise_reducer": "Ma'arif 2019", "generalized": "Khan", "lis302dl": "interactive matter 2009"}
+"""Source documents, by what their experiments' names begin with."""
+
+
+def experiment_label(experiment: Experiment) -> str:
+    """Author and figure, short enough for a menu."""
+    author = next(words for start, words in AUTHORS.items() if experiment.name.startswith(start))
+    return f"{author}: {experiment.title.removeprefix('LIS302DL: ')}"
 
 
 class GeneratorForm:
