@@ -29,11 +29,11 @@ def compute_checks(state: State) -> Checks | None:
     """Diagnose the channel on screen; None where its filter has no q and r to judge."""
     if state.rule is not None:
         return None
-    z = state.recording.channel(state.channel)
-    whole = diagnose(kalman_filter(z, state.params))
+    z, dt = state.recording.channel(state.channel), state.dt
+    whole = diagnose(kalman_filter(z, state.params, dt))
     if isinstance(whole, tuple):
         whole = whole[0]
     # q and r that were fitted to the whole recording have seen the second half: ask again, of the first.
     estimated = state.tuning.how in METHOD_WORDS.values()
     fit = (lambda first, dt: estimate(first, dt=dt).params or state.params) if estimated else state.params
-    return Checks(state, whole, diagnose_held_out(z, fit), estimated)
+    return Checks(state, whole, diagnose_held_out(z, fit, dt), estimated)

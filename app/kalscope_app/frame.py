@@ -83,8 +83,8 @@ class Frame:
 def compute_frame(state: State, serial: int, shown: Shown) -> Frame:
     """Filter the channel on screen over the whole recording and pick what is drawn."""
     recording = state.recording
-    z = recording.channel(state.channel)
-    result = run_filter(z, state.rule or state.params)
+    z, dt = recording.channel(state.channel), state.dt
+    result = run_filter(z, state.rule or state.params, dt)
     settled = state.params if state.rule is None else _as_if_settled(float(result.k[-1]))
     steady = steady_state(settled, recording.sample_period)
     at = shown.indices
@@ -97,7 +97,7 @@ def compute_frame(state: State, serial: int, shown: Shown) -> Frame:
         steady=steady,
         filtered=result.x[at],
         spread=2.0 * np.sqrt(result.p[at]),
-        smoothed=smooth(z, state.params).x[at] if state.smoother and state.rule is None else None,
+        smoothed=smooth(z, state.params, dt).x[at] if state.smoother and state.rule is None else None,
         rejected=int(result.rejected),
         innovation=result.innovation[at],
         innovation_spread=2.0 * np.sqrt(result.s[at]),

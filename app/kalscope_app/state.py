@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kalscope.errors import BadSetting
 from kalscope.estimation import Estimate
@@ -79,6 +80,11 @@ class State:
         """The second paper's filter, where the channel on screen runs it."""
         return self.rules[self.recording.index(self.channel)] if self.rules else None
 
+    @property
+    def dt(self) -> NDArray[np.float64] | None:
+        """Nominal periods before each sample, where gaps in time were asked to count; else None."""
+        return self.recording.steps() if self.recording.gaps == "dt" else None
+
     def with_rule(self, rule: GeneralizedParams | None) -> State:
         """The state with another filter for the channel on screen."""
         rules = list(self.rules or (None,) * len(self.tunings))
@@ -121,6 +127,18 @@ def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
     start = starting_params(recording.channel(name))
     unit = recording.units[recording.index(name)]
     return ChannelTuning(name, unit, float(start.q), float(start.r), None, None, "starting values")
+
+
+def reopened(recording: Recording, before: State) -> State:
+    """A state that looks at a recording read again: channels of the same name and file keep their parameters."""
+    state = opened(recording, before)
+    old = before.recording
+    if (recording.source, recording.title) != (old.source, old.title):
+        return state
+    known = {tuning.name: tuning for tuning in before.tunings}
+    tunings = tuple(known.get(tuning.name, tuning) for tuning in state.tunings)
+    channel = before.channel if before.channel in recording.names else state.channel
+    return replace(state, tunings=tunings, channel=channel)
 
 
 def opened_with(recording: Recording, tuning: Tuning, before: State | None = None) -> State:

@@ -102,6 +102,7 @@ class Found:
 def find_parameters(
     z: Array,
     *,
+    dt: Array | None = None,
     sample_period: float | None = None,
     method: str = "ml",
     wish: dict[str, float] | None = None,
@@ -115,6 +116,7 @@ def find_parameters(
 
     Args:
         z: measurements, shape (n,); NaN is a missing sample.
+        dt: nominal sample periods before each sample, shape (n,); None = 1 each.
         sample_period: nominal sample period in s, for wishes in s or Hz.
         method: of `estimate`, used where neither a wish nor the noise decides.
         wish: one of WISHES with its value: λ follows from it.
@@ -132,7 +134,7 @@ def find_parameters(
     noise = noise or Noise()
     known = noise.resolve(z)
     if wish:
-        r, said = known or _noise_for_wish(z, present_r, progress, cancelled)
+        r, said = known or _noise_for_wish(z, dt, present_r, progress, cancelled)
         ((name, value),) = wish.items()
         params = _two_variances(params_for_specification(r, **wish, sample_period=sample_period))
         words = _wish_words(name, value)
@@ -142,10 +144,10 @@ def find_parameters(
         params = _two_variances(FilterParams(q=ratio * known[0], r=known[0]))
         return Found(params, f"q/r = {ratio:g}, r {noise.origin}", f"q = {ratio:g} · r. {known[1]}")
     if ratio is not None:
-        return _from(estimate_fixed_ratio(z, ratio), f"q/r = {ratio:g}, r by maximum likelihood")
+        return _from(estimate_fixed_ratio(z, ratio, dt), f"q/r = {ratio:g}, r by maximum likelihood")
     if known:
-        return _fit_q(z, *known, noise.origin)
-    return _from(estimate(z, method, progress=progress, cancelled=cancelled), METHOD_WORDS[method])
+        return _fit_q(z, dt, *known, noise.origin)
+    return _from(estimate(z, method, dt, progress=progress, cancelled=cancelled), METHOD_WORDS[method])
 
 
 def _check(method: str, wish: dict[str, float] | None, ratio: float | None) -> None:
@@ -176,9 +178,9 @@ def _two_variances(params: FilterParams) -> FilterParams:
     return params
 
 
-def _fit_q(z: Array, r: float, said: str, origin: str) -> Found:
+def _fit_q(z: Array, dt: Array | None, r: float, said: str, origin: str) -> Found:
     """Q where r is known; words of its own where that r leaves nothing to be movement."""
-    answer = estimate_fixed_r(z, r)
+    answer = estimate_fixed_r(z, r, dt)
     message = str(answer.message)
     if answer.verdict == "no_movement":
         message = (
@@ -195,6 +197,7 @@ def _from(answer: Estimate, how: str) -> Found:
 
 def _noise_for_wish(
     z: Array,
+    dt: Array | None,
     present_r: float | None,
     progress: Callable[[float, str], None] | None,
     cancelled: Callable[[], bool] | None,
@@ -203,7 +206,7 @@ def _noise_for_wish(
     band = "it sets the width of the band, not the curve."
     if present_r is not None and present_r > 0.0:
         return present_r, f"r is kept: {band}"
-    answer = estimate(z, progress=progress, cancelled=cancelled)
+    answer = estimate(z, dt=dt, progress=progress, cancelled=cancelled)
     if float(answer.r) > 0.0:  # good at the edge q = 0 too
         return float(answer.r), f"r by maximum likelihood; {band}"
     r = float(starting_params(z).r)

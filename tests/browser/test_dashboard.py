@@ -382,3 +382,25 @@ def test_a_figure_of_a_source_document_opens_with_one_choice(start):
         screen.tab("Tune")
         screen.shot(f"experiment-{name}")
         screen.tab("Source")
+
+
+def test_what_the_reader_decided_is_shown_and_can_be_decided_otherwise(start, tmp_path):
+    log = tmp_path / "echo.csv"
+    rows = [(i, 400 if i % 4 == 3 else 20 + i % 7) for i in range(200)]
+    log.write_text("time_ms,distance (cm)\n" + "".join(f"{60 * i},{z}\n" for i, z in rows))
+    screen = start("echo.csv")
+    screen.tab("Source")
+    screen.page.get_by_text("400").first.wait_for()  # asked, not assumed
+    values = np.array([z for _, z in rows], dtype=float)
+    screen.wait_for_line("raw", values)
+    screen.page.get_by_text("Read it otherwise").click()
+    screen.type("missing values", "400", enter=False)
+    screen.pause()
+    screen.page.get_by_role("button", name="Read again").click()
+    known = np.where(values == 400, np.nan, values)
+    screen.wait_for_line("filtered", filtered(known), tolerance=1e-12)
+    screen.page.get_by_text("50 missing").wait_for()
+    screen.shot("read-otherwise")
+    log.write_text(log.read_text() + "12000,21\n")
+    screen.page.get_by_role("button", name="Read again").click()
+    screen.page.get_by_text("201 samples").first.wait_for()

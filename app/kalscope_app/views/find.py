@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -20,10 +19,8 @@ from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
 from kalscope_app.state import State
+from kalscope_app.views.patience import Patience
 from kalscope_app.views.words import duration, number
-
-PATIENCE = 1.0
-"""Seconds after which a search shows its progress and can be cancelled."""
 
 
 @dataclass(frozen=True)
@@ -158,9 +155,10 @@ class FindView:
 
     def _search(self, state: State, way: Way, texts: list[str], stop: threading.Event) -> None:
         z, period = state.recording.channel(state.channel), state.recording.sample_period
-        with _Patience(self._progress, self._cancel) as patience:
+        with Patience(self._progress, self._cancel) as patience:
             found = find_parameters(
                 z,
+                dt=state.dt,
                 sample_period=period,
                 progress=patience.report,
                 cancelled=stop.is_set,
@@ -170,8 +168,8 @@ class FindView:
 
     def _compare(self, state: State, stop: threading.Event) -> None:
         z = state.recording.channel(state.channel)
-        with _Patience(self._progress, self._cancel) as patience:
-            opinions = compare_methods(z, progress=patience.report, cancelled=stop.is_set)
+        with Patience(self._progress, self._cancel) as patience:
+            opinions = compare_methods(z, state.dt, progress=patience.report, cancelled=stop.is_set)
         self._session.request(set_opinions(state.recording, state.channel, opinions))
 
     def show(self, frame: Frame) -> None:
@@ -198,25 +196,6 @@ class FindView:
         if state.way != self._shown_way:
             self._boxes[0].hint = STILL_HINT if state.way == STILL else None
             self._shown_way = state.way
-
-
-class _Patience:
-    """Progress and Cancel, on screen only while a job takes longer than PATIENCE."""
-
-    def __init__(self, bar: Any, cancel: viser.GuiButtonHandle) -> None:
-        self._bar, self._cancel, self._start = bar, cancel, time.monotonic()
-
-    def __enter__(self) -> _Patience:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._bar.visible = self._cancel.visible = False
-
-    def report(self, fraction: float, _text: str) -> None:
-        """Show how far it is."""
-        if time.monotonic() - self._start > PATIENCE:
-            self._bar.value = min(max(100.0 * fraction, 0.0), 100.0)
-            self._bar.visible = self._cancel.visible = True
 
 
 def answer_text(state: State) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
 from collections.abc import Callable
@@ -35,12 +36,15 @@ class WindowFitter:
         self._panels = panels
         self._set_heights = set_heights
         self._set_portrait = set_portrait
-        self._measuring = threading.RLock()
-        self._fitted: dict[viser.ClientHandle, Pixels] = {}
+        self._fitted: dict[viser.ClientHandle, Pixels | None] = {}
+        self._waiting: queue.SimpleQueue[viser.ClientHandle] = queue.SimpleQueue()
+        # A daemon of its own: measuring takes seconds, and viser's callback threads would keep the program alive.
+        threading.Thread(target=self._run, name="kalscope-fitting", daemon=True).start()
 
     def attach(self, client: viser.ClientHandle) -> None:
         """Fit now, and again whenever the height and the shape of this browser's canvas change together."""
-        self._fit(client)
+        self._fitted[client] = None
+        self._waiting.put(client)
         client.camera.on_update(lambda _camera: self._on_camera(client))
 
     def detach(self, client: viser.ClientHandle) -> None:
@@ -48,23 +52,27 @@ class WindowFitter:
         self._fitted.pop(client, None)
 
     def _on_camera(self, client: viser.ClientHandle) -> None:
-        if not self._is_resized(client):
-            return
-        with self._measuring:  # reports that came meanwhile find the window fitted
-            if self._is_resized(client):
-                self._fit(client)
+        if self._needs_fit(client) and self._waiting.empty():
+            self._waiting.put(client)
 
-    def _is_resized(self, client: viser.ClientHandle) -> bool:
-        known = self._fitted.get(client)
-        return known is not None and resized(known, canvas_of(client))
+    def _needs_fit(self, client: viser.ClientHandle) -> bool:
+        known = self._fitted.get(client, (0, 0))
+        return known is None or resized(known, canvas_of(client))
+
+    def _run(self) -> None:
+        while True:
+            client = self._waiting.get()
+            if self._needs_fit(client):  # what was reported meanwhile may have been our own doing
+                self._fit(client)
 
     def _fit(self, client: viser.ClientHandle) -> None:
         """Measure and fill; then remember what every browser's canvas has become by that."""
-        with self._measuring:
-            for _ in range(ATTEMPTS):  # the first may meet a page that has not docked its panels yet
-                if self._measure_and_fill(client):
-                    break
-            self._fitted = {one: canvas_of(one) for one in {*self._fitted, client}}
+        for _ in range(ATTEMPTS):  # the first may meet a page that has not docked its panels yet
+            if client not in self._fitted or self._measure_and_fill(client):
+                break
+        for one in tuple(self._fitted):
+            if one in self._fitted:
+                self._fitted[one] = canvas_of(one)
 
     def _measure_and_fill(self, client: viser.ClientHandle) -> bool:
         """One attempt; True if the canvas then is as narrow as the measured window says."""

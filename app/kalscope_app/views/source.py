@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 import tempfile
+import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +16,20 @@ import viser
 from kalscope.experiments import Experiment, list_experiments
 from kalscope.recording import Recording
 from kalscope.sources import list_samples, open_source, read_recording
+from kalscope.sources.read_options import ReadOptions, options_from_text
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
 from kalscope_app.changes import set_sample_period
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
-from kalscope_app.state import opened, opened_experiment
+from kalscope_app.state import State, opened_experiment, reopened
+from kalscope_app.views.patience import Patience
 from kalscope_app.views.words import count, duration, plain, typed
 
 MINE = "–"
+
+Reader = Callable[..., Recording]
+"""Reads the present file: options, then progress and cancelled by name."""
 
 GENERATOR_LABELS = {
     "n": "samples",
@@ -45,6 +52,8 @@ class SourceView:
 
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
+        self._stop = threading.Event()
+        self._again: tuple[tuple[str, str], Reader] = (("", ""), open_source)
         self._samples = {sample.title: sample for sample in list_samples()}
         self._sample = gui.add_dropdown(
             "sample recording", (MINE, *self._samples), hint="Recordings that come with Kalscope."
@@ -54,8 +63,10 @@ class SourceView:
             "experiment", (MINE, *self._experiments), hint="The figures of the three source documents."
         )
         with gui.add_folder("Your own file") as self._own:
-            self._path = gui.add_text("path", "", hint="A CSV file on this computer, of any size.")
+            self._path = gui.add_text("path", "", hint="A CSV or Parquet file on this computer, of any size.")
             self._open = gui.add_button("Open this path")
+            self._progress = gui.add_progress_bar(0.0, visible=False)
+            self._cancel = gui.add_button("Cancel", visible=False)
             with gui.add_form(None) as form:
                 self._period = gui.add_text(
                     "sample period (s)", "", hint="Time between two samples, for a file that has no time. Enter."
@@ -64,9 +75,12 @@ class SourceView:
             self._generator = GeneratorForm(gui, self._open_spec)
         with gui.add_folder("How it was read"):
             self._report = gui.add_markdown("")
+            with gui.add_folder("Read it otherwise", expand_by_default=False):
+                self._reading = ReadingForm(gui, self._read_again)
         self._sample.on_update(self._on_sample)
         self._experiment.on_update(self._on_experiment)
         self._open.on_click(self._on_open)
+        self._cancel.on_click(self._on_cancel)
         form.on_submit(self._on_period)
 
     def add_upload(self, client: viser.ClientHandle) -> None:
@@ -96,14 +110,36 @@ class SourceView:
     async def _on_period(self, _event: viser.GuiEvent[Any]) -> None:
         self._session.request(set_sample_period(self._period.value))
 
+    async def _on_cancel(self, _event: viser.GuiEvent[Any]) -> None:
+        self._stop.set()
+
     def _open_spec(self, spec: str) -> None:
-        self._jobs.run(lambda: self._use(open_source(spec)))
+        self._read(partial(open_source, spec), ReadOptions())
 
     def _upload(self, name: str, content: bytes) -> None:
-        self._jobs.run(lambda: self._use(read_upload(name, content)))
+        self._read(partial(read_upload, name, content), ReadOptions())
 
-    def _use(self, recording: Recording) -> None:
-        self._session.request(lambda state: opened(recording, state))
+    def _read_again(self, options: ReadOptions) -> None:
+        """The same file, with what the person decided; or just once more, if it has changed."""
+
+        def read(state: State) -> None:
+            recording = state.recording
+            (source, title), reader = self._again
+            same = (recording.source, recording.title) == (source, title)
+            self._read(reader if same else partial(open_source, recording.source), options)
+
+        self._session.ask(read)
+
+    def _read(self, reader: Reader, options: ReadOptions) -> None:
+        stop = self._stop = threading.Event()
+
+        def work() -> None:
+            with Patience(self._progress, self._cancel) as patience:
+                recording = reader(options, progress=patience.report, cancelled=stop.is_set)
+            self._again = (recording.source, recording.title), reader
+            self._session.request(lambda state: reopened(recording, state))
+
+        self._jobs.run(work)
 
     def show(self, frame: Frame) -> None:
         """Name the sample that is open and tell how it was read."""
@@ -168,14 +204,57 @@ def setting_docs() -> list[tuple[str, str]]:
     ]
 
 
-def read_upload(name: str, content: bytes) -> Recording:
+class ReadingForm:
+    """What the sniffer decided can be decided otherwise; empty boxes leave it to the sniffer."""
+
+    def __init__(self, gui: viser.GuiApi, read: Callable[[ReadOptions], None]) -> None:
+        self._read = read
+        self._delimiter = gui.add_dropdown("delimiter", (FOUND, "comma", "semicolon", "tab", "bar", "space"))
+        self._time = gui.add_text("time column", "", hint="Its name, its number from 1, or none.")
+        self._unit = gui.add_dropdown("time unit", (FOUND, "s", "ms", "us", "ns", "min", "h", "day", "year"))
+        self._missing = gui.add_text(
+            "missing values", "", hint="Values that mean: no sample, with spaces between, such as -200 400."
+        )
+        self._gaps = gui.add_dropdown("gaps in time", tuple(GAPS), hint="How long gaps are filtered.")
+        gui.add_button("Read again", hint="Also takes in what was added to the file.").on_click(self._on_read)
+
+    async def _on_read(self, _event: viser.GuiEvent[Any]) -> None:
+        def chosen(text: str) -> str | None:
+            return None if text.strip() in ("", FOUND) else text.strip()
+
+        self._read(
+            options_from_text(
+                chosen(self._delimiter.value),
+                chosen(self._time.value),
+                chosen(self._unit.value),
+                self._missing.value.split(),
+                GAPS[self._gaps.value],
+            )
+        )
+
+
+FOUND = "as found"
+"""Leave a choice to the sniffer."""
+
+GAPS = {"as rows": "rows", "as missing samples": "missing", "as elapsed time": "dt"}
+"""What long gaps in time become."""
+
+
+def read_upload(
+    name: str,
+    content: bytes,
+    options: ReadOptions,
+    *,
+    progress: Callable[[float, str], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Recording:
     """Read what a browser sent. Its name is shown, never used as a path."""
     shown = Path(name.replace("\\", "/")).name[:200] or "upload"
     safe = re.sub(r"[^\w.-]+", "_", shown).strip(".")[-80:] or "upload"
     with tempfile.TemporaryDirectory(prefix="kalscope-") as folder:
         file = Path(folder) / safe
         file.write_bytes(content)
-        recording = read_recording(file)
+        recording = read_recording(file, options, progress=progress, cancelled=cancelled)
     return replace(recording, source="", title=shown)
 
 
