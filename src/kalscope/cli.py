@@ -16,10 +16,19 @@ import typer
 
 from kalscope.errors import BadSetting, KalscopeError, describe
 from kalscope.reproduce_command import reproduce_command
+from kalscope.sources.command_options import (
+    Delimiter,
+    GapsChoice,
+    Missing,
+    TimeColumnChoice,
+    TimeUnit,
+    options_from_text,
+)
 from kalscope.tune_command import tune_command
 
 if TYPE_CHECKING:
     from kalscope.model import FilterParams
+    from kalscope.sources.read_options import ReadOptions
 
 USER_ERROR = 2
 """Exit status when something the user gave cannot be used; stderr then has one line."""
@@ -106,6 +115,14 @@ def filter_command(
     sample_period: Annotated[
         str | None, _number_option("--sample-period", "Sample period in s, where SOURCE says none.")
     ] = None,
+    delimiter: Delimiter = None,
+    time_column: TimeColumnChoice = None,
+    time_unit: TimeUnit = None,
+    missing: Missing = None,
+    gaps: GapsChoice = None,
+    report: Annotated[
+        bool, typer.Option("--report", help="Tell on stderr how SOURCE was read, every line accounted for.")
+    ] = False,
 ) -> None:
     """Filter a recording: a CSV of time, raw and filtered signal and variance.
 
@@ -115,19 +132,29 @@ def filter_command(
 
     given = _given(q=q, r=r, p0=p0, x0=x0)
     period = None if sample_period is None else _number("--sample-period", sample_period)
+    options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
     if source == "-":
+        if report:
+            raise BadSetting('--report must be left out where SOURCE is "-": each line is answered as it comes')
         if output is not None:
             raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
-        _filter_stdin(*params_for_stdin(config, given, channel, period))
+        _filter_stdin(*params_for_stdin(config, given, channel, period), options)
         return
+    from kalscope.progress_line import ProgressLine
     from kalscope.sources import open_source
     from kalscope.sources.csv_writer import filtered_csv_chunks
 
     if output is not None and output.exists() and os.path.exists(source) and output.samefile(source):
         raise BadSetting(f"-o must be another file than SOURCE (got {source!r} twice)")
-    recording = open_source(source, sample_period=period)
+    with ProgressLine(sys.stderr) as line:
+        progress = line.part(os.path.basename(source), 0, 1)
+        recording = open_source(source, options, sample_period=period, progress=progress)
     params, notes = params_for(recording, config, given, channel)
     _write(filtered_csv_chunks(recording, params), output)
+    if report:
+        from kalscope.sources.account import account
+
+        sys.stderr.write(account(recording))
     for note in notes:  # last, so that an error is the only line
         _say(f"note: {note}")
 
@@ -165,16 +192,17 @@ def _number(option: str, text: str, word: str | None = None) -> float:
         raise BadSetting(f"{option} must be {must} (got {text!r})") from None
 
 
-def _filter_stdin(params: FilterParams | list[FilterParams], notes: list[str]) -> None:
+def _filter_stdin(params: FilterParams | list[FilterParams], notes: list[str], options: ReadOptions) -> None:
     """Answer each line at once: whoever writes them may wait for the answer."""
     from kalscope.line_filter import LineFilter
+    from kalscope.sources.line_parser import LineParser, comma_line
 
     for note in notes:
         _say(f"note: {note}")
-    lines = LineFilter(params)
+    lines, parser = LineFilter(params), LineParser(options)
     with _stdout() as out:
         for line in _lines(sys.stdin.buffer):
-            answer, note = lines.answer(line.decode("utf-8", "replace"))
+            answer, note = lines.answer(comma_line(parser, line))
             out.write(f"{answer}\n".encode())
             out.flush()
             if note:

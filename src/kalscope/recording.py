@@ -35,7 +35,7 @@ class ReadReport:
     lines: int = 0
     """Lines in the file, a torn last one included."""
     rows: int = 0
-    """Lines that were taken: one row of `Recording.values` each, except where several lines of Teleplot make one."""
+    """Lines that became one row of `Recording.values`; several lines of Teleplot may share a row."""
     rejected: int = 0
     """Lines of the wrong shape, left out."""
     blank: int = 0

@@ -11,6 +11,7 @@ Live sources, `serial:PORT@BAUD` and pyserial URLs, are no files and are opened 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,19 @@ from urllib.parse import parse_qsl
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.csv_file import read_recording
+from kalscope.sources.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.synthetic import SignalSettings, synthesize
+from kalscope.sources.watch import Progress
 
-__all__ = ["Sample", "list_samples", "open_source", "read_recording", "sample_data_dir", "synthesize"]
+__all__ = [
+    "ReadOptions",
+    "Sample",
+    "list_samples",
+    "open_source",
+    "read_recording",
+    "sample_data_dir",
+    "synthesize",
+]
 
 DEMO = "flex_sensor"
 """The sample behind "demo": a clean periodic truth under a noise one can see."""
@@ -43,20 +54,31 @@ class Sample:
     """First line of its note below the heading."""
 
 
-def open_source(spec: str, *, sample_period: float | None = None) -> Recording:
+def open_source(
+    spec: str,
+    options: ReadOptions = DEFAULTS,
+    *,
+    sample_period: float | None = None,
+    progress: Progress | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Recording:
     """Open what `spec` names, in the grammar above.
 
     Args:
         spec: "demo", "sample:NAME", "synthetic:SHAPE?…" or a path.
+        options: What is decided about a file; the others need no such decisions and ignore them.
         sample_period: Nominal sample period in s for a file, see `read_recording`; for a synthetic signal
             the setting of that name.
+        progress: See `read_recording`.
+        cancelled: See `read_recording`.
 
     Returns:
         The Recording; its `source` reopens it.
 
     Raises:
         BadFile: the file cannot be read.
-        BadSetting: an unknown sample, shape or setting; a live source; a URL.
+        BadSetting: an unknown sample, shape or setting; a live source; a URL; an option the file cannot have.
+        Cancelled: `cancelled()` was true.
     """
     if not spec.strip():
         raise BadSetting('source must be a file, "demo", "sample:NAME" or "synthetic:SHAPE" (got nothing)')
@@ -70,7 +92,7 @@ def open_source(spec: str, *, sample_period: float | None = None) -> Recording:
         return _open_synthetic(match[2], sample_period)
     if match and (scheme in _LIVE or match[2].startswith("//")):
         raise BadSetting(f"source must be a file to be read (got {spec!r}, a live source or a web address)")
-    return read_recording(spec, sample_period=sample_period)
+    return read_recording(spec, options, sample_period=sample_period, progress=progress, cancelled=cancelled)
 
 
 def sample_data_dir() -> Path:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
-from kalscope.sources.line_parser import MISSING, is_number, parse_number
-from kalscope.sources.timestamps import UNIT_OF_WORD, TimeColumn, time_kind
+from kalscope.errors import BadSetting
+from kalscope.sources.cells import MISSING, is_number, parse_number
+from kalscope.sources.timestamps import UNIT_OF_WORD, TimeColumn, parse_year_day, time_kind
 
-Role = Literal["channel", "time", "text", "row name", "empty"]
+Role = Literal["channel", "time", "text", "row name", "row number", "empty"]
 Cells = tuple[str, ...]
 
 STAMP_SHAPE = re.compile(
@@ -50,6 +52,12 @@ _TIME_NAMES = _words(
     """
 )
 _DATE_NAMES = frozenset(("date", "day", "datetime", "timestamp"))
+_DAY_OF_YEAR_NAMES = frozenset(("doy", "jday", "yday", "julian_day", "day_of_year", "dayofyear"))
+_HHMM_NAMES = frozenset(("hhmm", "mst", "lst", "utc", "gmt", "est", "pst", "cst", "time", "hour_minute"))
+
+
+ROW_NUMBER_NAME = "sample"
+"""Header of the first column of our own CSV where a recording has no time: it counts the rows."""
 
 
 @dataclass(frozen=True)
@@ -99,11 +107,24 @@ def role_of(column: Column, rows: list[Cells], index: int, decimal: str) -> Role
     if not cells:
         # A spreadsheet's trailing ";;": no name, nothing in it.
         return "empty" if not column.name and len(rows[0]) > 1 else "channel"
+    if index == 0 and column.name == ROW_NUMBER_NAME and len(rows[0]) > 1 and _counts(cells):
+        return "row number"
     return "channel" if any(is_number(cell, decimal) for cell in cells) else "text"
+
+
+def _counts(cells: list[str]) -> bool:
+    """True for 0, 1, 2, … and 1, 2, 3, …, perhaps with a line left out."""
+    if not all(cell.isascii() and cell.isdecimal() for cell in cells):
+        return False
+    numbers = [int(cell) for cell in cells]
+    return numbers[0] <= 1 and all(b > a for a, b in pairwise(numbers))
 
 
 def find_time(columns: list[Column], rows: list[Cells], decimal: str, *, named: bool) -> TimeColumn | None:
     """The first column named like a time that reads as one; else stamps; else, unnamed, a rising first."""
+    parts = _year_day(columns, rows)
+    if parts is not None:
+        return parts
     by_name = [i for i, column in enumerate(columns) if _base(column)[0] in _TIME_NAMES]
     kinds = {}
     for i, column in enumerate(columns):
@@ -112,20 +133,70 @@ def find_time(columns: list[Column], rows: list[Cells], decimal: str, *, named: 
             may_be_date = _base(column)[0] in _DATE_NAMES
             share = 0.5 if i in by_name else 0.9
             kinds[i] = time_kind(cells, decimal, may_be_date=may_be_date, share=share)
-    by_form = [i for i, kind in kinds.items() if kind is not None and kind[0] in ("calendar", "clock")]
-    for i in by_name + by_form:
+    dated = [i for i, kind in kinds.items() if kind is not None and kind[0] == "calendar"]
+    clocks = [i for i, kind in kinds.items() if kind is not None and kind[0] == "clock"]
+    # A clock beside a date, on either side, is a part of it.
+    by_name = [i + 1 if i in clocks and i + 1 in dated else i for i in by_name]
+    for i in by_name + sorted(dated + clocks):
         kind = kinds[i]
         if kind is None:
             continue
-        follows = kinds.get(i + 1)
-        clock = i + 1 if kind[0] == "calendar" and follows and follows[0] == "clock" else None
-        if len(rows) > 1 and len({(row[i], row[clock] if clock else "") for row in rows}) == 1:
+        beside = [j for j in (i + 1, i - 1) if j in clocks] if kind[0] in ("calendar", "yyyymmdd") else []
+        clock = beside[0] if beside else None
+        if len(rows) > 1 and len({(row[i], row[clock] if clock is not None else "") for row in rows}) == 1:
             continue  # a stamp that stands still is no time
         unit = _base(columns[i])[1] if kind[0] == "number" else ""
         return TimeColumn(i, kind[0], unit, kind[1], clock)
     if not named and len(columns) > 1 and _rises_steadily([row[0] for row in rows], decimal):
         return TimeColumn(0, "number")
     return None
+
+
+def chosen_time(
+    columns: list[Column], rows: list[Cells], decimal: str, choice: str | int, labels: Cells = ()
+) -> TimeColumn | None:
+    """The time column that a person chose, by name or by index from 0; None for "none".
+
+    Raises:
+        BadSetting: there is no such column, or it holds neither numbers nor stamps.
+    """
+    names = [column.name for column in columns]
+    if choice == "none" and "none" not in names:
+        return None
+    if isinstance(choice, str):
+        # As the file writes it, `time [ms]`, or as the report shows it, `time`.
+        found = [i for known in (names, list(labels)) for i, name in enumerate(known) if name == choice.strip()]
+        index = found[0] if found else -1
+    else:
+        index = choice
+    if not 0 <= index < len(columns):
+        shown = ", ".join(name or f"column {i}" for i, name in enumerate(names, 1))
+        raise BadSetting(f'the time column must be one of {shown}, or "none" (got {choice!r})')
+    cells = [row[index] for row in rows]
+    kind = time_kind(cells, decimal, may_be_date=_base(columns[index])[0] in _DATE_NAMES, share=0.5)
+    if kind is None:
+        came = next(filter(None, cells), "")[:40]
+        raise BadSetting(f"the time column must hold numbers or stamps (got {came!r})")
+    found_by_form = find_time(columns, rows, decimal, named=True)
+    if found_by_form is not None and index in found_by_form.indices:
+        return found_by_form  # with its clock in a column of its own
+    return TimeColumn(index, kind[0], _base(columns[index])[1] if kind[0] == "number" else "", kind[1])
+
+
+def _year_day(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
+    """Year, day of the year and a clock written 2359 in columns of their own, as weather stations do."""
+    bases = [re.sub(r"[\s\-.]+", "_", column.name.lower()) for column in columns]
+
+    def first(names: frozenset[str]) -> int | None:
+        return next((i for i, base in enumerate(bases) if base in names), None)
+
+    year, day, clock = first(frozenset(("year",))), first(_DAY_OF_YEAR_NAMES), first(_HHMM_NAMES)
+    if year is None or day is None or clock is None:
+        return None
+    read = [parse_year_day(row[year], row[day], row[clock]) is not None for row in rows]
+    if sum(read) < max(1, 0.9 * len(rows)):
+        return None
+    return TimeColumn(year, "year day", clock_index=clock, day_index=day)
 
 
 def _base(column: Column) -> tuple[str, str]:
@@ -168,7 +239,7 @@ def settle_roles(
     if time is None:
         notes = ["no time column: samples are counted"]
     else:
-        taken = (time.index, time.clock_index)
+        taken = time.indices
         columns = [replace(column, role="time") if i in taken else column for i, column in enumerate(columns)]
         notes = [f'"{columns[time.index].name or f"column {time.index + 1}"}" is the time']
     channels = [i for i, column in enumerate(columns) if column.role == "channel"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,22 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.recording import LineIssue
-from kalscope.sources.line_parser import (
-    is_blank,
-    is_comment,
-    parse_number,
-    plain_row_parser,
-    split_fields,
-    split_line,
-)
+from kalscope.sources.cells import is_blank, is_number
+from kalscope.sources.line_format import plain_row_parser
+from kalscope.sources.line_reader import TAIL_LINES, LineEvent, LineReader
+from kalscope.sources.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.sniffer import Layout
-from kalscope.sources.text_file import open_text
-from kalscope.sources.timestamps import LARGEST_STAMP, parse_clock, stamp_parser
+from kalscope.sources.text_file import last_lines, open_text
+from kalscope.sources.timestamps import LARGEST_STAMP
+from kalscope.sources.watch import Watch
 
 MAX_ISSUES = 100
 """Issues kept word for word; all are counted."""
 
-_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+LINES_PER_LOOK = 16_384
+"""Lines between two looks at progress and cancel: some 30 ms."""
 
 
 @dataclass
@@ -42,43 +39,131 @@ class Tally:
     headers: int = 0
     bad_cells: int = 0
     issues: list[LineIssue] = field(default_factory=list)
+    ending: str = ""
+    """A sentence about a last line without newline; "" where it has one."""
 
-    def note_issue(self, line: int, reason: str, text: str, column: str | None = None) -> None:
-        """Keep one issue, up to MAX_ISSUES."""
-        if len(self.issues) < MAX_ISSUES:
-            self.issues.append(LineIssue(line, reason, text.rstrip("\n")[:200], column))
-
-
-def read_rows(data: bytes, encoding: str, layout: Layout) -> tuple[NDArray[np.float64], Tally]:
-    """All rows, shape (rows, width), NaN in the columns that are not read, and the account."""
-    tally, out, width = Tally(), array("d"), len(layout.columns)
-    gap = [math.nan] * width if layout.time is None else []
-    fast = _fast_parser(layout)
-    slow = _SlowParser(layout, tally)
-    number = 0
-    for number, line in enumerate(open_text(data, encoding), 1):
-        if number >= layout.first_data:
-            values = fast(line)
-            if values is None:
-                values = slow(number, line)
-                if values is None:
-                    continue
-            tally.rows += bool(values)
-            out.extend(values or gap)
-        elif is_blank(line, layout.form.delimiter):
-            tally.blank += 1
-        elif number in layout.headers:
-            tally.headers += 1
+    def take(self, event: LineEvent) -> None:
+        """Count one line and keep its issues, up to MAX_ISSUES."""
+        if event.kind == "row":
+            self.rows += 1
+            self.bad_cells += len(event.issues)
+        elif event.kind == "rejected":
+            self.rejected += 1
+        elif event.kind == "blank":
+            self.blank += 1
+        elif event.kind == "header":
+            self.headers += 1
         else:
-            tally.comments += 1  # comments and boot text
+            self.comments += 1
+        self.issues.extend(event.issues[: MAX_ISSUES - len(self.issues)])
+
+    def take_last(self, event: LineEvent) -> None:
+        """Count a last line that has no newline, and say what became of it."""
+        self.take(event)
+        if event.kind == "rejected":
+            self.ending = f"line {event.number}, the last, is torn: it has no newline, and was left out"
+        elif event.kind == "row":
+            self.ending = (
+                f"line {event.number}, the last, has no newline; it was kept, because its last number has as many"
+                " decimals as all before, or its checksum is right"
+            )
+
+
+def read_rows(
+    data: bytes, encoding: str, layout: Layout, options: ReadOptions = DEFAULTS, watch: Watch | None = None
+) -> tuple[NDArray[np.float64], Tally]:
+    """All rows, shape (rows, width), NaN in the columns that are not read, and the account."""
+    tally, watch, width = Tally(), watch or Watch(), len(layout.columns)
+    rows = TeleplotRows(layout) if layout.form.kind == "teleplot" else Rows(layout)
+    fast, reader = fast_parser(layout, options), LineReader(layout, options.without_numbers())
+    number = 0
+    text = open_text(data, encoding)
+    for number, line in enumerate(text, 1):
+        if number % LINES_PER_LOOK == 0:
+            watch.tell(text.buffer.tell() / len(data), "reading")
+        if number < layout.first_data:
+            count_preamble(number, line, layout, tally)
+            continue
+        values = fast(line)
+        if values is not None:
+            tally.rows += 1
+            rows.out.extend(values)
+        elif line.endswith("\n"):
+            event = reader.read(number, line)
+            tally.take(event)
+            rows.add(event)
+        else:
+            event = reader.read_last(number, line, last_lines(data, encoding, TAIL_LINES))
+            tally.take_last(event)
+            rows.add(event, last=True)
     tally.lines = number
-    return np.frombuffer(out, dtype=np.float64).reshape(-1, width), tally
+    rows.finish()
+    return np.frombuffer(rows.out, dtype=np.float64).reshape(-1, width), tally
 
 
-def _fast_parser(layout: Layout) -> Callable[[str], list[float] | None]:
+class Rows:
+    """Collects the rows of a log, flat."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.out = array("d")
+        # The sensor did sample then: without time a rejected line keeps the place of its sample.
+        self._gap = [math.nan] * len(layout.columns) if layout.time is None else []
+
+    def add(self, event: LineEvent, *, last: bool = False) -> None:
+        """Take what a line brings; a rejected last line has no neighbours whose places it could keep."""
+        for row in event.rows:
+            self.out.extend(row)
+        if event.kind == "rejected" and not last:
+            self.out.extend(self._gap)
+
+    def finish(self) -> None:
+        """All lines were added."""
+
+
+class TeleplotRows(Rows):
+    """Gathers the variables of Teleplot, one a line, into rows: those of one stamp, or one of each name."""
+
+    def __init__(self, layout: Layout) -> None:
+        super().__init__(layout)
+        self._time = None if layout.time is None else layout.time.index
+        self._row: list[float] = []
+
+    def add(self, event: LineEvent, *, last: bool = False) -> None:  # noqa: ARG002 (no gaps here)
+        """Take the samples of a line; a rejected one leaves no gap, because others make up the row."""
+        for row in event.rows:
+            if self._row and self._belongs(row):
+                self._row = [a if math.isnan(b) else b for a, b in zip(self._row, row, strict=True)]
+            else:
+                self.finish()
+                self._row = list(row)
+
+    def _belongs(self, row: tuple[float, ...]) -> bool:
+        if self._time is not None and row[self._time] != self._row[self._time]:
+            return False
+        pairs = enumerate(zip(self._row, row, strict=True))
+        return all(math.isnan(a) or math.isnan(b) or i == self._time for i, (a, b) in pairs)
+
+    def finish(self) -> None:
+        """The row at hand is complete."""
+        self.out.extend(self._row)
+        self._row = []
+
+
+def count_preamble(number: int, line: str, layout: Layout, tally: Tally) -> None:
+    """Count a line above the first data line."""
+    if is_blank(line, layout.form.delimiter):
+        tally.blank += 1
+    elif number in layout.headers:
+        tally.headers += 1
+    else:
+        tally.comments += 1  # comments and boot text
+
+
+def fast_parser(layout: Layout, options: ReadOptions) -> Callable[[str], list[float] | None]:
     """The fast path, where every column is a number; stamps out of range are left to the slow path."""
     time = layout.time
-    if any(column.role == "text" for column in layout.columns) or (time and time.kind != "number"):
+    words = any(is_number(text, layout.form.decimal) for text in options.missing_texts)
+    if words or any(column.role == "text" for column in layout.columns) or (time and time.kind != "number"):
         return lambda _: None
     parse = plain_row_parser(layout.form, len(layout.columns))
     if time is None:
@@ -90,72 +175,3 @@ def _fast_parser(layout: Layout) -> Callable[[str], list[float] | None]:
         return values if values is not None and abs(values[index]) <= LARGEST_STAMP else None
 
     return checked
-
-
-class _SlowParser:
-    """Takes any line apart and gives it its place in the account."""
-
-    def __init__(self, layout: Layout, tally: Tally) -> None:
-        self.layout = layout
-        self.tally = tally
-        self.width = len(layout.columns)
-        self.channels = [i for i, column in enumerate(layout.columns) if column.role == "channel"]
-        self.parse_stamp = stamp_parser(layout.time, layout.form.decimal) if layout.time else None
-
-    def __call__(self, number: int, line: str) -> list[float] | None:
-        """Numbers of a row; [] for a rejected line; None for a blank, a comment or a header."""
-        layout, tally = self.layout, self.tally
-        if is_blank(line, layout.form.delimiter):
-            tally.blank += 1
-            return None
-        if is_comment(line):
-            tally.comments += 1
-            return None
-        if layout.header_rows and tuple(split_fields(line, layout.form.delimiter)) in layout.header_rows:
-            tally.headers += 1
-            return None
-        cells, fault = self._cells(line)
-        stamp = self._stamp(cells) if not fault else None
-        if stamp is None:
-            tally.rejected += 1
-            tally.note_issue(number, fault or "must have a readable time stamp", line)
-            return []
-        return self._row(number, cells, stamp)
-
-    def _cells(self, line: str) -> tuple[list[str], str]:
-        """Cells of a line of the right shape, or what is wrong with it."""
-        if not line.endswith("\n"):
-            return [], "must end with a newline (torn: the file ends inside this line)"
-        if _CONTROL.search(line):
-            # Damaged on the wire or on the disk: nor can the other cells be trusted.
-            return [], "must be printable text (got control bytes)"
-        cells = split_line(line, self.layout.form)
-        if cells is None:
-            return [], "must be written as the other lines are"
-        if len(cells) != self.width:
-            return [], f"must have {self.width} fields (got {len(cells)})"
-        return cells, ""
-
-    def _stamp(self, cells: list[str]) -> float | None:
-        """The stamp in the unit of its column, NaN where there is no time column, None where unreadable."""
-        time = self.layout.time
-        if time is None or self.parse_stamp is None:
-            return math.nan
-        stamp = self.parse_stamp(cells[time.index])
-        if stamp is None or time.clock_index is None:
-            return stamp
-        clock = parse_clock(cells[time.clock_index])
-        return None if clock is None else stamp + clock
-
-    def _row(self, number: int, cells: list[str], stamp: float) -> list[float]:
-        values = [math.nan] * self.width
-        for i in self.channels:
-            value = parse_number(cells[i], self.layout.form.decimal)
-            if value is None:
-                self.tally.bad_cells += 1
-                self.tally.note_issue(number, "must be a number", cells[i], self.layout.columns[i].name)
-            else:
-                values[i] = value
-        if self.layout.time is not None:
-            values[self.layout.time.index] = stamp
-        return values

@@ -2,7 +2,8 @@
 
 It reopens in our own reader, in numpy, pandas and a spreadsheet without any option: one header line, commas,
 decimal points, UTF-8 without BOM, newlines alone, an empty cell for a missing value. Every number is written
-with the digits that bring back the same double.
+with the digits that bring back the same double. A recording without time has its samples counted instead, in a
+column `sample`, and reopens without time.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 from kalscope.filtering import kalman_filter
 from kalscope.model import FilterParams
 from kalscope.recording import Recording
-from kalscope.sources.line_parser import MISSING, is_number
+from kalscope.sources.cells import MISSING, is_number
+from kalscope.sources.columns import ROW_NUMBER_NAME
 from kalscope.sources.timestamps import unit_by_magnitude
 from kalscope.tuning import Tuning
 
@@ -34,7 +36,9 @@ def filtered_csv(recording: Recording, params: Tuning | Mapping[str, FilterParam
 
 
 def filtered_csv_chunks(recording: Recording, params: Tuning | Mapping[str, FilterParams]) -> Iterator[str]:
-    """Filter a recording, one sample a step (dt = 1), and give the CSV in pieces.
+    """Filter a recording and give the CSV in pieces.
+
+    One sample is one step, dt = 1; where the recording's `gaps` is "dt" the true time between samples counts.
 
     Args:
         recording: n samples of its channels.
@@ -42,21 +46,24 @@ def filtered_csv_chunks(recording: Recording, params: Tuning | Mapping[str, Filt
 
     Returns:
         Texts to be written one after the other: the header `time,<ch>,<ch>_filtered,<ch>_variance,…` (time in
-        s, variance in unit²; channels in the order of the recording), then the n rows. The filter has run
+        s, variance in unit²; channels in the order of the recording; `sample` instead of `time` where the
+        recording has no time), then the n rows. The filter has run
         when this returns, so an error comes before any text.
 
     Raises:
-        BadSetting: A name in `params` is no channel of the recording.
+        BadSetting: A name in `params` is no channel of the recording; "dt" was asked for without time.
     """
     chosen = params if isinstance(params, Mapping) else {c.name: c.params for c in params.channels}
     order = sorted(chosen, key=recording.index)
+    dt = recording.steps() if recording.gaps == "dt" else None
     columns = [recording.time]
     for name in order:
         z = recording.channel(name)
-        result = kalman_filter(z, chosen[name])
+        result = kalman_filter(z, chosen[name], dt)
         columns += [z, result.x, result.p]
-    header = csv_header(order, time_name=_time_name(recording.time))
-    return _texts(header, columns)
+    if recording.sample_period is None:
+        return _texts(csv_header(order, time_name=ROW_NUMBER_NAME), columns[1:], counted=True)
+    return _texts(csv_header(order, time_name=_time_name(recording.time)), columns)
 
 
 def csv_header(names: list[str], *, time_name: str = "time") -> str:
@@ -73,10 +80,13 @@ def csv_header(names: list[str], *, time_name: str = "time") -> str:
     return line.getvalue()
 
 
-def _texts(header: str, columns: list[NDArray[np.float64]]) -> Iterator[str]:
+def _texts(header: str, columns: list[NDArray[np.float64]], *, counted: bool = False) -> Iterator[str]:
     yield header
-    for start in range(0, len(columns[0]), ROWS_PER_CHUNK):
+    n = len(columns[0]) if columns else 0
+    for start in range(0, n, ROWS_PER_CHUNK):
         cells = [_cells(column[start : start + ROWS_PER_CHUNK]) for column in columns]
+        if counted:
+            cells.insert(0, [str(i) for i in range(start, min(start + ROWS_PER_CHUNK, n))])
         yield "\n".join(map(",".join, zip(*cells, strict=True))) + "\n"
 
 

@@ -1,179 +1,233 @@
-"""One line of text in, its cells and numbers out: no file, no port, no state.
+"""Bytes in, lines of a log out, as they come: for the live port, for stdin, for replays. No file, no port.
 
-The CSV reader and the live serial port share these functions, so that a recording and the wire agree.
+    parser = LineParser()
+    parser.feed(port.read())
+    while (event := parser.next_line()) is not None:
+        ...
+
+The layout is found by looking, as for a file: at the first line with data, and again while the head of the
+stream shows lines that do not fit. From then on each line is read by the `LineReader` of the file reader, so
+the same bytes mean the same everywhere. The functions that take a single line apart are offered here as well.
 """
 
 from __future__ import annotations
 
-import csv
 import math
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from collections import deque
+from collections.abc import Iterator
 
-COMMENT_MARKS = ("#", "%", "//")
-"""What a comment line begins with."""
+from kalscope.sources.cells import (
+    COMMENT_MARKS,
+    MISSING,
+    is_blank,
+    is_comment,
+    is_number,
+    parse_number,
+    split_fields,
+)
+from kalscope.sources.line_format import (
+    LineFormat,
+    plain_row_parser,
+    split_checksum,
+    split_labels,
+    split_line,
+    split_stamp,
+    split_teleplot,
+)
+from kalscope.sources.line_reader import LONGEST_TEXT, TAIL_LINES, Kind, LineEvent, LineReader, rejected
+from kalscope.sources.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.sniffer import Layout, sniff
 
-MISSING = frozenset({"", "nan", "+nan", "-nan", "nil", "null", "na", "n/a", "none"})
-"""Cells, in lower case, that say "no sample": ordinary missing values, never reported as bad."""
+__all__ = [
+    "COMMENT_MARKS",
+    "LONGEST_LINE",
+    "MISSING",
+    "LineEvent",
+    "LineFormat",
+    "LineParser",
+    "comma_line",
+    "is_blank",
+    "is_comment",
+    "is_number",
+    "parse_number",
+    "plain_row_parser",
+    "split_checksum",
+    "split_fields",
+    "split_labels",
+    "split_line",
+    "split_stamp",
+    "split_teleplot",
+]
 
-_NUMBER = {
-    # [0-9], not \d: float() would take the digits of any script. No hexadecimal, no infinity, no "1_000".
-    ".": re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"),
-    # A decimal comma needs a digit after it, else "155," of "155, 0.76" would be a number.
-    ",": re.compile(r"[-+]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:[eE][-+]?[0-9]+)?"),
-}
-_RUN_OF_SPACES = re.compile(r"[ \t]+")
-_LABEL_PAIR = re.compile(r"([^\s:]+)\s*:\s*(\S+)")
-_MONITOR_STAMP = re.compile(r"\s*([0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]+)?)\s*->\s?(.*)", re.DOTALL)
+LONGEST_LINE = 65_536
+"""Bytes of one line, ten times the widest table; a longer one is no line of numbers and is dropped as it comes."""
 
+HEAD_BYTES = 65_536
+"""How much of the stream may still change the layout, as much as is looked at of a file."""
 
-@dataclass(frozen=True)
-class LineFormat:
-    """How the data lines of one source are written."""
-
-    kind: Literal["table", "labels"] = "table"
-    """"table": values in fixed places; "labels": `name:value` pairs."""
-    delimiter: str = ","
-    """Between the cells of a table: one of `, ; TAB |`, or a space for any run of blanks."""
-    decimal: str = "."
-    """Decimal mark, "." or ","; never equal to the delimiter."""
-    labels: tuple[str, ...] = ()
-    """Labels in column order; () for a table."""
-    stamped: bool = False
-    """True where each line begins with the Arduino IDE's `12:00:00.023 -> `; that stamp is cell 0."""
-
-
-def is_comment(line: str) -> bool:
-    """True where the first mark on the line is #, % or //."""
-    return line.lstrip(" \t").startswith(COMMENT_MARKS)
+_NEWLINE = re.compile(rb"[\r\n]")
 
 
-def is_blank(line: str, delimiter: str = "") -> bool:
-    """True where nothing but blanks and delimiters (a spreadsheet's empty row) stands on the line."""
-    return not line.strip(" \t\r\n" + delimiter)
+class LineParser:
+    r"""Turns a stream of bytes into `LineEvent`s. Holds one line and the head of the stream, no more.
 
-
-def split_fields(line: str, delimiter: str) -> list[str]:
-    """Cells of one table line, without the blanks and quotes around them.
-
-    A quote never reaches over the end of the line: a stray one is a damaged cell, and must not swallow
-    the rows below it.
+    Lines end with \n, \r\n or \r. They are UTF-8, or where they are not, Latin-1.
     """
-    text = line.strip(" \t\r\n") if delimiter == " " else line.rstrip("\r\n")
-    if '"' in text and text.count('"') % 2 == 0:
-        try:
-            text = _RUN_OF_SPACES.sub(" ", text) if delimiter == " " else text
-            # strict: else `" 3"25` would be glued to 325, a number that nobody wrote.
-            row = next(csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=True), [])
-            return [cell.strip(" \t") for cell in row]
-        except csv.Error:  # a stray quote, or a cell above the module's limit
-            pass
-    if delimiter == " ":
-        return _RUN_OF_SPACES.split(text) if text else []
-    return [cell.strip(" \t") for cell in text.split(delimiter)]
 
+    def __init__(
+        self, options: ReadOptions = DEFAULTS, *, layout: Layout | None = None, skip_first: bool = False
+    ) -> None:
+        """Begin a stream.
 
-def split_labels(line: str) -> list[tuple[str, str]] | None:
-    """(label, value text) pairs of `a:1,b:2`, `a: 1 b: 2`, `Sensor Value: 155, Volts: 0.76`, `>a:1`.
+        Args:
+            options: What is decided already; everything else is found by looking.
+            layout: How the lines are written, where that is known; it then never changes.
+            skip_first: Drop the first line: a port that was just opened may begin inside it.
+        """
+        self._options = options
+        self._reader = LineReader(layout, options) if layout is not None else None
+        self._settled = layout is not None
+        self._skip_first = skip_first
+        self._buffer = bytearray()
+        self._searched = 0  # bytes of the buffer known to hold no newline
+        self._after_cr = False
+        self._overlong = False
+        self._head: list[str] = []
+        self._head_bytes = 0
+        self._misfits = 0
+        self._before: deque[str] = deque(maxlen=TAIL_LINES)
+        self._number = 0
 
-    Returns:
-        None where the line is not wholly made of pairs, or a label is a number (`12:30:05`).
-    """
-    text = line.strip().removeprefix(">")
-    if any(mark in text for mark in ",;\t"):
-        parts = [part for part in re.split(r"[,;\t]", text) if part.strip()]
-        pairs = [(label.strip(), value.strip()) for label, _, value in (part.partition(":") for part in parts)]
-        complete = all(":" in part for part in parts)
-    elif text.count(":") == 1:
-        label, _, value = text.partition(":")
-        pairs, complete = [(label.strip(), value.strip())], True
-    else:
-        pairs = _LABEL_PAIR.findall(text)
-        complete = not _LABEL_PAIR.sub("", text).strip()
-    if not pairs or not complete or any(not label or is_number(label) for label, _ in pairs):
+    @property
+    def layout(self) -> Layout | None:
+        """How the lines are written, as far as is known; None before the first line with data.
+
+        The rows of an event are of the layout at that moment: it is another object after an event that
+        changed it, because new labels bring new columns.
+        """
+        return None if self._reader is None else self._reader.layout
+
+    @property
+    def buffered(self) -> int:
+        """Bytes that wait for the end of their line or for `next_line`."""
+        return len(self._buffer)
+
+    def feed(self, data: bytes) -> None:
+        """Store what has come; any number of bytes, cut anywhere."""
+        self._buffer += data
+
+    def next_line(self) -> LineEvent | None:
+        """The next line that is complete; None where more bytes are needed."""
+        while (line := self._maybe_extract_line()) is not None:
+            if self._skip_first:
+                self._skip_first = False
+                continue
+            self._number += 1
+            return self._read(line)
         return None
-    return pairs
+
+    def close(self) -> LineEvent | None:
+        """The stream has ended: the last line, where it lacks its newline; torn unless it proves whole."""
+        if self._overlong:
+            self._buffer, self._overlong = bytearray(), False
+            return self._overlong_event()
+        if not self._buffer or self._skip_first:
+            return None
+        line, self._buffer = _decoded(self._buffer), bytearray()
+        self._number += 1
+        if self._reader is None:
+            return rejected(self._number, line, "must end with a newline (torn: the stream ends inside this line)")
+        return self._reader.read_last(self._number, line, list(self._before))
+
+    def __iter__(self) -> Iterator[LineEvent]:
+        """All lines that are complete."""
+        while (event := self.next_line()) is not None:
+            yield event
+
+    def _maybe_extract_line(self) -> str | None:
+        buffer = self._buffer
+        if self._after_cr and buffer:
+            # \r ended the last line at once, without waiting to see whether \n follows.
+            if buffer[:1] == b"\n":
+                del buffer[:1]
+            self._after_cr = False
+        match = _NEWLINE.search(buffer, self._searched)
+        if match is None:
+            self._searched = len(buffer)
+            if len(buffer) > LONGEST_LINE:
+                self._overlong = True
+                del buffer[LONGEST_TEXT:]
+                self._searched = len(buffer)
+            return None
+        line, self._after_cr, self._searched = bytes(buffer[: match.start()]), match[0] == b"\r", 0
+        del buffer[: match.end()]
+        return _decoded(line)
+
+    def _overlong_event(self) -> LineEvent:
+        self._number += 1
+        return rejected(self._number, "", f"must be at most {LONGEST_LINE} bytes long")
+
+    def _read(self, line: str) -> LineEvent:
+        if self._overlong or len(line) > LONGEST_LINE:
+            self._overlong = False
+            return rejected(self._number, line, f"must be at most {LONGEST_LINE} bytes long")
+        if self._number == 1:
+            line = line.removeprefix("\ufeff")
+        self._before.append(line)
+        event = self._reader.read(self._number, line) if self._reader else None
+        if self._settled:
+            return event or _without_layout(self._number, line)
+        self._head.append(line)
+        self._head_bytes += len(line) + 1
+        if event is None or event.kind in ("rejected", "text") or event.issues:
+            event = self._look_again(line, event)
+        if self._head_bytes >= HEAD_BYTES:
+            self._settled, self._head = True, []
+        return event
+
+    def _look_again(self, line: str, event: LineEvent | None) -> LineEvent:
+        """Sniff the head anew, at the 1st, 2nd, 4th, 8th, … line that does not fit: new labels, a new header."""
+        self._misfits += 1
+        if self._reader is None or self._misfits & (self._misfits - 1) == 0:
+            layout = sniff(self._head, self._options) if any(c.isdigit() for c in line) else None
+            known = None if self._reader is None else self._reader.layout
+            if layout and (known is None or (layout.form, layout.columns) != (known.form, known.columns)):
+                self._reader = LineReader(layout, self._options)
+                event = self._reader.read(self._number, line)
+        return event or _without_layout(self._number, line)
 
 
-def split_stamp(line: str) -> tuple[str, str] | None:
-    """(`12:00:00.023`, rest) of a line copied from the Arduino IDE's monitor; None for any other line."""
-    match = _MONITOR_STAMP.fullmatch(line)
-    return (match[1], match[2]) if match else None
+def comma_line(parser: LineParser, line: bytes) -> str:
+    """One line, newline included, as numbers with commas between them, in the order of the channels.
 
-
-def split_line(line: str, form: LineFormat) -> list[str] | None:
-    """Cells of one line in column order.
-
-    Returns:
-        None where a labelled line holds no pairs, an unknown label or one label twice, and where the
-        stamp of a stamped line is missing. The number of cells of a table line is for the caller to check.
+    What is written so already, or is no data, comes back as it is: whoever filters it says what is wrong.
     """
-    head: list[str] = []
-    if form.stamped:
-        stamped = split_stamp(line)
-        if stamped is None:
-            return None
-        head, line = [stamped[0]], stamped[1]
-    if form.kind == "table":
-        return head + split_fields(line, form.delimiter)
-    pairs = split_labels(line)
-    if pairs is None:
-        return None
-    found = dict(pairs)
-    if len(found) != len(pairs) or not found.keys() <= set(form.labels):
-        return None
-    return head + [found.get(label, "") for label in form.labels]
+    parser.feed(line)
+    event = parser.next_line()
+    layout = parser.layout
+    if event is None or event.kind != "row" or layout is None:
+        return _decoded(line)
+    form = layout.form
+    if form.kind == "table" and (form.delimiter, form.stamped, form.checksum) == (",", False, False):
+        return _decoded(line)
+    return ",".join("" if math.isnan(x := event.rows[-1][i]) else repr(x) for i in layout.channels)
 
 
-def is_number(cell: str, decimal: str = ".") -> bool:
-    """True where the whole cell is a plain decimal number, within float64 or not."""
-    return _NUMBER[decimal].fullmatch(cell) is not None
+def _decoded(line: bytes | bytearray) -> str:
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
 
 
-def parse_number(cell: str, decimal: str = ".") -> float | None:
-    """The number in a cell.
-
-    Returns:
-        NaN for a missing value (empty, NaN, nil, null, NA, none); None for what is no finite number
-        (`12abc`, `0x1F`, `Infinity`, `ERR`, `1e999`, `1_000`).
-    """
-    if _NUMBER[decimal].fullmatch(cell):
-        value = float(cell.replace(",", "."))
-        return value if math.isfinite(value) else None
-    return math.nan if cell.lower() in MISSING else None
-
-
-def plain_row_parser(form: LineFormat, width: int) -> Callable[[str], list[float] | None]:
-    """The fast path: a function from a line of nothing but `width` numbers, newline included, to the numbers.
-
-    It answers None for every other line, which then takes the slow path; the two agree wherever it answers.
-    """
-    if form.kind != "table" or form.stamped:
-        return lambda _: None
-    delimiter, decimal = form.delimiter, form.decimal
-    allowed = re.compile(f"[-+0-9eE \t{re.escape(delimiter)}{re.escape(decimal)}]+\n")
-    number = _NUMBER[decimal]
-
-    def parse(line: str) -> list[float] | None:
-        if not allowed.fullmatch(line):
-            return None
-        cells = line.split() if delimiter == " " else line.split(delimiter)
-        if len(cells) != width:
-            return None
-        if decimal == ",":
-            # float() takes "5." but this grammar does not take "5,": leave the odd ones to the slow path.
-            if not all(number.fullmatch(cell.strip(" \t\n")) for cell in cells):
-                return None
-            cells = [cell.replace(",", ".") for cell in cells]
-        try:
-            values = list(map(float, cells))
-        except ValueError:
-            return None
-        # Only an exponent or 300 digits can reach infinity.
-        if (len(line) > 300 or "e" in line or "E" in line) and not all(map(math.isfinite, values)):
-            return None
-        return values
-
-    return parse
+def _without_layout(number: int, line: str) -> LineEvent:
+    """A line before any data: boot text, or an attempt at a number that is none (`12abc`, `0x1F`, `Infinity`)."""
+    kind: Kind = "text"
+    if is_blank(line):
+        kind = "blank"
+    elif is_comment(line):
+        kind = "comment"
+    elif re.match(r"\s*[-+]?(?:[0-9]|\.[0-9]|inf)", line, re.IGNORECASE):
+        return rejected(number, line, "must be numbers, or name:value pairs")
+    return LineEvent(number, kind, line[:LONGEST_TEXT])
