@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, FilterParams, Recording, steady_state
+from kalscope import BadSetting, FilterParams, Recording, open_source, steady_state
 from kalscope.experiments import GeneralizedParams, list_experiments, open_experiment, run_filter
 from kalscope.finding import Found
 from kalscope_app.changes import apply_found, reset_parameters, set_reading, set_rule_text, set_text
 from kalscope_app.checks import compute_checks
 from kalscope_app.frame import choose_shown, compute_frame
 from kalscope_app.history import History, record
-from kalscope_app.state import opened, opened_experiment
+from kalscope_app.state import opened, opened_experiment, opened_with
 from kalscope_app.views.numbers import table
 
 
@@ -73,3 +73,11 @@ def test_a_signal_below_zero_is_refused_by_the_printed_equation_in_words():
 def test_an_unknown_experiment_is_refused():
     with pytest.raises(BadSetting, match="experiment must be one of"):
         opened_experiment("experiment:nothing")
+
+
+def test_an_experiment_is_a_source_like_any_other():
+    name = list_experiments()[0].name
+    opened_alone, _ = open_experiment(name)
+    assert np.array_equal(open_source(f"experiment:{name}").values, opened_alone.values, equal_nan=True)
+    again = opened_with(opened_alone, opened_experiment(name).as_tuning())
+    assert again.tunings == opened_experiment(name).tunings

@@ -107,3 +107,7 @@ def test_without_a_command_the_demo_opens(tmp_path):
         program.terminate()
         assert program.wait(timeout=10) == 0
     assert line.startswith("Kalscope: http://127.0.0.1:8080/?token=")
+
+
+def test_a_device_is_no_file(capsys):
+    assert "a device or a pipe" in refusal(["open", "/dev/zero"], capsys)

@@ -65,7 +65,7 @@ def open_source(
     """Open what `spec` names, in the grammar above.
 
     Args:
-        spec: "demo", "sample:NAME", "synthetic:SHAPE?…" or a path.
+        spec: "demo", "sample:NAME", "synthetic:SHAPE?…", "experiment:NAME" or a path.
         options: What is decided about a file; the others need no such decisions and ignore them.
         sample_period: Nominal sample period in s for a file, see `read_recording`; for a synthetic signal
             the setting of that name.
@@ -90,6 +90,10 @@ def open_source(
         return _open_sample(match[2], sample_period)
     if match and scheme == "synthetic":
         return _open_synthetic(match[2], sample_period)
+    if match and scheme == "experiment":
+        from kalscope.experiments import open_experiment  # which reads the samples through this module
+
+        return open_experiment(match[2])[0]
     if match and (scheme in _LIVE or match[2].startswith("//")):
         raise BadSetting(f"source must be a file to be read (got {spec!r}, a live source or a web address)")
     return read_recording(spec, options, sample_period=sample_period, progress=progress, cancelled=cancelled)

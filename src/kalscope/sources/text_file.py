@@ -68,6 +68,8 @@ def open_raw(path: str | Path, watch: Watch, large: float) -> Iterator[RawFile]:
         try:
             if path.is_dir():
                 raise BadFile(f"source must be a file (got the folder {str(path)!r})")
+            if path.exists() and not path.is_file():  # /dev/zero never ends, a pipe never begins
+                raise BadFile(f"file must be an ordinary file (got {str(path)!r}, a device or a pipe)")
             with path.open("rb") as file:
                 magic = file.read(4)
             target = Path(folder) / "content"
