@@ -1,7 +1,7 @@
 """One worker thread: it takes the requests, computes one Frame for all of them, and hands it to the views.
 
 The latest request wins because requests are cheap and a Frame is computed only after all that wait are in. What is
-slower, the checks, is computed once nothing has been asked for a while.
+slower, the checks, is computed on a second thread once nothing has been asked for a while.
 """
 
 from __future__ import annotations
@@ -31,6 +31,38 @@ def pause_before_frame(now: float, last: float) -> float:
     return max(0.0, min(LEAST_INTERVAL, last + LEAST_INTERVAL - now))
 
 
+class Checker:
+    """Computes the checks of the latest state once it has rested, so that no frame waits for them."""
+
+    def __init__(self, show: Callable[[Checks | None], None], tell: Callable[[str], None]) -> None:
+        """Args: who draws the checks; who tells of a failure."""
+        self._show = show
+        self._tell = tell
+        self._state: State | None = None
+        self._news = threading.Event()
+        threading.Thread(target=self._run, name="kalscope-checks", daemon=True).start()
+
+    def judge(self, state: State) -> None:
+        """This state is on screen now."""
+        self._state = state
+        self._news.set()
+
+    def _run(self) -> None:
+        while True:
+            self._news.wait()
+            self._news.clear()
+            if self._news.wait(timeout=REST):
+                continue
+            state = self._state
+            try:
+                checks = compute_checks(state) if state is not None else None
+                if state is self._state:
+                    self._show(checks)
+            except Exception as error:  # the thread must outlive any single state
+                log.exception("The checks failed")
+                self._tell(f"The fit could not be judged: {error}")
+
+
 class Engine:
     """Session -> Frame, on a thread of its own."""
 
@@ -45,8 +77,7 @@ class Engine:
         self._session = session
         self._show = show
         self._tell = tell
-        self._show_checks = show_checks
-        self._unchecked: Frame | None = None
+        self._checker = None if show_checks is None else Checker(show_checks, tell)
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
         self._shown_for: tuple[object, ...] = ()
@@ -67,13 +98,7 @@ class Engine:
     def _run(self) -> None:
         last = 0.0
         while not self._stopping.is_set():
-            waiting = self._session.seconds_to_next()
-            if self._unchecked is not None and (waiting is None or waiting > REST):
-                if not self._session.bell.wait(timeout=REST):
-                    self._guarded(self._check)
-                    continue
-            else:
-                self._session.bell.wait(timeout=waiting)
+            self._session.bell.wait(timeout=self._session.seconds_to_next())
             time.sleep(pause_before_frame(time.monotonic(), last))
             self._session.bell.clear()
             if self._stopping.is_set():
@@ -97,13 +122,8 @@ class Engine:
         frame = compute_frame(state, serial, self._choose(state))
         self._show(frame)
         self.first_frame.set()
-        self._unchecked = frame if self._show_checks is not None else None
-
-    def _check(self) -> None:
-        """The slow part, for the frame that is on screen."""
-        frame, self._unchecked = self._unchecked, None
-        if frame is not None and self._show_checks is not None:
-            self._show_checks(compute_checks(frame.state))
+        if self._checker is not None:
+            self._checker.judge(frame.state)
 
     def _choose(self, state: State) -> Shown:
         """The samples to draw: chosen anew only for another recording, channel or window."""
