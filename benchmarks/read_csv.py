@@ -68,7 +68,6 @@ def read_once(way: str, file: str) -> tuple[float, float]:
     """(seconds, bytes of memory above the beginning) of one reading."""
     import duckdb
 
-    import kalscope.sources.bulk
     from kalscope import read_recording
 
     kinds = "{'a': 'DOUBLE', 'b': 'DOUBLE', 'c': 'DOUBLE'}"
@@ -76,7 +75,8 @@ def read_once(way: str, file: str) -> tuple[float, float]:
     if way == "duckdb":
         connection = duckdb.connect()
         connection.execute(
-            f"SELECT * FROM read_csv(?, auto_detect=false, columns={kinds}, header=false, skip=1, delim=',')", [file]
+            f"SELECT * FROM read_csv(?, auto_detect=false, columns={kinds}, header=false, skip=1, delim=',')",
+            [file],
         ).fetchnumpy()
     else:
         read_recording(file, _bulk_bytes=1e18 if way == "own parser" else 0)
@@ -94,7 +94,9 @@ def write_log(file: Path, rows: int) -> None:
         out.write("t,temp,dist\n")
         for start in range(0, rows, BLOCK):
             n = min(BLOCK, rows - start)
-            pairs = zip((20 + 0.3 * rng.normal(size=n)).tolist(), (5 + 0.1 * rng.normal(size=n)).tolist(), strict=True)
+            pairs = zip(
+                (20 + 0.3 * rng.normal(size=n)).tolist(), (5 + 0.1 * rng.normal(size=n)).tolist(), strict=True
+            )
             out.writelines(f"{i * 0.01:.2f},{a:.4f},{b:.4f}\n" for i, (a, b) in enumerate(pairs, start))
 
 

@@ -412,3 +412,98 @@ def test_help_imports_neither_the_dashboard_nor_what_is_slow() -> None:
     )
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+# How a file is to be read, and the account of how it was.
+
+AWKWARD = "n;time (ms);a\n" + "".join(f"{i};{20 * i};{-200 if i % 5 == 4 else i % 3}\n" for i in range(20))
+
+
+@pytest.fixture
+def awkward(tmp_path: Path) -> str:
+    path = tmp_path / "awkward.csv"
+    path.write_text(AWKWARD + "20;400\n21;420;ERR\n")
+    return str(path)
+
+
+def test_the_report_accounts_for_every_line_on_stderr(awkward: str, capsys: Captured) -> None:
+    assert run(["filter", awkward, "--report"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("time,n,n_filtered")
+    assert "23 lines = 21 with data + 1 rejected + 1 header" in err
+    assert "line 22: must have 3 fields (got 2) (got '20;400')" in err
+    assert "line 23, \"a\": must be a number (got 'ERR')" in err
+    assert "is -200 a missing value?" in err
+
+
+def test_a_missing_value_is_taken_away_when_told(awkward: str, capsys: Captured) -> None:
+    assert run(["filter", awkward, "--channel", "a", "--missing", "-200", "--missing", "ERR"]) == 0
+    found = columns(capsys.readouterr().out)
+    assert np.isnan(found["a"]).sum() == 5
+    assert "a_filtered" in found
+
+
+@pytest.mark.parametrize(("choice", "period"), [("n", 1.0), ("1", 1.0), ("time", 0.02), ("column 2", 0.02)])
+def test_a_time_column_is_chosen_by_name_or_number(
+    awkward: str, capsys: Captured, choice: str, period: float
+) -> None:
+    assert run(["filter", awkward, "--channel", "a", "--time-column", choice]) == 0
+    assert columns(capsys.readouterr().out)["time"][1] == period
+
+
+def test_without_time_column_and_with_another_unit(awkward: str, capsys: Captured) -> None:
+    assert run(["filter", awkward, "--channel", "a", "--time-column", "none"]) == 0
+    assert capsys.readouterr().out.startswith("sample,a,")
+    assert run(["filter", awkward, "--channel", "a", "--time-unit", "s"]) == 0
+    assert columns(capsys.readouterr().out)["time_s"][1] == 20.0
+
+
+def test_gaps_in_time_become_what_was_chosen(awkward: str, capsys: Captured) -> None:
+    assert run(["filter", awkward, "--channel", "a", "--gaps", "missing"]) == 0
+    assert len(columns(capsys.readouterr().out)["time"]) == 22
+    assert run(["filter", awkward, "--channel", "a", "--gaps", "dt", "--q", "1", "--r", "2"]) == 0
+    recording = read_recording(awkward)
+    expected = kalman_filter(recording.channel("a"), FilterParams(1.0, 2.0), recording.steps())
+    np.testing.assert_array_equal(columns(capsys.readouterr().out)["a_filtered"][:20], expected.x[:20])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--delimiter", "x"], "delimiter must be one of"),
+        (["--time-column", "t"], "the time column must be one of n, time, a"),
+        (["--time-unit", "weeks"], "time_unit must be one of"),
+        (["--gaps", "holes"], "gaps must be rows, missing or dt"),
+    ],
+)
+def test_an_option_that_cannot_be_is_one_line(
+    awkward: str, capsys: Captured, options: list[str], said: str
+) -> None:
+    assert run(["filter", awkward, *options]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert said in err
+
+
+def test_a_report_of_stdin_is_refused(capsys: Captured) -> None:
+    assert run(["filter", "-", "--q", "1", "--r", "1", "--report"]) == 2
+    assert "--report must be left out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1,2\n3,4\n5,6\n",
+        "1 2\n3\t4\n5  6\n",
+        "1;2\n3;4\n5;6\n",
+        "a:1,b:2\nb: 4, a: 3\na:5 b:6\n",
+        "12:00:00.5 -> 1,2\n12:00:01.5 -> 3,4\n12:00:02.5 -> 5,6\n",
+        "1,2*2F\n3,4*2B\n5,6*2F\n",
+    ],
+)
+def test_stdin_understands_what_a_sensor_prints(feed: Callable[[bytes], None], capsys: Captured, text: str) -> None:
+    feed(text.encode())
+    assert run(["filter", "-", "--q", "1", "--r", "2"]) == 0
+    found = [[float(cell) for cell in line.split(",")] for line in capsys.readouterr().out.splitlines()]
+    z = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    np.testing.assert_array_equal(found, kalman_filter(z, FilterParams(1.0, 2.0)).x)

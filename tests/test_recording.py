@@ -1,4 +1,4 @@
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -32,3 +32,14 @@ def test_an_unknown_channel_is_refused_with_the_choices(recording):
 def test_a_recording_cannot_be_changed(recording):
     with pytest.raises(FrozenInstanceError):
         recording.names = ("c", "d")
+
+
+def test_steps_are_nominal_periods_and_steps_back_are_none(recording):
+    uneven = replace(recording, time=np.array([0.0, 3.0, 2.0]), sample_period=2.0)
+    assert uneven.steps().tolist() == [1.0, 1.5, 0.0]
+    assert recording.steps().tolist() == [1.0, 1.0, 1.0]
+
+
+def test_steps_need_time(recording):
+    with pytest.raises(BadSetting, match="dt needs a recording with time"):
+        replace(recording, sample_period=None).steps()

@@ -155,7 +155,9 @@ def test_each_damage_alone_is_the_same_to_both(tmp_path, damage, line):
     assert_same(path)
 
 
-@pytest.mark.parametrize("options", [ReadOptions(missing=(21.11,)), ReadOptions(missing=("ERR",), time_column="none")])
+@pytest.mark.parametrize(
+    "options", [ReadOptions(missing=(21.11,)), ReadOptions(missing=("ERR",), time_column="none")]
+)
 def test_options_are_the_same_to_both(tmp_path, taken, options):
     path = tmp_path / "log.csv"
     path.write_text(CLEAN.replace("23.3300", "ERR"))
@@ -290,7 +292,7 @@ def parquet(tmp_path):
 
 
 def test_a_parquet_file_with_a_time_in_seconds(parquet):
-    recording = parquet("SELECT i * 0.01::DOUBLE AS time, i AS n, i / 2 AS \"x [mV]\" FROM range(20) t(i)")
+    recording = parquet('SELECT i * 0.01::DOUBLE AS time, i AS n, i / 2 AS "x [mV]" FROM range(20) t(i)')
     assert (recording.names, recording.units) == (("n", "x"), ("", "mV"))
     assert recording.sample_period == 0.01
     np.testing.assert_array_equal(recording.channel("x"), np.arange(20) / 2)
@@ -300,7 +302,8 @@ def test_a_parquet_file_with_a_time_in_seconds(parquet):
 @pytest.mark.parametrize("kind", ["TIMESTAMP", "TIMESTAMP_NS", "TIMESTAMP_S", "TIMESTAMPTZ"])
 def test_a_parquet_file_with_stamps(parquet, kind):
     recording = parquet(
-        f"SELECT (TIMESTAMP '2026-01-01' + INTERVAL (i) SECOND)::{kind} AS at, 'ok' AS state, i AS n FROM range(9) t(i)"
+        f"SELECT (TIMESTAMP '2026-01-01' + INTERVAL (i) SECOND)::{kind} AS at, 'ok' AS state, i AS n"
+        " FROM range(9) t(i)"
     )
     assert recording.names == ("n",)
     assert recording.time.tolist() == list(range(9))

@@ -15,6 +15,7 @@ from kalscope.errors import BadFile, BadSetting
 from kalscope.sources import csv_file
 from kalscope.sources.csv_file import read_recording
 
+
 @pytest.fixture
 def read(tmp_path):
     def read_text(text, encoding="utf-8", **options):

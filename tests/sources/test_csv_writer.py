@@ -4,6 +4,7 @@ import csv
 import io
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,51 @@ def test_our_reader_finds_the_same_sample_period(tmp_path: Path, period: float) 
     path = tmp_path / "out.csv"
     path.write_text(filtered_csv(recording(np.arange(20.0), period=period), {"a": PARAMS}))
     assert read_recording(path).sample_period == period
+
+
+def test_a_recording_without_time_reopens_without_time(tmp_path: Path) -> None:
+    values = np.random.default_rng(8).normal(size=(30, 1))
+    source = replace(recording(values), sample_period=None, time=np.arange(30.0))
+    text = filtered_csv(source, {"a": PARAMS})
+    assert text.startswith("sample,a,a_filtered,a_variance\n0,")
+    path = tmp_path / "out.csv"
+    path.write_text(text)
+    again = read_recording(path)
+    assert again.sample_period is None
+    assert again.names == ("a", "a_filtered", "a_variance")
+    np.testing.assert_array_equal(again.time, source.time)
+    np.testing.assert_array_equal(again.values[:, :1], values)
+
+
+def test_a_channel_called_sample_stays_a_channel(tmp_path: Path) -> None:
+    path = tmp_path / "in.csv"
+    path.write_text("sample,b\n512,1\n498,2\n505,3\n")
+    assert read_recording(path).names == ("sample", "b")
+    source = replace(recording([5.0, 7.0, 6.0], ("sample",)), sample_period=None)
+    assert filtered_csv(source, {"sample": PARAMS}).startswith("sample,sample_2,sample_filtered,")
+
+
+def test_true_time_between_samples_counts_where_it_was_chosen() -> None:
+    time_s = np.array([0.0, 1.0, 5.0, 4.5, 6.0])
+    source = replace(recording([1.0, 2.0, 3.0, 4.0, 5.0], period=1.0), time=time_s, gaps="dt")
+    table = np.array(rows(filtered_csv(source, {"a": PARAMS}))[1:], dtype=float)
+    dt = np.array([1.0, 1.0, 4.0, 0.0, 1.5])
+    np.testing.assert_array_equal(table[:, 2], kalman_filter(source.channel("a"), PARAMS, dt).x)
+    np.testing.assert_array_equal(table[:, 0], time_s)
+
+
+def test_pandas_reopens_it_without_options(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    source = recording(np.random.default_rng(9).normal(size=(50, 2)), ("left, right", 'say "hi"'))
+    source.values[7, 0] = NAN
+    path = tmp_path / "out.csv"
+    path.write_text(filtered_csv(source, dict.fromkeys(source.names, PARAMS)), encoding="utf-8", newline="")
+    frame = pandas.read_csv(path)
+    assert list(frame.columns[1::3]) == list(source.names)
+    assert all(kind == np.float64 for kind in frame.dtypes)
+    # Its own parser of numbers may miss the last bit.
+    np.testing.assert_allclose(frame[list(source.names)].to_numpy(), source.values, rtol=1e-15)
+    np.testing.assert_allclose(frame["time"], source.time, rtol=1e-15)
 
 
 def test_numpy_reopens_it_by_name() -> None:

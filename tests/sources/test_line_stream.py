@@ -1,5 +1,6 @@
 """The streaming parser: the truth table of what people print, cuts at every byte, and agreement with the files."""
 
+import itertools
 import math
 from functools import reduce
 
@@ -147,7 +148,9 @@ def test_a_last_line_with_its_checksum_is_whole_without_newline():
 
 
 STREAMS = {
-    "table": b"boot\r\nt,a,b\n" + b"".join(b"%.2f,%d,%d\n" % (i / 100, i * 7 % 5, i) for i in range(30)) + b"x\n0.30,1,2\n",
+    "table": b"boot\r\nt,a,b\n"
+    + b"".join(b"%.2f,%d,%d\n" % (i / 100, i * 7 % 5, i) for i in range(30))
+    + b"x\n0.30,1,2\n",
     "old newlines": b"".join(b"%d %d\r" % (i, i * i) for i in range(9)),
     "mixed newlines": b"1,2\r\n\n3,4\n\r5,6\r\r\n7,8\n",
     "labels": b"ready\n" + b"".join(b"temp: %d, hum: %d\n" % (i % 7, i) for i in range(9)) + b"temp: 1\nhot: x\n",
@@ -171,7 +174,7 @@ def test_cuts_change_nothing(name):
 @given(st.binary(max_size=200), st.lists(st.integers(0, 200), max_size=5))
 def test_any_bytes_in_any_pieces_are_the_same_events(data, cuts):
     places = sorted({0, len(data), *(min(cut, len(data)) for cut in cuts)})
-    pieces = [data[a:b] for a, b in zip(places, places[1:], strict=False)]
+    pieces = [data[a:b] for a, b in itertools.pairwise(places)]
     whole, cut = events_of(data)[1], events_of(data, pieces)[1]
     assert repr(cut) == repr(whole)
     assert [event.number for event in whole] == list(range(1, len(whole) + 1))

@@ -100,7 +100,9 @@ def test_messy_times_and_late_values_are_right():
     assert np.argwhere(mixed).tolist() == [[7, 0], [20, 0], [25, 0], [30, 0], [30, 1]]
 
 
-@pytest.mark.parametrize(("name", "said"), [("23_empty.csv", "empty file"), ("24_header_only.csv", "below its header")])
+@pytest.mark.parametrize(
+    ("name", "said"), [("23_empty.csv", "empty file"), ("24_header_only.csv", "below its header")]
+)
 def test_messy_files_without_data_are_refused_each_with_its_own_message(name, said):
     with pytest.raises(BadFile, match=said):
         read_messy(name)
@@ -224,7 +226,9 @@ def test_a_sequence_number_with_holes_gives_rows_of_missing_samples(name, rows, 
 
 
 def test_repeated_and_backward_stamps_are_counted_and_named():
-    notes = " ".join(read_recording(SHARED / "nab_machine_temperature/machine_temperature_system_failure.csv").report.notes)
+    notes = " ".join(
+        read_recording(SHARED / "nab_machine_temperature/machine_temperature_system_failure.csv").report.notes
+    )
     assert "time steps back once, first by 3300 s at sample 10150" in notes
     assert "12 samples repeat an earlier stamp" in notes
     notes = " ".join(read_recording(SHARED / "cgm_glucose/CGM.csv").report.notes)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.errors import Cancelled as Cancelled
+from kalscope.errors import Cancelled
 from kalscope.model import FilterParams
 
 Value = float | NDArray[np.float64]

@@ -23,7 +23,8 @@ def account(recording: Recording) -> str:
         (report.headers, "header"),
     ]
     counts = " + ".join(f"{count} {what}" for count, what in parts if count)
-    lines.append(f"  {report.lines} lines = {counts or 'nothing'}")
+    if report.lines:  # a made-up signal has none
+        lines.append(f"  {report.lines} lines = {counts}")
     for count, what in (
         (report.bad_cells, "cells are no numbers: missing samples"),
         (report.clipped_times, "steps back in time, each filtered as dt = 0"),

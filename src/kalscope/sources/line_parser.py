@@ -199,19 +199,18 @@ class LineParser:
 
 
 def comma_line(parser: LineParser, line: bytes) -> str:
-    """One line, newline included, as numbers with commas between them, in the order of the channels.
+    """One line as numbers with commas between them, in the order of the channels.
 
     What is written so already, or is no data, comes back as it is: whoever filters it says what is wrong.
     """
-    parser.feed(line)
-    event = parser.next_line()
-    layout = parser.layout
-    if event is None or event.kind != "row" or layout is None:
+    parser.feed(line if line.endswith(b"\n") else line + b"\n")
+    events, layout = list(parser), parser.layout
+    if len(events) != 1 or events[0].kind != "row" or layout is None:
         return _decoded(line)
     form = layout.form
     if form.kind == "table" and (form.delimiter, form.stamped, form.checksum) == (",", False, False):
         return _decoded(line)
-    return ",".join("" if math.isnan(x := event.rows[-1][i]) else repr(x) for i in layout.channels)
+    return ",".join("" if math.isnan(x := events[0].rows[-1][i]) else repr(x) for i in layout.channels)
 
 
 def _decoded(line: bytes | bytearray) -> str:

@@ -36,9 +36,7 @@ def read_parquet(raw: RawFile, options: ReadOptions) -> Reading:
         import duckdb
     except ImportError:
         raise BadFile(f'{raw.name} needs "pip install duckdb" to be read (got a Parquet file)') from None
-    connection = duckdb.connect(
-        config={"autoinstall_known_extensions": False, "autoload_known_extensions": False}
-    )
+    connection = duckdb.connect(config={"autoinstall_known_extensions": False, "autoload_known_extensions": False})
     with raw.path.open("rb") as file:
         raw.sha256 = raw.sha256 or hashlib.file_digest(file, "sha256").hexdigest()
     try:

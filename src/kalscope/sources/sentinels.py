@@ -11,7 +11,7 @@ Ends = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Smallest and largest sample of each channel, shape (channels,) each; NaN where all are missing."""
 
 _LEAST_COUNT = 3
-_LEAST_DISTINCT = 5
+_LEAST_DISTINCT = 3
 """Fewer values beside it and there is nothing to be far from: a switch, an event marker."""
 _SAMPLE = 20_000
 
