@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kalscope.cli import app, run
+from kalscope.sources.command_options import Delimiter, GapsChoice, Missing, TimeColumnChoice, TimeUnit
+from kalscope.sources.read_options import ReadOptions, options_from_text
 
 if TYPE_CHECKING:
     from kalscope_app.state import State
@@ -31,13 +33,19 @@ def open_dashboard(
     sample_period: Annotated[
         float | None, typer.Option(help="Time between two samples in s, for a file that has no time.")
     ] = None,
+    delimiter: Delimiter = None,
+    time_column: TimeColumnChoice = None,
+    time_unit: TimeUnit = None,
+    missing: Missing = None,
+    gaps: GapsChoice = None,
     config: Annotated[Path | None, typer.Option(help="Tuning file to start from.")] = None,
 ) -> None:
     """Open the dashboard in a browser."""
     from kalscope_app.dashboard import Dashboard
     from kalscope_app.guard import guarded_server
 
-    state = first_state(source, config, sample_period)
+    options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
+    state = first_state(source, options, config, sample_period)
     dashboard: Dashboard | None = None
 
     def on_refused(why: str) -> None:
@@ -60,7 +68,9 @@ def open_dashboard(
             dashboard.stop()
 
 
-def first_state(source: str, config: Path | None, sample_period: float | None = None) -> State:
+def first_state(
+    source: str, options: ReadOptions, config: Path | None, sample_period: float | None = None
+) -> State:
     """What the dashboard shows first: the source, with the values of the tuning file if there is one."""
     from kalscope.errors import BadSetting
     from kalscope.sources import open_source
@@ -70,7 +80,7 @@ def first_state(source: str, config: Path | None, sample_period: float | None = 
     if source.startswith("experiment:") and config is None:
         return opened_experiment(source)
     if config is None:
-        return opened(open_source(source or "demo", sample_period=sample_period))
+        return opened(open_source(source or "demo", options, sample_period=sample_period))
     tuning = load_tuning(config)
     spec = source or tuning.source
     if not spec:
@@ -78,7 +88,7 @@ def first_state(source: str, config: Path | None, sample_period: float | None = 
             f"SOURCE must be named, because {config} was made on an uploaded file (got only --config): "
             f"kalscope open {tuning.source_name or 'FILE'} --config {config}"
         )
-    return opened_with(open_source(spec, sample_period=sample_period), tuning)
+    return opened_with(open_source(spec, options, sample_period=sample_period), tuning)
 
 
 def asked_to_end() -> threading.Event:

@@ -6,7 +6,7 @@ Numbers in, numbers out: importing this package imports neither the dashboard no
 from __future__ import annotations
 
 from kalscope.diagnostics import Diagnostics, diagnose, diagnose_held_out
-from kalscope.errors import BadDevice, BadFile, BadSetting, KalscopeError
+from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
 from kalscope.estimation import (
     Estimate,
     compare_methods,
@@ -23,6 +23,7 @@ from kalscope.model import FilterParams, starting_params
 from kalscope.recording import LineIssue, ReadReport, Recording
 from kalscope.smoothing import SmootherResult, smooth
 from kalscope.sources import list_samples, open_source, read_recording, synthesize
+from kalscope.sources.read_options import ReadOptions
 from kalscope.steady_state import SteadyState, ratio_for, steady_state
 from kalscope.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
 
@@ -30,6 +31,7 @@ __all__ = [
     "BadDevice",
     "BadFile",
     "BadSetting",
+    "Cancelled",
     "ChannelTuning",
     "Diagnostics",
     "Estimate",
@@ -38,6 +40,7 @@ __all__ = [
     "KalmanFilter",
     "KalscopeError",
     "LineIssue",
+    "ReadOptions",
     "ReadReport",
     "Recording",
     "SmootherResult",
