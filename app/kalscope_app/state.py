@@ -130,12 +130,12 @@ def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
 
 
 def reopened(recording: Recording, before: State) -> State:
-    """A state that looks at a recording read again: channels of the same name and file keep their parameters."""
+    """A state that looks at a recording read again: what was tuned by name stays."""
     state = opened(recording, before)
     old = before.recording
     if (recording.source, recording.title) != (old.source, old.title):
         return state
-    known = {tuning.name: tuning for tuning in before.tunings}
+    known = {now.name: now for now, start in zip(before.tunings, before.starts, strict=True) if now != start}
     tunings = tuple(known.get(tuning.name, tuning) for tuning in state.tunings)
     channel = before.channel if before.channel in recording.names else state.channel
     return replace(state, tunings=tunings, channel=channel)

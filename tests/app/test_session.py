@@ -24,7 +24,7 @@ from kalscope_app.changes import (
     set_window,
 )
 from kalscope_app.session import Session
-from kalscope_app.state import opened, opened_with, slider_limits
+from kalscope_app.state import opened, opened_with, reopened, slider_limits
 
 
 def recording(n=1000, period=0.01, scale=1.0, names=("a", "b"), sha256="x"):
@@ -333,3 +333,15 @@ def test_a_tuning_brings_its_period_to_a_recording_without_time():
     again = opened_with(untimed.recording, tuned.as_tuning())
     assert again.recording.sample_period == 0.02
     assert (again.tunings, again.note) == (tuned.tunings, "")
+
+
+def test_a_file_read_again_keeps_what_was_tuned_and_starts_the_rest_afresh(state):
+    tuned = select_channel("b")(set_text("q", "7")(state))
+    values = state.recording.values.copy()
+    values[::4] = np.nan
+    again = reopened(replace(state.recording, values=values), tuned)
+    assert again.channel == "b"
+    assert again.tunings[0] == tuned.tunings[0]
+    assert again.tunings[1] == again.starts[1] != state.starts[1]
+    other = replace(state.recording, source="other.csv")
+    assert reopened(other, tuned).tunings == state.tunings
