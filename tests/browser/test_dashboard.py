@@ -53,6 +53,7 @@ def test_first_look_shows_the_demo_filtered_at_its_starting_values(start):
     assert np.allclose(high, result.x + 2 * np.sqrt(result.p), rtol=1e-12)
     for words in ("lag on a ramp", "190 ms", "13.0 dB", "0.796 Hz", "0.0951", "46.1 samples"):
         assert screen.page.get_by_text(words).first.is_visible()
+    screen.wait("() => document.querySelector('.uplot').getBoundingClientRect().width > 1600 - 345 - 120 - 60")
     screen.shot("first-look")
 
 
