@@ -34,9 +34,9 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
     scale, clock = scale_for(frame.shown.raw, frame.state.tuning.unit), time_axis(frame)
     first, last = (frame.shown.time[i] * clock.factor if len(frame.shown.time) else 0.0 for i in (0, -1))
     reach = f"{number(low * scale.factor)} to {number(high * scale.factor)} {scale.unit}"
-    pen.text((margin, margin), f"{frame.state.channel[:24]}: {reach}", fill=ink, font=text)
+    pen.text((margin, margin), printable(f"{frame.state.channel[:24]}: {reach}"), fill=ink, font=text)
     span = f"{number(first, 4)} to {number(last, 4)} {clock.unit}"
-    pen.text((margin, bottom + 10), span, fill=ink, font=text)
+    pen.text((margin, bottom + 10), printable(span), fill=ink, font=text)
     pen.text((WIDTH - margin - 110, bottom + 10), "raw", fill=palette.raw, font=text, anchor="ra")
     pen.text((WIDTH - margin, bottom + 10), "filtered", fill=palette.filtered, font=text, anchor="ra")
     _write_numbers(pen, frame, ink, (margin, round(VISIBLE * image.height) + 2 * margin))
@@ -55,7 +55,7 @@ def _write_numbers(pen: ImageDraw.ImageDraw, frame: Frame, ink: str, corner: tup
     for i, (name, value) in enumerate(rows):
         at = corner[0], corner[1] + 130 * i
         pen.text(at, name, fill=ink, font=ImageFont.load_default(size=24))
-        pen.text((at[0], at[1] + 34), value, fill=ink, font=ImageFont.load_default(size=36))
+        pen.text((at[0], at[1] + 34), printable(value), fill=ink, font=ImageFont.load_default(size=36))
 
 
 def _draw_curves(
@@ -86,3 +86,8 @@ def _draw_curves(
             pen.line(points(drawable(shown.time, [extra])[1]), fill=colour, width=2)
     pen.line(points(filtered), fill=palette.filtered, width=5, joint="curve")
     return low, high
+
+
+def printable(text: str) -> str:
+    """Text in the letters that the built-in font has; it draws a box for a minus sign."""
+    return text.translate({ord("−"): "-", ord("∞"): "inf", ord("…"): "...", 0x202F: " "})
