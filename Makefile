@@ -3,9 +3,11 @@ PYTHON ?= python3
 BIN := .venv/bin
 
 # Packages of the system that tests need, and how to tell that they are there.
-SYSTEM_PACKAGES := chromium octave gcc g++
+SYSTEM_PACKAGES := chromium octave gcc g++ gcc-avr avr-libc arduino-core-avr libsimavr-dev
 HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v google-chrome) >/dev/null 2>&1 \
-  && command -v octave >/dev/null 2>&1 && command -v gcc >/dev/null 2>&1 && command -v g++ >/dev/null 2>&1
+  && command -v octave >/dev/null 2>&1 && command -v gcc >/dev/null 2>&1 && command -v g++ >/dev/null 2>&1 \
+  && command -v avr-gcc >/dev/null 2>&1 && test -d /usr/share/arduino/hardware/arduino/avr \
+  && test -e /usr/include/simavr/sim_avr.h
 
 .PHONY: run test check bench system can-test clean
 
@@ -32,7 +34,7 @@ system:
 can-test:
 	@if $(HAVE_SYSTEM); then :; \
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then $(MAKE) system; \
-	else echo "Chromium, Octave or gcc is missing: the tests that need it will be skipped; 'make system' as root installs all."; fi
+	else echo "Chromium, Octave, gcc, avr-gcc or simavr is missing: the tests that need it will be skipped; 'make system' as root installs all."; fi
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
