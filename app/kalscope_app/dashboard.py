@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import viser
 
 from kalscope_app.changes import set_dark, set_smoother
-from kalscope_app.checks import Checks
+from kalscope_app.checks import compute_checks
 from kalscope_app.engine import Engine
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
 from kalscope_app.state import State
+from kalscope_app.studies import Studies, Study
 from kalscope_app.views.checks import ChecksView
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
@@ -44,7 +46,8 @@ class Dashboard:
         self._portraits: dict[viser.ClientHandle, float] = {}
         self._toasts: dict[viser.ClientHandle, viser.NotificationHandle] = {}
         self._build(folder)
-        self.engine = Engine(self.session, self.show, self.tell, self._show_checks)
+        studies = Studies([self._study(compute_checks, self._checks.show)], self.tell)
+        self.engine = Engine(self.session, self.show, self.tell, studies)
         self._fitter = WindowFitter(self._panels, self.signal.set_heights, self._set_portrait)
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
@@ -125,9 +128,15 @@ class Dashboard:
                 color=(0, 158, 115) if good else (213, 94, 0),
             )
 
-    def _show_checks(self, checks: Checks | None) -> None:
-        self._checks.show(checks)
-        self._server.flush()
+    def _study(self, compute: Callable[[State], Any], show: Callable[[Any], None]) -> Study:
+        """A study whose answer is drawn as one message batch."""
+
+        def draw(answer: Any) -> None:
+            with self._server.atomic():
+                show(answer)
+            self._server.flush()
+
+        return Study(compute, draw)
 
     async def _on_smoother(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:

@@ -1,7 +1,7 @@
 """One worker thread: it takes the requests, computes one Frame for all of them, and hands it to the views.
 
 The latest request wins because requests are cheap and a Frame is computed only after all that wait are in. What is
-slower, the checks, is computed on a second thread once nothing has been asked for a while.
+slower is handed to the studies, which have a thread of their own.
 """
 
 from __future__ import annotations
@@ -12,16 +12,13 @@ import time
 from collections.abc import Callable
 
 from kalscope.errors import KalscopeError
-from kalscope_app.checks import Checks, compute_checks
 from kalscope_app.frame import Frame, Shown, choose_shown, compute_frame
 from kalscope_app.session import Session
 from kalscope_app.state import State
+from kalscope_app.studies import Studies
 
 LEAST_INTERVAL = 0.04
 """Seconds between two frames at least: a browser that is slower builds a backlog that nothing drops."""
-
-REST = 0.2
-"""Seconds without a request after which the checks are computed."""
 
 log = logging.getLogger(__name__)
 
@@ -29,38 +26,6 @@ log = logging.getLogger(__name__)
 def pause_before_frame(now: float, last: float) -> float:
     """Seconds to wait before the next frame may be sent."""
     return max(0.0, min(LEAST_INTERVAL, last + LEAST_INTERVAL - now))
-
-
-class Checker:
-    """Computes the checks of the latest state once it has rested, so that no frame waits for them."""
-
-    def __init__(self, show: Callable[[Checks | None], None], tell: Callable[[str], None]) -> None:
-        """Args: who draws the checks; who tells of a failure."""
-        self._show = show
-        self._tell = tell
-        self._state: State | None = None
-        self._news = threading.Event()
-        threading.Thread(target=self._run, name="kalscope-checks", daemon=True).start()
-
-    def judge(self, state: State) -> None:
-        """This state is on screen now."""
-        self._state = state
-        self._news.set()
-
-    def _run(self) -> None:
-        while True:
-            self._news.wait()
-            self._news.clear()
-            if self._news.wait(timeout=REST):
-                continue
-            state = self._state
-            try:
-                checks = compute_checks(state) if state is not None else None
-                if state is self._state:
-                    self._show(checks)
-            except Exception as error:  # the thread must outlive any single state
-                log.exception("The checks failed")
-                self._tell(f"The fit could not be judged: {error}")
 
 
 class Engine:
@@ -71,13 +36,13 @@ class Engine:
         session: Session,
         show: Callable[[Frame], None],
         tell: Callable[[str], None],
-        show_checks: Callable[[Checks | None], None] | None = None,
+        studies: Studies | None = None,
     ) -> None:
-        """Args: the session; who draws a frame; who tells of a refused request; who draws the checks."""
+        """Args: the session; who draws a frame; who tells of a refused request; what to study at rest."""
         self._session = session
         self._show = show
         self._tell = tell
-        self._checker = None if show_checks is None else Checker(show_checks, tell)
+        self._studies = studies
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
         self._shown_for: tuple[object, ...] = ()
@@ -122,8 +87,8 @@ class Engine:
         frame = compute_frame(state, serial, self._choose(state))
         self._show(frame)
         self.first_frame.set()
-        if self._checker is not None:
-            self._checker.judge(frame.state)
+        if self._studies is not None:
+            self._studies.of(frame.state)
 
     def _choose(self, state: State) -> Shown:
         """The samples to draw: chosen anew only for another recording, channel or window."""
