@@ -1,4 +1,4 @@
-"""What is slower than a frame, computed on a thread of its own once the person rests: checks, map, spectra, comparison.
+"""What is slower than a frame, computed on a thread of its own once the person rests: checks, map, spectra.
 
 A study is a pure function of the State and a view that draws its answer. They run in the order given; a newer state
 ends the round after the study that is under way, so that the last state is always studied and no old one is shown.
@@ -53,11 +53,14 @@ class Studies:
             self._news.clear()
             if self._news.wait(timeout=REST):
                 continue
-            state = self._state
-            for study in self._studies if state is not None else ():
-                if state is not self._state:
-                    break
-                self._one(study, state)
+            if self._state is not None:
+                self._round(self._state)
+
+    def _round(self, state: State) -> None:
+        for study in self._studies:
+            if state is not self._state:
+                return
+            self._one(study, state)
 
     def _one(self, study: Study, state: State) -> None:
         try:
