@@ -99,7 +99,9 @@ def set_window(first: float, last: float) -> Change:
         if high - low < least:
             low, high = max(begin, min(low, end - least)), min(end, max(high, low + least))
         window = None if low <= begin and high >= end else (low, high)
-        return state if window == state.window else replace(state, window=window)
+        live = replace(state.live, following=False) if state.live else None  # the person looks back
+        same = window == state.window and live == state.live
+        return state if same else replace(state, window=window, live=live)
 
     return change
 
@@ -121,7 +123,7 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
     """A search has ended: its pair becomes the channel's q and r, if it has one and the channel is still there."""
 
     def change(state: State) -> State:
-        if state.recording is not recording:
+        if not state.continues(recording):
             return replace(state, note="The search ended after another recording was opened; nothing was changed.")
         at = recording.index(channel)
         before = state.tunings[at]
@@ -141,7 +143,7 @@ def set_opinions(recording: Recording, channel: str, opinions: tuple[Estimate, .
     """The five methods have answered."""
 
     def change(state: State) -> State:
-        same = state.recording is recording and state.channel == channel
+        same = state.continues(recording) and state.channel == channel
         return replace(state, opinions=opinions) if same else state
 
     return change
@@ -212,5 +214,16 @@ def set_sample_period(text: str) -> Change:
     def change(state: State) -> State:
         recording = timed(state.recording, parse_number("sample period", text))
         return replace(state, recording=recording, window=None, resets=state.resets + 1)
+
+    return change
+
+
+def set_board_channel(name: str | None) -> Change:
+    """Say which channel is the board's own filtered curve; None: there is none."""
+
+    def change(state: State) -> State:
+        if name is not None:
+            state.recording.index(name)
+        return state if name == state.board else replace(state, board=name)
 
     return change

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import viser
+from kalscope.sources.live import LiveSource
 
 from kalscope_app.changes import set_dark, set_smoother
 from kalscope_app.checks import compute_checks
@@ -22,6 +23,7 @@ from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
 from kalscope_app.views.fitting import WindowFitter
 from kalscope_app.views.layout import Panels, gutter
+from kalscope_app.views.live import LiveView
 from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
@@ -62,6 +64,7 @@ class Dashboard:
             self._find = FindView(gui, self.session, self._jobs)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
+            self._live = LiveView(gui, self.session, self._jobs, self.tell, folder)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
         with tabs.add_tab("View"):
@@ -78,14 +81,17 @@ class Dashboard:
             self._checks.build_tab(gui)
             self._find.build_opinions(gui)
 
-    def start(self) -> None:
-        """Show the first frame; returns when it is on its way."""
+    def start(self, feed: LiveSource | None = None) -> None:
+        """Show the first frame; returns when it is on its way. Args: a board that the state looks at already."""
+        if feed is not None:
+            self._live.adopt(feed)
         self.engine.start()
         self.engine.first_frame.wait(timeout=60.0)
 
     def stop(self) -> None:
-        """End the threads."""
+        """End the threads, finish a recording and free the port."""
         self.engine.stop()
+        self._live.close()
 
     def show(self, frame: Frame) -> None:
         """Draw a frame in every view, as one message batch. Runs on the engine's thread."""
@@ -102,6 +108,7 @@ class Dashboard:
                 self._find,
                 self._window,
                 self._source,
+                self._live,
                 self._export,
             ):
                 view.show(frame)

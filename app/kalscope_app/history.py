@@ -56,22 +56,24 @@ def step_forward(history: History, present: State) -> tuple[History, State]:
 
 
 def _essence(state: State) -> tuple[object, ...]:
-    return id(state.recording), state.channel, state.tunings, state.rules
+    return state.record_key, state.channel, state.tunings, state.rules
 
 
 def _seen_as(present: State, other: State) -> State:
     """The other state in the present theme and, on the same recording, in the present window."""
-    window = present.window if present.recording is other.recording else other.window
-    same_view = present.recording is other.recording and present.channel == other.channel
+    same_record = present.record_key == other.record_key
+    window = present.window if same_record else other.window
+    same_view = same_record and present.channel == other.channel
     resets = present.resets if same_view else present.resets + 1
-    return replace(other, dark=present.dark, window=window, resets=resets, note="")
+    live = present.live if same_record else other.live  # what follows or is paused is the view's, not tuned
+    return replace(other, dark=present.dark, window=window, resets=resets, note="", live=live)
 
 
 def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:
     kept: list[State] = []
-    seen: set[int] = set()
+    seen: set[tuple[int, int]] = set()
     for state in reversed(past[-LIMIT:]):
-        seen.add(id(state.recording))
+        seen.add(state.record_key)
         if len(seen) > RECORDINGS:
             break
         kept.append(state)

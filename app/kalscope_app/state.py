@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from kalscope.filter_choice import adapt_tuning
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import Recording
 from kalscope.tuning import ChannelTuning, Tuning
+
+if TYPE_CHECKING:
+    from kalscope_app.live import Live
 
 DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 """Reach of each slider, in decades around the starting r of the channel."""
@@ -64,6 +68,10 @@ class State:
     """How often the view was reset: a new number tells the charts to forget their zoom."""
     note: str = ""
     """One sentence on what the last change did, where that needs saying."""
+    board: str | None = None
+    """The channel that is the board's own filtered curve, drawn beside ours; None = there is none."""
+    live: Live | None = None
+    """The live board that the recording grows from; None for a finished recording."""
 
     @property
     def tuning(self) -> ChannelTuning:
@@ -84,6 +92,18 @@ class State:
     def dt(self) -> NDArray[np.float64] | None:
         """Nominal periods before each sample, where gaps in time were asked to count; else None."""
         return self.recording.steps() if self.recording.gaps == "dt" else None
+
+    @property
+    def record_key(self) -> tuple[int, int]:
+        """What identifies the record while it is open; a live one stays the same while it grows."""
+        return (id(self.recording), 0) if self.live is None else self.live.key
+
+    def continues(self, recording: Recording) -> bool:
+        """Whether what is open is this recording, or a live one that has grown from it."""
+        if self.live is None:
+            return self.recording is recording
+        ours = self.recording
+        return (ours.source, ours.title, ours.names) == (recording.source, recording.title, recording.names)
 
     def with_rule(self, rule: GeneralizedParams | None) -> State:
         """The state with another filter for the channel on screen."""
@@ -116,10 +136,16 @@ def opened(recording: Recording, before: State | None = None) -> State:
     """A state that looks at a newly opened recording, every channel at its starting values."""
     starts = tuple(starting_tuning(recording, name) for name in recording.names)
     resets = before.resets + 1 if before else 0
-    fresh = State(recording, recording.names[0], starts, starts, resets=resets)
+    fresh = State(recording, recording.names[0], starts, starts, resets=resets, board=board_channel(recording))
     if before is None:
         return fresh
     return replace(fresh, dark=before.dark, smoother=before.smoother, way=before.way)
+
+
+def board_channel(recording: Recording) -> str | None:
+    """The channel that looks like a board's own filter: "filtered" beside "raw", as the first paper prints it."""
+    by_name = {name.strip().lower(): name for name in recording.names}
+    return by_name.get("filtered") if "raw" in by_name else None
 
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:

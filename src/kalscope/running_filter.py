@@ -54,11 +54,11 @@ class RunningFilter:
             return
         self._make_room(len(new))
         end = self._last + len(new)
-        out = tuple(row[self._last : end] for row in self._rows)
+        x, p, k, v, s = (row[self._last : end] for row in self._rows)
         loglik, m, refused, self._in_a_row = kernels.filter_channel(
-            new, steps, self._q, self._r, self._gate, self._x, self._p, self._in_a_row, out
+            new, steps, self._q, self._r, self._gate, self._x, self._p, self._in_a_row, (x, p, k, v, s)
         )
-        self._x, self._p = float(out[0][-1]), float(out[1][-1])
+        self._x, self._p = float(x[-1]), float(p[-1])
         self._last = end
         self._loglik, self._m, self._rejected = self._loglik + loglik, self._m + m, self._rejected + refused
 
