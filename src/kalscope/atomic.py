@@ -116,7 +116,7 @@ def _replacement(target: Path, mode: int | None) -> Iterator[BinaryIO]:
         with suppress(OSError):
             temporary.unlink()
         raise
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
 
 
 def _mode(target: Path) -> int | None:
@@ -163,7 +163,7 @@ def _replace(temporary: Path, target: Path) -> None:
             time.sleep(_REPLACE_PAUSE_S)
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Put the new name on the disk too; some file systems refuse, and the data is safe all the same."""
     if os.name == "nt":
         return

@@ -1,0 +1,417 @@
+"""The recorder of a live source: every line that the board sends, as it came, never filtered.
+
+    NAME.csv      host time, device time if sent, the values; gaps and the final account as comment lines
+    NAME-2.csv    the same again, where the board began to send other columns
+    NAME.rejects  the lines that are no data, with their numbers and reasons
+    NAME.torn     what a crash left behind the last whole line, moved there when the recording is resumed
+
+Written as received, in one `os.write` a hand-over: a program that is killed loses what it was not yet handed.
+All clocks are given: host time is the difference of two monotonic moments, so that no step of the wall clock
+changes a row.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+from kalscope.atomic import sync_folder
+from kalscope.errors import BadFile
+from kalscope.recording import LineIssue
+from kalscope.sources.line_reader import LineEvent
+from kalscope.sources.recording_file import AppendFile, SyncThread
+from kalscope.sources.recording_format import (
+    REJECTS_HEADER,
+    escaped,
+    header_line,
+    iso_utc,
+    preamble,
+    rejects_lines,
+    row_encoder,
+)
+from kalscope.sources.repair import read_ends, repair
+from kalscope.sources.sniffer import Layout
+
+LEAST_ROOM_S = 300.0
+"""Room on the disk for less time than this, at the present rate, is worth a warning, s."""
+_RATE_S = 30.0
+_LOOK_S = 1.0
+
+
+@dataclass(frozen=True)
+class RecorderCounts:
+    """The account of a recording: received = written + rejected + dropped, always."""
+
+    received: int = 0
+    """Lines with data, or that tried to be, whose fate is known."""
+    written: int = 0
+    """Lines whose rows are in NAME.csv."""
+    rejected: int = 0
+    """Lines that are in NAME.rejects because they are no row."""
+    dropped: int = 0
+    """Lines that are in neither: lost before they were handed over, or while the disk was full for too long."""
+    waiting: int = 0
+    """Lines in memory, because the disk refuses them just now; received when they reach it or are dropped."""
+    other: int = 0
+    """Blank lines, comments, headers and text such as a boot message; the text is in NAME.rejects."""
+
+    def __str__(self) -> str:
+        """The account in words."""
+        told = (
+            f"received {self.received} lines = {self.written} written + {self.rejected} rejected"
+            f" + {self.dropped} dropped"
+        )
+        return told + (f"; {self.other} others" if self.other else "")
+
+
+class Recorder:
+    """Writes one recording. Any thread may ask; one at a time hands over lines."""
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        source: str,
+        started: float,
+        wall: float,
+        clock: Callable[[], float] = time.monotonic,
+        sync_every: float = 1.0,
+    ) -> None:
+        """Create the recording; nothing is ever overwritten.
+
+        Args:
+            path: NAME.csv; its folder exists, and the caller has made sure that it may be written to.
+            source: What is recorded, as the command line names it.
+            started: Monotonic moment of host time 0, s.
+            wall: Unix time at that moment, s.
+            clock: Monotonic clock, s, by which a full disk is asked again.
+            sync_every: Pause between two requests that the disk keep what it has, s.
+
+        Raises:
+            BadFile: The name is taken (a free one is proposed), or the file cannot be created.
+        """
+        path = Path(path)
+        _check_free(path)
+        self._set_up(path, source=source, started=started, wall=wall, clock=clock)
+        try:
+            self._csv.open(new=True)
+        except FileExistsError:
+            raise _taken(path) from None
+        except (OSError, ValueError) as error:
+            raise _unwritable(path, error) from None
+        self._csv.put_note(preamble(source, wall), started)
+        self._begin(sync_every)
+
+    @classmethod
+    def resume(
+        cls,
+        path: Path,
+        *,
+        source: str,
+        started: float,
+        wall: float,
+        clock: Callable[[], float] = time.monotonic,
+        sync_every: float = 1.0,
+    ) -> Recorder:
+        """Go on with a recording that ended, or that a crash cut short.
+
+        Its torn tail is moved into NAME.torn, then a comment says how long nothing was recorded. Host time goes
+        on where the wall clock says; where that was set back, at the last row. Lines with other columns
+        than the file has go into a new part.
+
+        Args:
+            path: NAME.csv, the first part.
+            source: As for a new recording; so are the others.
+            started: See there.
+            wall: See there.
+            clock: See there.
+            sync_every: See there.
+
+        Raises:
+            BadFile: There is no such recording, it is being recorded, or it cannot be written to.
+        """
+        path = Path(path)
+        last = _parts(path)[-1]
+        new = cls.__new__(cls)
+        new._set_up(path, source=source, started=started, wall=wall, clock=clock)
+        new._csv, new._part = AppendFile(last), len(_parts(path))
+        try:
+            new._csv.open(new=False)  # locked first: nobody else appends while the tail is judged
+            repair(last)
+            if new._rejects_path.exists():
+                repair(new._rejects_path)
+                new._rejects_begun = True
+            new._csv.close()
+            new._csv.open(new=False)
+            new._go_on(last)
+        except OSError as error:
+            new._csv.close()
+            raise _unwritable(last, error) from None
+        except BaseException:
+            new._csv.close()
+            raise
+        new._begin(sync_every)
+        return new
+
+    def _set_up(self, path: Path, *, source: str, started: float, wall: float, clock: Callable[[], float]) -> None:
+        self.path = path
+        """NAME.csv, the first part."""
+        self.trouble = ""
+        """What keeps lines from reaching the disk, in words; "" if nothing."""
+        self.warning = ""
+        """That the disk will soon be full; "" if it will not."""
+        self.counts = RecorderCounts()
+        """The account up to the last hand-over."""
+        self._source, self._started, self._wall, self._clock = source, started, wall, clock
+        self._offset = 0.0
+        self._csv, self._rejects_path = AppendFile(path), rejects_path(path)
+        self._rejects = AppendFile(self._rejects_path)
+        self._rejects_begun = False
+        self._older: list[AppendFile] = []
+        self._part = 1
+        self._header = ""
+        self._layout: Layout | None = None
+        self._encode = None
+        self._width = 0
+        self._taken = self._written = self._rejected = self._dropped = self._other = 0
+        self._sizes: deque[tuple[float, int]] = deque()
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def _begin(self, sync_every: float) -> None:
+        """Everything is open: write the first comments, and keep the disk awake from now on."""
+        self._sync = SyncThread(sync_every)
+        self._sync.watch(self._files())
+        sync_folder(self.path.parent)
+        with self._lock:
+            self._flush()
+
+    def _go_on(self, last: Path) -> None:
+        """Take up host time and columns of the part to be continued."""
+        ends = read_ends(last)
+        if ends.wall is None:  # a crash in the first moment left no header
+            self._csv.put_note(preamble(self._source, self._wall), self._started)
+            return
+        since = self._wall - ends.wall - ends.host
+        self._offset = ends.host + max(since, 0.0)
+        self._header = ends.header
+        said = f"{since:.3f} s" if since >= 0.0 else "of unknown length, the clock was set back"
+        self._csv.put_note(
+            f"# gap restart {said}\n# restarted: {iso_utc(self._wall)} (host time {self._offset:.6f}),"
+            f" source: {escaped(self._source)}\n",
+            self._started,
+        )
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The parts written so far in this session, the present one last."""
+        return (*(file.path for file in self._older), self._csv.path)
+
+    def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
+        """Take lines and write them; called often, with no lines too, and never raises for the disk.
+
+        Args:
+            stamped: (monotonic moment in s, line), in order of time.
+            layout: Of all these rows: lines before and after a new layout are two hand-overs. None as long as
+                nothing is known, then no line is a row.
+        """
+        with self._lock:
+            if self._closed:
+                return
+            if layout is not None and layout is not self._layout:
+                self._use(layout)
+            for at, event in stamped:
+                self._take(at, event)
+            self._flush()
+
+    def gap(self, kind: str, seconds: float) -> None:
+        """Say in the file that nothing came for so long, and why: "unplugged", "suspend"."""
+        with self._lock:
+            if not self._closed:
+                self._csv.put(f"# gap {escaped(kind)} {seconds:.3f} s\n".encode(), self._clock())
+                self._flush()
+
+    def drop(self, count: int) -> None:
+        """Count lines that were lost before they could be handed over."""
+        with self._lock:
+            if not self._closed:
+                self._taken += count
+                self._dropped += count
+                self._publish()
+
+    def close(self) -> RecorderCounts:
+        """Write the account as a last comment and free the files; safe to call twice, never raises for the disk."""
+        with self._lock:
+            if self._closed:
+                return self.counts
+            self._closed = True
+            self._flush(at_once=True)
+            for file in self._files():
+                self._dropped += file.give_up()
+            self._publish()
+            if not self._csv.trouble:
+                self._csv.put_note(f"# end: {self.counts}\n", self._clock())
+                self._csv.flush(self._clock(), at_once=True)
+            self._sync.close()
+            self._publish()
+            for file in self._files():
+                file.close()
+            return self.counts
+
+    def _files(self) -> tuple[AppendFile, ...]:
+        return (*self._older, self._csv, self._rejects)
+
+    def _use(self, layout: Layout) -> None:
+        """From now on rows of this layout; a new part where their columns are others."""
+        header = header_line(layout)
+        if not self._header:
+            self._csv.put_note(header, self._started)
+        elif header != self._header:
+            self._next_part()
+            self._csv.put_note(header, self._started)
+        self._layout, self._header = layout, header
+        self._encode, self._width = row_encoder(layout), len(layout.columns)
+
+    def _next_part(self) -> None:
+        before = self._csv
+        path = next(p for n in count(self._part + 1) if not (p := part_path(self.path, n)).exists())
+        self._part = int(path.stem.rpartition("-")[2])
+        before.put_note(f"# continued in {escaped(path.name)}: the columns changed\n", self._clock())
+        before.flush(self._clock())
+        self._older.append(before)
+        self._csv = AppendFile(path)
+        said = f"# continues {escaped(before.path.name)}, with the same host time\n"
+        self._csv.put_note(preamble(self._source, self._wall - self._offset) + said, self._started)
+        self._sync.watch(self._files())
+
+    def _take(self, at: float, event: LineEvent) -> None:
+        host = at - self._started + self._offset
+        if event.kind == "row":
+            self._taken += 1
+            if self._encode is None or any(len(row) != self._width for row in event.rows):
+                why = LineIssue(event.number, f"must have {self._width} values, as the columns say", event.text)
+                self._reject(host, at, event, (why,), 1)
+                return
+            rows = "".join(self._encode(host, row) for row in event.rows)
+            self._dropped += not self._csv.put(rows.encode(), at, 1)
+            if event.issues:  # of single cells: the row has empty cells there
+                self._reject(host, at, event, event.issues, 0)
+        elif event.kind == "rejected":
+            self._taken += 1
+            self._reject(host, at, event, event.issues, 1)
+        else:
+            self._other += 1
+            if event.kind != "blank":
+                why = LineIssue(event.number, f"is {_WHAT.get(event.kind, event.kind)}", event.text)
+                self._reject(host, at, event, (why,), 0)
+
+    def _reject(self, host: float, at: float, event: LineEvent, issues: Sequence[LineIssue], lines: int) -> None:
+        if not self._rejects_begun:
+            self._rejects_begun = True
+            start = preamble(self._source, self._wall - self._offset, rejects=True)
+            self._rejects.put_note(start + REJECTS_HEADER, at)
+        text = rejects_lines(host, event.number, event.text, issues)
+        if not self._rejects.put(text.encode("utf-8", "backslashreplace"), at, lines):
+            self._dropped += lines
+
+    def _flush(self, *, at_once: bool = False) -> None:
+        now = self._clock()
+        for file in (*self._older, self._csv):
+            self._written += file.flush(now, at_once=at_once)
+        self._rejected += self._rejects.flush(now, at_once=at_once)
+        self._look_at_room(now)
+        self._publish()
+
+    def _publish(self) -> None:
+        waiting = sum(file.waiting for file in self._files())
+        self.counts = RecorderCounts(
+            self._taken - waiting, self._written, self._rejected, self._dropped, waiting, self._other
+        )
+        troubles = (getattr(file, name) for name in ("trouble", "sync_trouble") for file in self._files())
+        self.trouble = next(filter(None, troubles), "")
+
+    def _look_at_room(self, now: float) -> None:
+        """Once a second: will the disk last?"""
+        if self._sizes and now - self._sizes[-1][0] < _LOOK_S:
+            return
+        self._sizes.append((now, sum(file.size for file in self._files())))
+        while now - self._sizes[0][0] > _RATE_S:
+            self._sizes.popleft()
+        (first, before), (last, after) = self._sizes[0], self._sizes[-1]
+        self.warning = ""
+        if after > before and last > first:
+            try:
+                free = shutil.disk_usage(self.path.parent).free
+            except OSError:
+                return
+            left = free * (last - first) / (after - before)
+            if left < LEAST_ROOM_S:
+                self.warning = f"the disk has room for {left / 60.0:.1f} min at the present rate"
+
+
+_WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
+
+
+def rejects_path(path: Path) -> Path:
+    """Where the rejected lines of a recording go."""
+    return path.with_name(f"{path.stem}.rejects")
+
+
+def part_path(path: Path, number: int) -> Path:
+    """Part `number`, from 1, of a recording."""
+    return path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
+
+
+def free_path(path: Path) -> Path:
+    """A name near `path` under which nothing was recorded yet."""
+    candidates = (path.with_name(f"{path.stem}_{n}{path.suffix}") for n in count(2))
+    return next(p for p in candidates if not _is_taken(p))
+
+
+def _is_taken(path: Path) -> bool:
+    return os.path.lexists(path) or os.path.lexists(rejects_path(path))
+
+
+def _check_free(path: Path) -> None:
+    if path.suffix.lower() in (".rejects", ".torn"):
+        raise BadFile(f"a recording must not end in .rejects or .torn (got {path.name!r})")
+    try:
+        if _is_taken(path):
+            raise _taken(path)
+    except (OSError, ValueError) as error:
+        raise _unwritable(path, error) from None
+
+
+def _taken(path: Path) -> BadFile:
+    return BadFile(
+        f"a recording must have a name that is free, such as {free_path(path).name!r} (got {path.name!r}, which is"
+        " taken)"
+    )
+
+
+def _unwritable(path: Path, error: Exception) -> BadFile:
+    reason = getattr(error, "strerror", None) or str(error)
+    return BadFile(f"a recording must go where a file can be written (got {str(path)!r}: {reason})")
+
+
+def _parts(path: Path) -> list[Path]:
+    """The parts of a recording that exist.
+
+    Raises:
+        BadFile: not even the first does.
+    """
+    if not path.is_file():
+        raise BadFile(f"a recording to go on with must exist (got {str(path)!r})")
+    parts = [path]
+    for n in count(2):
+        if not part_path(path, n).is_file():
+            return parts
+        parts.append(part_path(path, n))
+    return parts
