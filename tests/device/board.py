@@ -60,7 +60,7 @@ class Firmware:
 
 @dataclass
 class Workshop:
-    """Compiles into one folder; the Arduino core and the simulator are made once, each sketch as it is asked for."""
+    """Compiles into one folder; the Arduino core and the simulator are made once, a sketch when asked for."""
 
     folder: Path
     """Where all that is made goes."""
@@ -166,7 +166,7 @@ class Uno:
 
 
 def write_counts(path: Path, counts: ArrayLike) -> Path:
-    """The file for `--adc`: counts 0 … 1023, () or (n,) for A0, or (n, pins) with a column for each pin from A0 on."""
+    """The file for `--adc`: counts 0 … 1023, () or (n,) for A0, or (n, pins) with a column a pin from A0 on."""
     np.savetxt(path, np.atleast_1d(counts), fmt="%d")
     return path
 
