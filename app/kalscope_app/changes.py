@@ -15,7 +15,7 @@ from kalscope.estimation import Estimate
 from kalscope.experiments import GeneralizedParams
 from kalscope.finding import Found
 from kalscope.recording import Recording
-from kalscope_app.state import Outcome, State, slider_limits, timed
+from kalscope_app.state import MAP_COLOURS, Outcome, State, slider_limits, timed
 
 Change = Callable[[State], State]
 
@@ -29,6 +29,18 @@ def set_exponent(name: str, exponent: float) -> Change:
         low, high = slider_limits(state, name)
         value = 10.0 ** min(max(exponent, low), high)
         return _by_hand(state, name, float(f"{value:.2e}"))  # three digits suit a slider
+
+    return change
+
+
+def set_point(q_exponent: float, r_exponent: float) -> Change:
+    """A point of the tuning map was chosen: q and r become 10^exponent, to three digits."""
+
+    def change(state: State) -> State:
+        if state.rule is not None or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
+            return state
+        q, r = (float(f"{10.0 ** min(max(e, -300.0), 299.9):.2e}") for e in (q_exponent, r_exponent))
+        return state if (q, r) == (state.tuning.q, state.tuning.r) else state.with_tuning(q=q, r=r, how="by hand")
 
     return change
 
@@ -188,6 +200,24 @@ def set_smoother(shown: bool) -> Change:
 def set_dark(dark: bool) -> Change:
     """Dark or light theme."""
     return lambda state: replace(state, dark=bool(dark))
+
+
+def set_map_shown(shown: bool) -> Change:
+    """Show the tuning map, or give its room to the charts."""
+    return lambda state: replace(state, map_shown=bool(shown))
+
+
+def set_map_colour(colour: str) -> Change:
+    """Colour the tuning map by another measure; the error needs a known truth."""
+
+    def change(state: State) -> State:
+        if colour not in MAP_COLOURS:
+            raise BadSetting(f"the map's colour must be one of {', '.join(MAP_COLOURS)} (got {str(colour)[:40]!r})")
+        if colour == "RMSE" and state.recording.truth is None:
+            raise BadSetting("the map's colour must be likelihood or lag where the truth is not known (got RMSE)")
+        return replace(state, map_colour=colour)
+
+    return change
 
 
 def parse_number(name: str, text: str) -> float:

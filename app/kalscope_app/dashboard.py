@@ -18,17 +18,19 @@ from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.studies import Studies, Study
+from kalscope_app.tuning_map import MapMaker
 from kalscope_app.views.checks import ChecksView
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
 from kalscope_app.views.fitting import WindowFitter
-from kalscope_app.views.layout import Panels, gutter
+from kalscope_app.views.layout import Panels, Sizes, gutter
 from kalscope_app.views.live import LiveView
 from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
+from kalscope_app.views.tuning_map import TuningMapView, study
 from kalscope_app.views.window import WindowView
 
 log = logging.getLogger(__name__)
@@ -47,10 +49,12 @@ class Dashboard:
         self._frame: Frame | None = None
         self._portraits: dict[viser.ClientHandle, float] = {}
         self._toasts: dict[viser.ClientHandle, viser.NotificationHandle] = {}
+        self._map = TuningMapView(server, self.session)
         self._build(folder)
-        studies = Studies([self._study(compute_checks, self._checks.show)], self.tell)
+        rounds = [self._study(study(MapMaker()), self._map.show), self._study(compute_checks, self._checks.show)]
+        studies = Studies(rounds, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
-        self._fitter = WindowFitter(self._panels, self.signal.set_heights, self._set_portrait)
+        self._fitter = WindowFitter(self._panels, self._set_sizes, self._set_portrait)
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
 
@@ -74,6 +78,7 @@ class Dashboard:
                 "best possible offline", False, hint="The smoother looks ahead as well; a device cannot."
             )
             self._smoother.on_update(self._on_smoother)
+            self._map.build_controls(gui)
         with self._panels.charts:
             self._window = WindowView(gui, self.session)
             self.signal = SignalView(gui)
@@ -116,6 +121,8 @@ class Dashboard:
         for client, shape in tuple(self._portraits.items()):
             self._draw_behind(client, shape)
         self._server.flush()
+        self._map.follow(frame)  # after the charts: a browser draws the scene at leisure
+        self._fitter.set_map_shown(frame.state.map_shown)
         if frame.state.note != self._note:
             self._note = frame.state.note
             if self._note:
@@ -156,15 +163,23 @@ class Dashboard:
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A browser has come: its own upload button, and charts that fill its window."""
         self._source.add_upload(client)
+        self._map.attach(client)
         self._fitter.attach(client)
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         self._portraits.pop(client, None)
         self._toasts.pop(client, None)
+        self._map.detach(client)
         self._fitter.detach(client)
+
+    def _set_sizes(self, sizes: Sizes) -> None:
+        """Charts and map for a window."""
+        self.signal.set_heights(sizes)
+        self._map.set_size(sizes.canvas_width, sizes.window_height)
 
     def _set_portrait(self, client: viser.ClientHandle, shape: float | None) -> None:
         """Draw the signal into the canvas of a phone, width : height, where no panel is docked; None: no phone."""
+        self._map.set_portrait(client, portrait=shape is not None)
         if shape is not None:
             self._portraits[client] = shape
             self._draw_behind(client, shape)

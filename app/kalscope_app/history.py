@@ -15,6 +15,9 @@ RECORDINGS = 4
 SAME_GESTURE = 1.0
 """Seconds: changes of one control that follow each other faster are one gesture."""
 
+HELD = "held:"
+"""Begins a key that one gesture has for itself, such as one drag: it stays one gesture however long it rests."""
+
 
 @dataclass(frozen=True)
 class History:
@@ -34,7 +37,7 @@ def record(history: History, before: State, after: State, key: str, now: float) 
     """Remember `before` if `after` differs in what a person tunes; the view and the theme do not count."""
     if _essence(before) == _essence(after):
         return history
-    if key and key == history.key and now - history.time < SAME_GESTURE:
+    if key and key == history.key and (key.startswith(HELD) or now - history.time < SAME_GESTURE):
         return replace(history, future=(), time=now)
     return History(_within_limits((*history.past, before)), (), key, now)
 
@@ -65,8 +68,9 @@ def _seen_as(present: State, other: State) -> State:
     window = present.window if same_record else other.window
     same_view = same_record and present.channel == other.channel
     resets = present.resets if same_view else present.resets + 1
+    seen = {"dark": present.dark, "map_shown": present.map_shown, "map_colour": present.map_colour}
     live = present.live if same_record else other.live  # what follows or is paused is the view's, not tuned
-    return replace(other, dark=present.dark, window=window, resets=resets, note="", live=live)
+    return replace(other, window=window, resets=resets, note="", live=live, **seen)
 
 
 def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 """Reach of each slider, in decades around the starting r of the channel."""
 
+MAP_COLOURS: tuple[str, ...] = ("likelihood", "RMSE", "lag")
+"""What the tuning map may be coloured by; RMSE where the truth is known."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -64,6 +67,10 @@ class State:
     """Whether the best possible offline curve is drawn."""
     dark: bool = False
     """Dark theme."""
+    map_shown: bool = True
+    """Whether the tuning map is shown where the window has room for it."""
+    map_colour: str = "likelihood"
+    """What the tuning map is coloured by, one of MAP_COLOURS."""
     resets: int = 0
     """How often the view was reset: a new number tells the charts to forget their zoom."""
     note: str = ""
@@ -139,7 +146,8 @@ def opened(recording: Recording, before: State | None = None) -> State:
     fresh = State(recording, recording.names[0], starts, starts, resets=resets, board=board_channel(recording))
     if before is None:
         return fresh
-    return replace(fresh, dark=before.dark, smoother=before.smoother, way=before.way)
+    seen = {"dark": before.dark, "map_shown": before.map_shown, "map_colour": before.map_colour}
+    return replace(fresh, smoother=before.smoother, way=before.way, **seen)
 
 
 def board_channel(recording: Recording) -> str | None:
