@@ -17,6 +17,7 @@ from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.studies import Studies, Study
+from kalscope_app.variant_rows import VariantTable
 from kalscope_app.views.checks import ChecksView
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
@@ -27,6 +28,7 @@ from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
+from kalscope_app.views.variants import VariantsView
 from kalscope_app.views.window import WindowView
 
 log = logging.getLogger(__name__)
@@ -46,7 +48,11 @@ class Dashboard:
         self._portraits: dict[viser.ClientHandle, float] = {}
         self._toasts: dict[viser.ClientHandle, viser.NotificationHandle] = {}
         self._build(folder)
-        studies = Studies([self._study(compute_checks, self._checks.show)], self.tell)
+        listed = [
+            self._study(VariantTable().compute, self._variants.show_table),
+            self._study(compute_checks, self._checks.show),
+        ]
+        studies = Studies(listed, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
         self._fitter = WindowFitter(self._panels, self.signal.set_heights, self._set_portrait)
         server.on_client_connect(self._on_connect)
@@ -57,6 +63,7 @@ class Dashboard:
         tabs = gui.add_tab_group()
         with tabs.add_tab("Tune"):
             self.parameters = ParametersView(gui, self.session)
+            self._variants = VariantsView(gui, self.session)
             self._numbers = NumbersView(gui)
             self._checks = ChecksView(gui)
             self._find = FindView(gui, self.session, self._jobs)
@@ -77,6 +84,8 @@ class Dashboard:
         with self._panels.right.add_tab("Check"):
             self._checks.build_tab(gui)
             self._find.build_opinions(gui)
+        with self._panels.right.add_tab("Compare"):
+            self._variants.build_tab(gui)
 
     def start(self) -> None:
         """Show the first frame; returns when it is on its way."""
@@ -98,6 +107,7 @@ class Dashboard:
                 self._smoother.value = frame.state.smoother
             for view in (
                 self.parameters,
+                self._variants,
                 self._numbers,
                 self._find,
                 self._window,

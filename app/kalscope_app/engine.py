@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 
 from kalscope.errors import KalscopeError
+from kalscope_app.curves import Curves
 from kalscope_app.frame import Frame, Shown, choose_shown, compute_frame
 from kalscope_app.session import Session
 from kalscope_app.state import State
@@ -47,6 +48,7 @@ class Engine:
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
         self._shown_for: tuple[object, ...] = ()
         self._shown: Shown | None = None
+        self._curves = Curves()
         self.first_frame = threading.Event()
 
     def start(self) -> None:
@@ -84,7 +86,8 @@ class Engine:
             if not isinstance(failure, KalscopeError):
                 log.error("A request failed", exc_info=failure)
             self._tell(str(failure))
-        frame = compute_frame(state, serial, self._choose(state))
+        shown = self._choose(state)
+        frame = compute_frame(state, serial, shown, self._curves.of(state, shown))
         self._show(frame)
         self.first_frame.set()
         if self._studies is not None:

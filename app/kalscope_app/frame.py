@@ -78,10 +78,12 @@ class Frame:
     """Gain of the first samples, shape (g,), at most 500 of them."""
     gain_samples: Array
     """Sample numbers of `gain`, shape (g,)."""
+    variants: tuple[Array, ...] = ()
+    """The filtered signal of each pinned setting, in the order of `state.variants`, unit."""
 
 
-def compute_frame(state: State, serial: int, shown: Shown) -> Frame:
-    """Filter the channel on screen over the whole recording and pick what is drawn."""
+def compute_frame(state: State, serial: int, shown: Shown, variants: tuple[Array, ...] = ()) -> Frame:
+    """Filter the channel on screen over the whole recording and pick what is drawn; `variants`: see `Curves`."""
     recording = state.recording
     z, dt = recording.channel(state.channel), state.dt
     result = run_filter(z, state.rule or state.params, dt)
@@ -104,6 +106,7 @@ def compute_frame(state: State, serial: int, shown: Shown) -> Frame:
         start_up=start_up,
         gain=result.k[gain_samples],
         gain_samples=gain_samples.astype(np.float64),
+        variants=variants,
     )
 
 
