@@ -26,6 +26,7 @@ from kalscope_app.views.layout import Panels, gutter
 from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
+from kalscope_app.views.presets import PresetsView
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
 from kalscope_app.views.variants import VariantsView
@@ -67,6 +68,7 @@ class Dashboard:
             self._numbers = NumbersView(gui)
             self._checks = ChecksView(gui)
             self._find = FindView(gui, self.session, self._jobs)
+            self._presets = PresetsView(gui, self.session)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
         with tabs.add_tab("Export"):
@@ -110,6 +112,7 @@ class Dashboard:
                 self._variants,
                 self._numbers,
                 self._find,
+                self._presets,
                 self._window,
                 self._source,
                 self._export,

@@ -65,6 +65,8 @@ class State:
     """How often the view was reset: a new number tells the charts to forget their zoom."""
     pins: tuple[Variant, ...] = ()
     """Settings that were pinned, of every channel; `variants` are those of the channel on screen."""
+    preset: str = ""
+    """Title of the preset that is looked at; "" = the first."""
     note: str = ""
     """One sentence on what the last change did, where that needs saying."""
 
