@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import viser
-from kalscope.sources.live import LiveSource
 
+from kalscope.sources.live import LiveSource
 from kalscope_app.changes import set_dark, set_smoother
 from kalscope_app.checks import compute_checks
 from kalscope_app.engine import Engine
@@ -19,6 +19,7 @@ from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.studies import Studies, Study
 from kalscope_app.tuning_map import MapMaker
+from kalscope_app.variant_rows import VariantTable
 from kalscope_app.views.checks import ChecksView
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
@@ -28,9 +29,11 @@ from kalscope_app.views.live import LiveView
 from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
+from kalscope_app.views.presets import PresetsView
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
 from kalscope_app.views.tuning_map import TuningMapView, study
+from kalscope_app.views.variants import VariantsView
 from kalscope_app.views.window import WindowView
 
 log = logging.getLogger(__name__)
@@ -51,7 +54,11 @@ class Dashboard:
         self._toasts: dict[viser.ClientHandle, viser.NotificationHandle] = {}
         self._map = TuningMapView(server, self.session)
         self._build(folder)
-        rounds = [self._study(study(MapMaker()), self._map.show), self._study(compute_checks, self._checks.show)]
+        rounds = [
+            self._study(VariantTable().compute, self._variants.show_table),
+            self._study(study(MapMaker()), self._map.show),
+            self._study(compute_checks, self._checks.show),
+        ]
         studies = Studies(rounds, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
         self._fitter = WindowFitter(self._panels, self._set_sizes, self._set_portrait)
@@ -63,9 +70,11 @@ class Dashboard:
         tabs = gui.add_tab_group()
         with tabs.add_tab("Tune"):
             self.parameters = ParametersView(gui, self.session)
+            self._variants = VariantsView(gui, self.session)
             self._numbers = NumbersView(gui)
             self._checks = ChecksView(gui)
             self._find = FindView(gui, self.session, self._jobs)
+            self._presets = PresetsView(gui, self.session)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
             self._live = LiveView(gui, self.session, self._jobs, self.tell, folder)
@@ -85,6 +94,8 @@ class Dashboard:
         with self._panels.right.add_tab("Check"):
             self._checks.build_tab(gui)
             self._find.build_opinions(gui)
+        with self._panels.right.add_tab("Compare"):
+            self._variants.build_tab(gui)
 
     def start(self, feed: LiveSource | None = None) -> None:
         """Show the first frame; returns when it is on its way. Args: a board that the state looks at already."""
@@ -109,8 +120,10 @@ class Dashboard:
                 self._smoother.value = frame.state.smoother
             for view in (
                 self.parameters,
+                self._variants,
                 self._numbers,
                 self._find,
+                self._presets,
                 self._window,
                 self._source,
                 self._live,

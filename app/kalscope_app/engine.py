@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 
 from kalscope.errors import KalscopeError
+from kalscope_app.curves import Curves
 from kalscope_app.filter_runs import FilterRuns
 from kalscope_app.frame import Frame, Shown, choose_shown, compute_frame
 from kalscope_app.live import live_window, studied
@@ -69,6 +70,7 @@ class Engine:
         self._runs = FilterRuns()
         self._frame: Frame | None = None
         self._frame_at = self._study_at = -math.inf
+        self._curves = Curves()
         self.first_frame = threading.Event()
 
     def start(self) -> None:
@@ -117,7 +119,9 @@ class Engine:
         return not quiet or time.monotonic() - self._frame_at > STATUS_INTERVAL
 
     def _draw(self, state: State, serial: int) -> None:
-        frame = compute_frame(state, serial, self._choose(state), self._runs)
+        shown = self._choose(state)
+        variants = self._curves.of(state, shown) if state.live is None else None
+        frame = compute_frame(state, serial, shown, self._runs, variants)
         asked = self._frame is None or serial != self._frame.serial
         self._frame, self._frame_at = frame, time.monotonic()
         self._show(frame)

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from kalscope.sources.live import LiveStatus
 from numpy.typing import NDArray
 
 from kalscope.filtering import FilterResult
 from kalscope.model import FilterParams
 from kalscope.recording import Recording
 from kalscope.smoothing import smooth
+from kalscope.sources.live import LiveStatus
 from kalscope.steady_state import SteadyState, ratio_for, steady_state
 from kalscope_app.charts import choose_indices
 from kalscope_app.filter_runs import FilterRuns
@@ -88,9 +88,17 @@ class Frame:
     """Largest |board's − ours| in the window, unit; NaN where there is none."""
     status: LiveStatus | None = None
     """How the connection is; None for a finished recording."""
+    variants: tuple[Array, ...] = ()
+    """The filtered signal of each pinned setting, in the order of `state.variants`, unit."""
 
 
-def compute_frame(state: State, serial: int, shown: Shown, runs: FilterRuns | None = None) -> Frame:
+def compute_frame(
+    state: State,
+    serial: int,
+    shown: Shown,
+    runs: FilterRuns | None = None,
+    variants: tuple[Array, ...] | None = None,
+) -> Frame:
     """Filter the channel on screen over the whole recording and pick what is drawn.
 
     Args:
@@ -98,6 +106,7 @@ def compute_frame(state: State, serial: int, shown: Shown, runs: FilterRuns | No
         serial: the requests that are in it.
         shown: the samples to draw.
         runs: the runs of earlier frames; None = filter afresh.
+        variants: the curves of the pinned settings, where they are known already (`Curves`).
     """
     recording = state.recording
     z = recording.channel(state.channel)
@@ -127,6 +136,9 @@ def compute_frame(state: State, serial: int, shown: Shown, runs: FilterRuns | No
         board=None if board is None else board[at],
         board_difference=math.nan if board is None else _largest_difference(board, result.x, shown),
         status=None if state.live is None else state.live.feed.status(),
+        variants=tuple(runs.of(state, variant.tuning.params).x[at] for variant in state.variants)
+        if variants is None
+        else variants,
     )
 
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from kalscope.sources.live import LiveStatus, Snapshot
 
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
+from kalscope.sources.live import LiveStatus, Snapshot
 from kalscope.tuning import Tuning
 from kalscope_app.state import State, opened, reopened
 

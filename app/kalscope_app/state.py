@@ -16,6 +16,7 @@ from kalscope.filter_choice import adapt_tuning
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import Recording
 from kalscope.tuning import ChannelTuning, Tuning
+from kalscope_app.variants import Variant
 
 if TYPE_CHECKING:
     from kalscope_app.live import Live
@@ -73,6 +74,10 @@ class State:
     """What the tuning map is coloured by, one of MAP_COLOURS."""
     resets: int = 0
     """How often the view was reset: a new number tells the charts to forget their zoom."""
+    pins: tuple[Variant, ...] = ()
+    """Settings that were pinned, of every channel; `variants` are those of the channel on screen."""
+    preset: str = ""
+    """Title of the preset that is looked at; "" = the first."""
     note: str = ""
     """One sentence on what the last change did, where that needs saying."""
     board: str | None = None
@@ -89,6 +94,11 @@ class State:
     def params(self) -> FilterParams:
         """The same as the filter takes them."""
         return self.tuning.params
+
+    @property
+    def variants(self) -> tuple[Variant, ...]:
+        """The pinned settings of the channel on screen, in the order in which they were pinned."""
+        return tuple(variant for variant in self.pins if variant.tuning.name == self.channel)
 
     @property
     def rule(self) -> GeneralizedParams | None:
@@ -172,7 +182,8 @@ def reopened(recording: Recording, before: State) -> State:
     known = {now.name: now for now, start in zip(before.tunings, before.starts, strict=True) if now != start}
     tunings = tuple(known.get(tuning.name, tuning) for tuning in state.tunings)
     channel = before.channel if before.channel in recording.names else state.channel
-    return replace(state, tunings=tunings, channel=channel)
+    pins = tuple(variant for variant in before.pins if variant.tuning.name in recording.names)
+    return replace(state, tunings=tunings, channel=channel, pins=pins)
 
 
 def opened_with(recording: Recording, tuning: Tuning, before: State | None = None) -> State:

@@ -23,7 +23,6 @@ from kalscope_app.state import State
 THIS, ALL = "this channel", "all channels"
 
 
-
 class CodeView:
     """The folder "Code for a device" of the Export tab. Files are made as jobs from the state on screen."""
 

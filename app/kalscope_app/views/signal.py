@@ -10,6 +10,7 @@ import viser
 
 from kalscope_app.charts import Array, Chart, Layout, Scale, scale_for, time_scale_for
 from kalscope_app.frame import Frame
+from kalscope_app.variants import css
 from kalscope_app.views.layout import Sizes
 from kalscope_app.views.words import count, duration, frequency, number, plain
 
@@ -88,8 +89,11 @@ class SignalView:
             *raw,
             Line(frame.filtered - frame.spread, {**line("−2√p"), "auto": False}),
             Line(frame.filtered + frame.spread, {**line("+2√p"), "auto": False}),
-            Line(frame.filtered, {**line("filtered", palette.filtered, 2.5), "auto": False}),
         ]
+        for variant, curve in zip(state.variants, frame.variants, strict=False):
+            colour = css(variant.rgb(dark=state.dark))
+            lines.append(Line(curve, {**line(variant.name, colour, 1.5), "auto": False}))
+        lines.append(Line(frame.filtered, {**line("filtered", palette.filtered, 2.5), "auto": False}))
         if shown.truth is not None:
             lines.append(Line(shown.truth, {**line("truth", palette.truth, 1.5), "dash": (6, 4)}))
         if frame.smoothed is not None:
