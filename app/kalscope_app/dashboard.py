@@ -21,6 +21,7 @@ from kalscope_app.studies import Studies, Study
 from kalscope_app.tuning_map import MapMaker
 from kalscope_app.variant_rows import VariantTable
 from kalscope_app.views.checks import ChecksView
+from kalscope_app.views.code import CodeView
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
 from kalscope_app.views.fitting import WindowFitter
@@ -45,6 +46,7 @@ class Dashboard:
     def __init__(self, server: viser.ViserServer, state: State, folder: Path) -> None:
         """Args: the guarded server; what to show first; the folder that exports stay in."""
         self._server = server
+        self._first = state
         self.session = Session(state)
         self._jobs = Jobs(self.tell)
         self._panels = Panels(server)
@@ -80,6 +82,7 @@ class Dashboard:
             self._live = LiveView(gui, self.session, self._jobs, self.tell, folder)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
+            self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False)
             self._dark.on_update(self._on_dark)
@@ -97,9 +100,10 @@ class Dashboard:
         with self._panels.right.add_tab("Compare"):
             self._variants.build_tab(gui)
 
-    def start(self, feed: LiveSource | None = None) -> None:
-        """Show the first frame; returns when it is on its way. Args: a board that the state looks at already."""
-        if feed is not None:
+    def start(self) -> None:
+        """Connect the board if there is one and show the first frame; returns when it is on its way."""
+        feed = self._first.live.feed if self._first.live is not None else None
+        if isinstance(feed, LiveSource):
             self._live.adopt(feed)
         self.engine.start()
         self.engine.first_frame.wait(timeout=60.0)
@@ -128,6 +132,7 @@ class Dashboard:
                 self._source,
                 self._live,
                 self._export,
+                self._code,
             ):
                 view.show(frame)
         self._frame = frame

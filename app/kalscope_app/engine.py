@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 
 from kalscope.errors import KalscopeError
+from kalscope_app.charts import POINT_LIMIT
 from kalscope_app.curves import Curves
 from kalscope_app.filter_runs import FilterRuns
 from kalscope_app.frame import Frame, Shown, choose_shown, compute_frame
@@ -26,6 +27,9 @@ LEAST_INTERVAL = 0.04
 
 LIVE_INTERVAL = 0.055
 """Seconds between two frames of a live record: 18 a second; a browser without a graphics card draws no more."""
+
+LIVE_POINTS = 2000
+"""Most points a line is drawn with while a board sends: every frame draws all of them anew."""
 
 STATUS_INTERVAL = 0.5
 """Seconds after which a live record without news is shown all the same, because its status may be news."""
@@ -133,8 +137,9 @@ class Engine:
 
     def _choose(self, state: State) -> Shown:
         """The samples to draw: chosen anew only for another recording, channel or window."""
-        asked = (state.recording, state.channel, live_window(state))
-        same = len(self._shown_for) == 3 and all(
+        limit = POINT_LIMIT if state.live is None else LIVE_POINTS
+        asked = (state.recording, state.channel, live_window(state), limit)
+        same = len(self._shown_for) == 4 and all(
             a is b if i == 0 else a == b for i, (a, b) in enumerate(zip(asked, self._shown_for, strict=True))
         )
         if self._shown is None or not same:

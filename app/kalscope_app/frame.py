@@ -14,7 +14,7 @@ from kalscope.recording import Recording
 from kalscope.smoothing import smooth
 from kalscope.sources.live import LiveStatus
 from kalscope.steady_state import SteadyState, ratio_for, steady_state
-from kalscope_app.charts import choose_indices
+from kalscope_app.charts import POINT_LIMIT, choose_indices
 from kalscope_app.filter_runs import FilterRuns
 from kalscope_app.state import State
 
@@ -165,7 +165,9 @@ def _as_if_settled(gain: float) -> FilterParams:
     return FilterParams(q=1.0, r=0.0) if gain >= 1.0 else FilterParams(q=ratio_for(gain=gain), r=1.0)
 
 
-def choose_shown(recording: Recording, channel: str, window: tuple[float, float] | None) -> Shown:
+def choose_shown(
+    recording: Recording, channel: str, window: tuple[float, float] | None, limit: int = POINT_LIMIT
+) -> Shown:
     """The samples to draw of one channel in a window (s, both ends inside); always at least two if there are."""
     n = len(recording)
     clock = recording.time
@@ -178,7 +180,7 @@ def choose_shown(recording: Recording, channel: str, window: tuple[float, float]
     column = recording.index(channel)
     z = recording.values[:, column]
     truth = None if recording.truth is None else recording.truth[:, column]
-    at = first + choose_indices(z[first:last], None if truth is None else truth[first:last])
+    at = first + choose_indices(z[first:last], None if truth is None else truth[first:last], limit)
     return Shown(
         first=first,
         last=last,

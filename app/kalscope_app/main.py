@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @app.command("open")
 def open_dashboard(
     source: Annotated[
-        str, typer.Argument(help='A file, "demo", "sample:NAME", "experiment:NAME" or "synthetic:SHAPE?sigma=1".')
+        str, typer.Argument(help='A file, a port as "serial:PORT@BAUD", "demo", "sample:NAME", "experiment:NAME".')
     ] = "",
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port to listen on; 0 for any free one.")] = 8080,
@@ -139,9 +139,15 @@ def first_state(
     """What the dashboard shows first: the source, with the values of the tuning file if there is one."""
     from kalscope.errors import BadSetting
     from kalscope.sources import open_source
+    from kalscope.sources.live import LiveSource
+    from kalscope.sources.serial_port import is_live
     from kalscope.tuning import load_tuning
+    from kalscope_app.live import opened_live
     from kalscope_app.state import opened, opened_experiment, opened_with
 
+    if is_live(source):
+        live = LiveSource(source, options)
+        return opened_live(live, live.spec.url, tuning=None if config is None else load_tuning(config))
     if source.startswith("experiment:") and config is None:
         return opened_experiment(source)
     if config is None:

@@ -60,7 +60,7 @@ class Board:
             return Snapshot(recording, self.first, self.generation, len(self.values))
 
     def status(self):
-        return SimpleNamespace(words="connected", hint="")
+        return SimpleNamespace(word="connected", hint="")
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_before_the_first_sample_the_screen_waits(board):
     state = opened_live(board, "x")
     assert np.isnan(state.recording.values).all()
     frame = frame_of(state)
-    assert frame.status.words == "connected"
+    assert frame.status.word == "connected"
     assert refreshed(state) is state
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import viser
-from kalscope.sources.live import LiveSource, LiveStatus
-from kalscope.sources.serial_port import list_ports, port_of
 
 from kalscope.atomic import check_inside
 from kalscope.errors import BadSetting
+from kalscope.sources.live import LiveSource, LiveStatus
+from kalscope.sources.serial_port import list_ports, port_of
 from kalscope_app.changes import set_board_channel
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
@@ -36,7 +36,7 @@ class LiveView:
         self._source: LiveSource | None = None
         self._serial: float = 0
         with gui.add_folder("Live board", expand_by_default=False):
-            self._port = gui.add_dropdown("port", (TYPED,), hint="Where the Arduino is plugged in.")
+            self._port = gui.add_dropdown("port", list[str]([TYPED]), hint="Where the Arduino is plugged in.")
             self._search = gui.add_button("Look for ports", hint="After plugging a board in.")
             self._typed = gui.add_text(
                 "port or address", "", hint="Such as /dev/ttyACM0, COM3, socket://host:port or rfc2217://host:port."
@@ -63,7 +63,7 @@ class LiveView:
             self._status = gui.add_markdown("")
             self._board = gui.add_dropdown(
                 "board's own curve",
-                (NO_CURVE,),
+                list[str]([NO_CURVE]),
                 hint="The channel in which the board sends its own filtered value.",
             )
             self._name = gui.add_text(
@@ -83,8 +83,9 @@ class LiveView:
         self._look_for_ports()
 
     def adopt(self, source: LiveSource) -> None:
-        """A source that the command line has connected."""
+        """Connect a source that the command line has named."""
         self._source = source
+        source.start()
 
     def close(self) -> None:
         """Free the port and finish a recording; returns when that is done."""
@@ -129,11 +130,13 @@ class LiveView:
             raise BadSetting("the port must be named, such as /dev/ttyACM0 or COM3 (got nothing)")
         text = spec if "://" in spec or "@" in spec else f"{spec}@{rate}"
         self.close()
+        if "://" in spec and not spec.lower().startswith(("socket://", "rfc2217://")):
+            raise BadSetting(f"an address must begin with socket:// or rfc2217:// (got {spec!r:.100})")
         source = LiveSource(port_of(text, reset=reset), reconnect=reconnect)
         source.start()
         self._serial = math.inf  # until the session knows it, a frame does not look at another board
         self._source = source
-        self._serial = self._session.request(lambda state: opened_live(source, spec, state))
+        self._serial = self._session.request(lambda state: opened_live(source, source.spec.url, state))
 
     def _start_recording(self, name: str) -> None:
         if self._source is None:
@@ -145,11 +148,11 @@ class LiveView:
         self._tell(f"Recording to {path}", good=True)
 
     def _stop_recording(self) -> None:
-        if self._source is not None:
-            counts = self._source.stop_recording()
-            self._tell(
-                f"Recorded {count(counts.written)} lines; {count(counts.rejected)} could not be read", good=True
-            )
+        recorder = self._source.recorder if self._source is not None else None
+        if self._source is not None and recorder is not None:
+            self._source.stop_recording()
+            done = recorder.counts
+            self._tell(f"Recorded {count(done.written)} lines, {count(done.rejected)} rejected", good=True)
 
     def show(self, frame: Frame) -> None:
         """Tell how the line is; free the port of a board that is no longer looked at."""
@@ -182,16 +185,18 @@ class LiveView:
 
 def status_text(status: LiveStatus) -> str:
     """How the line is, as markdown; what came from outside is escaped."""
-    lines = [f"**{plain(status.words, 200)}**"]
+    lines = [f"**{plain(status.word, 200)}**"]
     if status.hint:
         lines.append(plain(status.hint, 300))
     lines += [
         f"{number(status.lines_per_s)} lines/s",
         f"one sample every {duration(status.period)} ± {duration(status.jitter)}",
-        f"{count(status.lines)} lines = {count(status.accepted)} read + {count(status.rejected)} rejected"
+        f"{count(status.received)} lines = {count(status.accepted)} read + {count(status.rejected)} rejected"
         f" + {count(status.dropped)} dropped",
         f"{count(status.reconnects)} reconnects",
     ]
+    if status.recording_trouble:
+        lines.append(f"**{plain(status.recording_trouble, 200)}**")
     if status.left_memory:
         lines.append(f"{count(status.left_memory)} older samples have left memory")
     return "\n".join(f"- {line}" for line in lines)

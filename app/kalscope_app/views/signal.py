@@ -190,7 +190,7 @@ def heading_of(frame: Frame) -> str:
     if math.isfinite(frame.board_difference):
         parts.append(f"largest difference from the board's own filter: {number(frame.board_difference)}")
     if frame.status is not None:
-        parts.append(f"**{plain(frame.status.words, 120)}**")
+        parts.append(f"**{plain(frame.status.word, 120)}**")
     if starts_wild(frame):
         parts.append("the innovation is cut off during the start")
     return " · ".join(parts)
