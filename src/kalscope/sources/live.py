@@ -10,6 +10,7 @@ samples. Nothing here waits for whoever looks.
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections import deque
@@ -39,6 +40,8 @@ _PERIOD_EVERY = 0.25
 _PERIOD_MOVES = 0.005
 _SLEEP = 1.0
 _REPLY_GOES_ON = 0.05
+_PART_OF_A_LINE = 0.25
+"""Seconds before a read at most in which its first line may have begun to come."""
 LONGEST_COMMAND = 63
 """Bytes of one line to the board, newline included: the ring of an AVR that receives them holds 64."""
 
@@ -147,6 +150,7 @@ class LiveSource:
         self._stop = threading.Event()
         self._asleep = clock.asleep()
         self._lost_at: float | None = None
+        self._line_at = -math.inf  # when the last whole line had come: a read may bring only part of one
         self._recorder: Recorder | None = None
         self._recorder_lock = threading.Lock()
         self._send_lock = threading.Lock()
@@ -342,6 +346,7 @@ class LiveSource:
         self._look_for_sleep()
         with self._lock:
             self._lines.opened(opened.at)
+        self._line_at = opened.at
         if self._lost_at is not None:
             self._time.broke_off()
             self._gap("unplug", opened.at - self._lost_at)
@@ -361,8 +366,11 @@ class LiveSource:
                 batch.append((event, self._lines.layout))
         self._tell_dropped()
         self._note_rate()
-        step = (came.end - came.begin) / max(len(batch), 1)
-        stamped = [(came.begin + (i + 1) * step, event) for i, (event, _) in enumerate(batch)]
+        if not batch:
+            return
+        begin, self._line_at = max(self._line_at, came.begin - _PART_OF_A_LINE), came.end
+        step = (came.end - begin) / len(batch)
+        stamped = [(begin + (i + 1) * step, event) for i, (event, _) in enumerate(batch)]
         start = 0
         for i in range(1, len(batch) + 1):
             if i == len(batch) or batch[i][1] is not batch[start][1]:
