@@ -15,7 +15,7 @@ from kalscope.estimation import Estimate
 from kalscope.experiments import GeneralizedParams
 from kalscope.finding import Found
 from kalscope.recording import Recording
-from kalscope_app.state import Outcome, State, slider_limits, timed
+from kalscope_app.state import MAP_COLOURS, Outcome, State, slider_limits, timed
 
 Change = Callable[[State], State]
 
@@ -29,6 +29,18 @@ def set_exponent(name: str, exponent: float) -> Change:
         low, high = slider_limits(state, name)
         value = 10.0 ** min(max(exponent, low), high)
         return _by_hand(state, name, float(f"{value:.2e}"))  # three digits suit a slider
+
+    return change
+
+
+def set_point(q_exponent: float, r_exponent: float) -> Change:
+    """A point of the tuning map was chosen: q and r become 10^exponent, to three digits."""
+
+    def change(state: State) -> State:
+        if state.rule is not None or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
+            return state
+        q, r = (float(f"{10.0 ** min(max(e, -300.0), 299.9):.2e}") for e in (q_exponent, r_exponent))
+        return state if (q, r) == (state.tuning.q, state.tuning.r) else state.with_tuning(q=q, r=r, how="by hand")
 
     return change
 
@@ -99,7 +111,9 @@ def set_window(first: float, last: float) -> Change:
         if high - low < least:
             low, high = max(begin, min(low, end - least)), min(end, max(high, low + least))
         window = None if low <= begin and high >= end else (low, high)
-        return state if window == state.window else replace(state, window=window)
+        live = replace(state.live, following=False) if state.live else None  # the person looks back
+        same = window == state.window and live == state.live
+        return state if same else replace(state, window=window, live=live)
 
     return change
 
@@ -121,7 +135,7 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
     """A search has ended: its pair becomes the channel's q and r, if it has one and the channel is still there."""
 
     def change(state: State) -> State:
-        if state.recording is not recording:
+        if not state.continues(recording):
             return replace(state, note="The search ended after another recording was opened; nothing was changed.")
         at = recording.index(channel)
         before = state.tunings[at]
@@ -141,7 +155,7 @@ def set_opinions(recording: Recording, channel: str, opinions: tuple[Estimate, .
     """The five methods have answered."""
 
     def change(state: State) -> State:
-        same = state.recording is recording and state.channel == channel
+        same = state.continues(recording) and state.channel == channel
         return replace(state, opinions=opinions) if same else state
 
     return change
@@ -188,6 +202,24 @@ def set_dark(dark: bool) -> Change:
     return lambda state: replace(state, dark=bool(dark))
 
 
+def set_map_shown(shown: bool) -> Change:
+    """Show the tuning map, or give its room to the charts."""
+    return lambda state: replace(state, map_shown=bool(shown))
+
+
+def set_map_colour(colour: str) -> Change:
+    """Colour the tuning map by another measure; the error needs a known truth."""
+
+    def change(state: State) -> State:
+        if colour not in MAP_COLOURS:
+            raise BadSetting(f"the map's colour must be one of {', '.join(MAP_COLOURS)} (got {str(colour)[:40]!r})")
+        if colour == "RMSE" and state.recording.truth is None:
+            raise BadSetting("the map's colour must be likelihood or lag where the truth is not known (got RMSE)")
+        return replace(state, map_colour=colour)
+
+    return change
+
+
 def parse_number(name: str, text: str) -> float:
     """The number in a text box; decimal comma allowed.
 
@@ -212,5 +244,16 @@ def set_sample_period(text: str) -> Change:
     def change(state: State) -> State:
         recording = timed(state.recording, parse_number("sample period", text))
         return replace(state, recording=recording, window=None, resets=state.resets + 1)
+
+    return change
+
+
+def set_board_channel(name: str | None) -> Change:
+    """Say which channel is the board's own filtered curve; None: there is none."""
+
+    def change(state: State) -> State:
+        if name is not None:
+            state.recording.index(name)
+        return state if name == state.board else replace(state, board=name)
 
     return change

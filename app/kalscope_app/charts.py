@@ -147,14 +147,21 @@ class Chart:
         """The viser handle, for tests and heights."""
         return self._handle
 
-    def show(self, x: Array, ys: list[Array], layout: Layout, view: object = None) -> None:
-        """Draw; `layout` is sent only when it differs from the last one.
+    def show(
+        self,
+        x: Array,
+        ys: list[Array],
+        layout: Layout,
+        view: object = None,
+        reach: tuple[float, float] | None = None,
+    ) -> None:
+        """Draw; `layout` is sent only when it differs; `reach` is the range of the x axis, if not that of x.
 
         A new `view`, or another reach of x, rebuilds the chart and so ends a zoom: with a fixed range for x viser
         keeps a zoom over new data, but not over a new scale.
         """
         data = drawable(x, ys, layout.gaps)
-        reach = (float(data[0][0]), float(data[0][-1]))
+        reach = reach or (float(data[0][0]), float(data[0][-1]))
         if (view, reach, layout.y_range) != self._view:
             self._view = (view, reach, layout.y_range)
             scales: dict[str, Any] = {"x": {"time": False, "range": reach}}

@@ -9,6 +9,7 @@ from typing import Any
 
 import viser
 
+from kalscope.sources.live import LiveSource
 from kalscope_app.changes import set_dark, set_smoother
 from kalscope_app.checks import compute_checks
 from kalscope_app.engine import Engine
@@ -17,16 +18,23 @@ from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.studies import Studies, Study
+from kalscope_app.tuning_map import MapMaker
+from kalscope_app.variant_rows import VariantTable
 from kalscope_app.views.checks import ChecksView
+from kalscope_app.views.code import CodeView
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
 from kalscope_app.views.fitting import WindowFitter
-from kalscope_app.views.layout import Panels, gutter
+from kalscope_app.views.layout import Panels, Sizes, gutter
+from kalscope_app.views.live import LiveView
 from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
+from kalscope_app.views.presets import PresetsView
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
+from kalscope_app.views.tuning_map import TuningMapView, study
+from kalscope_app.views.variants import VariantsView
 from kalscope_app.views.window import WindowView
 
 log = logging.getLogger(__name__)
@@ -38,6 +46,7 @@ class Dashboard:
     def __init__(self, server: viser.ViserServer, state: State, folder: Path) -> None:
         """Args: the guarded server; what to show first; the folder that exports stay in."""
         self._server = server
+        self._first = state
         self.session = Session(state)
         self._jobs = Jobs(self.tell)
         self._panels = Panels(server)
@@ -45,10 +54,16 @@ class Dashboard:
         self._frame: Frame | None = None
         self._portraits: dict[viser.ClientHandle, float] = {}
         self._toasts: dict[viser.ClientHandle, viser.NotificationHandle] = {}
+        self._map = TuningMapView(server, self.session)
         self._build(folder)
-        studies = Studies([self._study(compute_checks, self._checks.show)], self.tell)
+        rounds = [
+            self._study(VariantTable().compute, self._variants.show_table),
+            self._study(study(MapMaker()), self._map.show),
+            self._study(compute_checks, self._checks.show),
+        ]
+        studies = Studies(rounds, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
-        self._fitter = WindowFitter(self._panels, self.signal.set_heights, self._set_portrait)
+        self._fitter = WindowFitter(self._panels, self._set_sizes, self._set_portrait)
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
 
@@ -57,13 +72,17 @@ class Dashboard:
         tabs = gui.add_tab_group()
         with tabs.add_tab("Tune"):
             self.parameters = ParametersView(gui, self.session)
+            self._variants = VariantsView(gui, self.session)
             self._numbers = NumbersView(gui)
             self._checks = ChecksView(gui)
             self._find = FindView(gui, self.session, self._jobs)
+            self._presets = PresetsView(gui, self.session)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
+            self._live = LiveView(gui, self.session, self._jobs, self.tell, folder)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
+            self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False)
             self._dark.on_update(self._on_dark)
@@ -71,21 +90,28 @@ class Dashboard:
                 "best possible offline", False, hint="The smoother looks ahead as well; a device cannot."
             )
             self._smoother.on_update(self._on_smoother)
+            self._map.build_controls(gui)
         with self._panels.charts:
             self._window = WindowView(gui, self.session)
             self.signal = SignalView(gui)
         with self._panels.right.add_tab("Check"):
             self._checks.build_tab(gui)
             self._find.build_opinions(gui)
+        with self._panels.right.add_tab("Compare"):
+            self._variants.build_tab(gui)
 
     def start(self) -> None:
-        """Show the first frame; returns when it is on its way."""
+        """Connect the board if there is one and show the first frame; returns when it is on its way."""
+        feed = self._first.live.feed if self._first.live is not None else None
+        if isinstance(feed, LiveSource):
+            self._live.adopt(feed)
         self.engine.start()
         self.engine.first_frame.wait(timeout=60.0)
 
     def stop(self) -> None:
-        """End the threads."""
+        """End the threads, finish a recording and free the port."""
         self.engine.stop()
+        self._live.close()
 
     def show(self, frame: Frame) -> None:
         """Draw a frame in every view, as one message batch. Runs on the engine's thread."""
@@ -98,17 +124,23 @@ class Dashboard:
                 self._smoother.value = frame.state.smoother
             for view in (
                 self.parameters,
+                self._variants,
                 self._numbers,
                 self._find,
+                self._presets,
                 self._window,
                 self._source,
+                self._live,
                 self._export,
+                self._code,
             ):
                 view.show(frame)
         self._frame = frame
         for client, shape in tuple(self._portraits.items()):
             self._draw_behind(client, shape)
         self._server.flush()
+        self._map.follow(frame)  # after the charts: a browser draws the scene at leisure
+        self._fitter.set_map_shown(frame.state.map_shown)
         if frame.state.note != self._note:
             self._note = frame.state.note
             if self._note:
@@ -149,15 +181,23 @@ class Dashboard:
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A browser has come: its own upload button, and charts that fill its window."""
         self._source.add_upload(client)
+        self._map.attach(client)
         self._fitter.attach(client)
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         self._portraits.pop(client, None)
         self._toasts.pop(client, None)
+        self._map.detach(client)
         self._fitter.detach(client)
+
+    def _set_sizes(self, sizes: Sizes) -> None:
+        """Charts and map for a window."""
+        self.signal.set_heights(sizes)
+        self._map.set_size(sizes.canvas_width, sizes.window_height)
 
     def _set_portrait(self, client: viser.ClientHandle, shape: float | None) -> None:
         """Draw the signal into the canvas of a phone, width : height, where no panel is docked; None: no phone."""
+        self._map.set_portrait(client, portrait=shape is not None)
         if shape is not None:
             self._portraits[client] = shape
             self._draw_behind(client, shape)

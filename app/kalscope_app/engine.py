@@ -7,12 +7,17 @@ slower is handed to the studies, which have a thread of their own.
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
 
 from kalscope.errors import KalscopeError
+from kalscope_app.charts import POINT_LIMIT
+from kalscope_app.curves import Curves
+from kalscope_app.filter_runs import FilterRuns
 from kalscope_app.frame import Frame, Shown, choose_shown, compute_frame
+from kalscope_app.live import live_window, studied
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.studies import Studies
@@ -20,12 +25,31 @@ from kalscope_app.studies import Studies
 LEAST_INTERVAL = 0.04
 """Seconds between two frames at least: a browser that is slower builds a backlog that nothing drops."""
 
+LIVE_INTERVAL = 0.055
+"""Seconds between two frames of a live record: 18 a second; a browser without a graphics card draws no more."""
+
+LIVE_POINTS = 2000
+"""Most points a line is drawn with while a board sends: every frame draws all of them anew."""
+
+STATUS_INTERVAL = 0.5
+"""Seconds after which a live record without news is shown all the same, because its status may be news."""
+
+STUDY_INTERVAL = 3.0
+"""Seconds between two studies of a live record that nobody tunes."""
+
 log = logging.getLogger(__name__)
 
 
 def pause_before_frame(now: float, last: float) -> float:
     """Seconds to wait before the next frame may be sent."""
     return max(0.0, min(LEAST_INTERVAL, last + LEAST_INTERVAL - now))
+
+
+def wait_for_request(next_due: float | None, *, live: bool) -> float | None:
+    """Seconds to wait for a request at most; None = until one comes."""
+    if not live:
+        return next_due
+    return LIVE_INTERVAL if next_due is None else min(next_due, LIVE_INTERVAL)
 
 
 class Engine:
@@ -47,6 +71,10 @@ class Engine:
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
         self._shown_for: tuple[object, ...] = ()
         self._shown: Shown | None = None
+        self._runs = FilterRuns()
+        self._frame: Frame | None = None
+        self._frame_at = self._study_at = -math.inf
+        self._curves = Curves()
         self.first_frame = threading.Event()
 
     def start(self) -> None:
@@ -63,7 +91,8 @@ class Engine:
     def _run(self) -> None:
         last = 0.0
         while not self._stopping.is_set():
-            self._session.bell.wait(timeout=self._session.seconds_to_next())
+            session = self._session
+            session.bell.wait(timeout=wait_for_request(session.seconds_to_next(), live=session.is_live))
             time.sleep(pause_before_frame(time.monotonic(), last))
             self._session.bell.clear()
             if self._stopping.is_set():
@@ -84,16 +113,33 @@ class Engine:
             if not isinstance(failure, KalscopeError):
                 log.error("A request failed", exc_info=failure)
             self._tell(str(failure))
-        frame = compute_frame(state, serial, self._choose(state))
+        if self._is_news(state, serial):
+            self._draw(state, serial)
+
+    def _is_news(self, state: State, serial: int) -> bool:
+        """Whether a frame of this would differ from the last one; a wake-up of a live record may bring nothing."""
+        last = self._frame
+        quiet = last is not None and state is last.state and serial == last.serial and state.live is not None
+        return not quiet or time.monotonic() - self._frame_at > STATUS_INTERVAL
+
+    def _draw(self, state: State, serial: int) -> None:
+        shown = self._choose(state)
+        variants = self._curves.of(state, shown) if state.live is None else None
+        frame = compute_frame(state, serial, shown, self._runs, variants)
+        asked = self._frame is None or serial != self._frame.serial
+        self._frame, self._frame_at = frame, time.monotonic()
         self._show(frame)
         self.first_frame.set()
-        if self._studies is not None:
-            self._studies.of(frame.state)
+        due = state.live is None or asked or self._frame_at - self._study_at > STUDY_INTERVAL
+        if self._studies is not None and due:
+            self._study_at = self._frame_at
+            self._studies.of(studied(state))
 
     def _choose(self, state: State) -> Shown:
         """The samples to draw: chosen anew only for another recording, channel or window."""
-        asked = (state.recording, state.channel, state.window)
-        same = len(self._shown_for) == 3 and all(
+        limit = POINT_LIMIT if state.live is None else LIVE_POINTS
+        asked = (state.recording, state.channel, live_window(state), limit)
+        same = len(self._shown_for) == 4 and all(
             a is b if i == 0 else a == b for i, (a, b) in enumerate(zip(asked, self._shown_for, strict=True))
         )
         if self._shown is None or not same:

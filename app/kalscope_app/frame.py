@@ -8,19 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.experiments import run_filter
 from kalscope.filtering import FilterResult
 from kalscope.model import FilterParams
 from kalscope.recording import Recording
 from kalscope.smoothing import smooth
+from kalscope.sources.live import LiveStatus
 from kalscope.steady_state import SteadyState, ratio_for, steady_state
-from kalscope_app.charts import choose_indices
+from kalscope_app.charts import POINT_LIMIT, choose_indices
+from kalscope_app.filter_runs import FilterRuns
 from kalscope_app.state import State
 
 Array = NDArray[np.float64]
 
 GAIN_POINTS = 500
 """Most points drawn of the gain; its start-up is smooth."""
+
+SMOOTHED_BEFORE = 5000
+"""Samples before a live window that its smoother is started from."""
 
 
 @dataclass(frozen=True)
@@ -78,18 +82,43 @@ class Frame:
     """Gain of the first samples, shape (g,), at most 500 of them."""
     gain_samples: Array
     """Sample numbers of `gain`, shape (g,)."""
+    board: Array | None = None
+    """What the board's own filter sent, unit; None where no channel is that."""
+    board_difference: float = math.nan
+    """Largest |board's − ours| in the window, unit; NaN where there is none."""
+    status: LiveStatus | None = None
+    """How the connection is; None for a finished recording."""
+    variants: tuple[Array, ...] = ()
+    """The filtered signal of each pinned setting, in the order of `state.variants`, unit."""
 
 
-def compute_frame(state: State, serial: int, shown: Shown) -> Frame:
-    """Filter the channel on screen over the whole recording and pick what is drawn."""
+def compute_frame(
+    state: State,
+    serial: int,
+    shown: Shown,
+    runs: FilterRuns | None = None,
+    variants: tuple[Array, ...] | None = None,
+) -> Frame:
+    """Filter the channel on screen over the whole recording and pick what is drawn.
+
+    Args:
+        state: what to show.
+        serial: the requests that are in it.
+        shown: the samples to draw.
+        runs: the runs of earlier frames; None = filter afresh.
+        variants: the curves of the pinned settings, where they are known already (`Curves`).
+    """
     recording = state.recording
-    z, dt = recording.channel(state.channel), state.dt
-    result = run_filter(z, state.rule or state.params, dt)
+    z = recording.channel(state.channel)
+    runs = runs or FilterRuns()
+    runs.begin(state)
+    result = runs.of(state)
     settled = state.params if state.rule is None else _as_if_settled(float(result.k[-1]))
     steady = steady_state(settled, recording.sample_period)
     at = shown.indices
     start_up = samples_to_settle(result, float(steady.gain))
     gain_samples = gain_axis(start_up, len(z))
+    board = None if state.board is None else recording.channel(state.board)
     return Frame(
         state=state,
         serial=serial,
@@ -97,14 +126,36 @@ def compute_frame(state: State, serial: int, shown: Shown) -> Frame:
         steady=steady,
         filtered=result.x[at],
         spread=2.0 * np.sqrt(result.p[at]),
-        smoothed=smooth(z, state.params, dt).x[at] if state.smoother and state.rule is None else None,
+        smoothed=_smoothed(state, shown) if state.smoother and state.rule is None else None,
         rejected=int(result.rejected),
         innovation=result.innovation[at],
         innovation_spread=2.0 * np.sqrt(result.s[at]),
         start_up=start_up,
         gain=result.k[gain_samples],
         gain_samples=gain_samples.astype(np.float64),
+        board=None if board is None else board[at],
+        board_difference=math.nan if board is None else _largest_difference(board, result.x, shown),
+        status=None if state.live is None else state.live.feed.status(),
+        variants=tuple(runs.of(state, variant.tuning.params).x[at] for variant in state.variants)
+        if variants is None
+        else variants,
     )
+
+
+def _smoothed(state: State, shown: Shown) -> Array:
+    """The best possible offline at the drawn samples; of a live record from a little before the window on."""
+    first = 0 if state.live is None else max(0, shown.first - SMOOTHED_BEFORE)
+    last = len(state.recording) if state.live is None else shown.last
+    dt = state.dt
+    z = state.recording.channel(state.channel)[first:last]
+    return smooth(z, state.params, None if dt is None else dt[first:last]).x[shown.indices - first]
+
+
+def _largest_difference(board: Array, x: Array, shown: Shown) -> float:
+    """Largest |board − x| in the window; NaN where the board has sent nothing there."""
+    difference = np.abs(board[shown.first : shown.last] - x[shown.first : shown.last])
+    finite = difference[np.isfinite(difference)]
+    return float(finite.max()) if len(finite) else math.nan
 
 
 def _as_if_settled(gain: float) -> FilterParams:
@@ -114,10 +165,14 @@ def _as_if_settled(gain: float) -> FilterParams:
     return FilterParams(q=1.0, r=0.0) if gain >= 1.0 else FilterParams(q=ratio_for(gain=gain), r=1.0)
 
 
-def choose_shown(recording: Recording, channel: str, window: tuple[float, float] | None) -> Shown:
+def choose_shown(
+    recording: Recording, channel: str, window: tuple[float, float] | None, limit: int = POINT_LIMIT
+) -> Shown:
     """The samples to draw of one channel in a window (s, both ends inside); always at least two if there are."""
     n = len(recording)
-    clock = np.maximum.accumulate(recording.time)
+    clock = recording.time
+    if np.any(clock[1:] < clock[:-1]):
+        clock = np.maximum.accumulate(clock)
     first, last = 0, n
     if window is not None:
         first = max(0, min(int(np.searchsorted(clock, window[0], side="left")), n - 2))
@@ -125,7 +180,7 @@ def choose_shown(recording: Recording, channel: str, window: tuple[float, float]
     column = recording.index(channel)
     z = recording.values[:, column]
     truth = None if recording.truth is None else recording.truth[:, column]
-    at = first + choose_indices(z[first:last], None if truth is None else truth[first:last])
+    at = first + choose_indices(z[first:last], None if truth is None else truth[first:last], limit)
     return Shown(
         first=first,
         last=last,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import functools
+import gzip
 import http
 import http.client
 import ipaddress
@@ -30,7 +31,9 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from kalscope.errors import BadSetting, KalscopeError
+from kalscope_app import guard_pages as pages
 from kalscope_app import guard_rules as rules
+from kalscope_app.guard_attacks import Attempt, self_test_attempts
 from kalscope_app.guard_limits import ClientLimits, disable_sharing
 
 _log = logging.getLogger(__name__)
@@ -38,6 +41,12 @@ _construction = threading.Lock()
 
 MAX_UPLOAD_BYTES = 64 * 2**20
 """What all uploads under way may need together, unless told otherwise. Larger files are opened by path."""
+
+MAX_FRAME_BYTES = 2**20
+"""The largest message a client may send. viser cuts uploads into parts of 512 KiB, all else is far smaller."""
+
+MAX_CLIENTS = 32
+"""Browsers at a time; the next is told so."""
 
 
 class GuardFailed(KalscopeError, RuntimeError):
@@ -54,6 +63,8 @@ class GuardedServer:
     """The link for the user, token included: whoever has it can use the dashboard."""
     port: int
     """The port that was really taken."""
+    token: str
+    """The secret alone, so that logs can leave it out."""
 
     def stop(self) -> None:
         """Stop the server and free its port. A second call does nothing."""
@@ -71,7 +82,8 @@ def guarded_server(
     port: int = 8080,
     *,
     allow_hosts: Iterable[str] = (),
-    token: str | None = None,
+    behind: str | None = None,
+    token: str | Callable[[int], str] | None = None,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
     on_refused: Callable[[str], None] | None = None,
     **viser_kwargs: Any,
@@ -83,7 +95,10 @@ def guarded_server(
         port: 1 to 65535, or 0 for any free one.
         allow_hosts: names or addresses, without port, by which a browser may call this machine
             besides localhost and the loopback addresses.
-        token: the secret of the link, 16 to 128 of A-Z a-z 0-9 _ -; None makes a new one.
+        behind: the https address, `https://NAME`, under which a reverse proxy shows this server; the proxy
+            must pass the Host header on.
+        token: the secret of the link, 16 to 128 of A-Z a-z 0-9 _ -, or who knows it once the port is known;
+            None makes a new one.
         max_upload_bytes: what all uploads under way may need together.
         on_refused: told in plain words about each upload that was refused. It runs on the event loop:
             it may show a notification, and must not block.
@@ -98,9 +113,11 @@ def guarded_server(
         listener = undo.enter_context(_listen(host, port))
         address, bound_port = listener.getsockname()[:2]
         link_host = _link_host(host, address, names)
-        token = secrets.token_urlsafe(32) if token is None else token
-        policy = rules.Policy(bound_port, token, frozenset({*names, link_host}))
-        door = _Door(policy)
+        secret = token(bound_port) if callable(token) else token
+        secret = secrets.token_urlsafe(32) if secret is None else secret
+        policy = rules.Policy(bound_port, secret, frozenset({*names, link_host}), rules.behind_of(behind))
+        with _expecting_known_viser():
+            door = _Door(policy)
         server = _start_viser(listener, door, viser_kwargs)
         undo.callback(_stop, server)
         with _expecting_known_viser():
@@ -110,7 +127,8 @@ def guarded_server(
         door.is_open = True
         undo.pop_all()
     shown_host = f"[{link_host}]" if ":" in link_host else link_host
-    return GuardedServer(server, f"http://{shown_host}:{bound_port}/?token={policy.token}", bound_port)
+    origin = f"https://{policy.behind}" if policy.behind else f"http://{shown_host}:{bound_port}"
+    return GuardedServer(server, f"{origin}/?token={policy.token}", bound_port, policy.token)
 
 
 # --- the socket -------------------------------------------------------------------------------------------
@@ -160,9 +178,13 @@ class _Door:
     """Answers each request instead of viser, or lets viser answer."""
 
     def __init__(self, policy: rules.Policy) -> None:
-        page = Path(viser.__file__).parent / "client" / "build" / "index.html"
-        self._script_hashes = rules.inline_script_hashes(page.read_text("utf-8"))
+        stock = Path(viser.__file__).parent / "client" / "build" / "index.html"
+        page = pages.dashboard_page(stock.read_text("utf-8"))
+        self._script_hashes = pages.inline_script_hashes(page)
+        self._page = page.encode()
+        self._packed = gzip.compress(self._page, 1)
         self._policy = policy
+        self._clients = 0
         self.is_open = False
         """Pages are served at once, sockets after the self-test: an old tab may be knocking already."""
         self.was_hung = False
@@ -176,22 +198,53 @@ class _Door:
             if isinstance(answer, rules.Allow) and ask.is_upgrade and not self.is_open:
                 answer = rules.Refuse(503, "Kalscope is still starting.")
             if isinstance(answer, rules.Allow):
-                return viser_answer(connection, request)
+                return self._own_page(ask, request) or viser_answer(connection, request)
         except Exception:
             answer = rules.Refuse(400, "This request could not be understood.")
         if isinstance(answer, rules.SetCookie):
-            return _small_page(200, rules.link_page(), {"Set-Cookie": answer.cookie})
+            return _small_page(200, pages.link_page(), {"Set-Cookie": answer.cookie})
         # Without the query: it may hold the token, under a wrong name or path.
         _log.info("refused %r: %s", request.path.partition("?")[0], answer.words)
-        return _small_page(answer.status, rules.refusal_page(self._policy, answer))
+        return _small_page(answer.status, pages.refusal_page(self._policy, answer))
+
+    def _own_page(self, ask: rules.Ask, request: Request) -> Response | None:
+        """The pages that are not viser's."""
+        if ask.is_upgrade:
+            return None
+        if ask.target == pages.WITHOUT_WEBGL:
+            return _small_page(200, pages.without_webgl_page())
+        if ask.target.partition("?")[0] != "/":
+            return None
+        headers, body = {"Content-Type": "text/html; charset=utf-8"}, self._page
+        if any("gzip" in value for value in request.headers.get_all("Accept-Encoding")):
+            headers, body = headers | {"Content-Encoding": "gzip"}, self._packed
+        return Response(200, "OK", Headers(headers | {"Content-Length": str(len(body))}), body)
+
+    def admit(self, handler: Callable[..., Any]) -> Callable[..., Any]:
+        """The handler of viser's websockets, for as many clients at a time as there is room for."""
+
+        async def handle(connection: ServerConnection) -> None:
+            if connection.subprotocol != f"viser-v{viser.__version__}":  # viser would print on standard output
+                await connection.close(1002, "reload the page: it is of another version")
+                return
+            if self._clients >= MAX_CLIENTS:
+                await connection.close(1013, "too many browsers")
+                return
+            self._clients += 1
+            try:
+                await handler(connection)
+            finally:
+                self._clients -= 1
+
+        return handle
 
     def harden(self, _: ServerConnection, request: Request, response: Response) -> Response:
         """The `process_response` of websockets: security headers on everything but an opened websocket."""
         if response.status_code != http.HTTPStatus.SWITCHING_PROTOCOLS:
             hosts = request.headers.get_all("Host")
-            known = hosts[0] if len(hosts) == 1 and rules.host_allowed(self._policy, hosts[0]) else None
-            csp = rules.dashboard_csp(self._script_hashes, known)
-            for name, value in rules.page_headers(csp).items():
+            known = len(hosts) == 1 and rules.host_allowed(self._policy, hosts[0])
+            csp = pages.dashboard_csp(self._script_hashes, self._policy.origin_of(hosts[0]) if known else None)
+            for name, value in pages.page_headers(csp).items():
                 if name not in response.headers:
                     response.headers[name] = value
         return response
@@ -210,7 +263,7 @@ def _ask_of(request: Request) -> rules.Ask:
 
 def _small_page(status: int, page: str, extra_headers: dict[str, str] | None = None) -> Response:
     body = page.encode()
-    headers = rules.page_headers(rules.small_page_csp()) | (extra_headers or {})
+    headers = pages.page_headers(pages.small_page_csp()) | (extra_headers or {})
     headers |= {"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(body))}
     return Response(status, http.HTTPStatus(status).phrase, Headers(headers), body)
 
@@ -231,9 +284,13 @@ def _serving_behind(door: _Door, listener: socket.socket) -> contextlib.Abstract
     stock_serve = websockets.asyncio.server.serve
 
     def serve(handler: Any, _host: object, _port: object, *, process_request: Any, **kwargs: Any) -> Any:
-        answer = functools.partial(door.answer, process_request)
+        kwargs |= {
+            "process_request": functools.partial(door.answer, process_request),
+            "process_response": door.harden,
+            "max_size": MAX_FRAME_BYTES,
+        }
         door.was_hung = True
-        return stock_serve(handler, sock=listener, process_request=answer, process_response=door.harden, **kwargs)
+        return stock_serve(door.admit(handler), sock=listener, **kwargs)
 
     return _replaced(websockets.asyncio.server, "serve", serve)
 
@@ -273,21 +330,27 @@ def _attack(policy: rules.Policy, address: str) -> None:
     """Ask as an attacker would, then as the user would."""
     ip = ipaddress.ip_address(address)
     where = address if not ip.is_unspecified else {4: "127.0.0.1", 6: "::1"}[ip.version]
-    for attempt in rules.self_test_attempts(policy):
-        status = _status_of(where, policy.port, attempt.target, attempt.headers)
+    for attempt in self_test_attempts(policy):
+        status, headers = _answer_to(where, policy.port, attempt)
         if status != attempt.expected_status:
             raise GuardFailed(
                 f"the guard's self-test failed: {attempt.what} was answered {status}, not {attempt.expected_status}"
             )
+        bare = next((name for name in pages.page_headers("") if name not in headers), None)
+        if bare is not None:
+            raise GuardFailed(f"the guard's self-test failed: {attempt.what} was answered without {bare}")
 
 
-def _status_of(address: str, port: int, target: str, headers: dict[str, str]) -> int:
+def _answer_to(address: str, port: int, attempt: Attempt) -> tuple[int, http.client.HTTPMessage]:
     connection = http.client.HTTPConnection(address, port, timeout=5)
     try:
-        connection.request("GET", target, headers=headers)
+        connection.putrequest("GET", attempt.target, skip_host=True, skip_accept_encoding=True)
+        for name, value in attempt.headers:
+            connection.putheader(name, value)
+        connection.endheaders()
         answer = connection.getresponse()
         answer.read()
-        return answer.status
+        return answer.status, answer.headers
     except (OSError, http.client.HTTPException) as error:
         raise GuardFailed(f"the guard's self-test got no answer: {error!r}") from error
     finally:

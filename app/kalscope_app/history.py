@@ -15,6 +15,9 @@ RECORDINGS = 4
 SAME_GESTURE = 1.0
 """Seconds: changes of one control that follow each other faster are one gesture."""
 
+HELD = "held:"
+"""Begins a key that one gesture has for itself, such as one drag: it stays one gesture however long it rests."""
+
 
 @dataclass(frozen=True)
 class History:
@@ -34,7 +37,7 @@ def record(history: History, before: State, after: State, key: str, now: float) 
     """Remember `before` if `after` differs in what a person tunes; the view and the theme do not count."""
     if _essence(before) == _essence(after):
         return history
-    if key and key == history.key and now - history.time < SAME_GESTURE:
+    if key and key == history.key and (key.startswith(HELD) or now - history.time < SAME_GESTURE):
         return replace(history, future=(), time=now)
     return History(_within_limits((*history.past, before)), (), key, now)
 
@@ -56,22 +59,25 @@ def step_forward(history: History, present: State) -> tuple[History, State]:
 
 
 def _essence(state: State) -> tuple[object, ...]:
-    return id(state.recording), state.channel, state.tunings, state.rules
+    return state.record_key, state.channel, state.tunings, state.rules, state.pins
 
 
 def _seen_as(present: State, other: State) -> State:
     """The other state in the present theme and, on the same recording, in the present window."""
-    window = present.window if present.recording is other.recording else other.window
-    same_view = present.recording is other.recording and present.channel == other.channel
+    same_record = present.record_key == other.record_key
+    window = present.window if same_record else other.window
+    same_view = same_record and present.channel == other.channel
     resets = present.resets if same_view else present.resets + 1
-    return replace(other, dark=present.dark, window=window, resets=resets, note="")
+    seen = {"dark": present.dark, "map_shown": present.map_shown, "map_colour": present.map_colour}
+    live = present.live if same_record else other.live  # what follows or is paused is the view's, not tuned
+    return replace(other, window=window, resets=resets, note="", live=live, **seen)
 
 
 def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:
     kept: list[State] = []
-    seen: set[int] = set()
+    seen: set[tuple[int, int]] = set()
     for state in reversed(past[-LIMIT:]):
-        seen.add(id(state.recording))
+        seen.add(state.record_key)
         if len(seen) > RECORDINGS:
             break
         kept.append(state)

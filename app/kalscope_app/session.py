@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 from kalscope_app.changes import Change
 from kalscope_app.history import History, record, step_back, step_forward
+from kalscope_app.live import at_rest, awake, refreshed
 from kalscope_app.state import State
 
 
@@ -91,6 +92,7 @@ class Session:
             self._waiting = [waiting for waiting in self._waiting if waiting.due > now]
             serial = min((waiting.serial for waiting in self._waiting), default=self._serial + 1) - 1
         failures: list[Exception] = []
+        self._state = refreshed(self._state)
         for waiting in due:
             try:
                 self._apply(waiting, now)
@@ -99,14 +101,19 @@ class Session:
         return self._state, serial, failures
 
     def _apply(self, request: _Request, now: float) -> None:
-        if request.change is undo:
-            self._history, self._state = step_back(self._history, self._state)
-        elif request.change is redo:
-            self._history, self._state = step_forward(self._history, self._state)
+        if request.change is undo or request.change is redo:
+            step = step_back if request.change is undo else step_forward
+            self._history, rested = step(self._history, at_rest(self._state))
+            self._state = awake(rested, self._state)
         else:
             after = request.change(self._state)
-            self._history = record(self._history, self._state, after, request.key, now)
+            self._history = record(self._history, at_rest(self._state), at_rest(after), request.key, now)
             self._state = after
+
+    @property
+    def is_live(self) -> bool:
+        """Whether samples come in that the screen should show."""
+        return self._state.live is not None
 
     @property
     def can_undo(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,16 @@ from kalscope.filter_choice import adapt_tuning
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import Recording
 from kalscope.tuning import ChannelTuning, Tuning
+from kalscope_app.variants import Variant
+
+if TYPE_CHECKING:
+    from kalscope_app.live import Live
 
 DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 """Reach of each slider, in decades around the starting r of the channel."""
+
+MAP_COLOURS: tuple[str, ...] = ("likelihood", "RMSE", "lag")
+"""What the tuning map may be coloured by; RMSE where the truth is known."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +68,22 @@ class State:
     """Whether the best possible offline curve is drawn."""
     dark: bool = False
     """Dark theme."""
+    map_shown: bool = True
+    """Whether the tuning map is shown where the window has room for it."""
+    map_colour: str = "likelihood"
+    """What the tuning map is coloured by, one of MAP_COLOURS."""
     resets: int = 0
     """How often the view was reset: a new number tells the charts to forget their zoom."""
+    pins: tuple[Variant, ...] = ()
+    """Settings that were pinned, of every channel; `variants` are those of the channel on screen."""
+    preset: str = ""
+    """Title of the preset that is looked at; "" = the first."""
     note: str = ""
     """One sentence on what the last change did, where that needs saying."""
+    board: str | None = None
+    """The channel that is the board's own filtered curve, drawn beside ours; None = there is none."""
+    live: Live | None = None
+    """The live board that the recording grows from; None for a finished recording."""
 
     @property
     def tuning(self) -> ChannelTuning:
@@ -76,6 +96,11 @@ class State:
         return self.tuning.params
 
     @property
+    def variants(self) -> tuple[Variant, ...]:
+        """The pinned settings of the channel on screen, in the order in which they were pinned."""
+        return tuple(variant for variant in self.pins if variant.tuning.name == self.channel)
+
+    @property
     def rule(self) -> GeneralizedParams | None:
         """The second paper's filter, where the channel on screen runs it."""
         return self.rules[self.recording.index(self.channel)] if self.rules else None
@@ -84,6 +109,18 @@ class State:
     def dt(self) -> NDArray[np.float64] | None:
         """Nominal periods before each sample, where gaps in time were asked to count; else None."""
         return self.recording.steps() if self.recording.gaps == "dt" else None
+
+    @property
+    def record_key(self) -> tuple[int, int]:
+        """What identifies the record while it is open; a live one stays the same while it grows."""
+        return (id(self.recording), 0) if self.live is None else self.live.key
+
+    def continues(self, recording: Recording) -> bool:
+        """Whether what is open is this recording, or a live one that has grown from it."""
+        if self.live is None:
+            return self.recording is recording
+        ours = self.recording
+        return (ours.source, ours.title, ours.names) == (recording.source, recording.title, recording.names)
 
     def with_rule(self, rule: GeneralizedParams | None) -> State:
         """The state with another filter for the channel on screen."""
@@ -116,10 +153,17 @@ def opened(recording: Recording, before: State | None = None) -> State:
     """A state that looks at a newly opened recording, every channel at its starting values."""
     starts = tuple(starting_tuning(recording, name) for name in recording.names)
     resets = before.resets + 1 if before else 0
-    fresh = State(recording, recording.names[0], starts, starts, resets=resets)
+    fresh = State(recording, recording.names[0], starts, starts, resets=resets, board=board_channel(recording))
     if before is None:
         return fresh
-    return replace(fresh, dark=before.dark, smoother=before.smoother, way=before.way)
+    seen = {"dark": before.dark, "map_shown": before.map_shown, "map_colour": before.map_colour}
+    return replace(fresh, smoother=before.smoother, way=before.way, **seen)
+
+
+def board_channel(recording: Recording) -> str | None:
+    """The channel that looks like a board's own filter: "filtered" beside "raw", as the first paper prints it."""
+    by_name = {name.strip().lower(): name for name in recording.names}
+    return by_name.get("filtered") if "raw" in by_name else None
 
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
@@ -138,7 +182,8 @@ def reopened(recording: Recording, before: State) -> State:
     known = {now.name: now for now, start in zip(before.tunings, before.starts, strict=True) if now != start}
     tunings = tuple(known.get(tuning.name, tuning) for tuning in state.tunings)
     channel = before.channel if before.channel in recording.names else state.channel
-    return replace(state, tunings=tunings, channel=channel)
+    pins = tuple(variant for variant in before.pins if variant.tuning.name in recording.names)
+    return replace(state, tunings=tunings, channel=channel, pins=pins)
 
 
 def opened_with(recording: Recording, tuning: Tuning, before: State | None = None) -> State:

@@ -59,11 +59,11 @@ def kalman_filter(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = Non
     steps = steps_of(dt, columns.shape[1])
     refuse_infinite(columns)
     sums = [
-        kernels.filter_channel(column, steps, *values, tuple(o[c] for o in out))
+        kernels.filter_channel(column, steps, *values, 0, tuple(o[c] for o in out))
         for c, (column, values) in enumerate(zip(columns, per_channel, strict=True))
     ]
     x, p, k, innovation, s = (shaped_like(o, shape) for o in out)
-    loglik, m, rejected = zip(*sums, strict=True)
+    loglik, m, rejected, _ = zip(*sums, strict=True)
     if len(shape) == 1:
         return FilterResult(x, p, k, innovation, s, loglik[0], m[0], rejected[0])
     return FilterResult(x, p, k, innovation, s, np.array(loglik), np.array(m), np.array(rejected))

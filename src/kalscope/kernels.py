@@ -65,17 +65,19 @@ def filter_channel(
     gate: float,
     x: float,
     p: float,
+    in_a_row: int,
     out: tuple[Array, Array, Array, Array, Array],
-) -> tuple[float, int, int]:
+) -> tuple[float, int, int, int]:
     """Filter one channel into `out` = (x, p, k, v, s); `dt` empty means regular sampling.
 
-    Returns the log-likelihood over the m scored innovations, m, and the number of gate refusals. Where the
-    variance repeats itself to the last bit, the gain is kept instead of computed again: the same numbers.
+    `in_a_row` counts the gate refusals right before the first sample. Returns the log-likelihood over the m scored
+    innovations, m, the number of gate refusals, and those right at the end. Where the variance repeats itself to
+    the last bit, the gain is kept instead of computed again: the same numbers.
     """
     out_x, out_p, out_k, out_v, out_s = out
     n, regular = z.shape[0], dt.shape[0] == 0
     chi2 = logdet = 0.0
-    m = refused = in_a_row = i = 0
+    m = refused = i = 0
     while i < n:
         before = p
         x, p, k, v, s, done = step(z[i], 1.0 if regular else dt[i], q, r, gate, x, p, in_a_row)
@@ -106,7 +108,7 @@ def filter_channel(
             m += i - first
             chi2 += sum_v2 / s
             logdet += (i - first) * math.log(s)
-    return -0.5 * (m * math.log(2.0 * math.pi) + logdet + chi2), m, refused
+    return -0.5 * (m * math.log(2.0 * math.pi) + logdet + chi2), m, refused, in_a_row
 
 
 @njit(cache=True, nogil=True)

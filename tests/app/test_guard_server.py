@@ -203,7 +203,7 @@ def test_sockets_wait_until_the_limits_stand():
 
 def test_an_error_in_viser_itself_is_not_let_through():
     door = guard._Door(guard_rules.Policy(8080, TOKEN))
-    request = Request("/", Headers({"Host": "localhost", "Cookie": cookie(8080)}))
+    request = Request("/x", Headers({"Host": "localhost", "Cookie": cookie(8080)}))
     assert door.answer(lambda *_: 1 / 0, types.SimpleNamespace(), request).status_code == 400  # pyright: ignore
 
 

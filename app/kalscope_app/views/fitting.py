@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import viser
 
-from kalscope_app.views.layout import CANVAS_WIDTH, FIRST_RIGHT_WIDTH, PROBE, Panels, Sizes, sizes_for, window_size
+from kalscope_app.views.layout import FIRST_RIGHT_WIDTH, PROBE, Panels, Sizes, sizes_for, window_size
 
 SETTLED = 0.4
 """Seconds for which a canvas must keep its size to count as settled; viser eases its panels for 0.16 s."""
@@ -29,15 +29,17 @@ class WindowFitter:
     def __init__(
         self,
         panels: Panels,
-        set_heights: Callable[[Sizes], None],
+        set_sizes: Callable[[Sizes], None],
         set_portrait: Callable[[viser.ClientHandle, float | None], None],
     ) -> None:
-        """Args: the panels; who sets chart heights; who draws the signal into a phone's canvas of a given shape."""
+        """Args: the panels; who draws for sizes; who draws the signal into a phone's canvas of a given shape."""
         self._panels = panels
-        self._set_heights = set_heights
+        self._set_sizes = set_sizes
         self._set_portrait = set_portrait
         self._fitted: dict[viser.ClientHandle, Pixels | None] = {}
-        self._waiting: queue.SimpleQueue[viser.ClientHandle] = queue.SimpleQueue()
+        self._window: tuple[float, float] | None = None
+        self._map_shown = True
+        self._waiting: queue.SimpleQueue[viser.ClientHandle | None] = queue.SimpleQueue()
         # A daemon of its own: measuring takes seconds, and viser's callback threads would keep the program alive.
         threading.Thread(target=self._run, name="kalscope-fitting", daemon=True).start()
 
@@ -51,6 +53,12 @@ class WindowFitter:
         """Forget a browser that has gone."""
         self._fitted.pop(client, None)
 
+    def set_map_shown(self, shown: bool) -> None:
+        """Give the map its room in the window that was measured last, or give that room to the charts."""
+        if shown != self._map_shown:
+            self._map_shown = shown
+            self._waiting.put(None)
+
     def _on_camera(self, client: viser.ClientHandle) -> None:
         if self._needs_fit(client) and self._waiting.empty():
             self._waiting.put(client)
@@ -62,8 +70,26 @@ class WindowFitter:
     def _run(self) -> None:
         while True:
             client = self._waiting.get()
-            if self._needs_fit(client):  # what was reported meanwhile may have been our own doing
+            if client is None:
+                self._refill()
+            elif self._needs_fit(client):  # what was reported meanwhile may have been our own doing
                 self._fit(client)
+
+    def _refill(self) -> None:
+        """Fill the window as measured before."""
+        if self._window is None:
+            return
+        self._fill(self._window)
+        for one in tuple(self._fitted):
+            size = settled(one)
+            if one in self._fitted:
+                self._fitted[one] = size
+
+    def _fill(self, window: tuple[float, float]) -> Sizes:
+        sizes = sizes_for(*window, map_shown=self._map_shown)
+        self._panels.set_right_width(sizes.right_width)
+        self._set_sizes(sizes)
+        return sizes
 
     def _fit(self, client: viser.ClientHandle) -> None:
         """Measure and fill; then remember what every browser's canvas has become by that."""
@@ -86,11 +112,10 @@ class WindowFitter:
             self._set_portrait(client, second[0] / second[1] if upright else None)
             return False
         self._set_portrait(client, None)
-        sizes = sizes_for(*window)
-        self._panels.set_right_width(sizes.right_width)
-        self._set_heights(sizes)
+        self._window = window
+        sizes = self._fill(window)
         filled = settled(client, unlike=second)
-        expected = CANVAS_WIDTH / window[1]
+        expected = sizes.canvas_width / window[1]
         return abs(filled[0] / max(filled[1], 1) - expected) <= 0.05 * expected
 
 

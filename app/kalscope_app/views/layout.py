@@ -12,7 +12,13 @@ LEFT_WIDTH = 345
 """Width of the control panel, px."""
 
 CANVAS_WIDTH = 120
-"""Width of the 3D canvas between the panels, px: the least that viser keeps."""
+"""Width of the 3D canvas between the panels without the map, px: the least that viser keeps."""
+
+MAP_WIDTHS = (380, 520)
+"""Least and greatest width of the tuning map, px."""
+
+MAP_SHARE = 0.36
+"""Share of the window beside the control panel that the map takes, within these widths."""
 
 FIRST_RIGHT_WIDTH = 420
 """Width of the chart panel until a browser has told how large it is, px: leaves canvas to measure by."""
@@ -32,17 +38,27 @@ class Sizes:
     """Sizes that fill one window, px."""
 
     right_width: int
+    canvas_width: int
     signal_height: int
     innovation_height: int
     gain_height: int
+    window_height: int
 
 
-def sizes_for(window_width: float, window_height: float) -> Sizes:
+def canvas_width_for(window_width: float, *, map_shown: bool) -> int:
+    """Width of the canvas, px: room for the map, as long as the charts keep at least as much."""
+    free = round(window_width) - LEFT_WIDTH
+    wide = min(max(round(MAP_SHARE * free), MAP_WIDTHS[0]), MAP_WIDTHS[1])
+    return wide if map_shown and free - wide >= wide else CANVAS_WIDTH
+
+
+def sizes_for(window_width: float, window_height: float, *, map_shown: bool = True) -> Sizes:
     """Panel width and chart heights that fill a window and need no scrolling from 720 px of height on."""
-    right = max(300, round(window_width) - LEFT_WIDTH - CANVAS_WIDTH)
+    canvas = canvas_width_for(window_width, map_shown=map_shown)
+    right = max(300, round(window_width) - LEFT_WIDTH - canvas)
     free = max(400, round(window_height) - CHROME_HEIGHT)
     innovation, gain = max(120, round(0.24 * free)), max(100, round(0.18 * free))
-    return Sizes(right, max(180, free - innovation - gain), innovation, gain)
+    return Sizes(right, canvas, max(180, free - innovation - gain), innovation, gain, round(window_height))
 
 
 def gutter(*, dark: bool) -> NDArray[np.uint8]:

@@ -72,7 +72,7 @@ class ParametersView:
                 "A sample further from its prediction is not used: 9 is three σ, empty is off.",
             )
         self._steps = gui.add_button_group(
-            "", ("Undo", "Redo", "Reset"), hint="Ctrl+Z, Ctrl+Shift+Z. Reset: r = var(Δz)/2, q = r/100."
+            "", ("Undo", "Redo", "Reset"), hint="Ctrl+Z; Ctrl+Shift+Z or Ctrl+Y. Reset: r = var(Δz)/2, q = r/100."
         )
         form.on_submit(self._on_submit)
         self._channel.on_update(self._on_channel)
@@ -81,6 +81,7 @@ class ParametersView:
         self._steps.on_click(self._on_step)
         gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger(self._on_undo)
         gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift").on_trigger(self._on_redo)
+        gui.add_command("Redo, the other key", hotkey="Y", modifier="cmd/ctrl").on_trigger(self._on_redo)
 
     async def _on_channel(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:

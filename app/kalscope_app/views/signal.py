@@ -10,8 +10,9 @@ import viser
 
 from kalscope_app.charts import Array, Chart, Layout, Scale, scale_for, time_scale_for
 from kalscope_app.frame import Frame
+from kalscope_app.variants import css
 from kalscope_app.views.layout import Sizes
-from kalscope_app.views.words import count, duration, frequency, plain
+from kalscope_app.views.words import count, duration, frequency, number, plain
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class Palette:
     smoothed: str
     band: str
     innovation_band: str
+    board: str
 
 
 LIGHT = Palette(
@@ -37,6 +39,7 @@ LIGHT = Palette(
     smoothed="#1b9e8a",
     band="rgba(213, 94, 0, 0.14)",
     innovation_band="rgba(0, 158, 115, 0.14)",
+    board="#7b3fa0",
 )
 DARK = Palette(
     raw="#6f7f8d",
@@ -47,6 +50,7 @@ DARK = Palette(
     smoothed="#3fd6bd",
     band="rgba(255, 138, 61, 0.20)",
     innovation_band="rgba(47, 201, 155, 0.18)",
+    board="#c9a0ff",
 )
 
 
@@ -85,12 +89,17 @@ class SignalView:
             *raw,
             Line(frame.filtered - frame.spread, {**line("−2√p"), "auto": False}),
             Line(frame.filtered + frame.spread, {**line("+2√p"), "auto": False}),
-            Line(frame.filtered, {**line("filtered", palette.filtered, 2.5), "auto": False}),
         ]
+        for variant, curve in zip(state.variants, frame.variants, strict=False):
+            colour = css(variant.rgb(dark=state.dark))
+            lines.append(Line(curve, {**line(variant.name, colour, 1.5), "auto": False}))
+        lines.append(Line(frame.filtered, {**line("filtered", palette.filtered, 2.5), "auto": False}))
         if shown.truth is not None:
             lines.append(Line(shown.truth, {**line("truth", palette.truth, 1.5), "dash": (6, 4)}))
         if frame.smoothed is not None:
             lines.append(Line(frame.smoothed, line("best offline", palette.smoothed, 1.5)))
+        if frame.board is not None:
+            lines.append(Line(frame.board, {**line("board's own", palette.board, 1.5), "dash": (3, 3)}))
         band = {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band}
         label = scale.label(short(state.channel, 30))
         self._draw(self.signal, frame, clock, scale, lines, label, band)
@@ -110,11 +119,13 @@ class SignalView:
     def _draw(
         self, chart: Chart, frame: Frame, clock: Scale, scale: Scale, lines: list[Line], label: str, band: object
     ) -> None:
-        series = ({"label": time_label(clock)}, *(one.style for one in lines))
+        series = ({"label": time_label(clock, before_now=follows(frame))}, *(one.style for one in lines))
         gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
         layout = Layout(series, axes(label), (band,), gaps)
         ys = [one.y * scale.factor for one in lines]
-        chart.show(frame.shown.time * clock.factor, ys, layout, frame.state.resets)
+        x, reach = time_points(frame)
+        ends = None if reach is None else (reach[0] * clock.factor, reach[1] * clock.factor)
+        chart.show(x * clock.factor, ys, layout, frame.state.resets, ends)
 
     def _show_gain(self, frame: Frame, palette: Palette) -> None:
         top = float(frame.gain.max(initial=0.0))
@@ -176,6 +187,10 @@ def heading_of(frame: Frame) -> str:
         parts.append(
             f"drawn: {count(len(shown.indices))} of {count(shown.last - shown.first)} points; numbers use all"
         )
+    if math.isfinite(frame.board_difference):
+        parts.append(f"largest difference from the board's own filter: {number(frame.board_difference)}")
+    if frame.status is not None:
+        parts.append(f"**{plain(frame.status.word, 120)}**")
     if starts_wild(frame):
         parts.append("the innovation is cut off during the start")
     return " · ".join(parts)
@@ -183,14 +198,42 @@ def heading_of(frame: Frame) -> str:
 
 def time_axis(frame: Frame) -> Scale:
     """Unit of the shared time axis, by the length of what is shown."""
-    time = frame.shown.time
-    span = float(time[-1] - time[0]) if len(time) > 1 else 1.0
+    time, reach = time_points(frame)
+    first, last = reach or (float(time[0]), float(time[-1]))
+    span = last - first if len(time) > 1 else 1.0
     return time_scale_for(span, frame.state.recording.sample_period)
 
 
-def time_label(clock: Scale) -> str:
+def follows(frame: Frame) -> bool:
+    """Whether the window follows a live board's newest sample."""
+    live = frame.state.live
+    return live is not None and live.following and live.snapshot is not None
+
+
+def time_points(frame: Frame) -> tuple[Array, tuple[float, float] | None]:
+    """Where the samples stand on the time axis, s, and its range if that is not theirs.
+
+    A window that follows counts back from the newest sample: its axis then stands still, and so does a zoom.
+    """
+    time, live = frame.shown.time, frame.state.live
+    if live is None or not follows(frame):
+        return time, None
+    newest = float(frame.state.recording.time[-1])
+    span = live.span if math.isfinite(live.span) else rounded_up(float(time[-1] - time[0]))
+    return time - newest, (-span, 0.0)
+
+
+def rounded_up(value: float) -> float:
+    """The next of 1, 2, 5 × 10^k, so that an axis that grows rests for a while."""
+    decade = 10.0 ** math.floor(math.log10(max(value, 1e-3)))
+    return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value)
+
+
+def time_label(clock: Scale, *, before_now: bool = False) -> str:
     """Name of the time axis, with its unit."""
-    return "sample" if clock.unit == "samples" else f"time ({clock.unit})"
+    if clock.unit == "samples":
+        return "sample"
+    return f"before now ({clock.unit})" if before_now else f"time ({clock.unit})"
 
 
 def without_start(frame: Frame) -> tuple[Array, Array]:

@@ -47,22 +47,25 @@ def fit(data: Differences) -> Pair:
     return Pair(pair.q, pair.r, _CORRELATED * pair.q_se, _CORRELATED * pair.r_se)
 
 
-def allan_variances(row: Array, there: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """M (powers of two), overlapping Allan variances, and their degrees of freedom; shape (k,) each.
+def allan_variances(
+    row: Array, there: NDArray[np.bool_], sizes: NDArray[np.int64] | None = None
+) -> tuple[Array, Array, Array]:
+    """M, overlapping Allan variances, and their degrees of freedom; shape (k,) each.
 
     `row` has one value a sample period, `there` says which exist; windows with a missing sample are left out.
+    `sizes` are the M asked for, ascending; None = powers of two. Those with too few windows are left out.
     """
     sums = np.concatenate([[0.0], np.cumsum(np.where(there, row, 0.0))])
     counts = np.concatenate([[0], np.cumsum(there)])
+    if sizes is None:
+        sizes = 2 ** np.arange(max(len(row) // 4, 0).bit_length())
     found: list[tuple[float, float, float]] = []
-    size = 1
-    while 4 * size <= len(row):
+    for size in sizes.tolist():
         end = len(sums) - 2 * size
         full = counts[2 * size :] - counts[:end] == 2 * size
         jumps = (sums[2 * size :] - 2.0 * sums[size : size + end] + sums[:end])[full] / size
         if len(jumps) < 2 * size:
             break
         found.append((float(size), 0.5 * float(np.mean(jumps**2)), max(len(jumps) / size, 1.0)))
-        size *= 2
-    sizes, variances, degrees = np.array(found).reshape(-1, 3).T
-    return sizes, variances, degrees
+    columns = np.array(found).reshape(-1, 3).T
+    return columns[0], columns[1], columns[2]

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from kalscope.sources.cells import (
     COMMENT_MARKS,
@@ -116,6 +116,35 @@ class LineParser:
     def feed(self, data: bytes) -> None:
         """Store what has come; any number of bytes, cut anywhere."""
         self._buffer += data
+
+    def restart(self) -> bool:
+        """The stream was broken off and begins anew; the layout stays known.
+
+        Returns:
+            True where the beginning of a line was thrown away.
+        """
+        torn = bool(self._buffer) and not (self._after_cr and self._buffer == b"\n")
+        self._buffer, self._searched = bytearray(), 0
+        self._after_cr = self._overlong = False
+        return torn
+
+    def look_anew(self, head: Sequence[str]) -> LineEvent | None:
+        """Take the layout of these lines, of which the last is the one that `next_line` gave last.
+
+        Returns:
+            That line, read anew; None, and nothing is changed, where they show no other layout, or one in which
+            it is no row.
+        """
+        layout, known = sniff(head, self._options), self.layout
+        if layout is None or (known and (layout.form, layout.columns) == (known.form, known.columns)):
+            return None
+        reader = LineReader(layout, self._options)
+        event = reader.read(self._number, head[-1])
+        if event.kind != "row":
+            return None
+        self._reader, self._settled, self._misfits = reader, False, 0
+        self._head, self._head_bytes = list(head), sum(len(line) + 1 for line in head)
+        return event
 
     def next_line(self) -> LineEvent | None:
         """The next line that is complete; None where more bytes are needed."""

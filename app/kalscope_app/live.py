@@ -1,0 +1,205 @@
+"""A live board in the State: which stretch follows the newest sample, what is paused. Pure; no viser here.
+
+The State holds the record as it was when last looked at (`Snapshot`: views, so taking one costs nothing);
+`refreshed` looks again. What a person chose stays; only the record under it grows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from kalscope.errors import BadSetting
+from kalscope.recording import Recording
+from kalscope.sources.live import LiveStatus, Snapshot
+from kalscope.tuning import Tuning
+from kalscope_app.state import State, opened, reopened
+
+SPANS = {
+    "1 s": 1.0,
+    "2 s": 2.0,
+    "5 s": 5.0,
+    "10 s": 10.0,
+    "30 s": 30.0,
+    "1 min": 60.0,
+    "2 min": 120.0,
+    "5 min": 300.0,
+    "10 min": 600.0,
+    "all": math.inf,
+}
+"""Lengths of the window that follows the newest sample, s."""
+
+FIRST_SPAN = 10.0
+"""Length that it begins with, s."""
+
+ENOUGH_SAMPLES, ENOUGH_SECONDS = 100, 2.0
+"""The starting r is measured on the first samples: on so many, or on so long if the board is slow."""
+
+FEWEST_SAMPLES = 10
+"""Fewer samples than this show nothing yet."""
+
+STUDIED = 100_000
+"""Newest samples that the checks, spectra and maps of a live record are computed from."""
+
+
+class Feed(Protocol):
+    """What a live source offers to the dashboard; `LiveSource` is one."""
+
+    def snapshot(self) -> Snapshot | None:
+        """What is kept, or None before the first sample."""
+        ...
+
+    def status(self) -> LiveStatus:
+        """How the connection is."""
+        ...
+
+
+@dataclass(frozen=True)
+class Live:
+    """The live part of a State."""
+
+    feed: Feed
+    """Where the samples come from."""
+    snapshot: Snapshot | None = None
+    """The record as it was last looked at; None before the first samples."""
+    span: float = FIRST_SPAN
+    """Length of the window that follows the newest sample, s; inf = all that is kept."""
+    following: bool = True
+    """Whether the window follows; looking back ends that."""
+    paused: bool = False
+    """Whether the screen stands still while samples still come in."""
+    settled: bool = False
+    """Whether the starting values have been measured."""
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """What stays the same while the record only grows: the feed and its layout."""
+        return id(self.feed), -1 if self.snapshot is None else self.snapshot.generation
+
+
+def opened_live(feed: Feed, title: str, before: State | None = None, tuning: Tuning | None = None) -> State:
+    """A state that waits for the first samples of a board and then shows them.
+
+    Args:
+        feed: the board.
+        title: how it was named.
+        before: what was on screen.
+        tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
+    """
+    names = ("signal",) if tuning is None else tuple(channel.name for channel in tuning.channels)
+    state = opened(waiting(title, names), before)
+    if tuning is not None:
+        state = replace(state, tunings=tuning.channels)
+    return refreshed(replace(state, live=Live(feed)))
+
+
+def waiting(title: str, names: tuple[str, ...] = ("signal",)) -> Recording:
+    """What stands on screen until a board has sent something: two missing samples."""
+    empty = np.full((2, len(names)), np.nan)
+    return Recording(np.arange(2.0), names, ("",) * len(names), empty, None, title=title)
+
+
+def refreshed(state: State) -> State:
+    """The state with the samples that have come since; the same object where nothing has."""
+    live = state.live
+    if live is None or live.paused:
+        return state
+    snapshot = live.feed.snapshot()
+    if snapshot is None or len(snapshot.recording) < FEWEST_SAMPLES:
+        return state
+    if live.snapshot is not None and same_samples(snapshot, live.snapshot):
+        return state
+    if live.snapshot is None or snapshot.generation != live.snapshot.generation or not live.settled:
+        state = _begun(state, snapshot)
+    grown = replace(state.live or live, snapshot=snapshot)
+    return replace(state, recording=snapshot.recording, live=grown)
+
+
+def same_samples(one: Snapshot, other: Snapshot) -> bool:
+    """Whether nothing has come between two looks at a feed."""
+    return (one.generation, one.version) == (other.generation, other.version)
+
+
+def _begun(state: State, snapshot: Snapshot) -> State:
+    """Starting values from the first samples; what a person has tuned already stays, by name."""
+    recording = snapshot.recording
+    lasted = float(recording.time[-1] - recording.time[0])
+    settled = len(recording) >= ENOUGH_SAMPLES or lasted >= ENOUGH_SECONDS
+    head = _part(recording, 0, ENOUGH_SAMPLES)
+    same_board = replace(state, recording=replace(state.recording, source=head.source, title=head.title))
+    fresh = reopened(head, same_board)
+    live = replace(state.live, settled=settled) if state.live else None
+    same_names = fresh.recording.names == state.recording.names
+    resets = state.resets if same_names else fresh.resets
+    return replace(fresh, live=live, resets=resets)
+
+
+def at_rest(state: State) -> State:
+    """The state as the history keeps it: without the samples, which are the feed's."""
+    if state.live is None or state.live.snapshot is None:
+        return state
+    stub = _part(state.recording, 0, 2)
+    return replace(state, recording=stub, live=replace(state.live, snapshot=None, paused=False))
+
+
+def awake(rested: State, present: State) -> State:
+    """A state from the history with the samples of now: those on screen if it is the same board."""
+    if rested.live is None:
+        return rested
+    same_names = tuple(tuning.name for tuning in rested.tunings) == present.recording.names
+    if present.live is not None and present.live.feed is rested.live.feed and same_names:
+        rested = replace(rested, live=present.live, recording=present.recording)
+    return refreshed(rested)
+
+
+def studied(state: State) -> State:
+    """The state that slow studies look at: the newest samples of a live record, all of any other."""
+    if state.live is None or len(state.recording) <= STUDIED:
+        return state
+    return replace(state, recording=_part(state.recording, len(state.recording) - STUDIED, len(state.recording)))
+
+
+def live_window(state: State) -> tuple[float, float] | None:
+    """First and last moment on screen, s, of whatever is open; None = all of it."""
+    if state.live is None or not state.live.following:
+        return state.window
+    if math.isinf(state.live.span):
+        return None
+    end = float(state.recording.time[-1])
+    return end - state.live.span, end
+
+
+def _part(recording: Recording, first: int, last: int) -> Recording:
+    return replace(recording, time=recording.time[first:last], values=recording.values[first:last])
+
+
+def follow(state: State) -> State:
+    """The Live button: go on, at the newest sample."""
+    if state.live is None:
+        return state
+    live = replace(state.live, following=True, paused=False)
+    return refreshed(replace(state, live=live, window=None, resets=state.resets + 1))
+
+
+def set_paused(paused: bool) -> Callable[[State], State]:
+    """Let the screen stand still, or go on; samples come in all the same."""
+
+    def change(state: State) -> State:
+        return state if state.live is None else replace(state, live=replace(state.live, paused=bool(paused)))
+
+    return change
+
+
+def set_span(words: str) -> Callable[[State], State]:
+    """Choose how much the following window shows, by its words."""
+    if words not in SPANS:
+        raise BadSetting(f"the live window must be one of {', '.join(SPANS)} (got {words[:40]!r})")
+
+    def change(state: State) -> State:
+        return state if state.live is None else follow(replace(state, live=replace(state.live, span=SPANS[words])))
+
+    return change

@@ -1,0 +1,192 @@
+"""The tuning map as a person uses it: what the mouse does to the filtered curve, and that it fits every window."""
+
+from __future__ import annotations
+
+import re
+import statistics
+
+import numpy as np
+import pytest
+from screen import ARTEFACTS, FIND, Program, Screen
+
+from kalscope import FilterParams, estimate, kalman_filter, open_source
+from kalscope_app.map_geometry import frame_for
+from kalscope_app.state import opened
+from kalscope_app.tuning_map import MapMaker
+from kalscope_app.views.layout import LEFT_WIDTH, canvas_width_for
+
+pytestmark = pytest.mark.browser
+LONG = "synthetic:random_walk?n=100000&sample_period=0.001"
+
+CANVAS = """() => { const box = [...document.querySelectorAll('canvas')]
+    .filter(canvas => !canvas.closest('.uplot'))
+    .map(canvas => canvas.getBoundingClientRect()).sort((a, b) => b.width * b.height - a.width * a.height)[0];
+    return [box.left, box.top, box.width, box.height]; }"""
+
+WATCH = f"""() => {{ const chart = ({FIND})('filtered'); window.drawn = []; window.moved = [];
+    const at = chart.series.findIndex(series => series.label === 'filtered');
+    let last = chart.data[at][1000];
+    chart.hooks.draw = [...(chart.hooks.draw ?? []), u => {{
+        const value = u.data[at][1000];
+        if (value !== last) {{ last = value; window.drawn.push(performance.now()); }} }}];
+    window.addEventListener('pointermove', () => window.moved.push(performance.now()), true); }}"""
+
+
+class MapScreen(Screen):
+    """A page whose canvas holds the map of `source`."""
+
+    def __init__(self, browser, url, source, width=1600, height=900):
+        super().__init__(browser, url, width, height)
+        self.state = opened(open_source(source))
+        self.map = MapMaker()(self.state)
+        wanted = canvas_width_for(width, map_shown=True)
+        self.wait(f"() => Math.abs(({CANVAS})()[2] - {wanted}) < 3")
+        self.page.wait_for_timeout(2500)  # the picture is drawn once the person rests, the camera after that
+
+    def at(self, q, r):
+        """Page pixel of a pair."""
+        left, top, width, height = self.page.evaluate(CANVAS)
+        frame = frame_for(width, height, self.map.q, self.map.r)
+        x, y = frame.pixel((np.log10(q), np.log10(r)))
+        return left + x, top + y
+
+    def values(self):
+        """q and r as the text boxes tell them."""
+        return [float(self.text_box(name).input_value()) for name in ("process noise q", "measurement noise r")]
+
+    def settle(self, before):
+        """Until q and r are others than before and have rested for a second."""
+        for _ in range(40):
+            now = self.values()
+            self.page.wait_for_timeout(500)
+            if now == self.values() != before:
+                return now
+        raise AssertionError(f"q and r stayed at {before}")
+
+
+@pytest.fixture
+def start(browser, tmp_path):
+    """Start the program and open a page on it."""
+    running = []
+
+    def begin(source, **size):
+        running.append(Program(source, cwd=tmp_path))
+        running.append(MapScreen(browser, running[0].url, source, **size))
+        return running[-1]
+
+    yield begin
+    for thing in reversed(running):
+        thing.close() if isinstance(thing, Screen) else thing.stop()
+
+
+def filtered(z, q, r):
+    return kalman_filter(z, FilterParams(q=q, r=r)).x
+
+
+def test_dragging_the_point_tunes_live_and_is_one_gesture(start, capsys):
+    screen = start(LONG)
+    z = open_source(LONG).values[:, 0]
+    time, _ = screen.line("filtered")
+    drawn = np.rint(time / time[-1] * (len(z) - 1)).astype(int)
+    q, r = screen.values()
+    screen.wait_for_line("filtered", filtered(z, q, r)[drawn])
+    screen.shot("map-drag-before")
+    screen.page.evaluate(WATCH)
+    x, y = screen.at(q, r)
+    to_x, to_y = screen.at(100 * q, r / 30)
+    screen.page.mouse.move(x, y)
+    screen.page.mouse.down()
+    for step in range(1, 25):
+        screen.page.mouse.move(x + (to_x - x) * step / 24, y + (to_y - y) * step / 24)
+        if step == 12:
+            screen.page.wait_for_timeout(1500)  # a rest with the button held does not end the gesture
+            during = screen.values()
+            screen.wait_for_line("filtered", filtered(z, *during)[drawn], tolerance=1e-12)
+            assert during != [q, r]
+    screen.page.mouse.up()
+    new = screen.settle(during)
+    assert np.log10(new) == pytest.approx(np.log10([100 * q, r / 30]), abs=0.05)
+    screen.wait_for_line("filtered", filtered(z, *new)[drawn], tolerance=1e-12)
+    screen.shot("map-drag-after")
+    moved, shown = screen.page.evaluate("() => [window.moved, window.drawn]")
+    waits = [min(later - m for later in shown if later >= m) for m in moved if any(later >= m for later in shown)]
+    assert waits
+    with capsys.disabled():
+        print(f"\ndrag to changed chart: median {statistics.median(waits):.0f} ms, {len(shown)} charts drawn")
+    screen.page.get_by_role("button", name="Undo").click()
+    screen.wait_for_line("filtered", filtered(z, q, r)[drawn])
+
+
+def test_a_click_on_the_best_pair_gives_the_estimate_within_a_cell(start):
+    screen = start("demo")
+    z = open_source("demo").values[:, 0]
+    best = estimate(z)
+    before = screen.values()
+    screen.page.mouse.click(*screen.at(best.q, best.r))
+    new = screen.settle(before)
+    assert np.log10(new) == pytest.approx(np.log10([best.q, best.r]), abs=0.05)
+    screen.wait_for_line("filtered", filtered(z, *new), tolerance=1e-12)
+
+
+@pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1600, 900), (1280, 720)])
+def test_the_map_fits_its_canvas_in_both_themes(start, width, height):
+    screen = start("demo", width=width, height=height)
+    left, top, across, down = screen.page.evaluate(CANVAS)
+    assert 380 <= across <= 520
+    assert left == pytest.approx(LEFT_WIDTH, abs=3)
+    chart = screen.page.locator(".uplot").first.bounding_box()
+    assert chart["width"] >= across - 25
+    for dark in (False, True):
+        if dark:
+            screen.tab("View")
+            screen.page.get_by_text("dark theme").click()
+            screen.page.wait_for_timeout(2500)
+            screen.tab("Tune")
+        screen.shot(f"map-{width}-{'dark' if dark else 'light'}")
+        corners_of_the_frame_are_drawn(
+            screen, (left, top, across, down), f"map-{width}-{'dark' if dark else 'light'}"
+        )
+
+
+def corners_of_the_frame_are_drawn(screen, canvas, name):
+    """Just inside the frame lies the heat map, just outside the background: at all four corners."""
+    from PIL import Image
+
+    picture = np.asarray(Image.open(ARTEFACTS / f"{name}.png").convert("RGB")).astype(int)
+    left, top, width, height = canvas
+    frame = frame_for(width, height, screen.map.q, screen.map.r)
+    background = picture[round(top + height - 4), round(left + 4)]
+    for x, dx in ((frame.left, 1), (frame.right, -1)):
+        for y, dy in ((frame.top, 1), (frame.bottom, -1)):
+            inside = picture[round(top + y + 5 * dy), round(left + x + 9 * dx)]
+            outside = picture[round(top + y - 3 * dy), round(left + x - 3 * dx)]
+            assert np.abs(outside - background).sum() < 30, (name, x, y)
+            assert np.abs(inside - background).sum() >= 12, (name, x, y)
+
+
+def test_the_map_can_be_hidden_and_coloured_by_lag_and_looked_at_straight_again(start):
+    screen = start("demo")
+    screen.tab("View")
+    wide = screen.page.evaluate(CANVAS)[2]
+    screen.page.get_by_text("tuning map", exact=True).click()
+    screen.wait(f"() => ({CANVAS})()[2] < {wide} / 2")
+    screen.pause()
+    screen.page.get_by_text("tuning map", exact=True).click()
+    screen.wait(f"() => Math.abs(({CANVAS})()[2] - {wide}) < 3")
+    screen.choose("map coloured by", "lag")
+    screen.page.wait_for_timeout(2500)
+    screen.shot("map-by-lag")
+    left, top, *_ = screen.page.evaluate(CANVAS)
+    screen.page.mouse.move(left + 200, top + 300)
+    for _ in range(5):
+        screen.page.mouse.wheel(0, -300)
+    screen.page.wait_for_timeout(1500)
+    screen.shot("map-zoomed")
+    screen.page.get_by_role("button", name=re.compile("Flat view")).click()
+    screen.page.wait_for_timeout(1500)
+    screen.shot("map-flat-again")
+    before, zoomed, after = (
+        (ARTEFACTS / f"{name}.png").read_bytes() for name in ("map-by-lag", "map-zoomed", "map-flat-again")
+    )
+    assert before != zoomed
+    assert zoomed != after
