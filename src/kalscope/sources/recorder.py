@@ -117,8 +117,8 @@ class Recorder:
         try:
             new._csv.open(new=False)  # locked first: nobody else appends while the tail is judged
             repair(last)
-            if new._rejects_path.exists():
-                new._rejects_begun = repair(new._rejects_path).kept > 0
+            if new.rejects_path.exists():
+                new._rejects_begun = repair(new.rejects_path).kept > 0
             new._csv.close()
             new._csv.open(new=False)
             new._go_on(last)
@@ -142,8 +142,10 @@ class Recorder:
         """The account up to the last hand-over."""
         self._source, self._started, self._wall, self._clock = source, started, wall, clock
         self._offset = 0.0
-        self._csv, self._rejects_path = AppendFile(path), rejects_path(path)
-        self._rejects = AppendFile(self._rejects_path)
+        self.rejects_path = rejects_path(path)
+        """NAME.rejects; it exists once there is something in it."""
+        self._csv = AppendFile(path)
+        self._rejects = AppendFile(self.rejects_path)
         self._rejects_begun = False
         self._older: list[AppendFile] = []
         self._part = 1

@@ -1,0 +1,135 @@
+"""Kill a recorder at random moments, again and again: what is lost, and is anything invented?
+
+    .venv/bin/python benchmarks/kill_recorder.py --kills 200 [--rate 1000] [--json]
+
+A thread streams numbered lines `number,half of it` through a pseudo-terminal into `kalscope record`, which gets
+SIGKILL at a random moment. What it had read and not yet written is lost: the number of the first line that it left
+unread, less the last that is in the file. Exit status 1 where that is more than 0.25 s of lines, where a row
+is missing or repeated, or where a value is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import tty
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from kalscope.sources import read_recording
+from kalscope.sources.repair import repair
+
+MOST_S = 0.25
+"""The promise: seconds of received lines that a kill may cost."""
+
+
+@dataclass(frozen=True)
+class Kill:
+    """What one kill left."""
+
+    rows: int
+    """Rows in the file after its repair."""
+    lost: int
+    """Lines that were read from the port and are not in the file, a half-read one included."""
+    torn: int
+    """Bytes of the torn tail."""
+    wrong: int
+    """Rows that do not follow on from the one before, or hold a wrong value."""
+
+
+class Board:
+    """A pseudo-terminal and the thread that streams into it."""
+
+    def __init__(self, rate: float) -> None:
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        os.set_blocking(self.master, False)
+        self.port = os.ttyname(self.slave)
+        self._rate, self._end = rate, threading.Event()
+        self._thread = threading.Thread(target=self._stream, daemon=True)
+        self._thread.start()
+
+    def next_unread(self) -> int:
+        """Number of the first whole line that the last reader left."""
+        data = b""
+        while data.count(b"\n") < 2:
+            data += os.read(self.slave, 4096)
+        return int(data.split(b"\n")[1].split(b",")[0])
+
+    def close(self) -> None:
+        self._end.set()
+        self._thread.join()
+        os.close(self.slave)
+        os.close(self.master)
+
+    def _stream(self) -> None:
+        begin, sent = time.monotonic(), 0
+        while not self._end.wait(0.002):
+            due = int((time.monotonic() - begin) * self._rate)
+            with suppress(BlockingIOError):  # nobody reads between two runs
+                os.write(self.master, b"".join(b"%d,%.1f\n" % (i, i / 2) for i in range(sent, due)))
+            sent = due
+
+
+def kill_once(board: Board, path: Path, wait: float) -> Kill:
+    """One run of the recorder, killed `wait` s after its first rows."""
+    argv = [sys.executable, "-m", "kalscope.cli", "record", board.port, "-o", str(path)]
+    process = subprocess.Popen(argv, stdout=subprocess.DEVNULL)
+    while process.poll() is None and not (path.exists() and rows_of(path)):
+        time.sleep(0.01)
+    time.sleep(wait)
+    if process.poll() is not None:
+        raise RuntimeError(f"the recorder must run until it is killed (got status {process.returncode})")
+    process.kill()
+    process.wait()
+    received, torn = board.next_unread(), repair(path).torn
+    rows = rows_of(path)
+    wrong = sum(half != number / 2 for number, half in rows)
+    wrong += sum(after[0] != before[0] + 1 for before, after in zip(rows, rows[1:], strict=False))
+    wrong += abs(len(read_recording(path)) - len(rows))
+    return Kill(len(rows), int(received - 1 - rows[-1][0]), torn, wrong)
+
+
+def rows_of(path: Path) -> list[tuple[float, float]]:
+    """(number, half of it) of the whole rows of a recording."""
+    lines = path.read_bytes().rpartition(b"\n")[0].decode().split("\n")
+    cells = [line.split(",") for line in lines if line and not line.startswith("#")][1:]
+    return [(float(number), float(half)) for _, number, half in cells]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--rate", type=float, default=1000.0)
+    options = parser.parse_args()
+    moments, board = random.Random(1), Board(options.rate)
+    with tempfile.TemporaryDirectory() as folder:
+        kills = [
+            kill_once(board, Path(folder) / f"{i}.csv", moments.uniform(0.0, 0.5)) for i in range(options.kills)
+        ]
+    board.close()
+    lost, wrong = [kill.lost for kill in kills], sum(kill.wrong for kill in kills)
+    good = max(lost) <= MOST_S * options.rate and wrong == 0
+    if options.json:
+        print(json.dumps({"rate": options.rate, "kept": good, "kills": [asdict(kill) for kill in kills]}, indent=1))
+    else:
+        print(f"{len(kills)} kills at {options.rate:g} lines/s, {sum(kill.rows for kill in kills)} rows recorded")
+        print(
+            f"lost lines: median {statistics.median(lost):g}, most {max(lost)} ({max(lost) / options.rate:.3f} s)"
+        )
+        print(f"torn tails: {sum(kill.torn > 0 for kill in kills)}; wrong or missing rows: {wrong}")
+    sys.exit(0 if good else 1)
+
+
+if __name__ == "__main__":
+    main()
