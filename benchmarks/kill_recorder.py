@@ -23,6 +23,7 @@ import time
 import tty
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from kalscope.sources import read_recording
@@ -66,6 +67,7 @@ class Board:
         return int(data.split(b"\n")[1].split(b",")[0])
 
     def close(self) -> None:
+        """End the thread and free the pseudo-terminal."""
         self._end.set()
         self._thread.join()
         os.close(self.slave)
@@ -94,7 +96,7 @@ def kill_once(board: Board, path: Path, wait: float) -> Kill:
     received, torn = board.next_unread(), repair(path).torn
     rows = rows_of(path)
     wrong = sum(half != number / 2 for number, half in rows)
-    wrong += sum(after[0] != before[0] + 1 for before, after in zip(rows, rows[1:], strict=False))
+    wrong += sum(after[0] != before[0] + 1 for before, after in pairwise(rows))
     wrong += abs(len(read_recording(path)) - len(rows))
     return Kill(len(rows), int(received - 1 - rows[-1][0]), torn, wrong)
 
