@@ -180,6 +180,26 @@ def test_a_mistake_is_one_line_and_status_2_and_makes_no_file(tmp_path, port, op
     assert os.listdir(tmp_path) == []
 
 
+def test_a_recording_that_was_killed_can_be_gone_on_with(tmp_path):
+    path = tmp_path / "run.csv"
+    with Board(500) as board:
+        with recording(board, path) as process:
+            process.kill()
+            process.wait()
+        with path.open("ab") as file:
+            file.write(b"0.5,77")
+        before = rows_in(path)
+        argv = command(board, path, "--resume", "--lines", "100")
+        done = subprocess.run(argv, capture_output=True, text=True, timeout=60, check=True)
+    rows = rows_in(path)
+    assert rows[: len(before)] == before
+    assert len(rows) == len(before) + int(ACCOUNT.search(done.stdout)[2])
+    assert all(half == number / 2 for _, number, half in rows)
+    assert [host for host, _, _ in rows] == sorted(host for host, _, _ in rows)
+    assert (tmp_path / "run.torn").read_bytes() == b"0.5,77\n"
+    assert "\n# gap restart " in path.read_text()
+
+
 def test_a_file_that_is_there_is_left_alone_and_the_port_unopened(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("mine")

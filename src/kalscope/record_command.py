@@ -36,6 +36,10 @@ def record_command(
     lines: Annotated[
         str | None, typer.Option("--lines", metavar="N", help="Stop once at least so many lines are written.")
     ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Go on with FILE.csv, a recording that ended or that a crash cut short."),
+    ] = False,
     no_reconnect: Annotated[
         bool, typer.Option("--no-reconnect", help="Stop when the board goes away, status 2; else wait for it.")
     ] = False,
@@ -49,16 +53,16 @@ def record_command(
     """
     from kalscope.sources.live import LiveSource
     from kalscope.sources.port_spec import port_of
-    from kalscope.sources.recording_paths import check_free
+    from kalscope.sources.recording_paths import check_free, existing_parts
 
     duration = _above_zero("--seconds", seconds)
     most = _above_zero("--lines", lines)
     spec = port_of(port, reset=not no_reset)
-    check_free(output)  # before the board is reset for nothing
+    _ = existing_parts(output) if resume else check_free(output)  # before the board is reset for nothing
     live = LiveSource(spec, reconnect=not no_reconnect)
     with _stop_signals() as stop, closing(live):
         live.start(require=True)
-        recorder, view = live.record(output), StatusLine(sys.stderr)
+        recorder, view = live.record(output, resume=resume), StatusLine(sys.stderr)
         went_away = _watch(live, recorder, stop, view, duration=duration, most=most)
         live.close()  # ends the recording too: the summary is that of a whole file
         view.clear()

@@ -535,6 +535,19 @@ def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypa
     assert recorder.trouble == ""
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows deletes no open file")
+def test_a_recording_that_is_deleted_under_way_is_said_so(tmp_path):
+    recorder = new_recorder(tmp_path / "run.csv", sync_every=0.01)
+    (tmp_path / "run.csv").unlink()
+    for i in range(2000):
+        hand_over(recorder, b"1,2\n", at=STARTED + i)
+        if recorder.trouble:
+            break
+        time.sleep(0.005)
+    assert recorder.trouble == "run.csv was deleted while it is recorded"
+    recorder.close()
+
+
 def test_less_than_five_minutes_of_room_is_a_warning(tmp_path, monkeypatch):
     clock, room = Clock(), [10**9]
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": room[0]}))

@@ -260,12 +260,16 @@ class LiveSource:
         """The recorder that runs, or the last one that did not stop cleanly; None where none runs."""
         return self._recorder
 
-    def record(self, path: str | os.PathLike[str]) -> Recorder:
+    def record(self, path: str | os.PathLike[str], *, resume: bool = False) -> Recorder:
         """Write what comes from now on to a new file, raw, before it is shown.
+
+        Args:
+            path: The file.
+            resume: Go on with a recording that is there instead.
 
         Raises:
             BadSetting: a recording runs already.
-            BadFile: the file cannot be written, or is there already.
+            BadFile: the file cannot be written, or is there already; to resume: it is no recording.
         """
         from kalscope.sources.recorder import Recorder
 
@@ -273,7 +277,8 @@ class LiveSource:
             if self._recorder is not None:
                 raise BadSetting("a recording must be stopped before the next begins (got one that runs)")
             started, wall = self._clock.monotonic(), self._clock.wall()
-            self._recorder = Recorder(Path(path), source=self.spec.text, started=started, wall=wall)
+            begin = Recorder.resume if resume else Recorder
+            self._recorder = begin(Path(path), source=self.spec.text, started=started, wall=wall)
             return self._recorder
 
     def stop_recording(self) -> None:

@@ -21,8 +21,9 @@ RETRY_S = 1.0
 """Pause between two attempts to write to a disk that refuses, s."""
 WAIT_S = 60.0
 """Seconds of entries that wait in memory for such a disk; what comes later is lost, and counted."""
-WAIT_BYTES = 16_000_000
-"""Bytes that wait at most: 60 s of 10,000 lines/s are 15 MB."""
+WAIT_BYTES = 32_000_000
+"""Memory that these may take: 60 s of 1,000 lines/s are 11 MB, and of 10,000 lines/s some 18 s fit."""
+_OVERHEAD = 150  # bytes of memory that an entry takes besides its text
 
 _FULL = {
     errno.ENOSPC: "the disk is full",
@@ -32,7 +33,7 @@ _FULL = {
 _fdatasync = getattr(os, "fdatasync", os.fsync)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class _Entry:
     """What is written whole or not at all."""
 
@@ -54,6 +55,8 @@ class AppendFile:
         """What keeps entries from reaching the file; "" while they do."""
         self.sync_trouble = ""
         """What the disk said when it was last asked to keep what it has; "" if nothing."""
+        self.waiting = 0
+        """Lines in memory that have not reached the file."""
         self._fd: int | None = None
         self._fd_lock = threading.Lock()
         self._size = 0
@@ -65,11 +68,6 @@ class AppendFile:
         self._lost = 0
         self._kind = ""
         self._since = self._retry_at = 0.0
-
-    @property
-    def waiting(self) -> int:
-        """Lines in memory that have not reached the file."""
-        return sum(entry.lines for entry in self._waiting)
 
     @property
     def size(self) -> int:
@@ -99,8 +97,7 @@ class AppendFile:
             self._losing = True  # until all that waits is written: one gap, not a hundred
             self._lost += lines
             return False
-        self._waiting.append(_Entry(data, at, lines))
-        self._bytes += len(data)
+        self._queue(data, at, lines)
         return True
 
     def flush(self, now: float, *, at_once: bool = False) -> int:
@@ -129,15 +126,13 @@ class AppendFile:
 
     def put_note(self, text: str, at: float) -> None:
         """Queue what we say ourselves, even while lines are being lost."""
-        data = text.encode("utf-8", "backslashreplace")
-        self._waiting.append(_Entry(data, at, 0))
-        self._bytes += len(data)
+        self._queue(text.encode("utf-8", "backslashreplace"), at, 0)
 
     def give_up(self) -> int:
         """Forget what waits: the file is about to be closed. How many lines that were."""
         lost = self.waiting
         self._waiting.clear()
-        self._bytes = 0
+        self._bytes = self.waiting = 0
         return lost
 
     def sync(self) -> None:
@@ -148,7 +143,8 @@ class AppendFile:
             self._dirty = False
             try:
                 _fdatasync(self._fd)
-                self.sync_trouble = ""
+                gone = os.fstat(self._fd).st_nlink == 0
+                self.sync_trouble = f"{self.path.name} was deleted while it is recorded" if gone else ""
             except OSError as error:
                 self._dirty = True  # ask once more
                 self.sync_trouble = f"the disk did not confirm what was written ({error.strerror or error})"
@@ -160,6 +156,11 @@ class AppendFile:
                 with suppress(OSError):  # network disks report here what they did not keep
                     os.close(self._fd)
                 self._fd = None
+
+    def _queue(self, data: bytes, at: float, lines: int) -> None:
+        self._waiting.append(_Entry(data, at, lines))
+        self._bytes += len(data) + _OVERHEAD
+        self.waiting += lines
 
     def _is_too_much(self, at: float) -> bool:
         if not self.trouble or not self._waiting:
@@ -185,7 +186,8 @@ class AppendFile:
             entry = self._waiting.popleft()
             whole += len(entry.data)
             lines += entry.lines
-        self._bytes -= whole
+            self._bytes -= len(entry.data) + _OVERHEAD
+        self.waiting -= lines
         self._size += whole
         self._dirty |= done > 0
         self._torn |= done > whole
