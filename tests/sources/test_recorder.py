@@ -504,6 +504,33 @@ def test_rejected_lines_are_counted_in_the_same_way_on_a_full_disk(tmp_path, mon
     assert len(data_lines(tmp_path / "run.rejects")) == 2
 
 
+def test_a_full_disk_keeps_the_lines_of_each_part_apart(tmp_path, monkeypatch):
+    path, clock = tmp_path / "run.csv", Clock()
+    recorder = new_recorder(path, clock=clock)
+    hand_over(recorder, b"a:1\n")
+    disk = FullDisk(0)
+    monkeypatch.setattr(recording_file.os, "write", disk)
+    hand_over(recorder, b"a:2\n")
+    hand_over(recorder, b"a:3 b:4\n")
+    assert recorder.counts == RecorderCounts(1, 1, waiting=2)
+    disk.room = 1_000_000
+    clock.now += 1.0
+    recorder.write([], None)
+    assert recorder.close() == RecorderCounts(3, 3)
+    assert data_lines(path) == ["0.000000,1", "0.000000,2"]
+    assert data_lines(tmp_path / "run-2.csv") == ["0.000000,3,4"]
+
+
+def test_many_parts_hold_no_more_files_open_than_one(tmp_path):
+    recorder = new_recorder(tmp_path / "run.csv")
+    held = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0
+    for number in range(50):
+        recorder.write([(STARTED, row(number, 1))], layout_of([f"a{number % 2}"]))
+    assert held in (0, len(os.listdir("/proc/self/fd")))
+    assert recorder.close().written == 50
+    assert recorder.paths[-1].name == "run-50.csv"
+
+
 def test_closing_on_a_full_disk_counts_what_waited_as_dropped(tmp_path, monkeypatch):
     recorder = new_recorder(tmp_path / "run.csv")
     hand_over(recorder, b"1,2\n3,4\n")

@@ -27,9 +27,9 @@ from kalscope.sources.recording_format import (
     REJECTS_HEADER,
     escaped,
     header_line,
-    iso_utc,
     preamble,
     rejects_lines,
+    restart_note,
     row_encoder,
 )
 from kalscope.sources.recording_paths import (
@@ -109,11 +109,10 @@ class Recorder:
         Raises:
             BadFile: There is no such recording, it is being recorded, or it cannot be written to.
         """
-        path = Path(path)
-        last = existing_parts(path)[-1]
         new = cls.__new__(cls)
-        new._set_up(path, source=source, started=started, wall=wall, clock=clock)
-        new._csv, new._part = AppendFile(last), len(existing_parts(path))
+        new._set_up(Path(path), source=source, started=started, wall=wall, clock=clock)
+        parts = existing_parts(new.path)
+        new._csv, new._part, last = AppendFile(parts[-1]), len(parts), parts[-1]
         try:
             new._csv.open(new=False)  # locked first: nobody else appends while the tail is judged
             repair(last)
@@ -147,7 +146,8 @@ class Recorder:
         self._csv = AppendFile(path)
         self._rejects = AppendFile(self.rejects_path)
         self._rejects_begun = False
-        self._older: list[AppendFile] = []
+        self._older: list[AppendFile] = []  # parts that wait for room
+        self._older_paths: list[Path] = []
         self._part = 1
         self._header = ""
         self._layout: Layout | None = None
@@ -161,7 +161,6 @@ class Recorder:
     def _begin(self, sync_every: float) -> None:
         """Everything is open: write the first comments, and keep the disk awake from now on."""
         self._sync = SyncThread(sync_every)
-        self._sync.watch(self._files())
         sync_folder(self.path.parent)
         with self._lock:
             self._flush()
@@ -175,17 +174,12 @@ class Recorder:
         since = self._wall - ends.wall - ends.host
         self._offset = ends.host + max(since, 0.0)
         self._header = ends.header
-        said = f"{since:.3f} s" if since >= 0.0 else "of unknown length, the clock was set back"
-        self._csv.put_note(
-            f"# gap restart {said}\n# restarted: {iso_utc(self._wall)} (host time {self._offset:.6f}),"
-            f" source: {escaped(self._source)}\n",
-            self._started,
-        )
+        self._csv.put_note(restart_note(self._source, self._wall, since, self._offset), self._started)
 
     @property
     def paths(self) -> tuple[Path, ...]:
         """The parts written so far in this session, the present one last."""
-        return (*(file.path for file in self._older), self._csv.path)
+        return (*self._older_paths, self._csv.path)
 
     def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
         """Take lines and write them; called often, with no lines too, and never raises for the disk.
@@ -256,12 +250,11 @@ class Recorder:
         before = self._csv
         self._part, path = free_part(self.path, self._part + 1)
         before.put_note(f"# continued in {escaped(path.name)}: the columns changed\n", self._clock())
-        before.flush(self._clock())
         self._older.append(before)
+        self._older_paths.append(before.path)
         self._csv = AppendFile(path)
         start = preamble(self._source, self._wall - self._offset) + continues_line(before.path)
         self._csv.put_note(start, self._started)
-        self._sync.watch(self._files())
 
     def _take(self, at: float, event: LineEvent) -> None:
         host = at - self._started + self._offset
@@ -298,6 +291,10 @@ class Recorder:
         for file in (*self._older, self._csv):
             self._written += file.flush(now, at_once=at_once)
         self._rejected += self._rejects.flush(now, at_once=at_once)
+        for file in [file for file in self._older if file.idle]:
+            self._older.remove(file)
+            file.close()
+        self._sync.watch(self._files())
         self.warning = self._room.look(now, sum(file.size for file in self._files()))
         self._publish()
 

@@ -74,6 +74,11 @@ class AppendFile:
         """Bytes in the file."""
         return self._size
 
+    @property
+    def idle(self) -> bool:
+        """True where nothing waits."""
+        return not self._waiting
+
     def open(self, *, new: bool) -> None:
         """Open the file, as a new one that nobody had (FileExistsError), or to go on with it.
 
@@ -150,7 +155,8 @@ class AppendFile:
                 self.sync_trouble = f"the disk did not confirm what was written ({error.strerror or error})"
 
     def close(self) -> None:
-        """Free the file; safe to call twice."""
+        """Free the file once the disk has it; safe to call twice."""
+        self.sync()
         with self._fd_lock:
             if self._fd is not None:
                 with suppress(OSError):  # network disks report here what they did not keep

@@ -77,7 +77,7 @@ def existing_parts(path: Path) -> list[Path]:
     """The parts of a recording that exist; files of other recordings that have such names are left out.
 
     Raises:
-        BadFile: not even the first does.
+        BadFile: not even the first does, or one cannot be read.
     """
     if not path.is_file():
         raise BadFile(f"a recording to go on with must exist (got {str(path)!r})")
@@ -86,7 +86,11 @@ def existing_parts(path: Path) -> list[Path]:
         part = part_path(path, n)
         if not part.is_file():
             break
-        with part.open("rb") as file:
-            if continues_line(parts[-1]).encode() in file.read(_HEAD_BYTES):
-                parts.append(part)
+        try:
+            with part.open("rb") as file:
+                head = file.read(_HEAD_BYTES)
+        except OSError as error:
+            raise unwritable(part, error) from None
+        if continues_line(parts[-1]).encode() in head:
+            parts.append(part)
     return parts
