@@ -39,7 +39,9 @@ def test_a_port_written_is_the_port_read(text):
     assert is_live(spec.text)
 
 
-@pytest.mark.parametrize("text", ["", "serial:", "serial:@9600", "COM3@", "COM3@fast", "COM3@-1", "COM3@0", "COM3@1e6"])
+@pytest.mark.parametrize(
+    "text", ["", "serial:", "serial:@9600", "COM3@", "COM3@fast", "COM3@-1", "COM3@0", "COM3@1e6"]
+)
 def test_what_names_no_port_is_refused_with_what_came(text):
     with pytest.raises(BadSetting, match="got"):
         port_of(text)
@@ -53,7 +55,16 @@ def test_a_baud_rate_is_a_whole_number_of_its_range(baud):
 
 LIVE = ["serial:x", "Serial:COM3@9600", "COM3", "COM3@9600", "/dev/ttyUSB0", "/dev/cu.usb@9600", "socket://h:1"]
 LIVE += ["rfc2217://h:1", "loop://x", "/dev/pts/3", r"\\.\COM12"]
-FINISHED = ["demo", "sample:flex_sensor", "synthetic:sine", r"C:\x.csv", "C:/COM3.csv", "COM3.csv", "socket.csv", ""]
+FINISHED = [
+    "demo",
+    "sample:flex_sensor",
+    "synthetic:sine",
+    r"C:\x.csv",
+    "C:/COM3.csv",
+    "COM3.csv",
+    "socket.csv",
+    "",
+]
 FINISHED += ["http://x/y.csv", "./serial", "/dev/null", "experiment:x", "socket://", "a@9600"]
 
 
@@ -70,8 +81,12 @@ def test_a_live_source_is_no_finished_recording(spec):
 
 def test_ports_are_listed_by_name_with_what_the_system_says(monkeypatch):
     found = [
-        SimpleNamespace(device="COM10", description="n/a", serial_number=None, vid=None, pid=None, manufacturer=None),
-        SimpleNamespace(device="COM9", description="Uno", serial_number="75", vid=0x2341, pid=0x43, manufacturer="A"),
+        SimpleNamespace(
+            device="COM10", description="n/a", serial_number=None, vid=None, pid=None, manufacturer=None
+        ),
+        SimpleNamespace(
+            device="COM9", description="Uno", serial_number="75", vid=0x2341, pid=0x43, manufacturer="A"
+        ),
     ]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
     assert list_ports() == (PortInfo("COM9", "Uno", "75", "A", (0x2341, 0x43)), PortInfo("COM10", "", ""))
