@@ -178,10 +178,10 @@ def test_noise_of_any_kind_takes_no_memory_and_no_sample(noise):
 
 
 @pytest.mark.parametrize("line", [b"1,2\n", b"a:1,b:2\n"])
-def test_data_is_found_soon_after_any_amount_of_text(line):
-    stream = Stream().feed(b"waiting for WiFi 7 ...\n" * 3000, 3.0).feed(line * 20)
-    assert stream.rows[-1] == (1.0, 2.0)
-    assert len(stream.rows) >= 10
+@pytest.mark.parametrize("text", [b"waiting for WiFi ...\n", b"waiting for WiFi 7 ...\n"])
+def test_data_is_found_soon_after_any_amount_of_text(line, text):
+    stream = Stream().feed(text * 3000, 3.0).feed(line * 60)
+    assert stream.rows[-20:] == [(1.0, 2.0)] * 20
 
 
 SEED = b"# boot\r\nms,a,b\r\n" + b"".join(b"%d,%d,%d\r\n" % (i, i * 3 % 7, i) for i in range(40))

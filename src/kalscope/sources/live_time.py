@@ -153,11 +153,11 @@ class LiveTime:
         alike = not self._broken or abs(step - waited) <= 0.25 + 0.05 * waited
         if 0 <= step <= 30 * waited + 10 and alike:
             self._offset += turn
-        elif self._broken or step < 0 or self._doubted:
+        elif self._broken or self._doubted:
             # From here on the stamps count from this row, whatever they said before.
             self._offset = last + max(waited, _TICK) - stamp
         else:
-            self._doubted = True  # far ahead: damaged, unless the next one agrees
+            self._doubted = True  # damaged, unless the next one agrees
             return last + waited
         self._stamp, self._doubted = stamp, False
         return stamp + self._offset
