@@ -24,6 +24,8 @@ _COUNTERS = (2.0**16, 2.0**32)
 _DAY = 86400.0
 _STEPS = 4096
 """Steps from which period and jitter are judged."""
+_PAUSE = 0.5
+"""Seconds without a line that are no step but a pause, unless the lines come that slowly."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class LiveTime:
         if not steps.size or not steps.any():
             return None
         if self._scale is None:
-            return float(steps[steps <= 10 * steps.mean()].mean())
+            return float(steps[steps <= max(_PAUSE, 20 * steps.mean())].mean())
         median = float(np.median(steps))
         if median > 10 * self._scale:
             return median or float(steps.mean())
