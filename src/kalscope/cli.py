@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
 
 import typer
 
+from kalscope.demo_board import demo_board_command
 from kalscope.errors import BadSetting, KalscopeError, describe
 from kalscope.export_command import export_command
+from kalscope.ports_command import ports_command
 from kalscope.reproduce_command import reproduce_command
 from kalscope.sources.command_options import (
     Delimiter,
@@ -50,6 +52,8 @@ app = typer.Typer(
 app.command("tune")(tune_command)
 app.command("export")(export_command)
 app.command("reproduce")(reproduce_command)
+app.command("ports")(ports_command)
+app.command("demo-board")(demo_board_command)
 
 
 def run(argv: Sequence[str] | None = None) -> int:

@@ -5,7 +5,7 @@ r"""Everything that can become a Recording, and the one grammar that names it.
     synthetic:SHAPE?n=2000&sigma=1.5&seed=3  a made-up sensor
     anything else                            the path of a file (C:\x.csv is one)
 
-Live sources, `serial:PORT@BAUD` and pyserial URLs, are no files and are opened elsewhere.
+Live sources, `serial:PORT@BAUD` and pyserial URLs, never end: `is_live` knows them, `sources.live` opens them.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from urllib.parse import parse_qsl
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.csv_file import read_recording
+from kalscope.sources.port_spec import is_live
 from kalscope.sources.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.synthetic import SignalSettings, synthesize
 from kalscope.sources.watch import Progress
@@ -27,6 +28,7 @@ from kalscope.sources.watch import Progress
 __all__ = [
     "ReadOptions",
     "Sample",
+    "is_live",
     "list_samples",
     "open_source",
     "read_recording",
@@ -39,7 +41,6 @@ DEMO = "flex_sensor"
 
 # Two letters at least before the colon: C:\x.csv and C:/x.csv are files.
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):(.*)", re.DOTALL)
-_LIVE = ("serial", "socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,10 @@ def open_source(
         from kalscope.experiments import open_experiment  # which reads the samples through this module
 
         return open_experiment(match[2])[0]
-    if match and (scheme in _LIVE or match[2].startswith("//")):
-        raise BadSetting(f"source must be a file to be read (got {spec!r}, a live source or a web address)")
+    if is_live(spec):
+        raise BadSetting(f"source must be a finished recording (got {spec!r}, a live source)")
+    if match and match[2].startswith("//"):
+        raise BadSetting(f"source must be a file to be read (got {spec!r}, a web address)")
     return read_recording(spec, options, sample_period=sample_period, progress=progress, cancelled=cancelled)
 
 

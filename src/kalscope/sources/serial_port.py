@@ -39,6 +39,8 @@ SHORTEST_WAIT, LONGEST_WAIT = 0.25, 2.0
 """Seconds between two attempts to open the port again: the wait doubles from the first to the second."""
 _SHORT_LIFE = 5.0
 """Seconds a port must stay open before the next loss counts as a new story."""
+_GAPS_TO_KNOW = 20
+"""Reads after which it is known how the board sends: line by line or in bursts."""
 MOST_WAITING = 64 << 20
 """Bytes that may wait for whoever takes them; beyond, the reader waits too. That is minutes of the fastest port."""
 
@@ -124,7 +126,7 @@ class PortReader:
         self._waiting_lock = threading.Lock()
         self._serial_number = ""
         self._losses: deque[float] = deque(maxlen=3)
-        self._usual_gap: float | None = None
+        self._usual_gap, self._gaps = 0.0, 0
         self.longest_pause = 0.0
         """Longest time between two reads while bytes were waiting, at most, in s."""
 
@@ -263,7 +265,7 @@ class PortReader:
     def _read(self, port: OpenPort, stop: threading.Event) -> str:
         """Read until the board goes or `stop`; then close the port. Why it went."""
         why, clock = "", self._clock.monotonic
-        before, waiting, self._usual_gap = clock(), 0, None
+        before, waiting, self._usual_gap, self._gaps = clock(), 0, 0.0, 0
         try:
             while not stop.is_set():
                 data = port.fetch()
@@ -301,10 +303,11 @@ class PortReader:
         if waiting:
             self.longest_pause = max(self.longest_pause, gap)
             return
-        if self._usual_gap is not None and left:
-            late = min(gap - 2 * self._usual_gap, 10.0 * left / self.spec.baud)
+        self._gaps += 1
+        if left and self._gaps > _GAPS_TO_KNOW:
+            late = min(gap - self._usual_gap, 10.0 * left / self.spec.baud)
             self.longest_pause = max(self.longest_pause, late)
-        self._usual_gap = gap if self._usual_gap is None else 0.9 * self._usual_gap + 0.1 * gap
+        self._usual_gap = max(gap, 0.98 * self._usual_gap)
 
     def _say(self, word: Word, why: str = "") -> None:
         state = self._state
