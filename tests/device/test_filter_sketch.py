@@ -7,12 +7,12 @@ import re
 import numpy as np
 import pytest
 import serial
-from board import FLAT_OUT
+from board import FLAT_OUT, read_lines
 
-from kalscope.errors import BadSetting
 from kalscope.export import ExportJob
 from kalscope.export.arduino import files
-from kalscope.export.float32 import Float32Params
+from kalscope.export.float32 import filter_float32
+from kalscope.sources.line_parser import LineParser
 from kalscope.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device
@@ -34,6 +34,8 @@ TRIPLES = [
     (1e-7, 1e-3, 1e-9),
     (123.456, 7890.1, 1e6),
     (1e-10, 3.3, 12.0),
+    (2e-37, 1e-36, 2e-38),
+    (1e36, 1e37, 1e38),
 ]
 
 
@@ -112,3 +114,50 @@ def test_the_board_prints_the_bits_of_the_host_also_after_changes_while_it_runs(
             np.testing.assert_allclose(used, [q, r, np.inf if p0 is None else p0], rtol=3e-7)
             talk.oracle = Float32Oracle(*used)
         talk.follow(max(750, 10_000 - talk.rows))
+
+
+def test_gate_start_missing_samples_and_a_gain_that_float_cannot_settle_to_on_three_channels(start_board, workshop):
+    counts = noisy_counts(2000 * 3).reshape(-1, 3)
+    rng = np.random.default_rng(9)
+    counts[rng.random(counts.shape) < 0.02] = 1023  # spikes for the gate
+    counts[100:130, 0] = 1000  # a step: the gate gives in after five
+    counts[rng.random(counts.shape) < 0.01] = 0  # no sample
+    counts[:4, 1] = 0
+    channels = (
+        ChannelTuning("*/ #define A0 1", "mV", 0.01, 40.0, gate=9.0),
+        ChannelTuning("temp", "", 1e-3, 25.0, 1000.0),
+        ChannelTuning("temp ", "", 3e-12, 30.0, 0.01, 500.0),
+    )
+    missing = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
+    firmware = exported(workshop, *channels, edits=(*FAST, missing))
+    board = start_board(firmware, counts, *FLAT_OUT)
+    lines = [line for line in read_lines(board.port, 1600, 1_000_000) if not line.startswith(b"#")]
+    board.stop()
+    printed = np.array([[float(cell) for cell in line.split(b",")] for line in lines], dtype=np.float32)
+    z = np.where(counts[: len(printed)] == 0, np.nan, counts[: len(printed)])
+    np.testing.assert_array_equal(printed[:, ::2], z.astype(np.float32))
+    for c, channel in enumerate(channels):
+        np.testing.assert_array_equal(printed[:, 2 * c + 1], filter_float32(z[:, c], channel.params))
+
+
+def test_kalscope_reads_the_sketch_with_its_names(start_board, workshop):
+    board = start_board(exported(workshop, ChannelTuning("light", "", 0.1, 10.0)), [500, 510, 490], *FLAT_OUT)
+    parser = LineParser()
+    parser.feed(b"".join(read_lines(board.port, 20, 1_000_000)))
+    assert [event.kind for event in parser][0] == "comment"
+    assert [column.name for column in parser.layout.columns] == ["raw", "filtered"]
+
+
+@pytest.mark.parametrize(
+    "line", ["q", "q x", "q -1", "r nan", "q inf", "x 1", "", "q 0.5 7", "3 q 1", "qqqqqqqqqq 1", "q 1" + "0" * 40]
+)
+def test_what_a_board_cannot_take_changes_nothing(start_board, workshop, line):
+    board = start_board(exported(workshop, ChannelTuning("light", "", 0.25, 4.0)), 500, *FLAT_OUT)
+    with serial.Serial(board.port, 1_000_000, timeout=30) as port:
+        port.readline()
+        port.write(line.encode() + b"\n?\n")
+        said = []
+        while b"bits=" not in (answer := port.readline()):
+            said += [answer] if answer.startswith(b"# not") else []
+    assert answer == b"# light q=2.500000e-1 r=4.000000 p=inf bits=3E800000,40800000,7F800000\r\n"
+    assert len(said) == (line != "")
