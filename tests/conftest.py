@@ -7,6 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from board_fixtures import start_board, stream_sketch, workshop
+
+__all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every folder
 
 ROOT = Path(__file__).parents[1]
 SHARED_DATA = ROOT.parent / "shared" / "data"

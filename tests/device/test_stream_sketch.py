@@ -1,0 +1,104 @@
+"""The sketch that makers flash, compiled by avr-gcc and run in a simulated Uno: what it sends, and when."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from board import FLAT_OUT, SKETCHES, read_lines
+
+from kalscope.sources.line_parser import LineParser
+
+pytestmark = pytest.mark.device
+SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"
+THREE_CHANNELS = (
+    r'\{"A0", A0\},\n    // \{"A1", A1\},',
+    '{"light", A0}, {"heat [mV]", A2}, {"x", A5},',
+)
+
+
+def parsed(lines):
+    parser = LineParser()
+    parser.feed(b"".join(lines))
+    return list(parser), parser.layout
+
+
+def rate(samples_per_second):
+    return (r"(?<=SAMPLES_PER_SECOND = )200", str(samples_per_second))
+
+
+def test_every_count_of_the_converter_arrives_exactly(start_board, stream_sketch):
+    counts = np.random.default_rng(3).permutation(1024)
+    board = start_board(stream_sketch, counts, *FLAT_OUT)
+    events, layout = parsed(read_lines(board.port, 1025))
+    assert events[0].kind == "comment"
+    assert [event.rows for event in events[1:]] == [((float(count),),) for count in counts]
+    assert [(column.name, column.role) for column in layout.columns] == [("A0", "channel")]
+
+
+def test_channels_carry_the_names_the_board_gives_them_and_its_clock(start_board, workshop):
+    clock = (r"(?<=BOARD_TIME = )false", "true")
+    firmware = workshop.sketch(SKETCH, THREE_CHANNELS, clock)
+    counts = np.random.default_rng(4).integers(0, 1024, (100, 6))
+    events, layout = parsed(read_lines(start_board(firmware, counts, *FLAT_OUT).port, 101))
+    names = [(column.name, column.unit, column.role) for column in layout.columns]
+    assert names == [
+        ("time_us", "us", "time"),
+        ("light", "", "channel"),
+        ("heat", "mV", "channel"),
+        ("x", "", "channel"),
+    ]
+    rows = np.array([event.rows[0] for event in events[1:]])
+    np.testing.assert_array_equal(rows[:, 1:], counts[:, [0, 2, 5]])
+    np.testing.assert_allclose(np.diff(rows[:, 0]), 5000, atol=20)
+
+
+def test_no_flipped_bit_gets_past_the_checksum(start_board, stream_sketch):
+    lines = read_lines(start_board(stream_sketch, range(1000, 1024), *FLAT_OUT).port, 60)[1:]
+    whole = lines[20:]
+    damaged = []
+    for i, line in enumerate(whole):
+        at, bit = i % (len(line) - 2), i % 8  # the newline stays
+        damaged.append(line[:at] + bytes([line[at] ^ 1 << bit]) + line[at + 1 :])
+    events, _ = parsed(lines[:20] + damaged)
+    assert {event.kind for event in events[:20]} == {"row"}
+    # A flip from B to b in the checksum itself leaves it true: what is believed is what was sent.
+    believed = [event.text.upper().encode() + b"\r\n" for event in events[20:] if event.kind == "row"]
+    assert len(believed) < len(whole) / 10
+    assert set(believed) <= set(whole)
+
+
+def test_without_the_checksum_the_line_is_the_same_up_to_the_star(start_board, workshop, stream_sketch):
+    plain = workshop.sketch(SKETCH, (r"(?<=CHECKSUM = )true", "false"))
+    ends = read_lines(start_board(stream_sketch, range(1024), *FLAT_OUT, name="with").port, 50)[1:]
+    bare = read_lines(start_board(plain, range(1024), *FLAT_OUT, name="without").port, 50)[1:]
+    assert [line.split(b"*")[0] + b"\r\n" for line in ends] == bare
+
+
+@pytest.mark.parametrize("samples_per_second", [200, 300])
+def test_the_rate_is_kept_without_drift(start_board, workshop, tmp_path, samples_per_second):
+    firmware = workshop.sketch(SKETCH, rate(samples_per_second))
+    times = tmp_path / "times"
+    board = start_board(firmware, 512, *FLAT_OUT, "--seconds", 5, "--adc-times", times)
+    read_lines(board.port, 4 * samples_per_second)
+    board.wait()
+    taken = np.loadtxt(times)
+    late = taken - taken[0] - np.arange(len(taken)) / samples_per_second
+    assert len(taken) >= 4.9 * samples_per_second
+    assert np.abs(late).max() < 100e-6  # micros() steps by 4 µs, and the timer's interrupt takes 7
+
+
+def test_a_rate_that_the_line_cannot_carry_is_said_and_the_grid_kept(start_board, workshop, tmp_path):
+    firmware = workshop.sketch(SKETCH, (r"(?<=BAUD = )115200", "9600"), rate(200))
+    times = tmp_path / "times"
+    board = start_board(firmware, 512, *FLAT_OUT, "--seconds", 4, "--adc-times", times)
+    events, _ = parsed(read_lines(board.port, 230, 9600))
+    board.wait()
+    remarks = [i for i, event in enumerate(events) if event.kind == "comment"]
+    said = [events[i].text for i in remarks[1:]]
+    sent = remarks[-1] - len(said)  # samples before the last remark, which counts all that were left out by then
+    taken = np.loadtxt(times)
+    slot = np.floor((taken - taken[0]) * 200)
+    assert len(said) >= 2
+    assert said[0].endswith("raise BAUD, or lower SAMPLES_PER_SECOND")
+    assert slot[sent - 1] == sent - 1 + sum(int(text.split()[3]) for text in said)
+    assert {event.kind for event in events} == {"comment", "row"}
