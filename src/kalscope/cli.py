@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
 import typer
 
 from kalscope.errors import BadSetting, KalscopeError, describe
+from kalscope.report_command import report_command
 from kalscope.reproduce_command import reproduce_command
 from kalscope.sources.command_options import (
     Delimiter,
@@ -48,6 +49,7 @@ app = typer.Typer(
 
 app.command("tune")(tune_command)
 app.command("reproduce")(reproduce_command)
+app.command("report")(report_command)
 
 
 def run(argv: Sequence[str] | None = None) -> int:
