@@ -64,7 +64,7 @@ class ClientGate:
         """Gate one dispatch; viser has two for each message, the shared one and the client's, and one counts it."""
         stock: Callable[..., Coroutine[Any, Any, None]] = channel._handle_incoming_message
 
-        async def gated(client_id: int, message: Any) -> None:
+        async def gated(client_id: Any, message: Any) -> None:
             if client_id in self._closing or client_id not in self._allowances:
                 return
             try:
