@@ -49,7 +49,7 @@ class Dashboard:
         self._toasts: dict[viser.ClientHandle, viser.NotificationHandle] = {}
         self._map = TuningMapView(server, self.session)
         self._build(folder)
-        rounds = [self._study(study(MapMaker()), self._map.show), self._study(compute_checks, self._checks.show)]
+        rounds = [Study(study(MapMaker()), self._map.show), self._study(compute_checks, self._checks.show)]
         studies = Studies(rounds, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
         self._fitter = WindowFitter(self._panels, self._set_sizes, self._set_portrait, self._map.aim)

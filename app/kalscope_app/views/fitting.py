@@ -113,7 +113,7 @@ class WindowFitter:
                 self._fitted[one] = canvas_of(one)
 
     def _measure_and_fill(self, client: viser.ClientHandle, hold: float) -> bool:
-        """One attempt, with sizes that keep for `hold` s; True if the canvas then is as narrow as the measured window says."""
+        """One attempt, with sizes that keep for `hold` s; True if the canvas is then as the window says."""
         self._panels.set_right_width(FIRST_RIGHT_WIDTH)
         first, docked = settled(client, hold), self._panels.docked_width
         self._panels.set_right_width(FIRST_RIGHT_WIDTH + PROBE)

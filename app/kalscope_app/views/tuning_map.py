@@ -163,14 +163,15 @@ class TuningMapView:
         self._show_colour(state)
         if self._plate is not None and same_plate(plate, self._plate):
             return
-        if self._plate is None or self._plate.dark != plate.dark:
-            self._ring.image = draw_ring(dark=plate.dark)
+        picture, ring = draw_map_picture(plate), draw_ring(dark=plate.dark)
         fit = self._plate is None or self._plate.frame != plate.frame
         self._plate = plate
-        self._picture.image = draw_map_picture(plate)
-        self._picture.render_width = plate.frame.width / PIXELS
-        self._picture.render_height = plate.frame.height / PIXELS
-        self._picture.visible = self._glass.visible = True
+        with self._server.atomic():
+            self._ring.image = ring
+            self._picture.image = picture
+            self._picture.render_width = plate.frame.width / PIXELS
+            self._picture.render_height = plate.frame.height / PIXELS
+            self._picture.visible = self._glass.visible = True
         for client in tuple(self._shapes) if fit else ():
             self._look_straight(client)
 
