@@ -58,12 +58,12 @@ class Dashboard:
         self._build(folder)
         rounds = [
             self._study(VariantTable().compute, self._variants.show_table),
-            self._study(study(MapMaker()), self._map.show),
+            Study(study(MapMaker()), self._map.show),
             self._study(compute_checks, self._checks.show),
         ]
         studies = Studies(rounds, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
-        self._fitter = WindowFitter(self._panels, self._set_sizes, self._set_portrait)
+        self._fitter = WindowFitter(self._panels, self._set_sizes, self._set_portrait, self._map.aim)
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
 
@@ -181,7 +181,6 @@ class Dashboard:
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A browser has come: its own upload button, and charts that fill its window."""
         self._source.add_upload(client)
-        self._map.attach(client)
         self._fitter.attach(client)
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
