@@ -211,6 +211,9 @@ def set_sample_period(text: str) -> Change:
 
     def change(state: State) -> State:
         recording = timed(state.recording, parse_number("sample period", text))
-        return replace(state, recording=recording, window=None, resets=state.resets + 1)
+        if recording is state.recording:
+            return state
+        period = recording.sample_period
+        return replace(state, recording=recording, typed_period=period, window=None, resets=state.resets + 1)
 
     return change

@@ -27,6 +27,7 @@ from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
 from kalscope_app.views.presets import PresetsView
+from kalscope_app.views.share import ShareView
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
 from kalscope_app.views.variants import VariantsView
@@ -73,6 +74,7 @@ class Dashboard:
             self._source = SourceView(gui, self.session, self._jobs)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
+            self._share = ShareView(gui)
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False)
             self._dark.on_update(self._on_dark)
@@ -116,6 +118,7 @@ class Dashboard:
                 self._window,
                 self._source,
                 self._export,
+                self._share,
             ):
                 view.show(frame)
         self._frame = frame

@@ -14,6 +14,7 @@ import typer
 from kalscope.cli import app, run
 from kalscope.sources.command_options import Delimiter, GapsChoice, Missing, TimeColumnChoice, TimeUnit
 from kalscope.sources.read_options import ReadOptions, options_from_text
+from kalscope_app.open_options import P0, X0, Channel, Gate, Q, R
 
 if TYPE_CHECKING:
     from kalscope_app.state import State
@@ -39,13 +40,20 @@ def open_dashboard(
     missing: Missing = None,
     gaps: GapsChoice = None,
     config: Annotated[Path | None, typer.Option(help="Tuning file to start from.")] = None,
+    channel: Channel = None,
+    q: Q = None,
+    r: R = None,
+    p0: P0 = None,
+    x0: X0 = None,
+    gate: Gate = None,
 ) -> None:
     """Open the dashboard in a browser."""
     from kalscope_app.dashboard import Dashboard
     from kalscope_app.guard import guarded_server
+    from kalscope_app.share import apply_options
 
     options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
-    state = first_state(source, options, config, sample_period)
+    state = apply_options(first_state(source, options, config, sample_period), channel, q, r, p0, x0, gate)
     dashboard: Dashboard | None = None
 
     def on_refused(why: str) -> None:
@@ -72,6 +80,8 @@ def first_state(
     source: str, options: ReadOptions, config: Path | None, sample_period: float | None = None
 ) -> State:
     """What the dashboard shows first: the source, with the values of the tuning file if there is one."""
+    from dataclasses import replace
+
     from kalscope.errors import BadSetting
     from kalscope.sources import open_source
     from kalscope.tuning import load_tuning
@@ -80,7 +90,8 @@ def first_state(
     if source.startswith("experiment:") and config is None:
         return opened_experiment(source)
     if config is None:
-        return opened(open_source(source or "demo", options, sample_period=sample_period))
+        state = opened(open_source(source or "demo", options, sample_period=sample_period))
+        return replace(state, options=options, typed_period=sample_period)
     tuning = load_tuning(config)
     spec = source or tuning.source
     if not spec:
@@ -88,7 +99,8 @@ def first_state(
             f"SOURCE must be named, because {config} was made on an uploaded file (got only --config): "
             f"kalscope open {tuning.source_name or 'FILE'} --config {config}"
         )
-    return opened_with(open_source(spec, options, sample_period=sample_period), tuning)
+    state = opened_with(open_source(spec, options, sample_period=sample_period), tuning)
+    return replace(state, options=options, typed_period=sample_period or state.typed_period)
 
 
 def asked_to_end() -> threading.Event:

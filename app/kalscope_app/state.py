@@ -14,6 +14,7 @@ from kalscope.experiments import GeneralizedParams, open_experiment
 from kalscope.filter_choice import adapt_tuning
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import Recording
+from kalscope.sources.read_options import DEFAULTS, ReadOptions
 from kalscope.tuning import ChannelTuning, Tuning
 from kalscope_app.variants import Variant
 
@@ -67,6 +68,10 @@ class State:
     """Settings that were pinned, of every channel; `variants` are those of the channel on screen."""
     preset: str = ""
     """Title of the preset that is looked at; "" = the first."""
+    options: ReadOptions = DEFAULTS
+    """What the person decided about reading the file."""
+    typed_period: float | None = None
+    """The sample period that the person gave, s; None = as the recording tells."""
     note: str = ""
     """One sentence on what the last change did, where that needs saying."""
 
@@ -158,8 +163,10 @@ def opened_with(recording: Recording, tuning: Tuning, before: State | None = Non
     Raises:
         BadSetting: none of the recording's channels is in the file.
     """
+    typed_period = None
     if recording.sample_period is None and tuning.sample_period is not None:
-        recording = timed(recording, tuning.sample_period)
+        typed_period = tuning.sample_period
+        recording = timed(recording, typed_period)
     adapted, notes = adapt_tuning(recording, tuning)
     state = opened(recording, before)
     units = dict(zip(recording.names, recording.units, strict=True))
@@ -167,9 +174,8 @@ def opened_with(recording: Recording, tuning: Tuning, before: State | None = Non
         replace(adapted[t.name], name=t.name, unit=units[t.name]) if t.name in adapted else t for t in state.tunings
     )
     channel = tuning.selected if tuning.selected in adapted else next(iter(adapted))
-    return replace(
-        state, tunings=tunings, channel=channel, note=" ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
-    )
+    note = " ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
+    return replace(state, tunings=tunings, channel=channel, typed_period=typed_period, note=note)
 
 
 def opened_experiment(name: str, before: State | None = None) -> State:
