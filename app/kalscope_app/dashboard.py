@@ -14,10 +14,12 @@ from kalscope_app.checks import compute_checks
 from kalscope_app.engine import Engine
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
+from kalscope_app.overview import Overviews
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.studies import Studies, Study
 from kalscope_app.variant_rows import VariantTable
+from kalscope_app.views.channels import ChannelsView
 from kalscope_app.views.checks import ChecksView
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
@@ -53,6 +55,7 @@ class Dashboard:
         listed = [
             self._study(VariantTable().compute, self._variants.show_table),
             self._study(compute_checks, self._checks.show),
+            self._study(Overviews().compute, self._channels.show_overview),
         ]
         studies = Studies(listed, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
@@ -90,6 +93,8 @@ class Dashboard:
             self._find.build_opinions(gui)
         with self._panels.right.add_tab("Compare"):
             self._variants.build_tab(gui)
+        with self._panels.right.add_tab("Channels"):
+            self._channels = ChannelsView(gui, self.session)
 
     def start(self) -> None:
         """Show the first frame; returns when it is on its way."""
@@ -112,6 +117,7 @@ class Dashboard:
             for view in (
                 self.parameters,
                 self._variants,
+                self._channels,
                 self._numbers,
                 self._find,
                 self._presets,

@@ -16,6 +16,7 @@ from kalscope.model import FilterParams, starting_params
 from kalscope.recording import Recording
 from kalscope.sources.read_options import DEFAULTS, ReadOptions
 from kalscope.tuning import ChannelTuning, Tuning
+from kalscope_app.together import ALONE, in_step
 from kalscope_app.variants import Variant
 
 DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
@@ -66,6 +67,8 @@ class State:
     """How often the view was reset: a new number tells the charts to forget their zoom."""
     pins: tuple[Variant, ...] = ()
     """Settings that were pinned, of every channel; `variants` are those of the channel on screen."""
+    together: str = ALONE
+    """Whether the other channels follow the one on screen, one of `together.WAYS`."""
     preset: str = ""
     """Title of the preset that is looked at; "" = the first."""
     options: ReadOptions = DEFAULTS
@@ -111,6 +114,7 @@ class State:
         changed = replace(self.tuning, **values)  # pyright: ignore[reportArgumentType]
         at = self.recording.index(self.channel)
         tunings = (*self.tunings[:at], changed, *self.tunings[at + 1 :])
+        tunings = in_step(tunings, self.starts, at, self.together)
         same = (changed.q, changed.r) == (self.tuning.q, self.tuning.r)
         return replace(self, tunings=tunings, outcome=self.outcome if same else None, note="")
 
@@ -154,7 +158,7 @@ def reopened(recording: Recording, before: State) -> State:
     tunings = tuple(known.get(tuning.name, tuning) for tuning in state.tunings)
     channel = before.channel if before.channel in recording.names else state.channel
     pins = tuple(variant for variant in before.pins if variant.tuning.name in recording.names)
-    return replace(state, tunings=tunings, channel=channel, pins=pins)
+    return replace(state, tunings=tunings, channel=channel, pins=pins, together=before.together)
 
 
 def opened_with(recording: Recording, tuning: Tuning, before: State | None = None) -> State:
