@@ -165,7 +165,7 @@ def test_constant_and_empty_channels_have_a_flat_lane():
 
 
 def test_the_second_papers_filter_has_a_lane_and_no_q(state):
-    other = state.with_rule(GeneralizedParams(1.0, None, None, "printed"))
+    other = state.with_rule(GeneralizedParams(1.0, None, None, "without_slip"))
     overview = Overviews().compute(other)
     expected = run_filter(state.recording.values[:, 0], other.rule).x
     assert np.argmax(overview.lanes[0].filtered) == np.argmax(expected)
