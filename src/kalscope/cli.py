@@ -18,6 +18,7 @@ from kalscope.demo_board import demo_board_command
 from kalscope.errors import BadSetting, KalscopeError, describe
 from kalscope.export_command import export_command
 from kalscope.ports_command import ports_command
+from kalscope.report_command import report_command
 from kalscope.reproduce_command import reproduce_command
 from kalscope.sources.command_options import (
     Delimiter,
@@ -54,6 +55,7 @@ app.command("export")(export_command)
 app.command("reproduce")(reproduce_command)
 app.command("ports")(ports_command)
 app.command("demo-board")(demo_board_command)
+app.command("report")(report_command)
 
 
 def run(argv: Sequence[str] | None = None) -> int:

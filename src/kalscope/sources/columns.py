@@ -56,6 +56,9 @@ _DAY_OF_YEAR_NAMES = frozenset(("doy", "jday", "yday", "julian_day", "day_of_yea
 _HHMM_NAMES = frozenset(("hhmm", "mst", "lst", "utc", "gmt", "est", "pst", "cst", "time", "hour_minute"))
 
 
+HOST_AND_DEVICE = ("host time", "device time")
+"""The first two columns of our own recordings of a live source: two clocks of one row, neither is a channel."""
+
 ROW_NUMBER_NAME = "sample"
 """Header of the first column of our own CSV where a recording has no time: it counts the rows."""
 
@@ -240,6 +243,8 @@ def settle_roles(
         notes = ["no time column: samples are counted"]
     else:
         taken = time.indices
+        if tuple(column.name for column in columns[:2]) == HOST_AND_DEVICE and {*taken} <= {0, 1}:
+            taken = (0, 1)
         columns = [replace(column, role="time") if i in taken else column for i, column in enumerate(columns)]
         notes = [f'"{columns[time.index].name or f"column {time.index + 1}"}" is the time']
     channels = [i for i, column in enumerate(columns) if column.role == "channel"]

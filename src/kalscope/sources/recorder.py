@@ -12,20 +12,16 @@ changes a row.
 
 from __future__ import annotations
 
-import os
-import shutil
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 
 from kalscope.atomic import sync_folder
-from kalscope.errors import BadFile
 from kalscope.recording import LineIssue
+from kalscope.sources.disk_room import RoomWatch
 from kalscope.sources.line_reader import LineEvent
+from kalscope.sources.recorder_counts import RecorderCounts
 from kalscope.sources.recording_file import AppendFile, SyncThread
 from kalscope.sources.recording_format import (
     REJECTS_HEADER,
@@ -36,39 +32,21 @@ from kalscope.sources.recording_format import (
     rejects_lines,
     row_encoder,
 )
+from kalscope.sources.recording_paths import (
+    check_free,
+    continues_line,
+    existing_parts,
+    free_part,
+    rejects_path,
+    taken,
+    unwritable,
+)
 from kalscope.sources.repair import read_ends, repair
 from kalscope.sources.sniffer import Layout
 
-LEAST_ROOM_S = 300.0
-"""Room on the disk for less time than this, at the present rate, is worth a warning, s."""
-_RATE_S = 30.0
-_LOOK_S = 1.0
+__all__ = ["Recorder", "RecorderCounts"]
 
-
-@dataclass(frozen=True)
-class RecorderCounts:
-    """The account of a recording: received = written + rejected + dropped, always."""
-
-    received: int = 0
-    """Lines with data, or that tried to be, whose fate is known."""
-    written: int = 0
-    """Lines whose rows are in NAME.csv."""
-    rejected: int = 0
-    """Lines that are in NAME.rejects because they are no row."""
-    dropped: int = 0
-    """Lines that are in neither: lost before they were handed over, or while the disk was full for too long."""
-    waiting: int = 0
-    """Lines in memory, because the disk refuses them just now; received when they reach it or are dropped."""
-    other: int = 0
-    """Blank lines, comments, headers and text such as a boot message; the text is in NAME.rejects."""
-
-    def __str__(self) -> str:
-        """The account in words."""
-        told = (
-            f"received {self.received} lines = {self.written} written + {self.rejected} rejected"
-            f" + {self.dropped} dropped"
-        )
-        return told + (f"; {self.other} others" if self.other else "")
+_WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
 
 
 class Recorder:
@@ -98,14 +76,14 @@ class Recorder:
             BadFile: The name is taken (a free one is proposed), or the file cannot be created.
         """
         path = Path(path)
-        _check_free(path)
+        check_free(path)
         self._set_up(path, source=source, started=started, wall=wall, clock=clock)
         try:
             self._csv.open(new=True)
         except FileExistsError:
-            raise _taken(path) from None
+            raise taken(path) from None
         except (OSError, ValueError) as error:
-            raise _unwritable(path, error) from None
+            raise unwritable(path, error) from None
         self._csv.put_note(preamble(source, wall), started)
         self._begin(sync_every)
 
@@ -126,34 +104,27 @@ class Recorder:
         on where the wall clock says; where that was set back, at the last row. Lines with other columns
         than the file has go into a new part.
 
-        Args:
-            path: NAME.csv, the first part.
-            source: As for a new recording; so are the others.
-            started: See there.
-            wall: See there.
-            clock: See there.
-            sync_every: See there.
+        `path` is NAME.csv, the first part; the other arguments are those of a new recording.
 
         Raises:
             BadFile: There is no such recording, it is being recorded, or it cannot be written to.
         """
         path = Path(path)
-        last = _parts(path)[-1]
+        last = existing_parts(path)[-1]
         new = cls.__new__(cls)
         new._set_up(path, source=source, started=started, wall=wall, clock=clock)
-        new._csv, new._part = AppendFile(last), len(_parts(path))
+        new._csv, new._part = AppendFile(last), len(existing_parts(path))
         try:
             new._csv.open(new=False)  # locked first: nobody else appends while the tail is judged
             repair(last)
             if new._rejects_path.exists():
-                repair(new._rejects_path)
-                new._rejects_begun = True
+                new._rejects_begun = repair(new._rejects_path).kept > 0
             new._csv.close()
             new._csv.open(new=False)
             new._go_on(last)
         except OSError as error:
             new._csv.close()
-            raise _unwritable(last, error) from None
+            raise unwritable(last, error) from None
         except BaseException:
             new._csv.close()
             raise
@@ -181,7 +152,7 @@ class Recorder:
         self._encode = None
         self._width = 0
         self._taken = self._written = self._rejected = self._dropped = self._other = 0
-        self._sizes: deque[tuple[float, int]] = deque()
+        self._room = RoomWatch(path.parent)
         self._lock = threading.Lock()
         self._closed = False
 
@@ -281,14 +252,13 @@ class Recorder:
 
     def _next_part(self) -> None:
         before = self._csv
-        path = next(p for n in count(self._part + 1) if not (p := part_path(self.path, n)).exists())
-        self._part = int(path.stem.rpartition("-")[2])
+        self._part, path = free_part(self.path, self._part + 1)
         before.put_note(f"# continued in {escaped(path.name)}: the columns changed\n", self._clock())
         before.flush(self._clock())
         self._older.append(before)
         self._csv = AppendFile(path)
-        said = f"# continues {escaped(before.path.name)}, with the same host time\n"
-        self._csv.put_note(preamble(self._source, self._wall - self._offset) + said, self._started)
+        start = preamble(self._source, self._wall - self._offset) + continues_line(before.path)
+        self._csv.put_note(start, self._started)
         self._sync.watch(self._files())
 
     def _take(self, at: float, event: LineEvent) -> None:
@@ -326,7 +296,7 @@ class Recorder:
         for file in (*self._older, self._csv):
             self._written += file.flush(now, at_once=at_once)
         self._rejected += self._rejects.flush(now, at_once=at_once)
-        self._look_at_room(now)
+        self.warning = self._room.look(now, sum(file.size for file in self._files()))
         self._publish()
 
     def _publish(self) -> None:
@@ -336,82 +306,3 @@ class Recorder:
         )
         troubles = (getattr(file, name) for name in ("trouble", "sync_trouble") for file in self._files())
         self.trouble = next(filter(None, troubles), "")
-
-    def _look_at_room(self, now: float) -> None:
-        """Once a second: will the disk last?"""
-        if self._sizes and now - self._sizes[-1][0] < _LOOK_S:
-            return
-        self._sizes.append((now, sum(file.size for file in self._files())))
-        while now - self._sizes[0][0] > _RATE_S:
-            self._sizes.popleft()
-        (first, before), (last, after) = self._sizes[0], self._sizes[-1]
-        self.warning = ""
-        if after > before and last > first:
-            try:
-                free = shutil.disk_usage(self.path.parent).free
-            except OSError:
-                return
-            left = free * (last - first) / (after - before)
-            if left < LEAST_ROOM_S:
-                self.warning = f"the disk has room for {left / 60.0:.1f} min at the present rate"
-
-
-_WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
-
-
-def rejects_path(path: Path) -> Path:
-    """Where the rejected lines of a recording go."""
-    return path.with_name(f"{path.stem}.rejects")
-
-
-def part_path(path: Path, number: int) -> Path:
-    """Part `number`, from 1, of a recording."""
-    return path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
-
-
-def free_path(path: Path) -> Path:
-    """A name near `path` under which nothing was recorded yet."""
-    candidates = (path.with_name(f"{path.stem}_{n}{path.suffix}") for n in count(2))
-    return next(p for p in candidates if not _is_taken(p))
-
-
-def _is_taken(path: Path) -> bool:
-    return os.path.lexists(path) or os.path.lexists(rejects_path(path))
-
-
-def _check_free(path: Path) -> None:
-    if path.suffix.lower() in (".rejects", ".torn"):
-        raise BadFile(f"a recording must not end in .rejects or .torn (got {path.name!r})")
-    try:
-        if _is_taken(path):
-            raise _taken(path)
-    except (OSError, ValueError) as error:
-        raise _unwritable(path, error) from None
-
-
-def _taken(path: Path) -> BadFile:
-    return BadFile(
-        f"a recording must have a name that is free, such as {free_path(path).name!r} (got {path.name!r}, which is"
-        " taken)"
-    )
-
-
-def _unwritable(path: Path, error: Exception) -> BadFile:
-    reason = getattr(error, "strerror", None) or str(error)
-    return BadFile(f"a recording must go where a file can be written (got {str(path)!r}: {reason})")
-
-
-def _parts(path: Path) -> list[Path]:
-    """The parts of a recording that exist.
-
-    Raises:
-        BadFile: not even the first does.
-    """
-    if not path.is_file():
-        raise BadFile(f"a recording to go on with must exist (got {str(path)!r})")
-    parts = [path]
-    for n in count(2):
-        if not part_path(path, n).is_file():
-            return parts
-        parts.append(part_path(path, n))
-    return parts

@@ -162,7 +162,9 @@ class AppendFile:
                 self._fd = None
 
     def _is_too_much(self, at: float) -> bool:
-        return bool(self._waiting) and (self._bytes > WAIT_BYTES or at - self._waiting[0].at > WAIT_S)
+        if not self.trouble or not self._waiting:
+            return False
+        return self._bytes > WAIT_BYTES or at - self._waiting[0].at > WAIT_S
 
     def _write(self) -> tuple[int, OSError | None]:
         """One pass over what waits: lines that reached the file, and why it was not all."""

@@ -16,6 +16,7 @@ from typing import BinaryIO
 from kalscope.errors import BadFile
 from kalscope.sources.cells import is_comment
 from kalscope.sources.recording_format import MAGIC, REJECTS_MAGIC, STARTED
+from kalscope.sources.recording_paths import torn_path
 
 _BLOCK = 1 << 20
 _HEAD_BYTES = 65_536
@@ -73,11 +74,6 @@ def repair(path: Path) -> RepairReport:
             return RepairReport(kept, size - kept, torn)
     except OSError as error:
         raise BadFile(f"{path.name} must be a recording that can be repaired (got: {error.strerror})") from None
-
-
-def torn_path(path: Path) -> Path:
-    """Where the torn tail of a file goes."""
-    return path.with_name(f"{path.name}.torn" if path.suffix == ".rejects" else f"{path.stem}.torn")
 
 
 def read_ends(path: Path) -> Ends:

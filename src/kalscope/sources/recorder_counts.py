@@ -1,0 +1,31 @@
+"""The account of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RecorderCounts:
+    """The account of a recording: received = written + rejected + dropped, always."""
+
+    received: int = 0
+    """Lines with data, or that tried to be, whose fate is known."""
+    written: int = 0
+    """Lines whose rows are in NAME.csv."""
+    rejected: int = 0
+    """Lines that are in NAME.rejects because they are no row."""
+    dropped: int = 0
+    """Lines that are in neither: lost before they were handed over, or while the disk was full for too long."""
+    waiting: int = 0
+    """Lines in memory, because the disk refuses them just now; received when they reach it or are dropped."""
+    other: int = 0
+    """Blank lines, comments, headers and text such as a boot message; the text is in NAME.rejects."""
+
+    def __str__(self) -> str:
+        """The account in words."""
+        told = (
+            f"received {self.received} lines = {self.written} written + {self.rejected} rejected"
+            f" + {self.dropped} dropped"
+        )
+        return told + (f"; {self.other} others" if self.other else "")
