@@ -16,6 +16,7 @@ from kalscope.experiments import GeneralizedParams
 from kalscope.finding import Found
 from kalscope.recording import Recording
 from kalscope_app.state import MAP_COLOURS, Outcome, State, slider_limits, timed
+from kalscope_app.together import in_step
 
 Change = Callable[[State], State]
 
@@ -144,6 +145,7 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
         q, r = float(found.params.q), float(found.params.r)
         after = replace(before, q=q, r=r, how=found.how)
         tunings = (*state.tunings[:at], after, *state.tunings[at + 1 :])
+        tunings = in_step(tunings, state.starts, at, state.together)
         outcome = Outcome(found.how, found.message, before, after) if channel == state.channel else None
         rules = (*state.rules[:at], None, *state.rules[at + 1 :]) if state.rules else ()
         return replace(state, tunings=tunings, rules=rules, outcome=outcome)
@@ -243,7 +245,10 @@ def set_sample_period(text: str) -> Change:
 
     def change(state: State) -> State:
         recording = timed(state.recording, parse_number("sample period", text))
-        return replace(state, recording=recording, window=None, resets=state.resets + 1)
+        if recording is state.recording:
+            return state
+        period = recording.sample_period
+        return replace(state, recording=recording, typed_period=period, window=None, resets=state.resets + 1)
 
     return change
 

@@ -166,7 +166,7 @@ class Chart:
             self._view = (view, reach, layout.y_range)
             scales: dict[str, Any] = {"x": {"time": False, "range": reach}}
             if layout.y_range is not None:
-                scales["y"] = {"range": layout.y_range}
+                scales["y"] = {"range": layout.y_range, **({"dir": -1} if layout.y_down else {})}
             self._handle.scales = scales
         if layout != self._layout:
             self._layout = layout
@@ -190,3 +190,5 @@ class Layout:
     """Numbers of the lines, from 0, that are drawn as points and keep their gaps."""
     y_range: tuple[float, float] | None = None
     """Fixed range of y; None = what the lines need."""
+    y_down: bool = False
+    """Whether a fixed y grows downward."""

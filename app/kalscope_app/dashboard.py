@@ -15,11 +15,13 @@ from kalscope_app.checks import compute_checks
 from kalscope_app.engine import Engine
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
+from kalscope_app.overview import Overviews
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.studies import Studies, Study
 from kalscope_app.tuning_map import MapMaker
 from kalscope_app.variant_rows import VariantTable
+from kalscope_app.views.channels import ChannelsView
 from kalscope_app.views.checks import ChecksView
 from kalscope_app.views.code import CodeView
 from kalscope_app.views.export import ExportView
@@ -31,6 +33,7 @@ from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
 from kalscope_app.views.presets import PresetsView
+from kalscope_app.views.share import ShareView
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
 from kalscope_app.views.tuning_map import TuningMapView, study
@@ -58,12 +61,13 @@ class Dashboard:
         self._build(folder)
         rounds = [
             self._study(VariantTable().compute, self._variants.show_table),
-            self._study(study(MapMaker()), self._map.show),
+            Study(study(MapMaker()), self._map.show),
             self._study(compute_checks, self._checks.show),
+            self._study(Overviews().compute, self._channels.show_overview),
         ]
         studies = Studies(rounds, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
-        self._fitter = WindowFitter(self._panels, self._set_sizes, self._set_portrait)
+        self._fitter = WindowFitter(self._panels, self._set_sizes, self._set_portrait, self._map.aim)
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
 
@@ -82,6 +86,7 @@ class Dashboard:
             self._live = LiveView(gui, self.session, self._jobs, self.tell, folder)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
+            self._share = ShareView(gui)
             self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False)
@@ -99,6 +104,8 @@ class Dashboard:
             self._find.build_opinions(gui)
         with self._panels.right.add_tab("Compare"):
             self._variants.build_tab(gui)
+        with self._panels.right.add_tab("Channels"):
+            self._channels = ChannelsView(gui, self.session)
 
     def start(self) -> None:
         """Connect the board if there is one and show the first frame; returns when it is on its way."""
@@ -125,6 +132,7 @@ class Dashboard:
             for view in (
                 self.parameters,
                 self._variants,
+                self._channels,
                 self._numbers,
                 self._find,
                 self._presets,
@@ -132,6 +140,7 @@ class Dashboard:
                 self._source,
                 self._live,
                 self._export,
+                self._share,
                 self._code,
             ):
                 view.show(frame)
@@ -181,7 +190,6 @@ class Dashboard:
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A browser has come: its own upload button, and charts that fill its window."""
         self._source.add_upload(client)
-        self._map.attach(client)
         self._fitter.attach(client)
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:

@@ -34,13 +34,14 @@ from kalscope.errors import BadSetting, KalscopeError
 from kalscope_app import guard_pages as pages
 from kalscope_app import guard_rules as rules
 from kalscope_app.guard_attacks import Attempt, self_test_attempts
+from kalscope_app.guard_gate import ClientGate
 from kalscope_app.guard_limits import ClientLimits, disable_sharing
 
 _log = logging.getLogger(__name__)
 _construction = threading.Lock()
 
 MAX_UPLOAD_BYTES = 64 * 2**20
-"""What all uploads under way may need together, unless told otherwise. Larger files are opened by path."""
+"""What the uploads of one client may need at a time, unless told otherwise. Larger files are opened by path."""
 
 MAX_FRAME_BYTES = 2**20
 """The largest message a client may send. viser cuts uploads into parts of 512 KiB, all else is far smaller."""
@@ -99,7 +100,7 @@ def guarded_server(
             must pass the Host header on.
         token: the secret of the link, 16 to 128 of A-Z a-z 0-9 _ -, or who knows it once the port is known;
             None makes a new one.
-        max_upload_bytes: what all uploads under way may need together.
+        max_upload_bytes: what the uploads of one client may need at a time.
         on_refused: told in plain words about each upload that was refused. It runs on the event loop:
             it may show a notification, and must not block.
         viser_kwargs: passed to `viser.ViserServer`.
@@ -122,6 +123,7 @@ def guarded_server(
         undo.callback(_stop, server)
         with _expecting_known_viser():
             disable_sharing(server)
+            ClientGate(server).install()
             ClientLimits(server, max_upload_bytes, on_refused).install()
         _attack(policy, address)
         door.is_open = True

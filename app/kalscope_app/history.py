@@ -59,7 +59,7 @@ def step_forward(history: History, present: State) -> tuple[History, State]:
 
 
 def _essence(state: State) -> tuple[object, ...]:
-    return state.record_key, state.channel, state.tunings, state.rules, state.pins
+    return state.record_key, state.channel, state.tunings, state.rules, state.pins, state.together
 
 
 def _seen_as(present: State, other: State) -> State:

@@ -21,6 +21,7 @@ import typer
 from kalscope.cli import app, run
 from kalscope.sources.command_options import Delimiter, GapsChoice, Missing, TimeColumnChoice, TimeUnit
 from kalscope.sources.read_options import ReadOptions, options_from_text
+from kalscope_app.open_options import P0, X0, Channel, Gate, Q, R
 
 if TYPE_CHECKING:
     from kalscope_app.log_file import Log
@@ -55,17 +56,24 @@ def open_dashboard(
     ] = False,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Write down what happens, with details.")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say on the terminal what happens.")] = False,
+    channel: Channel = None,
+    q: Q = None,
+    r: R = None,
+    p0: P0 = None,
+    x0: X0 = None,
+    gate: Gate = None,
 ) -> None:
     """Open the dashboard in a browser."""
     from kalscope_app.log_file import logging_to
     from kalscope_app.secret_files import kept_token
+    from kalscope_app.share import apply_options
 
     def token(bound_port: int) -> str:
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
 
     options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
     with asked_to_end() as end, logging_to(log, verbose=verbose) as running_log, own_temporary_folder():
-        state = first_state(source, options, config, sample_period)
+        state = apply_options(first_state(source, options, config, sample_period), channel, q, r, p0, x0, gate)
         door = Door(host, port, tuple(allow_host or ()), behind, token)
         serve(state, door, end, running_log, browser=browser)
 
@@ -137,6 +145,8 @@ def first_state(
     source: str, options: ReadOptions, config: Path | None, sample_period: float | None = None
 ) -> State:
     """What the dashboard shows first: the source, with the values of the tuning file if there is one."""
+    from dataclasses import replace
+
     from kalscope.errors import BadSetting
     from kalscope.sources import open_source
     from kalscope.sources.live import LiveSource
@@ -151,7 +161,8 @@ def first_state(
     if source.startswith("experiment:") and config is None:
         return opened_experiment(source)
     if config is None:
-        return opened(open_source(source or "demo", options, sample_period=sample_period))
+        state = opened(open_source(source or "demo", options, sample_period=sample_period))
+        return replace(state, options=options, typed_period=sample_period)
     tuning = load_tuning(config)
     spec = source or tuning.source
     if not spec:
@@ -159,7 +170,8 @@ def first_state(
             f"SOURCE must be named, because {config} was made on an uploaded file (got only --config): "
             f"kalscope open {tuning.source_name or 'FILE'} --config {config}"
         )
-    return opened_with(open_source(spec, options, sample_period=sample_period), tuning)
+    state = opened_with(open_source(spec, options, sample_period=sample_period), tuning)
+    return replace(state, options=options, typed_period=sample_period or state.typed_period)
 
 
 @contextlib.contextmanager

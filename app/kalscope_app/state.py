@@ -15,7 +15,9 @@ from kalscope.experiments import GeneralizedParams, open_experiment
 from kalscope.filter_choice import adapt_tuning
 from kalscope.model import FilterParams, starting_params
 from kalscope.recording import Recording
+from kalscope.sources.read_options import DEFAULTS, ReadOptions
 from kalscope.tuning import ChannelTuning, Tuning
+from kalscope_app.together import ALONE, in_step
 from kalscope_app.variants import Variant
 
 if TYPE_CHECKING:
@@ -76,8 +78,14 @@ class State:
     """How often the view was reset: a new number tells the charts to forget their zoom."""
     pins: tuple[Variant, ...] = ()
     """Settings that were pinned, of every channel; `variants` are those of the channel on screen."""
+    together: str = ALONE
+    """Whether the other channels follow the one on screen, one of `together.WAYS`."""
     preset: str = ""
     """Title of the preset that is looked at; "" = the first."""
+    options: ReadOptions = DEFAULTS
+    """What the person decided about reading the file."""
+    typed_period: float | None = None
+    """The sample period that the person gave, s; None = as the recording tells."""
     note: str = ""
     """One sentence on what the last change did, where that needs saying."""
     board: str | None = None
@@ -133,6 +141,7 @@ class State:
         changed = replace(self.tuning, **values)  # pyright: ignore[reportArgumentType]
         at = self.recording.index(self.channel)
         tunings = (*self.tunings[:at], changed, *self.tunings[at + 1 :])
+        tunings = in_step(tunings, self.starts, at, self.together)
         same = (changed.q, changed.r) == (self.tuning.q, self.tuning.r)
         return replace(self, tunings=tunings, outcome=self.outcome if same else None, note="")
 
@@ -183,7 +192,7 @@ def reopened(recording: Recording, before: State) -> State:
     tunings = tuple(known.get(tuning.name, tuning) for tuning in state.tunings)
     channel = before.channel if before.channel in recording.names else state.channel
     pins = tuple(variant for variant in before.pins if variant.tuning.name in recording.names)
-    return replace(state, tunings=tunings, channel=channel, pins=pins)
+    return replace(state, tunings=tunings, channel=channel, pins=pins, together=before.together)
 
 
 def opened_with(recording: Recording, tuning: Tuning, before: State | None = None) -> State:
@@ -192,8 +201,10 @@ def opened_with(recording: Recording, tuning: Tuning, before: State | None = Non
     Raises:
         BadSetting: none of the recording's channels is in the file.
     """
+    typed_period = None
     if recording.sample_period is None and tuning.sample_period is not None:
-        recording = timed(recording, tuning.sample_period)
+        typed_period = tuning.sample_period
+        recording = timed(recording, typed_period)
     adapted, notes = adapt_tuning(recording, tuning)
     state = opened(recording, before)
     units = dict(zip(recording.names, recording.units, strict=True))
@@ -201,9 +212,8 @@ def opened_with(recording: Recording, tuning: Tuning, before: State | None = Non
         replace(adapted[t.name], name=t.name, unit=units[t.name]) if t.name in adapted else t for t in state.tunings
     )
     channel = tuning.selected if tuning.selected in adapted else next(iter(adapted))
-    return replace(
-        state, tunings=tunings, channel=channel, note=" ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
-    )
+    note = " ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
+    return replace(state, tunings=tunings, channel=channel, typed_period=typed_period, note=note)
 
 
 def opened_experiment(name: str, before: State | None = None) -> State:

@@ -19,6 +19,7 @@ from kalscope.errors import BadSetting, KalscopeError, describe
 from kalscope.export_command import export_command
 from kalscope.ports_command import ports_command
 from kalscope.record_command import record_command
+from kalscope.report_command import report_command
 from kalscope.reproduce_command import reproduce_command
 from kalscope.sources.command_options import (
     Delimiter,
@@ -56,6 +57,7 @@ app.command("reproduce")(reproduce_command)
 app.command("record")(record_command)
 app.command("ports")(ports_command)
 app.command("demo-board")(demo_board_command)
+app.command("report")(report_command)
 
 
 def run(argv: Sequence[str] | None = None) -> int:

@@ -215,8 +215,8 @@ def whole_stretch(z: Array) -> tuple[slice, str]:
         return slice(first, last), f"Samples {first} to {last - 1}, the longest stretch without a missing one."
     return (
         slice(int(starts[0]), int(ends[-1])),
-        f"{len(z) - finite} missing samples lie on straight lines between their neighbours: some of what is slow is "
-        "made up.",
+        f"{len(z) - finite} missing samples lie on straight lines between their neighbours: part of what "
+        "is slow is made up.",
     )
 
 

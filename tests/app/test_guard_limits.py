@@ -2,37 +2,31 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 from collections.abc import Callable, Iterator
 
 import msgspec
 import pytest
 import viser
+import wire
 from viser import _messages as messages
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import ClientConnection
 from websockets.sync.connection import Connection
+from wire import CAMERA, PATIENCE, close_code, messages_in, packed
 
+from kalscope_app import guard, guard_limits
 from kalscope_app.guard import GuardedServer, guarded_server
+from kalscope_app.guard_gate import BURST
+from kalscope_app.guard_values import LONGEST_TEXT
 
 TOKEN = "T0ken-T0ken_T0ken"
-PATIENCE = 10.0
-"""Seconds that a test waits for something that must come; nothing waits that long when all is well."""
-
 CAP = 1 << 20
 
 
 def client(port: int) -> ClientConnection:
-    return connect(
-        f"ws://127.0.0.1:{port}/",
-        origin=f"http://127.0.0.1:{port}",  # pyright: ignore[reportArgumentType]
-        subprotocols=[f"viser-v{viser.__version__}"],  # pyright: ignore[reportArgumentType]
-        additional_headers={"Cookie": f"kalscope_{port}={TOKEN}"},
-        compression=None,
-        max_size=None,
-        proxy=None,
-        open_timeout=PATIENCE,
-    )
+    return wire.client(port, token=TOKEN)
 
 
 class Bench:
@@ -96,19 +90,6 @@ class Bench:
         }
 
 
-CAMERA = {
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (1.0, 1.0, 1.0),
-    "fov": 1.0,
-    "near": 0.1,
-    "far": 10.0,
-    "image_height": 10,
-    "image_width": 10,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, 0.0, 1.0),
-}
-
-
 @pytest.fixture
 def bench() -> Iterator[Bench]:
     refused: queue.Queue[str] = queue.Queue()
@@ -152,11 +133,16 @@ def test_of_a_mixed_update_only_the_value_is_taken(bench, scope):
     assert bench.texts[scope]._impl.removed is False
 
 
-@pytest.mark.parametrize("updates", [[], "value", None, 1])
-def test_updates_that_are_no_mapping_are_ignored(bench, updates):
-    bench.send("GuiUpdateMessage", uuid=bench.texts["shared"]._impl.uuid, updates=updates)
+@SCOPES
+@pytest.mark.parametrize(
+    "value",
+    [1, None, True, ["x"], {"a": 1}, b"bytes", "x" * (LONGEST_TEXT + 1)],
+    ids=lambda value: repr(value)[:12],
+)
+def test_a_value_of_another_kind_leaves_the_widget_as_it_is(bench, scope, value):
+    bench.update(scope, value=value)
     bench.settle()
-    assert bench.texts["shared"].value == "old"
+    assert bench.texts[scope].value == "old"
 
 
 def test_a_share_request_does_nothing(bench, monkeypatch):
@@ -210,13 +196,25 @@ def test_uploads_together_stay_under_the_cap(bench):
     assert bench.under_way() == {"a": CAP // 2, "b": CAP // 2}
 
 
-def test_more_bytes_than_announced_are_refused(bench):
+def test_more_bytes_than_announced_are_refused_and_end_the_connection(bench):
     uuid = bench.buttons["shared"]._impl.uuid
     bench.start(uuid, 2000, 2)
     bench.part(uuid, 0, b"x" * 1500)
     bench.part(uuid, 1, b"x" * 1500)
     assert "more bytes than it announced" in bench.refused.get(timeout=PATIENCE)
+    assert close_code(bench.connection) == 1008
     assert bench.under_way() == {}
+
+
+def test_an_upload_that_stalls_gives_its_room_to_others(bench, monkeypatch):
+    uuid = bench.buttons["shared"]._impl.uuid
+    bench.start(uuid, CAP, 2, "never sent")
+    bench.settle()
+    monkeypatch.setattr(guard_limits, "STALLED", -1.0)
+    bench.start(uuid, CAP, 2, "next")
+    bench.settle()
+    assert bench.under_way() == {"next": CAP}
+    assert bench.refused.empty()
 
 
 def test_a_file_cannot_become_the_value_of_another_widget(bench):
@@ -287,23 +285,91 @@ def wait_for(is_so: Callable[[], bool], bench: Bench) -> None:
     raise AssertionError("it never became so")
 
 
-@pytest.mark.parametrize(
-    "frame",
-    [
-        b"\xc1\xff garbage",
-        "text",
-        msgspec.msgpack.encode({"type": "NoSuchMessage"}),
-        msgspec.msgpack.encode([1]),
-    ],
-)
-def test_a_malformed_frame_closes_only_its_own_connection(bench, frame):
+# --- who misbehaves is disconnected, and nobody else -------------------------------------------------------
+
+
+UPLOAD = {"source_component_uuid": "u", "transfer_uuid": "t", "filename": "x", "mime_type": "", "size_bytes": 1}
+PART = {"source_component_uuid": "u", "transfer_uuid": "t", "part_index": 0}
+IMPOSSIBLE = {
+    "garbage": (b"\xc1\xff garbage", 1011),
+    "a text": ("text", 1011),
+    "no known message": (packed("NoSuchMessage"), 1011),
+    "no mapping": (msgspec.msgpack.encode([1]), 1011),
+    "a frame beyond the limit": (b"x" * (guard.MAX_FRAME_BYTES + 1), 1009),
+    "updates in a list": (packed("GuiUpdateMessage", uuid="u", updates=[1]), 1008),
+    "updates missing": (packed("GuiUpdateMessage", uuid="u", updates=None), 1008),
+    "a number as name": (packed("GuiUpdateMessage", uuid=1, updates={}), 1008),
+    "an endless name": (packed("GuiFormSubmitMessage", uuid="u" * 101), 1008),
+    "a command of bytes": (packed("CommandTriggerMessage", uuid=b"u"), 1008),
+    "a camera nowhere": (packed("ViewerCameraMessage", **CAMERA | {"position": (float("nan"), 0, 0)}), 1008),
+    "an endless screen": (packed("ViewerCameraMessage", **CAMERA | {"image_width": 10**9}), 1008),
+    "a hold at no frequency": (packed("GuiButtonHoldMessage", uuid="u", frequency=float("inf")), 1008),
+    "an upload with an endless name": (
+        packed("FileTransferStartUpload", **UPLOAD | {"filename": "x" * 1001}, part_count=1),
+        1008,
+    ),
+    "a part of text": (packed("FileTransferPart", **PART, content="text"), 1008),
+}
+
+
+@pytest.mark.parametrize(("frame", "code"), IMPOSSIBLE.values(), ids=IMPOSSIBLE.keys())
+def test_what_no_browser_sends_ends_only_its_own_connection(bench, frame, code):
     with client(bench.running.port) as hostile:
         hostile.send(frame)
-        with pytest.raises(ConnectionClosed):
-            read_for_ever(hostile)
+        assert close_code(hostile) == code
     bench.settle()
 
 
-def read_for_ever(connection: Connection) -> None:
+def test_a_client_that_floods_is_disconnected(bench):
+    with client(bench.running.port) as hostile, contextlib.suppress(ConnectionClosed):
+        for _ in range(int(5 * BURST)):
+            hostile.send(packed("GuiFormSubmitMessage", uuid="u"))
+    assert close_code(hostile) == 1008
+    bench.settle()
+
+
+def test_a_form_that_nobody_made_leaves_nothing_behind(bench):
+    """Stock viser keeps a message for each name that a client makes up, and sends them to all who come."""
+    buffer = bench.running.server._websock_server._broadcast_buffer
+    before = len(buffer.message_from_id)
+    for i in range(100):
+        bench.send("GuiFormDirtyMessage", uuid=f"made up {i}")
+    bench.settle()
+    assert len(buffer.message_from_id) <= before + 1
+
+
+def test_no_more_clients_than_there_is_room_for(bench, monkeypatch):
+    monkeypatch.setattr(guard, "MAX_CLIENTS", 2)
+    with client(bench.running.port) as second:
+        second.recv(timeout=PATIENCE)
+        with client(bench.running.port) as third:
+            assert close_code(third) == 1013
+    bench.settle()
+    wait_for(lambda: len(bench.running.server._websock_server._live_connections) == 1, bench)
+    with client(bench.running.port) as after:
+        after.recv(timeout=PATIENCE)
+
+
+# --- several browsers -------------------------------------------------------------------------------------
+
+
+def test_after_a_gesture_every_browser_is_told_the_same_value(bench):
+    """Its sender too: stock viser never tells it, so crossing edits leave two screens that differ."""
+    uuid = bench.texts["shared"]._impl.uuid
+    with client(bench.running.port) as other:
+        second = Bench(bench.running, other, bench.refused)
+        second.send("ViewerCameraMessage", **CAMERA)
+        wait_for(lambda: len(bench.running.server.get_clients()) == 2, bench)
+        second.texts = bench.texts
+        second.update("shared", value="settled here")
+        assert value_heard(other, uuid) == "settled here"
+
+
+def value_heard(connection: Connection, uuid: str) -> object:
+    """The next value of a widget that the server sends to this client."""
     while True:
-        connection.recv(timeout=PATIENCE)
+        frame = connection.recv(timeout=PATIENCE)
+        assert isinstance(frame, bytes)
+        for message in messages_in(frame):
+            if message["type"] == "GuiUpdateMessage" and message["uuid"] == uuid and "value" in message["updates"]:
+                return message["updates"]["value"]

@@ -5,7 +5,15 @@ from __future__ import annotations
 import pytest
 
 from kalscope_app.views.fitting import resized
-from kalscope_app.views.layout import CANVAS_WIDTH, FIRST_RIGHT_WIDTH, LEFT_WIDTH, PROBE, sizes_for, window_size
+from kalscope_app.views.layout import (
+    CANVAS_WIDTH,
+    FIRST_RIGHT_WIDTH,
+    LEFT_WIDTH,
+    PROBE,
+    canvas_width_for,
+    sizes_for,
+    window_size,
+)
 
 DOCKED = float(LEFT_WIDTH + FIRST_RIGHT_WIDTH)
 """Width of both panels at first, px."""
@@ -19,9 +27,26 @@ def canvas(width, height, docked, pixel_ratio):
 @pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1600, 900), (1280, 720), (1024, 768)])
 def test_panels_and_canvas_fill_the_window(width, height):
     sizes = sizes_for(width, height)
-    assert LEFT_WIDTH + CANVAS_WIDTH + sizes.right_width == width
+    assert LEFT_WIDTH + sizes.canvas_width + sizes.right_width == width
+    assert sizes_for(width, height, map_shown=False).right_width == width - LEFT_WIDTH - CANVAS_WIDTH
     assert sizes.signal_height > sizes.innovation_height > sizes.gain_height >= 90
     assert sizes.signal_height + sizes.innovation_height + sizes.gain_height < height
+
+
+@pytest.mark.parametrize(
+    ("width", "shown", "canvas"),
+    [
+        (1920, True, 520),
+        (1600, True, 452),
+        (1280, True, 380),
+        (1105, True, 380),
+        (1104, True, CANVAS_WIDTH),  # the charts would be narrower than the map
+        (1920, False, CANVAS_WIDTH),
+    ],
+)
+def test_the_map_has_its_room_as_long_as_the_charts_keep_as_much(width, shown, canvas):
+    assert canvas_width_for(width, map_shown=shown) == canvas
+    assert canvas == CANVAS_WIDTH or width - LEFT_WIDTH - canvas >= canvas
 
 
 def test_a_tiny_window_keeps_usable_sizes():

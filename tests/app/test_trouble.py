@@ -102,7 +102,7 @@ def test_the_same_sentence_is_not_said_twice_in_a_row(heard, caplog, monkeypatch
 
 
 @pytest.mark.parametrize(
-    "error", [ConnectionClosedOK(None, None), ConnectionResetError(), asyncio.CancelledError()]
+    "error", [ConnectionClosedOK(None, None), ConnectionResetError(), asyncio.CancelledError()], ids=repr
 )
 def test_a_browser_that_leaves_is_no_trouble(heard, error):
     trouble, told = heard

@@ -5,12 +5,13 @@ from __future__ import annotations
 import http.server
 import queue
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
 import viser
+from conftest import CHROMIUM, FLAGS
 
 from kalscope_app.guard import GuardedServer, guarded_server
 
@@ -155,6 +156,31 @@ def test_a_refused_upload_leaves_the_button_usable(dashboard, visitor, tmp_path)
     page.get_by_text("large.csv").wait_for(state="detached")  # its notice would claim success
 
 
+@pytest.fixture
+def chromium_with(browser: Browser) -> Iterator[Callable[[str], Browser]]:
+    """Another Chromium, with one flag more."""
+    started: list[Browser] = []
+
+    def start(flag: str) -> Browser:
+        started.append(browser.browser_type.launch(executable_path=CHROMIUM, args=[*FLAGS, flag]))
+        return started[-1]
+
+    yield start
+    for each in started:
+        each.close()
+
+
+def test_without_webgl_a_plain_page_says_so_and_how_to_switch_it_on(dashboard, chromium_with, tmp_path):
+    """viser's own page stays blank there. Also after a reload, and by the address without the token."""
+    page = chromium_with("--disable-3d-apis").new_page()
+    page.goto(dashboard.running.url)
+    for _ in range(2):
+        page.get_by_role("heading", name="WebGL").wait_for(timeout=PATIENCE_MS)
+        assert "webgl.force-enabled" in page.inner_text("body")
+        page.screenshot(path=tmp_path / "without-webgl.png")
+        page.get_by_role("link", name="Try again").click()
+
+
 # --- the attacker -----------------------------------------------------------------------------------------
 
 
@@ -178,6 +204,18 @@ def test_a_foreign_name_for_this_machine_is_refused(dashboard, visitor):
     assert visitor.cookies() == []
 
 
+def test_a_rebound_name_reaches_neither_page_nor_socket(dashboard, chromium_with, hostile):
+    """The attacker's own name, made to point here after his page was loaded: same site and origin for a browser."""
+    context = chromium_with("--host-resolver-rules=MAP evil.example 127.0.0.1").new_context()
+    page = context.new_page()
+    answer = page.goto(dashboard.running.url.replace("127.0.0.1", "evil.example"))
+    assert answer is not None
+    assert answer.status == 403
+    assert context.cookies() == []
+    page.goto(f"http://evil.example:{hostile.port}/")
+    assert opening_a_socket(page, dashboard.running, "evil.example") == "refused"
+
+
 def test_an_iframe_on_a_hostile_page_stays_empty(dashboard, visitor, hostile):
     log_in(visitor, dashboard.running)
     hostile.pages["/frame"] = (
@@ -193,7 +231,7 @@ def test_an_iframe_on_a_hostile_page_stays_empty(dashboard, visitor, hostile):
     assert framed.url.startswith("chrome-error:")
 
 
-def opening_a_socket(page: Page, running: GuardedServer) -> str:
+def opening_a_socket(page: Page, running: GuardedServer, name: str = "127.0.0.1") -> str:
     """What becomes of a websocket to the dashboard that this page's script opens."""
     return page.evaluate(
         """([url, protocol]) => new Promise(resolve => {
@@ -201,7 +239,7 @@ def opening_a_socket(page: Page, running: GuardedServer) -> str:
             socket.onopen = () => resolve("opened");
             socket.onerror = () => resolve("refused");
         })""",
-        [f"ws://127.0.0.1:{running.port}/", f"viser-v{viser.__version__}"],
+        [f"ws://{name}:{running.port}/", f"viser-v{viser.__version__}"],
     )
 
 
@@ -228,7 +266,7 @@ def test_markup_in_a_text_runs_no_script(dashboard, visitor, kind, markup):
     page = log_in(visitor, dashboard.running)
     with page.expect_console_message(lambda message: "violates the following" in message.text):
         getattr(dashboard.running.server.gui, kind)(markup)
-    assert page.title() == "Viser"
+    assert page.title() == "Kalscope"
 
 
 def test_a_page_cannot_connect_elsewhere(dashboard, visitor, hostile):

@@ -77,7 +77,8 @@ class Workshop:
         for pattern, value in edits:
             text, found = re.subn(pattern, value.replace("\\", r"\\"), text)
             assert found == 1, f"{pattern!r} stands {found} times in {source.name}"
-        digest = hashlib.sha256("\n".join((text, *map(str, include))).encode()).hexdigest()[:12]
+        headers = [header.read_text() for folder in (source.parent, *include) for header in folder.glob("*.h")]
+        digest = hashlib.sha256("\0".join((text, *headers)).encode()).hexdigest()[:12]
         elf = self.folder / f"{source.stem}-{digest}.elf"
         if elf not in self.made:
             self.made[elf] = self._compile(text, elf, [source.parent, *include])

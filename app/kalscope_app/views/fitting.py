@@ -17,7 +17,7 @@ SETTLED = 0.4
 PATIENCE = 1.5
 """Seconds to wait for that at most."""
 
-ATTEMPTS = 3
+ATTEMPTS = 5
 """Measurements at most; each checks itself."""
 
 Pixels = tuple[int, int]
@@ -31,11 +31,14 @@ class WindowFitter:
         panels: Panels,
         set_sizes: Callable[[Sizes], None],
         set_portrait: Callable[[viser.ClientHandle, float | None], None],
+        aim: Callable[[viser.ClientHandle], None],
     ) -> None:
-        """Args: the panels; who draws for sizes; who draws the signal into a phone's canvas of a given shape."""
+        """Args: the panels; who draws for sizes, into a phone's canvas of a given shape; who aims a camera anew."""
         self._panels = panels
         self._set_sizes = set_sizes
         self._set_portrait = set_portrait
+        self._aim = aim
+        self._busy = False
         self._fitted: dict[viser.ClientHandle, Pixels | None] = {}
         self._window: tuple[float, float] | None = None
         self._map_shown = True
@@ -60,8 +63,12 @@ class WindowFitter:
             self._waiting.put(None)
 
     def _on_camera(self, client: viser.ClientHandle) -> None:
+        if self._busy:
+            return
         if self._needs_fit(client) and self._waiting.empty():
             self._waiting.put(client)
+        else:
+            self._aim(client)
 
     def _needs_fit(self, client: viser.ClientHandle) -> bool:
         known = self._fitted.get(client, (0, 0))
@@ -70,10 +77,14 @@ class WindowFitter:
     def _run(self) -> None:
         while True:
             client = self._waiting.get()
+            self._busy = True  # no camera moves meanwhile: every move has to be drawn before a size is reported
             if client is None:
                 self._refill()
             elif self._needs_fit(client):  # what was reported meanwhile may have been our own doing
                 self._fit(client)
+            self._busy = False
+            for one in tuple(self._fitted):
+                self._aim(one)
 
     def _refill(self) -> None:
         """Fill the window as measured before."""
@@ -81,7 +92,7 @@ class WindowFitter:
             return
         self._fill(self._window)
         for one in tuple(self._fitted):
-            size = settled(one)
+            size = settled(one, SETTLED)
             if one in self._fitted:
                 self._fitted[one] = size
 
@@ -93,19 +104,20 @@ class WindowFitter:
 
     def _fit(self, client: viser.ClientHandle) -> None:
         """Measure and fill; then remember what every browser's canvas has become by that."""
-        for _ in range(ATTEMPTS):  # the first may meet a page that has not docked its panels yet
-            if client not in self._fitted or self._measure_and_fill(client):
+        for attempt in range(ATTEMPTS):  # the first may meet a page that has not docked its panels yet
+            # A page without a graphics card reports late: each attempt is more patient than the one before.
+            if client not in self._fitted or self._measure_and_fill(client, SETTLED * (1 + attempt)):
                 break
         for one in tuple(self._fitted):
             if one in self._fitted:
                 self._fitted[one] = canvas_of(one)
 
-    def _measure_and_fill(self, client: viser.ClientHandle) -> bool:
-        """One attempt; True if the canvas then is as narrow as the measured window says."""
+    def _measure_and_fill(self, client: viser.ClientHandle, hold: float) -> bool:
+        """One attempt, with sizes that keep for `hold` s; True if the canvas is then as the window says."""
         self._panels.set_right_width(FIRST_RIGHT_WIDTH)
-        first, docked = settled(client), self._panels.docked_width
+        first, docked = settled(client, hold), self._panels.docked_width
         self._panels.set_right_width(FIRST_RIGHT_WIDTH + PROBE)
-        second = settled(client, unlike=first)
+        second = settled(client, hold, unlike=first)
         window = window_size(first, second, docked=docked, more=PROBE)
         if window is None:
             upright = 0 < second[0] < 0.8 * second[1]
@@ -114,7 +126,7 @@ class WindowFitter:
         self._set_portrait(client, None)
         self._window = window
         sizes = self._fill(window)
-        filled = settled(client, unlike=second)
+        filled = settled(client, hold, unlike=second)
         expected = sizes.canvas_width / window[1]
         return abs(filled[0] / max(filled[1], 1) - expected) <= 0.05 * expected
 
@@ -134,13 +146,13 @@ def canvas_of(client: viser.ClientHandle) -> Pixels:
     return client.camera.image_width, client.camera.image_height
 
 
-def settled(client: viser.ClientHandle, unlike: Pixels | None = None) -> Pixels:
-    """The canvas once it has changed from `unlike` and kept its size for a while; viser has no event for that."""
-    end = time.monotonic() + PATIENCE
+def settled(client: viser.ClientHandle, hold: float, unlike: Pixels | None = None) -> Pixels:
+    """The canvas once it has changed from `unlike` and kept its size for `hold` s; viser has no event for that."""
+    end = time.monotonic() + PATIENCE + 2.0 * (hold - SETTLED)
     while unlike is not None and canvas_of(client) == unlike and time.monotonic() < end:
         time.sleep(0.03)
     size, last_change = canvas_of(client), time.monotonic()
-    while time.monotonic() - last_change < SETTLED and time.monotonic() < end + SETTLED:
+    while time.monotonic() - last_change < hold and time.monotonic() < end + hold:
         time.sleep(0.03)
         now = canvas_of(client)
         if now != size:

@@ -18,9 +18,11 @@ from kalscope_app.changes import (
     set_rule_text,
     set_text,
 )
+from kalscope_app.channel_changes import set_together
 from kalscope_app.frame import Frame
 from kalscope_app.session import Session, redo, undo
 from kalscope_app.state import State, slider_limits
+from kalscope_app.together import WAYS
 from kalscope_app.views.words import squared, typed
 
 NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "start variance p0"}
@@ -44,6 +46,9 @@ class ParametersView:
         self._session = session
         self._channel = gui.add_dropdown(
             "channel", list[str](["–"]), hint="Each channel has parameters of its own."
+        )
+        self._together = gui.add_dropdown(
+            "tune", WAYS, hint="All together: a change here, or a search, sets every channel. Undo takes it back."
         )
         self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="The second paper's filter, to compare.")
         with gui.add_form(None) as form:
@@ -76,6 +81,7 @@ class ParametersView:
         )
         form.on_submit(self._on_submit)
         self._channel.on_update(self._on_channel)
+        self._together.on_update(self._on_together)
         self._filter.on_update(self._on_filter)
         self._start.on_update(self._on_start)
         self._steps.on_click(self._on_step)
@@ -86,6 +92,10 @@ class ParametersView:
     async def _on_channel(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
             self._session.request(select_channel(self._channel.value))
+
+    async def _on_together(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_together(self._together.value))
 
     async def _on_filter(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
@@ -115,7 +125,9 @@ class ParametersView:
             self._channel.options = state.recording.names
         if self._channel.value != state.channel:
             self._channel.value = state.channel
-        self._channel.visible = len(state.recording.names) > 1
+        self._channel.visible = self._together.visible = len(state.recording.names) > 1
+        if self._together.value != state.together:
+            self._together.value = state.together
         self._show_rule(state)
         for control in self._controls:
             control.visible = state.rule is None

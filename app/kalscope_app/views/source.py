@@ -137,7 +137,7 @@ class SourceView:
             with Patience(self._progress, self._cancel) as patience:
                 recording = reader(options, progress=patience.report, cancelled=stop.is_set)
             self._again = (recording.source, recording.title), reader
-            self._session.request(lambda state: reopened(recording, state))
+            self._session.request(lambda state: replace(reopened(recording, state), options=options))
 
         self._jobs.run(work)
 

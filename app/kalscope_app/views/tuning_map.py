@@ -42,7 +42,7 @@ class TuningMapView:
         self._state: State | None = None
         self._plate: Plate | None = None
         self._frame = frame_for(*self._size, self._map.q, self._map.r)
-        self._shapes: dict[viser.ClientHandle, float | None] = {}
+        self._shapes: dict[viser.ClientHandle, float] = {}
         self._portraits: set[viser.ClientHandle] = set()
         self._drags, self._offset, self._moved = 0, (0.0, 0.0), 0.0
         self._build_scene()
@@ -92,7 +92,7 @@ class TuningMapView:
 
     async def _on_flat(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
-            self._aim(event.client)
+            self._look_straight(event.client)
 
     async def _on_drag(self, event: viser.SceneNodeDragEvent[Any]) -> None:
         frame, state = self._frame, self._state
@@ -163,16 +163,17 @@ class TuningMapView:
         self._show_colour(state)
         if self._plate is not None and same_plate(plate, self._plate):
             return
-        if self._plate is None or self._plate.dark != plate.dark:
-            self._ring.image = draw_ring(dark=plate.dark)
+        picture, ring = draw_map_picture(plate), draw_ring(dark=plate.dark)
         fit = self._plate is None or self._plate.frame != plate.frame
         self._plate = plate
-        self._picture.image = draw_map_picture(plate)
-        self._picture.render_width = plate.frame.width / PIXELS
-        self._picture.render_height = plate.frame.height / PIXELS
-        self._picture.visible = self._glass.visible = True
+        with self._server.atomic():
+            self._ring.image = ring
+            self._picture.image = picture
+            self._picture.render_width = plate.frame.width / PIXELS
+            self._picture.render_height = plate.frame.height / PIXELS
+            self._picture.visible = self._glass.visible = True
         for client in tuple(self._shapes) if fit else ():
-            self._aim(client)
+            self._look_straight(client)
 
     def _show_colour(self, state: State) -> None:
         """The colourings that this recording allows, and which is on screen."""
@@ -184,29 +185,23 @@ class TuningMapView:
 
     # Cameras.
 
-    def attach(self, client: viser.ClientHandle) -> None:
-        """Fit the picture into this browser's canvas, now and whenever its shape changes."""
-        self._shapes[client] = None
-        client.camera.on_update(lambda _camera: self._on_camera(client))
-        self._on_camera(client)
-
     def detach(self, client: viser.ClientHandle) -> None:
         """Forget a browser that has gone."""
         self._shapes.pop(client, None)
         self._portraits.discard(client)
 
-    def _on_camera(self, client: viser.ClientHandle) -> None:
-        shape = shape_of(client)
-        known = self._shapes.get(client, shape)
+    def aim(self, client: viser.ClientHandle) -> None:
+        """Fit the picture into this browser's canvas if its shape is news."""
+        shape, known = shape_of(client), self._shapes.get(client)
         if shape is not None and (known is None or abs(shape - known) > 0.002 * known):
-            self._shapes[client] = shape
-            self._aim(client)
+            self._look_straight(client)
 
-    def _aim(self, client: viser.ClientHandle) -> None:
+    def _look_straight(self, client: viser.ClientHandle) -> None:
         """Look straight at the map; a phone looks past it, because its canvas shows the signal."""
         shape = shape_of(client)
         if shape is None:
             return
+        self._shapes[client] = shape
         camera = client.camera
         away = 10.0 * SIDE if client in self._portraits else 0.0
         with client.atomic():
@@ -218,7 +213,7 @@ class TuningMapView:
         """Whether this browser is a phone's."""
         if portrait != (client in self._portraits):
             (self._portraits.add if portrait else self._portraits.discard)(client)
-            self._aim(client)
+            self._look_straight(client)
 
 
 def shape_of(client: viser.ClientHandle) -> float | None:

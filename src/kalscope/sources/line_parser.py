@@ -212,7 +212,8 @@ class LineParser:
         if event is None or event.kind in ("rejected", "text") or event.issues:
             event = self._look_again(line, event)
         if self._head_bytes >= HEAD_BYTES:
-            self._settled, self._head = True, []
+            # As long as nothing was data, the head is still to come.
+            self._settled, self._head, self._head_bytes = self._reader is not None, [], 0
         return event
 
     def _look_again(self, line: str, event: LineEvent | None) -> LineEvent:

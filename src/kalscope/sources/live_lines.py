@@ -24,6 +24,8 @@ _SILENCE = 0.3
 """Seconds without a byte after which a line begins anew: a line is sent in one go."""
 _PATIENCE = 32
 """Rejected lines in a row after which the board is thought to run another program."""
+_PATIENCE_AT_FIRST = 8
+"""Lines after which those that nothing is known of are looked at again."""
 _WINDOW = 2.0
 _ODD_SHARE = 0.25
 _FEW_BYTES = 16
@@ -138,7 +140,8 @@ class LiveLines:
 
     def _judged(self, event: LineEvent) -> LineEvent | None:
         """Count a line; None where nobody else needs to know of it."""
-        if event.kind in {"row", "rejected"}:
+        unknown = self.layout is None and event.kind == "text"
+        if unknown or event.kind in {"row", "rejected"}:
             event = self._by_other_program(event) or event
             if event.kind == "rejected" and self._boot:
                 self._drop()
@@ -167,7 +170,8 @@ class LiveLines:
             self._recent.clear()
             return None
         self._recent.append(text)
-        full = len(self._recent) == _PATIENCE and event.kind == "rejected"
+        patience = _PATIENCE if self.layout else _PATIENCE_AT_FIRST
+        full = len(self._recent) >= patience and event.kind != "row"
         if not (names or full):
             return None
         head = [names, text] if names else list(self._recent)

@@ -24,6 +24,8 @@ _COUNTERS = (2.0**16, 2.0**32)
 _DAY = 86400.0
 _STEPS = 4096
 """Steps from which period and jitter are judged."""
+_PAUSE = 0.5
+"""Seconds without a line that are no step but a pause, unless the lines come that slowly."""
 
 
 @dataclass(frozen=True)
@@ -95,13 +97,16 @@ class LiveTime:
     def period(self) -> float | None:
         """Median step of the last 4096 in s; None before there is one that is not 0.
 
-        Where the stamps are so coarse that the steps are only 0, 1 and 2 of their unit, the mean step.
+        Where the stamps are so coarse that the steps are only 0, 1 and 2 of their unit, and where lines are stamped
+        as they arrive, in bursts, the mean step, pauses left out.
         """
         steps = self._steps[: min(self._count, _STEPS)]
         if not steps.size or not steps.any():
             return None
+        if self._scale is None:
+            return float(steps[steps <= max(_PAUSE, 20 * steps.mean())].mean())
         median = float(np.median(steps))
-        if self._scale is None or median > 10 * self._scale:
+        if median > 10 * self._scale:
             return median or float(steps.mean())
         ordinary = steps[steps <= max(5 * median, 5 * self._scale)]
         return float(ordinary.mean()) or median or None
@@ -153,11 +158,11 @@ class LiveTime:
         alike = not self._broken or abs(step - waited) <= 0.25 + 0.05 * waited
         if 0 <= step <= 30 * waited + 10 and alike:
             self._offset += turn
-        elif self._broken or step < 0 or self._doubted:
+        elif self._broken or self._doubted:
             # From here on the stamps count from this row, whatever they said before.
             self._offset = last + max(waited, _TICK) - stamp
         else:
-            self._doubted = True  # far ahead: damaged, unless the next one agrees
+            self._doubted = True  # damaged, unless the next one agrees
             return last + waited
         self._stamp, self._doubted = stamp, False
         return stamp + self._offset

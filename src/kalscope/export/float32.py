@@ -1,0 +1,155 @@
+"""The filter as a small board computes it: float32, one rounding an operation, in the order of the exported code.
+
+`filter_float32` gives the same bits as the exported C++ and C (float) on a processor that rounds as IEEE 754
+says and does not fuse a multiplication with an addition: what a board prints can be compared exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from kalscope.errors import BadSetting
+from kalscope.kernels import GATE_LIMIT
+from kalscope.model import FilterParams
+from kalscope.steady_state import steady_state
+
+SMALLEST = float(np.finfo(np.float32).tiny)
+"""Smallest float32 that keeps its 24 bits."""
+
+STALLING_GAIN = 3e-6
+"""Below this settled gain the variance rounds to a stop where the gain is off by 1 % and more: measured."""
+
+Floats = NDArray[np.float32]
+
+_NOTHING, _UNKNOWN, _INFINITE = np.float32(0.0), np.float32(np.nan), np.float32(np.inf)
+
+
+@dataclass(frozen=True)
+class Float32Params:
+    """Parameters of one channel as a board holds them; each field is a float32 value."""
+
+    q: np.float32
+    """Process-noise variance per sample period, unit²."""
+    r: np.float32
+    """Measurement-noise variance, unit²."""
+    p0: np.float32 = _INFINITE
+    """Variance before the first predict, unit²; inf = diffuse, the first sample sets x = z and p = r."""
+    x0: np.float32 = _UNKNOWN
+    """Estimate before the first predict, unit; NaN = the first sample."""
+    gate: np.float32 = _NOTHING
+    """Outlier gate on v²/s; 0 = off."""
+    settled_gain: np.float32 = _NOTHING
+    """Gain to use once the variance repeats itself to the last bit; 0 = the one that the variance gives."""
+
+
+def float32_params(params: FilterParams) -> Float32Params:
+    """The parameters of one channel, rounded to float32, and the settled gain where float32 would miss it.
+
+    Raises:
+        BadSetting: float32 cannot hold a value (the message names it); `params` holds several channels.
+    """
+    if params.channels is not None:
+        raise BadSetting(f"params must be those of one channel (got {params.channels} channels)")
+    q, r, p0, x0, gate = (cast("float | None", getattr(params, name)) for name in ("q", "r", "p0", "x0", "gate"))
+    rounded = Float32Params(
+        q=_rounded("q", q or 0.0),
+        r=_rounded("r", r or 0.0),
+        p0=_INFINITE if p0 is None else _rounded("p0", p0),
+        x0=_UNKNOWN if x0 is None else _rounded("x0", x0),
+        gate=_NOTHING if gate is None else _rounded("gate", gate),
+        settled_gain=_settled_gain(params),
+    )
+    parts = [v for v in (rounded.q, rounded.r, rounded.p0) if np.isfinite(v)]
+    if sum(map(float, parts)) > float(np.finfo(np.float32).max):
+        raise BadSetting(f"q + r + p0 must fit float32, up to 3.4e38 (got {sum(map(float, parts)):.6g})")
+    return rounded
+
+
+def float32_text(value: np.float32) -> str:
+    """A float32 as C and C++ read it back bit for bit: nine digits, a point, an f; `INFINITY` and `NAN` as such."""
+    if np.isnan(value):
+        return "NAN"
+    if np.isinf(value):
+        return "INFINITY"
+    digits = f"{float(value):.9g}"
+    return f"{digits}f" if "." in digits or "e" in digits else f"{digits}.0f"
+
+
+def filter_float32(z: ArrayLike, params: FilterParams | Float32Params) -> Floats:
+    """The filtered signal of one channel as a board with float32 computes it, bit for bit.
+
+    Args:
+        z: Samples since the filter was (re)started, shape (n,), rounded to float32; NaN where missing.
+        params: The parameters of one channel, or those that a board said it uses.
+
+    Returns:
+        x, float32, shape (n,).
+
+    Raises:
+        BadSetting: z is not of shape (n,); float32 cannot hold a parameter.
+    """
+    samples = np.ascontiguousarray(z, dtype=np.float32)
+    if samples.ndim != 1:
+        raise BadSetting(f"z must have shape (n,) (got {samples.shape})")
+    held = params if isinstance(params, Float32Params) else float32_params(params)
+    out = np.empty_like(samples)
+    _filter(samples, held.q, held.r, held.gate, held.settled_gain, held.x0, held.p0, out)
+    return out
+
+
+def _rounded(name: str, value: float) -> np.float32:
+    with np.errstate(over="ignore", under="ignore"):
+        rounded = np.float32(value)
+    if math.isinf(rounded) or (value != 0.0 and abs(float(rounded)) < SMALLEST):
+        raise BadSetting(f"{name} must fit float32: 0, or a size from 1.2e-38 to 3.4e38 (got {value:.6g})")
+    return rounded
+
+
+def _settled_gain(params: FilterParams) -> np.float32:
+    gain = float(np.asarray(steady_state(params).gain))
+    return np.float32(gain if 0.0 < gain < STALLING_GAIN else 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _filter(
+    z: Floats,
+    q: np.float32,
+    r: np.float32,
+    gate: np.float32,
+    settled_gain: np.float32,
+    x: np.float32,
+    p: np.float32,
+    out: Floats,
+) -> None:
+    """`kernels.step` in float32. Every constant is a float32: with a plain 1.0 numba would compute in double."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    rejected = 0
+    for i in range(z.shape[0]):
+        predicted = p + q
+        s = predicted + r
+        before, p = p, predicted
+        if math.isnan(z[i]):
+            pass
+        elif math.isinf(predicted):
+            x, p, rejected = z[i], r, 0
+        elif math.isnan(x):
+            k = predicted / s if s > zero else zero
+            x, p, rejected = z[i], (one - k) * predicted, 0
+        elif s > zero:
+            v = z[i] - x
+            if gate > zero and v * v > gate * s and rejected < GATE_LIMIT:
+                rejected += 1
+            else:
+                k = predicted / s
+                p = (one - k) * predicted
+                if settled_gain > zero and p == before:
+                    k = settled_gain
+                x = x + k * v
+                rejected = 0
+        out[i] = x

@@ -1,0 +1,172 @@
+$about
+//
+// Reads $pin_words, filters, and prints a line a sample: $columns. Lines that begin with # are remarks.
+// Put this file and KalscopeFilter.h into one folder named kalscope_filter, and open it in the Arduino IDE.
+//
+// Lines it understands while it runs, in the unit above:
+//   q 0.01     process noise; the filter goes on
+//   r 4        measurement noise; the filter goes on
+//   p 1000     start variance, and start anew; p inf: the first sample is the start
+//   ?          which values are in use
+// Each is answered by a # line with the values and their exact bits. Wait for it before the next: a board keeps
+// 64 letters. All channels are meant; "2 q 0.01" means the second.
+
+#include "KalscopeFilter.h"
+
+const unsigned long BAUD = 115200;
+const unsigned long PERIOD_US = $period_us;  // between samples;$period_words
+const uint8_t PINS[] = {$pins};
+const char *const NAMES[] = {$names};
+KalscopeFilter filters[] = {$filters};
+const uint8_t CHANNELS = sizeof(PINS);
+
+// What the filter takes, in the unit it was tuned in: $units. NAN where there is no sample.
+float readSensor(uint8_t channel) { return analogRead(PINS[channel]); }
+
+// Prints as many digits as it takes to read the same float back, for values of 1/16 and more; in whole numbers.
+void printFloat(float value) {
+  if (value < 0.0f) {
+    Serial.print('-');
+    value = -value;
+  }
+  if (!(value < 4.0e9f)) {  // NAN as well
+    Serial.print(value);
+    return;
+  }
+  const uint32_t whole = value;
+  Serial.print(whole);
+  uint32_t rest = (value - whole) * 268435456.0f;  // in units of 1/2^28
+  uint32_t enough = 4;                             // a quarter of the distance to the next float, in the same unit
+  for (uint32_t size = whole; size > 0 && enough < 134217728; size >>= 1) enough <<= 1;
+  for (uint32_t size = rest; whole == 0 && enough > 1 && size < 134217728; size <<= 1) enough >>= 1;
+  Serial.print('.');
+  do {
+    rest *= 10;
+    enough *= 10;
+    Serial.print((char)('0' + (rest >> 28)));
+    rest &= 268435455;
+  } while (rest >= enough);
+}
+
+void printBits(float value) {
+  uint32_t bits;
+  memcpy(&bits, &value, sizeof(bits));
+  for (int8_t shift = 28; shift >= 0; shift -= 4) Serial.print((bits >> shift) & 15, HEX);
+}
+
+// As 1.234567e-5: print() alone would show 0.00.
+void printSmall(float value) {
+  int8_t exponent = 0;
+  if (value > 0.0f && !isinf(value)) {
+    for (; value >= 10.0f; exponent++) value /= 10.0f;
+    for (; value < 1.0f; exponent--) value *= 10.0f;
+  }
+  Serial.print(value, 6);
+  if (exponent != 0) {
+    Serial.print('e');
+    Serial.print(exponent);
+  }
+}
+
+void answer(uint8_t channel) {
+  const KalscopeTuning &tuning = filters[channel].tuning;
+  Serial.print(F("# "));
+  Serial.print(NAMES[channel]);
+  Serial.print(F(" q="));
+  printSmall(tuning.q);
+  Serial.print(F(" r="));
+  printSmall(tuning.r);
+  Serial.print(F(" p="));
+  printSmall(tuning.p0);
+  Serial.print(F(" bits="));
+  printBits(tuning.q);
+  Serial.print(',');
+  printBits(tuning.r);
+  Serial.print(',');
+  printBits(tuning.p0);
+  Serial.println();
+}
+
+// Takes the value into use; false where the filter cannot work with it.
+bool change(KalscopeFilter &filter, char what, float value) {
+  KalscopeTuning &tuning = filter.tuning;
+  if (what == '?') return true;
+  if (!(value >= 0.0f) || (isinf(value) && what != 'p')) return false;
+  if (what == 'p') {
+    tuning.p0 = value;
+    filter.restart();
+    return true;
+  }
+  if (value + (what == 'q' ? tuning.r : tuning.q) == 0.0f) return false;  // not both
+  (what == 'q' ? tuning.q : tuning.r) = value;
+  tuning.settled_gain = 0.0f;  // it belonged to the values before
+  return true;
+}
+
+void obey(char *line) {
+  char *at, *end;
+  const unsigned long only = strtoul(line, &at, 10);  // 0 where the line begins with a letter
+  while (*at == ' ') at++;
+  const char what = *at;
+  const float value = strtod(what == '\0' ? at : at + 1, &end);
+  const bool complete = what == '?' || (strchr("qrp", what) && what != '\0' && end > at + 1);
+  bool done = complete && *end == '\0' && only <= CHANNELS;
+  for (uint8_t i = 0; i < CHANNELS && done; i++) {
+    if (only != 0 && only != i + 1u) continue;
+    done = change(filters[i], what, value);
+    if (done) answer(i);
+  }
+  if (!done) Serial.println(F("# not understood; q VALUE, r VALUE (0 or more, not both 0), p VALUE (or inf), or ?"));
+}
+
+// Collects what has come, without waiting, and obeys each line that is complete.
+void listen() {
+  static char line[32];
+  static uint8_t length = 0;
+  while (Serial.available() > 0) {
+    const char letter = Serial.read();
+    if (letter != '\n' && letter != '\r') {
+      line[length] = letter;
+      if (length < sizeof(line) - 1) length++;
+      continue;
+    }
+    line[length] = '\0';
+    if (length == sizeof(line) - 1) line[0] = '!';  // too long: no command begins so
+    if (length > 0) obey(line);
+    length = 0;
+  }
+}
+
+unsigned long due_us;    // when the next sample must be taken
+unsigned long left_out;  // samples that could not be taken in time
+unsigned long said_ms;   // when that was last said
+
+void setup() {
+  Serial.begin(BAUD);
+  Serial.println(F("# $columns"));
+  due_us = micros();
+}
+
+void loop() {
+  listen();
+  const unsigned long late_us = micros() - due_us;
+  if ((long)late_us < 0) return;
+  left_out += late_us / PERIOD_US;
+  due_us += (late_us / PERIOD_US + 1) * PERIOD_US;
+
+  float samples[CHANNELS];
+  for (uint8_t i = 0; i < CHANNELS; i++) samples[i] = readSensor(i);
+  for (uint8_t i = 0; i < CHANNELS; i++) {
+    if (i > 0) Serial.print(',');
+    printFloat(samples[i]);
+    Serial.print(',');
+    printFloat(filters[i].update(samples[i]));
+  }
+  Serial.println();
+  if (left_out > 0 && millis() - said_ms >= 1000) {
+    Serial.print(F("# too slow: samples left out: "));
+    Serial.println(left_out);
+    left_out = 0;
+    said_ms = millis();
+  }
+}

@@ -1,0 +1,287 @@
+"""The attacks of docs/security.md, each as one row: who does what, and what must be seen.
+
+`test_attacks.py` carries them out against the real program; run as a script, this module does the same against stock
+viser as well and prints both as a table.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from wire import PATIENCE, Guest, client
+
+UPGRADE = "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+
+
+@dataclass(frozen=True)
+class Victim:
+    """A server to attack."""
+
+    port: int
+    """Where it listens."""
+    token: str
+    """The secret, known to the user and, where the row says so, stolen; stock viser ignores it."""
+    said: Callable[[], str] = field(default=lambda: "")
+    """What its standard output has said so far."""
+
+    @property
+    def own(self) -> str:
+        return f"127.0.0.1:{self.port}"
+
+    @property
+    def cookie(self) -> str:
+        return f"kalscope_{self.port}={self.token}"
+
+
+@dataclass(frozen=True)
+class Attack:
+    """One row."""
+
+    what: str
+    """Who does what."""
+    expected: str
+    """What must be seen at Kalscope."""
+    perform: Callable[[Victim], str]
+    """Do it; returns what was seen."""
+
+
+# --- requests ---------------------------------------------------------------------------------------------
+
+
+def exchange(port: int, request: str, address: str = "127.0.0.1") -> bytes:
+    """What the server answers to these very bytes (latin-1), until it closes or has opened a websocket."""
+    with socket.create_connection((address, port), timeout=PATIENCE) as raw:
+        raw.sendall(request.encode("latin-1"))
+        answer = b""
+        while chunk := raw.recv(65536):
+            answer += chunk
+            if answer.startswith(b"HTTP/1.1 101") and b"\r\n\r\n" in answer:
+                break
+    return answer
+
+
+def status(answer: bytes) -> str:
+    """The status as a word: an opened websocket is "open"."""
+    code = answer.split(b" ", 2)[1].decode() if answer.startswith(b"HTTP/") else "nothing"
+    return "open" if code == "101" else code
+
+
+def page(target: str = "/", *hosts: str | None, cookie: bool = True, extra: str = "") -> Callable[[Victim], str]:
+    """Ask for a page, by default as the user; `hosts` in place of our own, None for ours."""
+
+    def perform(victim: Victim) -> str:
+        lines = [f"Host: {victim.own if host is None else host}" for host in hosts or (None,)]
+        lines += [f"Cookie: {victim.cookie}"] if cookie else []
+        lines += [extra.format(own=victim.own)] if extra else []
+        request = f"GET {target.format(token=victim.token)} HTTP/1.1\r\n" + "\r\n".join(lines) + "\r\n\r\n"
+        return status(exchange(victim.port, request))
+
+    return perform
+
+
+def no_host(victim: Victim) -> str:
+    """A request of before 1997."""
+    return status(exchange(victim.port, f"GET / HTTP/1.1\r\nCookie: {victim.cookie}\r\n\r\n"))
+
+
+def opens(
+    origin: str | None, host: str = "{own}", *, cookie: bool = True, word: str = "websocket"
+) -> Callable[[Victim], str]:
+    """Ask for a websocket."""
+
+    def perform(victim: Victim) -> str:
+        names = {"own": victim.own, "port": victim.port}
+        request = f"GET / HTTP/1.1\r\nHost: {host.format(**names)}\r\nUpgrade: {word}\r\n{UPGRADE}"
+        request += f"Origin: {origin.format(**names)}\r\n" if origin is not None else ""
+        request += f"Cookie: {victim.cookie}\r\n" if cookie else ""
+        return status(exchange(victim.port, request + "\r\n"))
+
+    return perform
+
+
+# --- what a connected client does -------------------------------------------------------------------------
+
+
+def is_served(victim: Victim) -> str:
+    """Whether the user still gets the page."""
+    seen = page()(victim)
+    return "served on" if seen == "200" else seen
+
+
+def sends(frame: bytes | str) -> Callable[[Victim], str]:
+    """A logged-in client sends one broken frame."""
+
+    def perform(victim: Victim) -> str:
+        with client(victim.port, token=victim.token) as hostile:
+            hostile.send(frame)
+            with contextlib.suppress(ConnectionClosed, TimeoutError):
+                while True:
+                    hostile.recv(timeout=PATIENCE)
+        return is_served(victim)
+
+    return perform
+
+
+def shares(victim: Victim) -> str:
+    """A logged-in client asks for viser's public tunnel; the stock victim has a stand-in that tells."""
+    with Guest(victim.port, victim.token) as hostile:
+        hostile.read_until(lambda: hostile.widgets)
+        hostile.send("ShareUrlRequest")
+        a_while_later = time.monotonic() + 1.0
+        while time.monotonic() < a_while_later:
+            hostile.read(timeout=0.1)
+    return "a public tunnel" if "TUNNEL" in victim.said() else "nothing happens"
+
+
+def sets_value(value: float) -> Callable[[Victim], str]:
+    """A logged-in client sends a slider beyond its end; another one comes and looks."""
+
+    def perform(victim: Victim) -> str:
+        with Guest(victim.port, victim.token) as hostile:
+            hostile.read_until(lambda: "GuiSliderMessage" in {m["type"] for m in hostile.widgets.values()})
+            uuid = next(u for u, made in hostile.widgets.items() if made["type"] == "GuiSliderMessage")
+            limits = hostile.widgets[uuid]["props"]
+            hostile.set(uuid, value)
+            time.sleep(0.3)  # nothing is sent back to the sender that could be waited for
+        with Guest(victim.port, victim.token) as honest:
+            honest.read_until(lambda: uuid in honest.values)
+            seen = honest.values[uuid]
+        return "within the range" if limits["min"] <= seen <= limits["max"] else f"{seen:g} is kept"
+
+    return perform
+
+
+def half_open(victim: Victim) -> str:
+    """200 connections that never finish their first line."""
+    with contextlib.ExitStack() as stack:
+        for i in range(200):
+            half = stack.enter_context(socket.create_connection(("127.0.0.1", victim.port)))
+            half.sendall(b"GET / HTTP/1.1\r\nHost: 127" if i % 2 else b"")
+        return is_served(victim)
+
+
+def from_network(victim: Victim) -> str:
+    """By an address of this machine that is not the one listened on."""
+    try:
+        return status(exchange(victim.port, f"GET / HTTP/1.1\r\nHost: {victim.own}\r\n\r\n", "127.0.0.2"))
+    except ConnectionRefusedError:
+        return "refused"
+
+
+ATTACKS = {
+    "H1": Attack("page without the token", "403", page(cookie=False)),
+    "H2": Attack("page under a foreign name (DNS rebinding)", "403", page("/", "evil.example")),
+    "H3a": Attack("page under our name as a prefix, stolen cookie", "403", page("/", "localhost.evil.example")),
+    "H3b": Attack("page under our address as a prefix, stolen cookie", "403", page("/", "127.0.0.1.nip.io")),
+    "H4": Attack("page without a Host", "403", no_host),
+    "H5": Attack("page under two names", "403", page("/", None, "evil.example")),
+    "H6a": Attack("Host `[::1`", "403", page("/", "[::1")),
+    "H6b": Attack("Host of 5000 letters", "403", page("/", "a" * 5000)),
+    "H6c": Attack("Host of raw bytes", "403", page("/", "\xff\xfe")),
+    "H7a": Attack("link with a wrong token", "403", page("/?token=wrong-wrong-wrong-wrong", cookie=False)),
+    "H7b": Attack("the printed link (the user)", "200", page("/?token={token}", cookie=False)),
+    "H8": Attack("page with the cookie (the user)", "200", page()),
+    "H9": Attack("`?websocket=`: our page connects elsewhere", "403", page("/?websocket=ws://evil:1")),
+    "H10": Attack("`?playbackPath=`: our page plays a foreign file", "403", page("/?playbackPath=http://evil/x")),
+    "H11a": Attack("path out of the folder, `%2e%2e`", "404", page("/%2e%2e/%2e%2e/_viser.py")),
+    "H11b": Attack("path out of the folder, backslash", "404", page("/..\\..\\_viser.py")),
+    "H12": Attack("cookie of raw bytes", "400", page(extra="Cookie: x=\xff")),
+    "W1": Attack("socket without an Origin", "403", opens(None)),
+    "W2": Attack("socket of a foreign page", "403", opens("http://evil.example", cookie=False)),
+    "W3": Attack("socket of a foreign page, stolen cookie", "403", opens("http://evil.example")),
+    "W4": Attack("socket of a page without a name (`null`)", "403", opens("null")),
+    "W5": Attack("socket of another local program's page", "403", opens("http://127.0.0.1:3000")),
+    "W6": Attack("socket of our origin as a prefix", "403", opens("http://{own}.evil.example")),
+    "W7": Attack("socket by DNS rebinding", "403", opens("http://evil.example", "evil.example")),
+    "W8": Attack("socket of our origin without the cookie", "403", opens("http://{own}", cookie=False)),
+    "W9": Attack("socket by 127.0.0.1 (the user)", "open", opens("http://{own}")),
+    "W10": Attack("socket by localhost (the user)", "open", opens("http://localhost:{port}", "localhost:{port}")),
+    "W11": Attack("socket of the https page of our name", "403", opens("https://{own}")),
+    "W12": Attack("`Upgrade: WebSocket` of a foreign page", "403", opens("http://evil.example", word="WebSocket")),
+    "W13": Attack("a client asks for the public tunnel", "nothing happens", shares),
+    "W14": Attack("a client sends a broken frame", "served on", sends(b"\xc1\xff garbage")),
+    "W15": Attack("a client sends text", "served on", sends("text")),
+    "W16a": Attack("a client sets a slider to 1e9", "within the range", sets_value(1e9)),
+    "W16b": Attack("a client sets a slider to NaN", "within the range", sets_value(math.nan)),
+    "D1a": Attack("200 half-open connections", "served on", half_open),
+    "D1b": Attack("another address of this machine", "refused", from_network),
+}
+
+
+# --- the same against stock viser -------------------------------------------------------------------------
+
+STOCK = """
+import time, viser, viser._viser as inner
+class Tunnel:
+    def __init__(self, *_):
+        print("TUNNEL", flush=True)
+        raise OSError("no tunnel in a test")
+inner.ViserTunnel = Tunnel  # the public service is never called
+server = viser.ViserServer(port=0)
+server.gui.add_slider("a slider", min=0.0, max=1.0, step=0.1, initial_value=0.5)
+print("PORT", server.get_port(), flush=True)
+time.sleep(600)
+"""
+
+
+@contextlib.contextmanager
+def stock_viser() -> Iterator[Victim]:
+    """viser as it comes."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "out"
+        with out.open("w") as sink:
+            process = subprocess.Popen([sys.executable, "-c", STOCK], stdout=sink, stderr=subprocess.DEVNULL)
+        try:
+            while "PORT" not in out.read_text():
+                time.sleep(0.1)
+            port = int(out.read_text().split("PORT", 1)[1].split()[0])
+            yield Victim(port, "none", out.read_text)
+        finally:
+            process.kill()
+            process.wait()
+
+
+@contextlib.contextmanager
+def kalscope() -> Iterator[Victim]:
+    """The real program."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "kalscope_app.main", "open", "demo", "--port", "0", "--no-browser"]
+        with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            url = process.stdout.readline().split()[1]
+            yield Victim(int(url.split(":")[2].split("/")[0]), url.partition("token=")[2])
+            process.terminate()
+
+
+def seen_by(attack: Attack, victim: Victim) -> str:
+    """What happens, as one word or a few."""
+    try:
+        return attack.perform(victim)
+    except InvalidStatus as refused:
+        return str(refused.response.status_code)
+    except (OSError, AssertionError, LookupError, msgspec.DecodeError) as error:
+        return type(error).__name__
+
+
+def main() -> None:
+    """Print the table of docs/security.md."""
+    print("| | attack | stock viser | expected | Kalscope |\n|---|---|---|---|---|")
+    with stock_viser() as stock, kalscope() as ours:
+        for number, attack in ATTACKS.items():
+            plain, guarded = seen_by(attack, stock), seen_by(attack, ours)
+            print(f"| {number} | {attack.what} | {plain} | {attack.expected} | {guarded} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,271 @@
+"""Many clients and hostile ones against the real program: it goes on, agrees with all of them, and stays small.
+
+A short run here; `KALSCOPE_FUZZ=5` sends five times as much (10,000 messages), `KALSCOPE_DRAG=60` drags for 60 s.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import random
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import msgspec
+import pytest
+from websockets.exceptions import ConnectionClosed
+from wire import CAMERA, PATIENCE, Guest, client, packed
+
+SHARE = int(os.environ.get("KALSCOPE_FUZZ", "1"))
+DRAG_S = float(os.environ.get("KALSCOPE_DRAG", "2"))
+MESSAGES = 2000 * SHARE
+MIB = 2**20
+
+
+class Program:
+    """The real program on the demo, and its memory."""
+
+    def __init__(self, folder):
+        command = [sys.executable, "-m", "kalscope_app.main", "open", "demo", "--port", "0", "--no-browser"]
+        self.log = folder / "kalscope.log"
+        self.errors = (folder / "stderr").open("w+")
+        self.process = subprocess.Popen(
+            [*command, "--log", str(self.log)], cwd=folder, stdout=subprocess.PIPE, stderr=self.errors, text=True
+        )
+        url = self.process.stdout.readline().split()[1]
+        self.port, self.token = int(url.split(":")[2].split("/")[0]), url.partition("token=")[2]
+
+    def guest(self):
+        return Guest(self.port, self.token)
+
+    def rss(self):
+        """Resident memory, bytes."""
+        status = Path(f"/proc/{self.process.pid}/status").read_text()
+        return 1024 * int(status.split("VmRSS:")[1].split()[0])
+
+    def stop(self):
+        self.process.terminate()
+        status = self.process.wait(timeout=15)
+        self.process.stdout.close()
+        self.errors.close()
+        return status
+
+
+@pytest.fixture
+def program(tmp_path):
+    running = Program(tmp_path)
+    yield running
+    if running.process.poll() is None:
+        running.process.kill()
+        running.process.wait()
+    running.process.stdout.close()
+    running.errors.close()
+
+
+def settled(program):
+    """A new client that has seen every widget."""
+    guest = program.guest()
+    guest.read_until(lambda: any(made["type"] == "GuiSliderMessage" for made in guest.widgets.values()))
+    while guest.read(timeout=0.5):
+        pass
+    return guest
+
+
+# --- fuzz -------------------------------------------------------------------------------------------------
+
+
+def junk(rng, depth=0):
+    """Any value that msgpack can carry."""
+    kinds = [
+        lambda: None,
+        lambda: rng.random() < 0.5,
+        lambda: rng.choice([0, 1, -1, 2**31, -(2**63), 2**64 - 1]),
+        lambda: rng.choice([0.5, math.nan, math.inf, -math.inf, 1e308, -1e-308]),
+        lambda: "".join(chr(rng.randrange(1, 0x2FF)) for _ in range(rng.randrange(20))),
+        lambda: rng.randbytes(rng.randrange(20)),
+        lambda: "x" * rng.choice([1000, 100_000]),
+    ]
+    if depth < 3:
+        kinds += [
+            lambda: [junk(rng, depth + 1) for _ in range(rng.randrange(4))],
+            lambda: {str(i): junk(rng, depth + 1) for i in range(rng.randrange(4))},
+        ]
+    return rng.choice(kinds)()
+
+
+def hostile_frame(rng, widgets, honest):
+    """A message as a browser sends it, with some of it exchanged for junk; now and then bytes flipped or cut."""
+    kind, fields = rng.choice(honest)
+    fields = dict(fields)
+    if "uuid" in fields and rng.random() < 0.9:
+        fields["uuid"] = rng.choice(widgets)
+    if "source_component_uuid" in fields:
+        fields["source_component_uuid"] = rng.choice(widgets)
+    for name in fields:
+        if rng.random() < 0.3:
+            fields[name] = junk(rng)
+    if kind == "GuiUpdateMessage" and rng.random() < 0.7:
+        fields["updates"] = {rng.choice(["value", "removed", "update_cb", "props", "min"]): junk(rng)}
+    frame = bytearray(packed(kind, **fields))
+    if rng.random() < 0.15:
+        frame[rng.randrange(len(frame))] = rng.randrange(256)
+    if rng.random() < 0.05:
+        del frame[rng.randrange(len(frame)) :]
+    return bytes(frame)
+
+
+HONEST = [
+    ("GuiUpdateMessage", {"uuid": "", "updates": {"value": 0.5}}),
+    ("GuiFormSubmitMessage", {"uuid": ""}),
+    ("GuiFormDirtyMessage", {"uuid": ""}),
+    ("GuiButtonHoldMessage", {"uuid": "", "frequency": 10.0}),
+    ("CommandTriggerMessage", {"uuid": ""}),
+    ("ViewerCameraMessage", CAMERA),
+    ("ShareUrlRequest", {}),
+    ("ShareUrlDisconnect", {}),
+    ("ScenePointerMessage", {"event_type": "click", "ray_origin": None, "ray_direction": None, "screen_pos": []}),
+    ("RunJavascriptMessage", {"source": "alert(1)"}),
+    ("ResetGuiMessage", {}),
+    (
+        "FileTransferStartUpload",
+        {
+            "source_component_uuid": "",
+            "transfer_uuid": "t",
+            "filename": "../../x",
+            "mime_type": "",
+            "part_count": 1,
+            "size_bytes": 3,
+        },
+    ),
+    ("FileTransferPart", {"source_component_uuid": "", "transfer_uuid": "t", "part_index": 0, "content": b"1\n2"}),
+]
+
+
+def send_hostile(program, rng, widgets, count):
+    """Send `count` messages, by a new connection whenever the last was ended; returns how many were ended."""
+    sent = ended = 0
+    while sent < count:
+        with client(program.port, token=program.token) as hostile, contextlib.suppress(ConnectionClosed):
+            hostile.send(packed("ViewerCameraMessage", **CAMERA))
+            while sent < count:
+                sent += 1
+                hostile.send(hostile_frame(rng, widgets, HONEST))
+            continue
+        ended += 1
+    return ended
+
+
+def test_whatever_a_client_sends_the_next_one_is_served_as_before(program):
+    with settled(program) as before:
+        known, widgets = before.widgets, list(before.widgets)
+    rss_before, rng = program.rss(), random.Random(9)
+    # Buttons that start a job are left out: a thousand fits are honest work, and take their time.
+    widgets = [uuid for uuid in widgets if known[uuid]["type"] != "GuiButtonMessage"]
+    ended = send_hostile(program, rng, widgets, MESSAGES)
+    grown = program.rss() - rss_before
+    with settled(program) as after:
+        assert ended > 0
+        assert {made["type"] for made in known.values()} == {made["type"] for made in after.widgets.values()}
+        assert [uuid for uuid in after.widgets if not within_range(after, uuid)] == []
+        uuid = slider(after, "q")
+        after.set(uuid, 0.5 * (after.widgets[uuid]["props"]["min"] + after.widgets[uuid]["props"]["max"]))
+        with settled(program) as other:
+            assert other.values[uuid] == pytest.approx(after.values[uuid])
+    print(f"{MESSAGES} messages, {ended} connections ended, memory grew by {grown / MIB:.1f} MiB")
+    assert grown < 150 * MIB
+    assert "Traceback" not in Path(program.errors.name).read_text()
+    assert "Something went wrong" not in program.log.read_text()
+    assert program.stop() == 0
+
+
+def within_range(guest, uuid):
+    """Whether a widget shows a value of its kind and range."""
+    made, value = guest.widgets[uuid], guest.values[uuid]
+    props = made.get("props", {})
+    if made["type"] in ("GuiDropdownMessage", "GuiButtonGroupMessage"):
+        return value in props["options"]
+    if made["type"] == "GuiCheckboxMessage":
+        return isinstance(value, bool)
+    if made["type"] == "GuiTextMessage":
+        return isinstance(value, str)
+    numbers = value if isinstance(value, list) else [value]
+    if "min" in props and "max" in props:
+        return all(props["min"] <= number <= props["max"] for number in numbers)
+    return True
+
+
+def slider(guest, name):
+    """The slider of q, r or p0."""
+    return guest.find(f"log₁₀ {name}")
+
+
+# --- many at once -----------------------------------------------------------------------------------------
+
+
+def test_ten_clients_that_drag_at_once_end_with_the_same_values(program):
+    guests = [settled(program) for _ in range(10)]
+    try:
+        uuids = [slider(guests[0], name) for name in ("q", "r")]
+        end = time.monotonic() + DRAG_S
+        hands = [threading.Thread(target=drag, args=(guest, uuids, i, end)) for i, guest in enumerate(guests)]
+        for hand in hands:
+            hand.start()
+        for hand in hands:
+            hand.join()
+        read_out(guests)
+        with settled(program) as late:
+            expected = {uuid: late.values[uuid] for uuid in uuids}
+        shown = [{uuid: guest.values[uuid] for uuid in uuids} for guest in guests]
+        print(f"{DRAG_S:g} s, memory {program.rss() / MIB:.0f} MiB, settled at {list(expected.values())}")
+        assert shown == [expected] * 10
+        for uuid in uuids:
+            assert within_range(guests[0], uuid)
+    finally:
+        for guest in guests:
+            guest.connection.close()
+    assert "Something went wrong" not in program.log.read_text()
+    assert program.stop() == 0
+
+
+def drag(guest, uuids, seed, end):
+    """Move two sliders as a hand does, 20 times a second, and read what comes meanwhile."""
+    rng = random.Random(seed)
+    limits = {uuid: (guest.widgets[uuid]["props"]["min"], guest.widgets[uuid]["props"]["max"]) for uuid in uuids}
+    while time.monotonic() < end:
+        uuid = rng.choice(uuids)
+        guest.set(uuid, round(rng.uniform(*limits[uuid]), 2))
+        next_move = time.monotonic() + 0.05
+        while (left := next_move - time.monotonic()) > 0:
+            guest.read(timeout=left)
+
+
+def read_out(guests):
+    """Take in all that is still on its way; what is repeated after each gesture comes within 0.3 s."""
+    quiet = time.monotonic() + PATIENCE
+    while time.monotonic() < quiet:
+        if not any([guest.read(timeout=0.1) for guest in guests]):
+            return
+
+
+def test_crossing_edits_of_two_clients_end_with_one_value(program):
+    """viser's race: each screen receives the other's value after its own was sent, and keeps it."""
+    with settled(program) as one, settled(program) as two:
+        uuid = slider(one, "q")
+        low = one.widgets[uuid]["props"]["min"]
+        for i in range(20):
+            one.set(uuid, low + 0.01 * (2 * i + 1))
+            two.set(uuid, low + 0.01 * (2 * i + 2))
+            one.read(timeout=0.02)
+            two.read(timeout=0.02)
+        read_out([one, two])
+        with settled(program) as late:
+            assert one.values[uuid] == two.values[uuid] == late.values[uuid]
+
+
+def test_messages_are_packed_as_a_browser_packs_them():
+    """The helper of this file speaks the protocol, else all of the above would prove nothing."""
+    assert msgspec.msgpack.decode(packed("X", uuid="u")) == {"type": "X", "uuid": "u"}

@@ -1,0 +1,125 @@
+"""A browser without a browser: viser's protocol from the client's side."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import viser
+import zstandard
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+from websockets.sync.connection import Connection
+
+PATIENCE = 10.0
+"""Seconds that a test waits for something that must come; nothing waits that long when all is well."""
+
+CAMERA = {
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (1.0, 1.0, 1.0),
+    "fov": 1.0,
+    "near": 0.1,
+    "far": 10.0,
+    "image_height": 10,
+    "image_width": 10,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+"""The message by which a browser says that it is there."""
+
+
+def client(port: int, *, token: str) -> ClientConnection:
+    """A websocket as our own page opens it."""
+    return connect(
+        f"ws://127.0.0.1:{port}/",
+        origin=f"http://127.0.0.1:{port}",  # pyright: ignore[reportArgumentType]
+        subprotocols=[f"viser-v{viser.__version__}"],  # pyright: ignore[reportArgumentType]
+        additional_headers={"Cookie": f"kalscope_{port}={token}"},
+        compression=None,
+        max_size=None,
+        proxy=None,
+        open_timeout=PATIENCE,
+    )
+
+
+def packed(kind: str, **fields: object) -> bytes:
+    """One message of a client."""
+    return msgspec.msgpack.encode({"type": kind, **fields})
+
+
+def messages_in(frame: bytes) -> list[dict[str, Any]]:
+    """The messages of one frame of the server: two sizes, compressed msgpack, then arrays, which are left out."""
+    size, length = (int.from_bytes(frame[at : at + 8], "little") for at in (0, 8))
+    inner = zstandard.ZstdDecompressor().decompress(frame[16 : 16 + length], max_output_size=size)
+    return msgspec.msgpack.decode(inner)["messages"]
+
+
+def close_code(connection: Connection) -> int | None:
+    """With what code the server ends this connection."""
+    try:
+        while True:
+            connection.recv(timeout=PATIENCE)
+    except ConnectionClosed as closed:
+        return closed.rcvd.code if closed.rcvd else None
+
+
+class Guest:
+    """A connected client that knows the widgets and their values, as its screen would show them."""
+
+    def __init__(self, port: int, token: str) -> None:
+        self.connection = client(port, token=token)
+        self.widgets: dict[str, dict[str, Any]] = {}
+        """The message that made each widget, by its uuid."""
+        self.values: dict[str, Any] = {}
+        """The present value of each widget on this screen."""
+        self.notices: list[str] = []
+        """What notifications said."""
+        self.send("ViewerCameraMessage", **CAMERA)
+
+    def send(self, kind: str, **fields: object) -> None:
+        self.connection.send(packed(kind, **fields))
+
+    def set(self, uuid: str, value: object) -> None:
+        """Move a widget: this screen shows it at once."""
+        self.values[uuid] = value
+        self.send("GuiUpdateMessage", uuid=uuid, updates={"value": value})
+
+    def read(self, timeout: float = PATIENCE) -> bool:
+        """Take in one frame; False if none came in time."""
+        try:
+            frame = self.connection.recv(timeout=timeout)
+        except TimeoutError:
+            return False
+        assert isinstance(frame, bytes)
+        for message in messages_in(frame):
+            self._take(message)
+        return True
+
+    def _take(self, message: dict[str, Any]) -> None:
+        uuid = message.get("uuid", "")
+        if message["type"].startswith("Gui") and "value" in message:
+            self.widgets[uuid], self.values[uuid] = message, message["value"]
+        elif message["type"] == "GuiUpdateMessage" and "value" in message["updates"]:
+            self.values[uuid] = message["updates"]["value"]
+        elif message["type"] in ("NotificationShowMessage", "NotificationMessage"):
+            self.notices.append(str(message))
+
+    def read_until(self, is_so: Any, timeout: float = PATIENCE) -> None:
+        """Take in frames until something holds."""
+        while not is_so():
+            assert self.read(timeout), "it never became so"
+
+    def find(self, label: str) -> str:
+        """The uuid of the widget with this label."""
+        for uuid, made in self.widgets.items():
+            if made.get("props", {}).get("label") == label:
+                return uuid
+        raise LookupError(
+            f"no widget {label!r} among {[m.get('props', {}).get('label') for m in self.widgets.values()]}"
+        )
+
+    def __enter__(self) -> Guest:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.connection.close()

@@ -1,0 +1,164 @@
+"""The exported sketch, compiled by avr-gcc and run in a simulated Uno: the same bits as the host's float32 run."""
+
+from __future__ import annotations
+
+import itertools
+import re
+
+import numpy as np
+import pytest
+import serial
+from board import FLAT_OUT, read_lines
+
+from kalscope.export import ExportJob
+from kalscope.export.arduino import files
+from kalscope.export.float32 import filter_float32
+from kalscope.sources.line_parser import LineParser
+from kalscope.tuning import ChannelTuning
+
+pytestmark = pytest.mark.device
+
+FAST = (
+    (r"(?<=BAUD = )115200", "1000000"),
+    (r"(?<=PERIOD_US = )\d+", "1000"),
+)
+TRIPLES = [
+    (0.01, 4.0, None),
+    (1e-3, 25.0, 1000.0),
+    (0.05, 0.3, 0.0),
+    (2.0, 2.0, 1.0),
+    (1e-5, 9.7, 100.0),
+    (1.0, 100.0, 1.0),
+    (30.0, 0.1, None),
+    (0.0, 4.0, 50.0),
+    (0.7, 0.0, 3.0),
+    (1e-7, 1e-3, 1e-9),
+    (123.456, 7890.1, 1e6),
+    (1e-10, 3.3, 12.0),
+    (2e-37, 1e-36, 2e-38),
+    (1e36, 1e37, 1e38),
+]
+
+
+class Float32Oracle:
+    """The five lines in numpy's float32, one operation a rounding, as a person would write them."""
+
+    def __init__(self, q, r, p0):
+        self.q, self.r, self.x, self.p = np.float32(q), np.float32(r), np.float32(np.nan), np.float32(p0)
+
+    def update(self, z):
+        z, p = np.float32(z), self.p + self.q
+        k = p / (p + self.r) if np.isfinite(p) else np.float32(1.0)
+        self.p = (np.float32(1.0) - k) * p if np.isfinite(p) else self.r
+        self.x = z if np.isnan(self.x) else self.x + k * (z - self.x)
+        return self.x
+
+
+def noisy_counts(n, seed=8):
+    rng = np.random.default_rng(seed)
+    return np.clip(np.rint(512 + 300 * np.sin(np.arange(n) / 90) + rng.normal(0, 15, n)), 1, 1023).astype(int)
+
+
+def exported(workshop, *channels, edits=FAST):
+    """The firmware of an export, with the line made faster and samples as dense as the board can filter."""
+    folder = workshop.folder / f"export-{abs(hash(channels)):x}"
+    folder.mkdir(exist_ok=True)
+    for name, text in files(ExportJob(tuple(channels), sample_period=0.005)).items():
+        (folder / name).write_text(text, encoding="ascii")
+    return workshop.sketch(folder / "kalscope_filter.ino", *edits)
+
+
+class Conversation:
+    """An open port, and an oracle that is fed what the converter is fed; every line that comes is compared."""
+
+    def __init__(self, port, counts, oracle):
+        self.port, self.counts, self.oracle, self.rows = port, itertools.cycle(counts), oracle, 0
+
+    def follow(self, rows):
+        """Read and compare so many samples."""
+        goal = self.rows + rows
+        while self.rows < goal:
+            self._check(self.port.readline())
+
+    def ask(self, text):
+        """Send a command, compare what comes before its answer; returns the values it answers, from their bits."""
+        self.port.write(text.encode() + b"\n")
+        while (found := re.search(rb"bits=(\w{8}),(\w{8}),(\w{8})", line := self.port.readline())) is None:
+            self._check(line)
+        return [np.uint32(int(bits, 16)).view(np.float32) for bits in found.groups()]
+
+    def _check(self, line):
+        if line.startswith(b"# too slow"):
+            return
+        raw, filtered = line.split(b",")
+        z = next(self.counts)
+        assert int(float(raw)) == z
+        assert np.float32(float(filtered)).view(np.uint32) == self.oracle.update(z).view(np.uint32), line
+        self.rows += 1
+
+
+def test_the_board_prints_the_bits_of_the_host_also_after_changes_while_it_runs(start_board, workshop):
+    counts = noisy_counts(10_000)
+    firmware = exported(workshop, ChannelTuning("raw", "", *TRIPLES[0]))
+    board = start_board(firmware, counts, *FLAT_OUT)
+    with serial.Serial(board.port, 1_000_000, timeout=30) as port:
+        assert port.readline() == b"# raw,filtered\r\n"
+        talk = Conversation(port, counts, Float32Oracle(*TRIPLES[0][:2], np.inf))
+        for q, r, p0 in TRIPLES[1:]:
+            talk.follow(400)
+            # 0 is no noise at all: the other one first, because both at once are refused.
+            order = sorted((("q", q), ("r", r)), key=lambda pair: pair[1] == 0)
+            for letter, value in order:
+                used = talk.ask(f"{letter} {value}")
+                talk.oracle.q, talk.oracle.r = used[:2]
+            used = talk.ask(f"p {'inf' if p0 is None else p0}")
+            np.testing.assert_allclose(used, [q, r, np.inf if p0 is None else p0], rtol=3e-7)
+            talk.oracle = Float32Oracle(*used)
+        talk.follow(max(400, 10_000 - talk.rows))
+
+
+def test_gate_start_missing_samples_and_a_gain_that_float_cannot_settle_to_on_three_channels(start_board, workshop):
+    counts = noisy_counts(2000 * 3).reshape(-1, 3)
+    rng = np.random.default_rng(9)
+    counts[rng.random(counts.shape) < 0.02] = 1023  # spikes for the gate
+    counts[100:130, 0] = 1000  # a step: the gate gives in after five
+    counts[rng.random(counts.shape) < 0.01] = 0  # no sample
+    counts[:4, 1] = 0
+    channels = (
+        ChannelTuning("*/ #define A0 1", "mV", 0.01, 40.0, gate=9.0),
+        ChannelTuning("temp", "", 1e-3, 25.0, 1000.0),
+        ChannelTuning("temp ", "", 3e-15, 30.0, 1.2e-6, 0.5),
+    )
+    missing = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
+    firmware = exported(workshop, *channels, edits=(*FAST, missing))
+    board = start_board(firmware, counts, *FLAT_OUT)
+    lines = [line for line in read_lines(board.port, 1600, 1_000_000) if not line.startswith(b"#")]
+    board.stop()
+    printed = np.array([[float(cell) for cell in line.split(b",")] for line in lines], dtype=np.float32)
+    z = np.where(counts[: len(printed)] == 0, np.nan, counts[: len(printed)])
+    np.testing.assert_array_equal(printed[:, ::2], z.astype(np.float32))
+    for c, channel in enumerate(channels):
+        np.testing.assert_array_equal(printed[:, 2 * c + 1], filter_float32(z[:, c], channel.params))
+
+
+def test_kalscope_reads_the_sketch_with_its_names(start_board, workshop):
+    board = start_board(exported(workshop, ChannelTuning("light", "", 0.1, 10.0)), [500, 510, 490], *FLAT_OUT)
+    parser = LineParser()
+    parser.feed(b"".join(read_lines(board.port, 20, 1_000_000)))
+    assert [event.kind for event in parser][:1] == ["comment"]
+    assert [column.name for column in parser.layout.columns] == ["raw", "filtered"]
+
+
+@pytest.mark.parametrize(
+    "line", ["q", "q x", "q -1", "r nan", "q inf", "x 1", "", "q 0.5 7", "3 q 1", "qqqqqqqqqq 1", "q 1" + "0" * 40]
+)
+def test_what_a_board_cannot_take_changes_nothing(start_board, workshop, line):
+    board = start_board(exported(workshop, ChannelTuning("light", "", 0.25, 4.0)), 500, *FLAT_OUT)
+    with serial.Serial(board.port, 1_000_000, timeout=30) as port:
+        port.readline()
+        port.write(line.encode() + b"\n?\n")
+        said = []
+        while b"bits=" not in (answer := port.readline()):
+            said += [answer] if answer.startswith(b"# not") else []
+    assert answer == b"# light q=2.500000e-1 r=4.000000 p=inf bits=3E800000,40800000,7F800000\r\n"
+    assert len(said) == (line != "")

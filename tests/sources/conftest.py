@@ -1,0 +1,71 @@
+"""A fake board on a pseudo-terminal, in the same process: what is plugged in, pulled out and plugged in again."""
+
+import os
+import threading
+import time
+
+import pytest
+
+PATIENCE = 15.0
+
+
+def wait_for(condition, what="the condition"):
+    """Wait until it holds; how long that takes is not judged."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, f"{what} must come true within {PATIENCE:g} s"
+        time.sleep(0.005)
+
+
+class FakeBoard:
+    """A board behind a symlink, which stays when the board is pulled out and plugged in again."""
+
+    def __init__(self, link):
+        self.link, self.master = str(link), -1
+        self.plug()
+
+    def plug(self):
+        """Plug in: the link leads to a new terminal."""
+        import tty
+
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        if os.path.lexists(self.link):
+            os.unlink(self.link)
+        os.symlink(os.ttyname(self.slave), self.link)
+
+    def say(self, data):
+        """Send bytes; waits while the buffer of the terminal is full."""
+        while data:
+            data = data[os.write(self.master, data) :]
+
+    def heard(self, size=4096):
+        """What was sent to the board; waits for it."""
+        return os.read(self.master, size)
+
+    def unplug(self):
+        """Pull the cable."""
+        if self.master >= 0:
+            os.close(self.slave)
+            os.close(self.master)
+            self.master = -1
+
+
+@pytest.fixture
+def board(tmp_path):
+    board = FakeBoard(tmp_path / "ttyBOARD")
+    yield board
+    board.unplug()
+
+
+@pytest.fixture(name="wait_for")
+def wait_for_fixture():
+    return wait_for
+
+
+@pytest.fixture
+def no_thread_left():
+    """All threads that a test started have ended when it is over."""
+    before = set(threading.enumerate())
+    yield
+    wait_for(lambda: set(threading.enumerate()) <= before, "the end of all threads")
