@@ -63,7 +63,8 @@ class BoardLines:
             for row in recording.values.tolist()
         ]
         """One line a sample, newline included."""
-        self.header = end(",".join(names)) if form == "csv" else b""
+        # "sine 1" above the numbers could be taken for a text and a number.
+        self.header = end(",".join(name.replace(" ", "_") for name in names)) if form == "csv" else b""
         """What comes before them each time the board starts; b"" where the lines bring their names."""
 
     def between(self, sent: int, now: float) -> tuple[list[bytes], float]:
@@ -94,7 +95,7 @@ def _due(recording: Recording, rate: float | None) -> tuple[NDArray[np.float64],
 def _name(name: str, unit: str) -> str:
     """A name that cannot be taken for anything else on the line."""
     bare = "".join("_" if c in ",:;*#\t|" or not c.isprintable() else c for c in name).strip() or "value"
-    return f"{bare} [{unit}]" if unit and unit.isprintable() and not set(unit) & set(",:;*[]") else bare
+    return f"{bare}[{unit}]" if unit and unit.isprintable() and not set(unit) & set(",:;*[]") else bare
 
 
 def _number(value: float) -> str:

@@ -1,0 +1,92 @@
+"""A real Arduino program behind a live source: exact values, nothing lost, unplugged and plugged in again."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from board import FLAT_OUT, SKETCHES
+
+from kalscope.sources.live import LiveSource
+
+pytestmark = pytest.mark.device
+SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"
+PATIENCE = 60.0
+
+
+def wait_for(condition):
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, f"must come true within {PATIENCE:g} s"
+        time.sleep(0.01)
+
+
+def test_all_1024_counts_arrive_exactly_under_the_name_the_board_gives(start_board, stream_sketch):
+    counts = np.random.default_rng(5).permutation(1024)
+    board = start_board(stream_sketch, counts, *FLAT_OUT)
+    with LiveSource(board.port) as live:
+        wait_for(lambda: live.status().accepted >= 1024)
+        recording, status = live.snapshot().recording, live.status()
+    assert recording.names == ("A0",)
+    np.testing.assert_array_equal(recording.values[:1024, 0], counts)
+    assert status.rejected == 0
+    assert status.received == status.accepted + status.dropped
+
+
+def test_the_clock_of_the_board_is_the_time(start_board, workshop):
+    firmware = workshop.sketch(SKETCH, (r"(?<=BOARD_TIME = )false", "true"))
+    board = start_board(firmware, range(1024), *FLAT_OUT)
+    with LiveSource(board.port) as live:
+        wait_for(lambda: live.status().accepted >= 500)
+        recording, status = live.snapshot().recording, live.status()
+    assert status.device_time
+    assert recording.sample_period == pytest.approx(0.005, abs=1e-5)
+    np.testing.assert_allclose(np.diff(recording.time), 0.005, atol=30e-6)
+
+
+def test_900_lines_a_second_at_115200_baud_lose_none(start_board, workshop):
+    rate = (r"(?<=SAMPLES_PER_SECOND = )200", "900")
+    bare = (r"(?<=CHECKSUM = )true", "false")
+    counts = np.arange(4500) % 1000
+    board = start_board(
+        workshop.sketch(SKETCH, rate, bare), counts, "--wait-open", "--speed", "1", "--seconds", "4"
+    )
+    with LiveSource(board.port) as live:
+        wait_for(lambda: live.status().accepted >= 3000)
+        recording, status = live.snapshot().recording, live.status()
+    received = recording.values[:, 0]
+    np.testing.assert_array_equal(received, counts[: len(received)])
+    assert status.rejected == 0
+
+
+def test_pulling_the_plug_and_plugging_in_again_is_one_gap(start_board, stream_sketch):
+    board = start_board(stream_sketch, 512, "--speed", "1", "--wait-open")
+    with LiveSource(board.port) as live:
+        wait_for(lambda: live.status().accepted >= 100)
+        board.unplug()
+        wait_for(lambda: live.status().word == "disconnected, waiting")
+        before = live.status().accepted
+        start_board(stream_sketch, 700, "--speed", "1", "--wait-open")
+        wait_for(lambda: live.status().accepted >= before + 100)
+        recording, status = live.snapshot().recording, live.status()
+    (gap,) = np.flatnonzero(np.isnan(recording.values[:, 0]))
+    assert set(recording.values[:gap, 0]) == {512.0}
+    assert set(recording.values[gap + 1 :, 0]) == {700.0}
+    assert (np.diff(recording.time) > 0).all()
+    assert status.reconnects == 1
+    assert status.hint == ""
+
+
+def test_the_reset_button_makes_no_new_generation(start_board, stream_sketch):
+    board = start_board(stream_sketch, 512, "--speed", "1", "--wait-open")
+    with LiveSource(board.port) as live:
+        wait_for(lambda: live.status().accepted >= 50)
+        first = live.snapshot()
+        board.reset()
+        before = live.status().accepted
+        wait_for(lambda: live.status().accepted >= before + 100)
+        later, status = live.snapshot(), live.status()
+    assert later.generation == first.generation
+    assert set(later.recording.values[:, 0]) == {512.0}
+    assert status.reconnects == 0
