@@ -80,9 +80,11 @@ def tuning_of(*names, text="calm"):
 
 
 def without_c_comments(text):
-    """C, C++ and JavaScript without comments, as their compilers find them: strings first, ours have no escapes."""
+    """C, C++ and JavaScript without comments, as their compilers find them: first a backslash (which `??/` is too)
+    joins its line to the next, then strings and comments begin at whatever comes first."""
+    joined = text.replace("??/", "\\").replace("\\\n", "")
     token = re.compile(r'"[^"\n\\]*(?:\\.[^"\n\\]*)*"|\'[^\'\n]*\'|//[^\n]*|/\*.*?\*/', re.DOTALL)
-    return token.sub(lambda m: m[0] if m[0][0] in "\"'" else " ", text)
+    return token.sub(lambda m: m[0] if m[0][0] in "\"'" else " ", joined)
 
 
 def code_of(target, name, text):
@@ -204,6 +206,14 @@ def test_quoted_text_comes_back_from_python_and_yaml(text):
     assert ast.literal_eval(quoted(text)) == whole
     assert yaml.safe_load(quoted(text)) == whole
     assert quoted(text).isascii()
+
+
+@pytest.mark.parametrize("target", ["ros2", "esphome", "platformio"])
+def test_no_name_is_substituted(target):
+    """ESPHome replaces "${…}" and ROS launch files "$(…)" inside values; PlatformIO "${…}", which is ours once."""
+    for hostile in HOSTILE:
+        text = "".join(export_tuning(tuning_of(hostile, text=hostile), target).values())
+        assert re.findall(r"[$]\W.*", text) == (["${kalscope.build_flags}"] if target == "platformio" else [])
 
 
 def test_a_refusal_is_one_line_whatever_the_names():
