@@ -32,7 +32,9 @@ def files(job: ExportJob) -> dict[str, str]:
             the range that it can count.
     """
     if len(job.channels) > ANALOGUE_PINS:
-        raise BadSetting(f"the sketch must read 1 to {ANALOGUE_PINS} channels (got {len(job.channels)}): choose one")
+        raise BadSetting(
+            f"the sketch must read 1 to {ANALOGUE_PINS} channels (got {len(job.channels)}): choose one"
+        )
     held = [_held(job, i) for i in range(len(job.channels))]
     return {"KalscopeFilter.h": _header(job, held), "kalscope_filter.ino": _sketch(job)}
 
@@ -57,7 +59,7 @@ def _held(job: ExportJob, index: int) -> Float32Params:
 
 
 def _constant_names(job: ExportJob) -> list[str]:
-    return [f"KALSCOPE_{name.upper()}" for name in job.identifiers]
+    return [f"KALSCOPE_TUNING_{name.upper()}" for name in job.identifiers]
 
 
 def _header(job: ExportJob, held: list[Float32Params]) -> str:
@@ -87,7 +89,9 @@ def _sketch(job: ExportJob) -> str:
         pins=", ".join(pins),
         names=", ".join(f'"{name}"' for name in names),
         filters=", ".join(f"KalscopeFilter({name})" for name in _constant_names(job)),
-        units=", ".join(f"{name} in {_unit(channel.unit)}" for name, channel in zip(names, job.channels, strict=True)),
+        units=", ".join(
+            f"{name} in {_unit(channel.unit)}" for name, channel in zip(names, job.channels, strict=True)
+        ),
     )
 
 

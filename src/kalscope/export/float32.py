@@ -27,6 +27,8 @@ STALLING_GAIN = 3e-6
 
 Floats = NDArray[np.float32]
 
+_NOTHING, _UNKNOWN, _INFINITE = np.float32(0.0), np.float32(np.nan), np.float32(np.inf)
+
 
 @dataclass(frozen=True)
 class Float32Params:
@@ -36,13 +38,13 @@ class Float32Params:
     """Process-noise variance per sample period, unit²."""
     r: np.float32
     """Measurement-noise variance, unit²."""
-    p0: np.float32 = np.float32(np.inf)
+    p0: np.float32 = _INFINITE
     """Variance before the first predict, unit²; inf = diffuse, the first sample sets x = z and p = r."""
-    x0: np.float32 = np.float32(np.nan)
+    x0: np.float32 = _UNKNOWN
     """Estimate before the first predict, unit; NaN = the first sample."""
-    gate: np.float32 = np.float32(0.0)
+    gate: np.float32 = _NOTHING
     """Outlier gate on v²/s; 0 = off."""
-    settled_gain: np.float32 = np.float32(0.0)
+    settled_gain: np.float32 = _NOTHING
     """Gain to use once the variance repeats itself to the last bit; 0 = the one that the variance gives."""
 
 
@@ -58,9 +60,9 @@ def float32_params(params: FilterParams) -> Float32Params:
     rounded = Float32Params(
         q=_rounded("q", q or 0.0),
         r=_rounded("r", r or 0.0),
-        p0=np.float32(np.inf) if p0 is None else _rounded("p0", p0),
-        x0=np.float32(np.nan) if x0 is None else _rounded("x0", x0),
-        gate=np.float32(0.0) if gate is None else _rounded("gate", gate),
+        p0=_INFINITE if p0 is None else _rounded("p0", p0),
+        x0=_UNKNOWN if x0 is None else _rounded("x0", x0),
+        gate=_NOTHING if gate is None else _rounded("gate", gate),
         settled_gain=_settled_gain(params),
     )
     parts = [v for v in (rounded.q, rounded.r, rounded.p0) if np.isfinite(v)]

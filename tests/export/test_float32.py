@@ -1,0 +1,98 @@
+"""The float32 filter against numpy's float32, one operation a rounding; and float32 written as text."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kalscope import FilterParams, steady_state
+from kalscope.errors import BadSetting
+from kalscope.export.float32 import STALLING_GAIN, Float32Params, filter_float32, float32_params, float32_text
+from kalscope.kernels import GATE_LIMIT
+
+F = np.float32
+INFINITE, UNKNOWN, OFF = F(np.inf), F(np.nan), F(0)
+
+
+def by_hand(z, q, r, p0=INFINITE, x0=UNKNOWN, gate=OFF):
+    """The five lines with the gate, in numpy scalars: no line can round in double."""
+    x, p, refused, out = x0, p0, 0, []
+    for sample in np.asarray(z, F):
+        p = F(p + q)
+        s = F(p + r)
+        v = F(sample - x)
+        if np.isnan(sample) or (s == 0 and not np.isnan(x)):
+            pass
+        elif np.isinf(p):
+            x, p, refused = sample, r, 0
+        elif gate > 0 and not np.isnan(x) and F(v * v) > F(gate * s) and refused < GATE_LIMIT:
+            refused += 1
+        else:
+            k = F(p / s) if s > 0 else F(0)
+            p = F(F(F(1) - k) * p)
+            x, refused = sample if np.isnan(x) else F(x + F(k * v)), 0
+        out.append(x)
+    return np.array(out, F)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_equals_the_five_lines_in_float32_to_the_bit(seed):
+    rng = np.random.default_rng(seed)
+    z = (100 * rng.normal() + np.cumsum(rng.normal(size=1500))).astype(F)
+    z[rng.random(1500) < 0.03] = np.nan
+    z[rng.random(1500) < 0.03] += F(60)
+    q, r, p0, x0 = (F(10.0 ** rng.uniform(-4, 2)) for _ in range(4))
+    for held in (
+        Float32Params(q, r),
+        Float32Params(q, r, p0),
+        Float32Params(q, r, p0, x0),
+        Float32Params(q, r, p0, gate=F(9.0)),
+        Float32Params(F(0), r, F(0), gate=F(4.0)),
+        Float32Params(q, F(0), F(0)),
+    ):
+        expected = by_hand(z, held.q, held.r, held.p0, held.x0, held.gate)
+        np.testing.assert_array_equal(filter_float32(z, held), expected)
+
+
+def test_text_and_float32_are_the_same_bits():
+    rng = np.random.default_rng(1)
+    bits = rng.integers(0x00800000, 0x7F7FFFFF, 10_000, dtype=np.uint32)
+    for value in [*bits.view(F), F(0), F(1), F(-512.25), F(3e38)]:
+        text = float32_text(value)
+        assert text.endswith("f")
+        assert "." in text or "e" in text
+        assert F(text[:-1]).view(np.uint32) == value.view(np.uint32)
+    assert (float32_text(F(np.inf)), float32_text(F(np.nan))) == ("INFINITY", "NAN")
+
+
+@pytest.mark.parametrize("wrong", [1e-50, 1.1e-38, 4e38, 1e300])
+@pytest.mark.parametrize("name", ["q", "r", "p0"])
+def test_what_float32_cannot_hold_is_refused_by_name(name, wrong):
+    with pytest.raises(BadSetting, match=f"^{name} must fit float32"):
+        float32_params(FilterParams(**{"q": 1.0, "r": 1.0, "p0": 1.0, name: wrong}))
+
+
+def settled_gain(held, samples):
+    """The gain after so many samples: the answer of the filter, resting at 0, to a single 1."""
+    z = np.zeros(samples + 1, F)
+    z[-1] = 1
+    return float(filter_float32(z, held)[-1])
+
+
+def test_above_the_stalling_gain_float32_settles_within_one_percent_and_below_it_is_told_the_gain():
+    for gain, samples in ((1e-3, 20_000), (1e-5, 1_000_000), (1.1 * STALLING_GAIN, 2_000_000)):
+        held = float32_params(FilterParams(gain * gain / (1 - gain) * 7.0, 7.0))
+        assert held.settled_gain == 0
+        assert settled_gain(held, samples) == pytest.approx(gain, rel=0.01)
+    slow = FilterParams(1e-14 * 7.0, 7.0)
+    held = float32_params(slow)
+    wanted = F(steady_state(slow).gain)
+    assert settled_gain(held, 10_000_000) == wanted
+    assert abs(settled_gain(Float32Params(held.q, held.r), 10_000_000) / wanted - 1) > 0.1
+
+
+def test_one_channel_only_and_one_dimension_only():
+    with pytest.raises(BadSetting, match="one channel"):
+        filter_float32([1.0], FilterParams([1.0, 2.0], 1.0))
+    with pytest.raises(BadSetting, match="shape"):
+        filter_float32([[1.0]], FilterParams(1.0, 1.0))
