@@ -144,6 +144,24 @@ def test_bachagas_numbers_read_back_through_gcc(tuning, numbers, tmp_path):
     identical([float.fromhex(line) for line in out.split()], numbers)
 
 
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_c_constants_read_back_through_gcc(tuning, numbers, tmp_path):
+    for name, text in export_tuning(tuning, "c").items():
+        (tmp_path / name).write_text(text)
+    constants = re.findall(r"extern const kalscope_tuning (\w+);", (tmp_path / "kalscope_filter.h").read_text())
+    table = ",\n".join(f"&{name}" for name in constants)
+    (tmp_path / "main.c").write_text(
+        '#include <stdio.h>\n#include "kalscope_filter.h"\n'
+        f"static const kalscope_tuning *all[] = {{{table}}};\n"
+        "int main(void) { for (unsigned i = 0; i < sizeof all / sizeof *all; i++)"
+        ' printf("%a %a %a %a %a\\n", all[i]->q, all[i]->r, all[i]->p0, all[i]->x0, all[i]->gate); return 0; }\n'
+    )
+    command = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-O0", "main.c", "kalscope_filter.c", "-o", "main"]
+    subprocess.run(command, check=True, cwd=tmp_path)
+    out = subprocess.run([tmp_path / "main"], check=True, capture_output=True, text=True).stdout
+    identical([float.fromhex(word) for word in out.split()], numbers)
+
+
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
 def test_matlab_numbers_read_back_through_octave(tuning, numbers, tmp_path):
     """The assignments of all scripts in one, so that Octave starts once."""

@@ -202,6 +202,27 @@ def test_bachagas_is_the_same_filter_under_gcc(shared, tmp_path):
     np.testing.assert_array_equal(numbers[..., 1], shared.k)
 
 
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_c_is_the_same_filter_under_gcc(shared, tmp_path):
+    """In double; tests/export/test_compiled.py has float and other processors."""
+    write(export_tuning(shared.tuning, "c"), tmp_path)
+    names = re.findall(r"extern const kalscope_tuning (\w+);", (tmp_path / "kalscope_filter.h").read_text())
+    start = "".join(f"kalscope_start(&f[{i}], &{name});\n" for i, name in enumerate(names))
+    step = 'double z; if (scanf("%lf", &z) != 1) return 1; kalscope_update(&f[j], z);'
+    step += ' printf("%a %a\\n", f[j].x, f[j].k);'
+    loops = f"for (int i = 0; i < {len(shared.x)}; i++) for (int j = 0; j < {len(names)}; j++) {{ {step} }}"
+    head = '#include <stdio.h>\n#include "kalscope_filter.h"\n'
+    (tmp_path / "main.c").write_text(
+        f"{head}int main(void) {{ kalscope_filter f[{len(names)}];\n{start}{loops}\nreturn 0; }}\n"
+    )
+    strict = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O2")
+    run("gcc", *strict, "main.c", "kalscope_filter.c", "-o", "main", cwd=tmp_path)
+    out = run(tmp_path / "main", stdin=lines_of(shared.recording))
+    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*shared.x.shape, 2)
+    np.testing.assert_array_equal(numbers[..., 0], shared.x)
+    np.testing.assert_array_equal(numbers[..., 1], shared.k)
+
+
 @pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
 def test_the_arduino_header_is_the_float32_filter_bit_for_bit(shared_float32, tmp_path):
     """On the host; tests/device runs the sketch in a simulated Uno."""
