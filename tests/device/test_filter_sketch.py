@@ -12,6 +12,7 @@ from board import FLAT_OUT, read_lines
 
 from kalscope.export import ExportJob
 from kalscope.export.arduino import files
+from kalscope.export.device_limits import UNO_FLASH, UNO_RAM, UNO_READ_US, UNO_UPDATE_US
 from kalscope.export.float32 import filter_float32
 from kalscope.sources.line_parser import LineParser
 from kalscope.tuning import ChannelTuning
@@ -162,3 +163,40 @@ def test_what_a_board_cannot_take_changes_nothing(start_board, workshop, line):
             said += [answer] if answer.startswith(b"# not") else []
     assert answer == b"# light q=2.500000e-1 r=4.000000 p=inf bits=3E800000,40800000,7F800000\r\n"
     assert len(said) == (line != "")
+
+
+TIMING = r"""
+#include "KalscopeFilter.h"
+KalscopeFilter filter(KALSCOPE_TUNING_LIGHT);
+volatile float z, x;
+unsigned long spent(bool filtering) {
+  const unsigned long start = micros();
+  for (int i = 0; i < 1000; i++) {
+    z = 500 + (i & 31);
+    x = filtering ? filter.update(z) : z;
+  }
+  return micros() - start;
+}
+void setup() {
+  Serial.begin(115200);
+  Serial.println(spent(true) - spent(false));
+  const unsigned long start = micros();
+  for (int i = 0; i < 100; i++) z = analogRead(A0);
+  Serial.println(micros() - start);
+}
+void loop() {}
+"""
+
+
+def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path):
+    channel = ChannelTuning("light", "", 0.01, 4.0)
+    firmware = exported(workshop, channel, edits=())
+    assert firmware.flash == pytest.approx(UNO_FLASH, rel=0.05)
+    assert firmware.ram == pytest.approx(UNO_RAM, rel=0.05)
+    header = files(ExportJob((channel,)))["KalscopeFilter.h"]
+    (tmp_path / "KalscopeFilter.h").write_text(header)
+    (tmp_path / "timing.ino").write_text(TIMING)
+    board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
+    thousand_updates_us, hundred_reads_us = map(int, read_lines(board.port, 2))
+    assert thousand_updates_us / 1000 == pytest.approx(UNO_UPDATE_US, rel=0.05)
+    assert hundred_reads_us / 100 == pytest.approx(UNO_READ_US, rel=0.05)
