@@ -17,6 +17,7 @@ from kalscope.estimation import (
     noise_from_still,
     params_for_specification,
 )
+from kalscope.export import export_tuning
 from kalscope.filtering import FilterResult, KalmanFilter, denoise, kalman_filter
 from kalscope.likelihood import likelihood_profile, log_likelihood
 from kalscope.model import FilterParams, starting_params
@@ -53,6 +54,7 @@ __all__ = [
     "estimate",
     "estimate_fixed_r",
     "estimate_fixed_ratio",
+    "export_tuning",
     "kalman_filter",
     "likelihood_profile",
     "list_samples",

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
 import typer
 
 from kalscope.errors import BadSetting, KalscopeError, describe
+from kalscope.export_command import export_command
 from kalscope.reproduce_command import reproduce_command
 from kalscope.sources.command_options import (
     Delimiter,
@@ -47,6 +48,7 @@ app = typer.Typer(
 
 
 app.command("tune")(tune_command)
+app.command("export")(export_command)
 app.command("reproduce")(reproduce_command)
 
 

@@ -34,7 +34,7 @@ TARGETS = MappingProxyType(
         "c": Target("c", "The filter in C99, double or float by a macro."),
         "python": Target("python", "A small Python class without dependencies, and the call of Kalscope."),
         "matlab": Target("matlab", "A script for MATLAB and Octave in the style of the first paper."),
-        "json": Target("json", "The parameters as JSON."),
+        "json": Target("json_file", "The parameters as JSON."),
         "ros2": Target("ros2", "A ROS 2 parameter file (YAML)."),
         "platformio": Target("platformio", "Compiler flags for PlatformIO, in a file that extra_configs pulls in."),
         "esphome": Target("esphome", "A kalman_combinator sensor of ESPHome: standard deviations, per second."),

@@ -9,16 +9,13 @@ from kalscope.export.names import identifiers
 from kalscope.steady_state import SteadyState, steady_state
 from kalscope.tuning import ChannelTuning, Tuning
 
-MOST_CHANNELS = 64
-"""Channels of one export; a device with more has another design."""
-
 
 @dataclass(frozen=True)
 class ExportJob:
     """The filters to be exported and where they come from.
 
     Raises:
-        BadSetting: No channel or too many.
+        BadSetting: No channel.
     """
 
     channels: tuple[ChannelTuning, ...]
@@ -35,8 +32,8 @@ class ExportJob:
     """When the tuning was made, UTC, ISO 8601; from outside as well."""
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.channels) <= MOST_CHANNELS:
-            raise BadSetting(f"an export must hold 1 to {MOST_CHANNELS} channels (got {len(self.channels)})")
+        if not self.channels:
+            raise BadSetting("an export must hold at least one channel (got none)")
 
     @property
     def identifiers(self) -> tuple[str, ...]:
@@ -52,7 +49,7 @@ def job_of(tuning: Tuning, channel: str | None = None) -> ExportJob:
     """The job of a whole tuning, or of one of its channels by name.
 
     Raises:
-        BadSetting: No such channel, or too many.
+        BadSetting: No such channel.
     """
     return ExportJob(
         channels=tuning.channels if channel is None else (tuning.channel(channel),),

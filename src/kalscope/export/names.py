@@ -60,16 +60,19 @@ def identifier(name: str) -> str:
 
 def identifiers(names: Iterable[str]) -> tuple[str, ...]:
     """An identifier for each name, in order, no two alike: the second "temp" becomes temp_2."""
-    taken: list[str] = []
-    for name in names:
-        word, number = identifier(name), 1
-        candidate = word
+    taken: set[str] = set()
+    last: dict[str, int] = {}
+    chosen: list[str] = []
+    for word in map(identifier, names):
+        candidate, number = word, last.get(word, 1)
         while candidate in taken:
             number += 1
             ending = f"_{number}"
             candidate = word[: IDENTIFIER_LENGTH - len(ending)].rstrip("_") + ending
-        taken.append(candidate)
-    return tuple(taken)
+        last[word] = number
+        taken.add(candidate)
+        chosen.append(candidate)
+    return tuple(chosen)
 
 
 def comment_text(text: str, length: int = COMMENT_LENGTH) -> str:
@@ -94,10 +97,7 @@ def number_text(value: float) -> str:
 
 
 def quoted(text: str) -> str:
-    """`text` in double quotes with escapes that C, Python and YAML share; the text comes back whole from YAML.
-
-    Python and YAML read it back as it was.
-    """
+    """`text` in double quotes and ASCII, read back whole by Python and by YAML."""
     return '"' + "".join(map(_escaped, text.encode("utf-8", "replace").decode())) + '"'
 
 
@@ -112,6 +112,9 @@ def _escaped(character: str) -> str:
 
 def _ascii(text: str) -> str:
     """`text` in ASCII as a person would spell it; "_" for what has no spelling."""
-    spelt = "".join(_SPELT.get(character, character) for character in text)
-    plain = "".join(c for c in unicodedata.normalize("NFKD", spelt) if not unicodedata.combining(c))
-    return "".join(c if c.isascii() else "_" for c in plain)
+    plain = _spelt(unicodedata.normalize("NFKD", _spelt(text)))
+    return "".join(c if c.isascii() else "_" for c in plain if not unicodedata.combining(c))
+
+
+def _spelt(text: str) -> str:
+    return "".join(_SPELT.get(character, character) for character in text)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text
 from kalscope.kernels import GATE_LIMIT
@@ -39,11 +41,10 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
     lag = f"{steady.lag_samples:.4g} samples"
     if steady.lag_s is not None:
         lag += f" = {steady.lag_s:.4g} s"
-    gate = (
-        "off"
-        if channel.gate is None
-        else f"v^2/s above {number_text(channel.gate)} is not used, 5 in a row at most"
-    )
+    gate = "off"
+    if channel.gate is not None:
+        limit = number_text(channel.gate)
+        gate = f"a sample whose v^2/s exceeds {limit} is not used, {GATE_LIMIT} in a row at most"
     return (
         f"Channel {comment_text(channel.name)}; all are variances (not standard deviations) in {square}:",
         f"  process noise q = {number_text(channel.q)} per sample",
@@ -63,3 +64,8 @@ def start_words(channel: ChannelTuning) -> str:
     if channel.x0 is None:
         return "the first sample sets x = z; p goes on from p0"
     return f"x0 = {number_text(channel.x0)} before the first predict"
+
+
+def commented(lines: Iterable[str], mark: str) -> str:
+    """The lines as comments, each after `mark`; ends with a line end."""
+    return "".join(f"{mark} {line}".rstrip() + "\n" for line in lines)

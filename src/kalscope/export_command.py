@@ -1,0 +1,75 @@
+"""`kalscope export`: a tuning file becomes the files of a target, in a folder or on stdout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kalscope.errors import BadSetting
+
+CHOICES = "arduino, c, python, matlab, json, ros2, platformio, esphome, bachagas, kalmanjs"
+"""The targets that write something; said here too, so that --help need not import the filter."""
+
+
+def export_command(
+    tuning: Annotated[Path, typer.Argument(metavar="TUNING", help="Tuning file with q and r.")],
+    target: Annotated[str, typer.Option("--to", metavar="TARGET", help=f"One of {CHOICES}.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder to write to; else the main file on stdout."),
+    ] = None,
+    channel: Annotated[str | None, typer.Option("--channel", metavar="NAME", help="Else all channels.")] = None,
+    vectors: Annotated[
+        str | None,
+        typer.Option("--vectors", metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over files that are there.")] = False,
+) -> None:
+    """Export the tuned filter for the device or the program that is to run it."""
+    from kalscope import cli
+    from kalscope.export import export_tuning
+    from kalscope.sources import open_source
+    from kalscope.tuning import load_tuning
+
+    if vectors is not None and output is None:
+        raise BadSetting("--vectors needs -o, the folder to write to (got none)")
+    tuned = load_tuning(tuning)
+    recording = None if vectors is None else open_source(vectors)
+    files = export_tuning(tuned, target, channel=channel, vectors=recording)
+    if output is None:
+        (main, text), *others = files.items()
+        cli._write(iter([text]), None)
+        if others:
+            cli._say(f"note: {main}; with -o DIR also {', '.join(name for name, _ in others)}")
+        return
+    written = write_files(files, output, force=force)
+    cli._write((f"{path}\n" for path in written), None)
+
+
+def write_files(files: dict[str, str], folder: Path, *, force: bool = False) -> list[Path]:
+    """Write the files of an export into a folder, which is made if it is missing; each whole or not at all.
+
+    Args:
+        files: Texts by file name, as `export_tuning` gives them.
+        folder: Where to.
+        force: Replace files that are there.
+
+    Returns:
+        What was written, as paths in `folder`.
+
+    Raises:
+        BadSetting: A name leads out of the folder; or a file is there and `force` is off: none is written then.
+        OSError: The folder or a file cannot be written; files before it are.
+    """
+    from kalscope.atomic import check_inside, write_atomic
+
+    targets = {name: check_inside(name, folder) for name in files}
+    there = [name for name, path in targets.items() if path.exists()]
+    if there and not force:
+        raise BadSetting(f"-o must be a folder without {', '.join(there)}, or give --force (got {str(folder)!r})")
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, path in targets.items():
+        write_atomic(path, files[name].encode())
+    return [folder / name for name in files]

@@ -1,0 +1,123 @@
+"""The shared test vectors: one tuning and one recording on which every target must answer as the textbook does."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from kalscope import ChannelTuning, Recording, Tuning
+
+ROWS = 400
+MISSING = math.nan
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What all targets are checked on; arrays have shape (ROWS, channels), in the order of `tuning.channels`."""
+
+    tuning: Tuning
+    recording: Recording
+    x: np.ndarray
+    """Filtered values of the textbook oracle below."""
+    k: np.ndarray
+    """Its gains."""
+
+    def only(self, names: list[str]) -> Shared:
+        """The same with some of the channels."""
+        keep = [self.recording.index(name) for name in names]
+        channels = tuple(self.tuning.channels[i] for i in keep)
+        values = self.recording.values[:, keep]
+        recording = Recording(self.recording.time, tuple(names), ("",) * len(keep), values, 0.01)
+        return Shared(Tuning(channels, sample_period=0.01), recording, self.x[:, keep], self.k[:, keep])
+
+    @property
+    def names(self) -> list[str]:
+        return list(self.recording.names)
+
+
+def textbook(channel, z):
+    """x and k after each sample: the five lines, a missing sample, the three starts and the gate."""
+    x = MISSING if channel.x0 is None else channel.x0
+    p = math.inf if channel.p0 is None else channel.p0
+    refused, answers = 0, []
+    for sample in z:
+        p, k = p + channel.q, 0.0
+        if not math.isnan(sample):
+            s = p + channel.r
+            if math.isinf(p):
+                x, p, k, refused = sample, channel.r, 1.0, 0
+            elif math.isnan(x):
+                k = p / s
+                x, p, refused = sample, (1.0 - k) * p, 0
+            elif channel.gate is not None and (sample - x) * (sample - x) > channel.gate * s and refused < 5:
+                refused += 1
+            else:
+                k = p / s
+                x, p, refused = x + k * (sample - x), (1.0 - k) * p, 0
+        answers.append((x, k))
+    return np.array(answers)
+
+
+def noisy(seed, level=0.0, sigma=1.0):
+    rng = random.Random(seed)
+    return [level + rng.gauss(0.0, sigma) for _ in range(ROWS)]
+
+
+def channels_and_samples():
+    """Each channel is one difficulty."""
+    holes = noisy(2, 20.0)
+    for i in (0, 1, 50, 51, 52, *range(100, 140), ROWS - 1):
+        holes[i] = MISSING
+    jump = [*noisy(3)[:200], *noisy(3, 50.0)[200:]]
+    spikes = noisy(4)
+    for i in (30, 31, 90, *range(150, 162), 300):
+        spikes[i] += 40.0
+    gaps_and_spikes = [MISSING if i in range(152, 155) else z for i, z in enumerate(spikes)]
+    late = [MISSING] * 7 + noisy(5, -3.0)[7:]
+    return [
+        (ChannelTuning("diffuse", "V", 0.01, 1.0), noisy(1)),
+        (ChannelTuning("holes", "degC", 0.125, 1.0), holes),
+        (ChannelTuning("level jump", "V", 0.001, 0.5, 1.0, 0.0), jump),
+        (ChannelTuning("gate", "V", 0.01, 1.0, gate=9.0), spikes),
+        (ChannelTuning("gate and holes", "V", 0.01, 1.0, 4.0, 0.5, gate=9.0), gaps_and_spikes),
+        (ChannelTuning("first sample", "V", 0.3, 2.0, 5.0), late),
+        (ChannelTuning("late diffuse", "V", 0.3, 2.0), late),
+        (ChannelTuning("p0 zero", "V", 1.0, 100.0, 0.0, 0.0), noisy(6, sigma=40.0)),
+        (ChannelTuning("q zero", "V", 0.0, 25.0, 225.0, 60.0), noisy(7, 50.0, 5.0)),
+        (ChannelTuning("r zero", "V", 2.0, 0.0), noisy(8)),
+        (ChannelTuning("slow", "V", 1e-9, 3.0), noisy(9)),
+        (ChannelTuning("tiny", "V", 1e-14, 1e-12), noisy(10, 1e-5, 1e-6)),
+        (ChannelTuning("large", "Pa", 1e8, 1e10), noisy(11, 1e5, 1e5)),
+    ]
+
+
+def extreme_channels():
+    """What float32 cannot hold."""
+    return [
+        (ChannelTuning("minute", "V", 1e-280, 1e-270), noisy(12, 1e-134, 1e-135)),
+        (ChannelTuning("subnormal", "V", 5e-324, 1e-310), noisy(13, 0.0, 1e-155)),
+        (ChannelTuning("huge", "V", 1e270, 1e280), noisy(14, 1e140, 1e140)),
+        (ChannelTuning("huge gate", "V", 1e300, 1e300, gate=4.0), noisy(15, 1e150, 3e150)),
+    ]
+
+
+@pytest.fixture(scope="session")
+def shared():
+    """Every case of the shared vectors."""
+    cases = channels_and_samples() + extreme_channels()
+    channels = tuple(channel for channel, _ in cases)
+    z = np.array([samples for _, samples in cases]).T
+    answers = np.array([textbook(channel, samples) for channel, samples in cases])
+    names = tuple(channel.name for channel in channels)
+    recording = Recording(np.arange(ROWS) * 0.01, names, ("",) * len(names), z, 0.01)
+    return Shared(Tuning(channels, sample_period=0.01), recording, answers[..., 0].T, answers[..., 1].T)
+
+
+@pytest.fixture(scope="session")
+def shared_float32(shared):
+    """The cases whose numbers float32 holds."""
+    return shared.only([channel.name for channel, _ in channels_and_samples()])

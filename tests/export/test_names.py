@@ -1,0 +1,224 @@
+"""Names from outside never leave a comment or an identifier, in any target."""
+
+from __future__ import annotations
+
+import ast
+import configparser
+import io
+import json
+import re
+import tokenize
+from dataclasses import replace
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning
+from kalscope.export import TARGETS
+from kalscope.export.names import comment_text, identifier, identifiers, quoted
+
+HOSTILE = (
+    "*/ #define x",
+    "*/\n#define PWN 1\n/*",
+    "line\nline",
+    "line\r\x0b\x0c\x85\u2028\u2029line",
+    "température ² 温度 😀",
+    "x" * 300,
+    "\"'`",
+    "'''",
+    '"""',
+    "---",
+    "...",
+    "%",
+    "%{",
+    "%}",
+    "#{",
+    "\\",
+    "ends in a backslash \\",
+    "??/",
+    "// ",
+    "; rm -rf /",
+    "${sysenv.HOME}",
+    "$(env HOME)",
+    "{{ x }}",
+    "{about}",
+    "%(q)s",
+    "<script>",
+    "coding: utf-7",
+    "!!python/object:os.system",
+    "- a: b",
+    "a: b",
+    "on",
+    "no",
+    "",
+    " ",
+    "..",
+    "../../etc/passwd",
+    "C:\\x",
+    "CON",
+    "\x00\x1b[31m",
+    "\ud800",
+    "for",
+    "__proto__",
+    "constructor",
+    "1abc",
+    "KALSCOPE_A_Q",
+)
+SIXES = [HOSTILE[i : i + 6] for i in range(0, len(HOSTILE), 6)]
+"""The sketch reads at most six channels."""
+WRITING = [name for name in TARGETS if name not in ("simplekalmanfilter", "gyverfilters")]
+C_LIKE = ("arduino", "c", "bachagas", "kalmanjs")
+
+CHANNEL = ChannelTuning("calm", "V", 0.01, 0.25, 1.0, 0.5, how="by hand", gate=9.0)
+
+
+def tuning_of(*names, text="calm"):
+    channels = tuple(replace(CHANNEL, name=name, unit=text, how=text) for name in names)
+    return Tuning(channels, source_name=text, sha256=text, sample_period=0.01, tool=text, date=text)
+
+
+def without_c_comments(text):
+    """C, C++ and JavaScript without comments, as their compilers find them: first a backslash (which `??/` is too)
+    joins its line to the next, then strings and comments begin at whatever comes first."""
+    joined = text.replace("??/", "\\").replace("\\\n", "")
+    token = re.compile(r'"[^"\n\\]*(?:\\.[^"\n\\]*)*"|\'[^\'\n]*\'|//[^\n]*|/\*.*?\*/', re.DOTALL)
+    return token.sub(lambda m: m[0] if m[0][0] in "\"'" else " ", joined)
+
+
+def code_of(target, name, text):
+    """What a compiler or reader sees of a file: its tokens or values without the comments."""
+    if target in C_LIKE:
+        return without_c_comments(text).split()
+    if name.endswith(".py"):
+        skip = (tokenize.COMMENT, tokenize.NL)
+        tokens = tokenize.tokenize(io.BytesIO(text.encode()).readline)
+        return [token.string for token in tokens if token.type not in skip]
+    if name.endswith(".m"):
+        return [re.sub(r"%.*", "", line).split() for line in text.splitlines() if not line.startswith("%")]
+    if name.endswith(".yaml"):
+        return yaml.safe_load(text)
+    if name.endswith(".ini"):
+        parser = configparser.ConfigParser(interpolation=None)
+        parser.read_string(text)
+        return {section: dict(parser[section]) for section in parser.sections()}
+    return json.loads(text)
+
+
+def without_names(value):
+    """Data formats may hold names as values; what must not change is all the rest."""
+    if isinstance(value, dict):
+        spoken = ("name", "about", "unit", "unit_of_variances", "found", "tool", "date", "recording")
+        return {key: without_names(entry) for key, entry in value.items() if key not in spoken}
+    return [without_names(entry) for entry in value] if isinstance(value, list) else value
+
+
+def same_code(target, hostile):
+    """The export with hostile texts is the export with calm ones, but for comments and strings."""
+    calm = export_tuning(tuning_of("a", "b"), target)
+    found = export_tuning(tuning_of("a", "b", text=hostile), target)
+    assert list(found) == list(calm)
+    for name in calm:
+        assert found[name].isascii()
+        assert re.search(r"[\x00-\x09\x0b-\x1f\x7f]", found[name]) is None
+        assert without_names(code_of(target, name, found[name])) == without_names(code_of(target, name, calm[name]))
+
+
+@pytest.mark.parametrize("target", WRITING)
+def test_hostile_texts_stay_in_comments_and_strings(target):
+    for hostile in HOSTILE:
+        same_code(target, hostile)
+
+
+@pytest.mark.parametrize("target", WRITING)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(hostile=st.text(max_size=400))
+def test_any_text_stays_in_comments_and_strings(target, hostile):
+    same_code(target, hostile)
+
+
+@pytest.mark.parametrize("target", WRITING)
+def test_hostile_channel_names_are_only_identifiers(target):
+    """The code with hostile names is the code with the names that they become."""
+    for names in SIXES:
+        found = export_tuning(tuning_of(*names), target)
+        calm = export_tuning(tuning_of(*identifiers(names)), target)
+        assert list(found) == list(calm)
+        for file, text in found.items():
+            assert text.isascii()
+            assert without_names(code_of(target, file, text)) == without_names(code_of(target, file, calm[file]))
+
+
+@pytest.mark.parametrize("target", WRITING)
+def test_file_names_are_plain(target):
+    for names in SIXES:
+        for name in export_tuning(tuning_of(*names), target):
+            assert re.fullmatch(r"[A-Za-z0-9_]+(\.[a-z]+)?", name), name
+
+
+def test_the_names_in_json_are_whole():
+    for hostile in HOSTILE:
+        (text,) = export_tuning(tuning_of(hostile, text=hostile), "json").values()
+        document = json.loads(text)
+        expected = hostile.encode("utf-8", "replace").decode()
+        assert document["channels"][0]["name"] == document["recording"]["name"] == expected
+
+
+@given(names=st.lists(st.text(max_size=50) | st.sampled_from(HOSTILE), max_size=30))
+@settings(max_examples=100, deadline=None)
+def test_identifiers_are_distinct_and_fit_every_language(names):
+    words = identifiers(names)
+    assert len(set(words)) == len(words) == len(names)
+    for word in words:
+        assert re.fullmatch(r"[a-z][a-z0-9_]{0,31}", word)
+        assert not word.endswith("_")
+        assert "__" not in word
+        ast.parse(f"{word} = 1")
+
+
+def test_identifiers_stay_readable_and_avoid_words_of_the_languages():
+    assert identifier("Température") == "temperature"
+    assert identifier("accel X (m/s²)") == "accel_x_m_s2"
+    assert identifier("µA") == "ua"
+    assert identifier("for") == "ch_for"
+    assert identifier("9 DOF") == "ch_9_dof"
+    assert identifier("温度") == "channel"
+    assert identifiers(["Temp", "temp", "TEMP", "temp_2"]) == ("temp", "temp_2", "temp_3", "temp_2_2")
+
+
+@given(st.text(max_size=400))
+def test_a_comment_is_one_harmless_line(text):
+    shown = comment_text(text)
+    assert re.fullmatch(r"[A-Za-z0-9 _.,:;()+=@%^/<>-]{0,60}", shown)
+    assert comment_text(shown) == shown
+
+
+def test_a_comment_keeps_what_a_person_needs():
+    assert comment_text("Temp °C, 50 % (lab)") == "Temp degC, 50 % (lab)"
+    assert comment_text("m/s²") == "m/s^2"
+    assert comment_text("y" * 300) == "y" * 57 + "..."
+
+
+@given(st.text(max_size=60))
+def test_quoted_text_comes_back_from_python_and_yaml(text):
+    whole = text.encode("utf-8", "replace").decode()
+    assert ast.literal_eval(quoted(text)) == whole
+    assert yaml.safe_load(quoted(text)) == whole
+    assert quoted(text).isascii()
+
+
+@pytest.mark.parametrize("target", ["ros2", "esphome", "platformio"])
+def test_no_name_is_substituted(target):
+    """ESPHome replaces "${…}" and ROS launch files "$(…)" inside values; PlatformIO "${…}", which is ours once."""
+    for hostile in HOSTILE:
+        text = "".join(export_tuning(tuning_of(hostile, text=hostile), target).values())
+        assert re.findall(r"[$]\W.*", text) == (["${kalscope.build_flags}"] if target == "platformio" else [])
+
+
+def test_a_refusal_is_one_line_whatever_the_names():
+    for hostile in HOSTILE:
+        with pytest.raises(BadSetting) as caught:
+            export_tuning(tuning_of(hostile, text=hostile), "gyverfilters")
+        assert str(caught.value).isascii()
+        assert str(caught.value).isprintable()
