@@ -19,39 +19,48 @@ from pathlib import Path
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, save_tuning
 from kalscope.export import TARGETS
 
+CHANNELS = {"arduino": 6, "matlab": 20}
+"""Channels of an export: the sketch holds six, MATLAB makes a file for each; else as below."""
+MANY_CHANNELS = 300
+
 CHILD = """
 import sys
 from pathlib import Path
-from kalscope import BadSetting, export_tuning, load_tuning
+from kalscope import export_tuning, load_tuning
 from kalscope.export_command import write_files
-tunings = [load_tuning(path) for path in sys.argv[3:]]
+base, targets = Path(sys.argv[1]), sys.argv[2].split(",")
+tunings = {target: [load_tuning(base / f"{target}-{i}.toml") for i in range(2)] for target in targets}
 print("ready", flush=True)
 while True:
-    for tuning in tunings:
-        for target in sys.argv[2].split(","):
-            write_files(export_tuning(tuning, target), Path(sys.argv[1]) / target, force=True)
+    for target in targets:
+        for tuning in tunings[target]:
+            write_files(export_tuning(tuning, target), base / "out" / target, force=True)
 """
 
 
-def tunings() -> tuple[Tuning, Tuning]:
+def tunings(target: str) -> tuple[Tuning, Tuning]:
     """Two tunings of the same channels, so that both make files of the same names."""
-    fixed = {"sample_period": 0.01, "tool": "kill_export", "date": "today"}
 
     def one(q: float) -> Tuning:
-        return Tuning(tuple(ChannelTuning(f"channel {i}", "V", q, 1.0 + i) for i in range(300)), **fixed)
+        count = CHANNELS.get(target, MANY_CHANNELS)
+        channels = tuple(ChannelTuning(f"channel {i}", "V", q, 1.0 + i) for i in range(count))
+        return Tuning(channels, sample_period=0.01, tool="kill_export", date="today")
 
     return one(0.01), one(0.02)
 
 
-def whole_texts(pair: tuple[Tuning, Tuning]) -> dict[str, dict[str, set[str]]]:
-    """The texts that each file of each target may hold."""
+def whole_texts(base: Path) -> dict[str, dict[str, set[str]]]:
+    """The texts that each file of each target may hold; the tunings are saved in `base`."""
     allowed: dict[str, dict[str, set[str]]] = {}
     for target in TARGETS:
+        pair = tunings(target)
         try:
             both = [export_tuning(tuning, target) for tuning in pair]
         except BadSetting:
             continue  # a refusal writes nothing
         allowed[target] = {name: {files[name] for files in both} for name in both[0]}
+        for i, tuning in enumerate(pair):
+            save_tuning(tuning, base / f"{target}-{i}.toml")
     return allowed
 
 
@@ -80,20 +89,18 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    rng, pair = random.Random(options.seed), tunings()
-    allowed = whole_texts(pair)
-    with tempfile.TemporaryDirectory() as base:
-        folder = Path(base, "out")
-        paths = [str(Path(base, f"{i}.toml")) for i in range(2)]
-        for tuning, path in zip(pair, paths, strict=True):
-            save_tuning(tuning, path)
-        command = [sys.executable, "-c", CHILD, str(folder), ",".join(allowed), *paths]
+    rng = random.Random(options.seed)
+    with tempfile.TemporaryDirectory() as name:
+        base = Path(name)
+        allowed = whole_texts(base)
         seen = broken = 0
         for _ in range(options.kills):
-            kill_once(command, rng.uniform(0.0, 0.5))
-            looked, torn = broken_files(folder, allowed)
+            order = rng.sample(sorted(allowed), len(allowed))  # so that the kills meet all of them
+            kill_once([sys.executable, "-c", CHILD, name, ",".join(order)], rng.uniform(0.0, 0.5))
+            looked, torn = broken_files(base / "out", allowed)
             seen, broken = seen + looked, broken + torn
-        leftovers = len(list(folder.rglob(".*.tmp")))
+        leftovers = len(list(base.rglob(".*.tmp")))
+    print(f"targets: {', '.join(allowed)}")
     print(
         f"{options.kills} kills: {broken} broken of {seen} files looked at; {leftovers} temporary files left over"
     )

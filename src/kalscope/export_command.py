@@ -9,12 +9,13 @@ import typer
 
 from kalscope.errors import BadSetting
 
+CHOICES = "arduino, c, python, matlab, json, ros2, platformio, esphome, bachagas, kalmanjs"
+"""The targets that write something; said here too, so that --help need not import the filter."""
+
 
 def export_command(
     tuning: Annotated[Path, typer.Argument(metavar="TUNING", help="Tuning file with q and r.")],
-    target: Annotated[
-        str, typer.Option("--to", metavar="TARGET", help='What runs the filter: arduino, python, …; "list" lists.')
-    ],
+    target: Annotated[str, typer.Option("--to", metavar="TARGET", help=f"One of {CHOICES}.")],
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Folder to write to; else the main file on stdout."),
@@ -28,13 +29,10 @@ def export_command(
 ) -> None:
     """Export the tuned filter for the device or the program that is to run it."""
     from kalscope import cli
-    from kalscope.export import TARGETS, export_tuning
+    from kalscope.export import export_tuning
     from kalscope.sources import open_source
     from kalscope.tuning import load_tuning
 
-    if target == "list":
-        cli._write((f"{name:19}{entry.what}\n" for name, entry in TARGETS.items()), None)
-        return
     if vectors is not None and output is None:
         raise BadSetting("--vectors needs -o, the folder to write to (got none)")
     tuned = load_tuning(tuning)

@@ -12,6 +12,7 @@ from board import FLAT_OUT, read_lines
 
 from kalscope.export import ExportJob
 from kalscope.export.arduino import files
+from kalscope.export.device_limits import UNO_FLASH, UNO_RAM, UNO_READ_US, UNO_UPDATE_US
 from kalscope.export.float32 import filter_float32
 from kalscope.sources.line_parser import LineParser
 from kalscope.tuning import ChannelTuning
@@ -141,6 +142,23 @@ def test_gate_start_missing_samples_and_a_gain_that_float_cannot_settle_to_on_th
         np.testing.assert_array_equal(printed[:, 2 * c + 1], filter_float32(z[:, c], channel.params))
 
 
+def test_every_float_from_a_sixteenth_up_is_printed_so_that_it_is_read_back(start_board, workshop):
+    counts = noisy_counts(1200)
+    scaled = (
+        r"return analogRead\((.*)\);",
+        "static uint8_t n = 0; int z = analogRead(PINS[channel]) - 512; return z * 0.0628f * (1UL << n++ % 22);",
+    )
+    firmware = exported(workshop, ChannelTuning("raw", "", 0.1, 4.0), edits=(*FAST, scaled))
+    board = start_board(firmware, counts, *FLAT_OUT)
+    lines = [line for line in read_lines(board.port, 1100, 1_000_000) if not line.startswith(b"#")]
+    printed = np.array([float(line.split(b",")[0]) for line in lines], dtype=np.float32)
+    n = np.arange(len(printed)) % 256 % 22
+    sent = (counts[: len(printed)] - 512).astype(np.float32) * np.float32(0.0628) * (2.0**n).astype(np.float32)
+    assert np.abs(sent[sent != 0]).min() < 1
+    assert np.abs(sent).max() > 1e7
+    np.testing.assert_array_equal(printed, sent)
+
+
 def test_kalscope_reads_the_sketch_with_its_names(start_board, workshop):
     board = start_board(exported(workshop, ChannelTuning("light", "", 0.1, 10.0)), [500, 510, 490], *FLAT_OUT)
     parser = LineParser()
@@ -162,3 +180,47 @@ def test_what_a_board_cannot_take_changes_nothing(start_board, workshop, line):
             said += [answer] if answer.startswith(b"# not") else []
     assert answer == b"# light q=2.500000e-1 r=4.000000 p=inf bits=3E800000,40800000,7F800000\r\n"
     assert len(said) == (line != "")
+
+
+TIMING = r"""
+#include "KalscopeFilter.h"
+KalscopeFilter filter(KALSCOPE_TUNING_LIGHT);
+volatile float z, x;
+unsigned long spent(bool filtering) {
+  const unsigned long start = micros();
+  for (int i = 0; i < 1000; i++) {
+    z = 500 + (i & 31);
+    x = filtering ? filter.update(z) : z;
+  }
+  return micros() - start;
+}
+void setup() {
+  Serial.begin(115200);
+  Serial.println(spent(true) - spent(false));
+  const unsigned long start = micros();
+  for (int i = 0; i < 100; i++) z = analogRead(A0);
+  Serial.println(micros() - start);
+}
+void loop() {}
+"""
+
+
+def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path):
+    channel = ChannelTuning("light", "", 0.01, 4.0)
+    firmware = exported(workshop, channel, edits=())
+    assert firmware.flash == pytest.approx(UNO_FLASH, rel=0.05)
+    assert firmware.ram == pytest.approx(UNO_RAM, rel=0.05)
+    header = files(ExportJob((channel,)))["KalscopeFilter.h"]
+    (tmp_path / "KalscopeFilter.h").write_text(header)
+    (tmp_path / "timing.ino").write_text(TIMING)
+    board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
+    thousand_updates_us, hundred_reads_us = map(int, read_lines(board.port, 2))
+    assert thousand_updates_us / 1000 == pytest.approx(UNO_UPDATE_US, rel=0.05)
+    assert hundred_reads_us / 100 == pytest.approx(UNO_READ_US, rel=0.05)
+
+
+def test_the_lines_of_the_first_papers_own_sketch_are_two_channels_without_names():
+    parser = LineParser(skip_first=True)
+    parser.feed(b"".join(b"%d.000,%.3f\r\n" % (z, 500 + z / 100) for z in range(500, 520)))
+    assert [event.rows[0][0] for event in parser] == list(range(501, 520))
+    assert [column.name for column in parser.layout.columns] == ["value 1", "value 2"]

