@@ -71,3 +71,15 @@ def test_the_installed_wheel_opens_the_demo_outside_the_checkout(installed, tmp_
         program.send_signal(signal.SIGTERM)
         assert program.wait(timeout=20) == 0
     assert re.match(r"Kalscope: http://127\.0\.0\.1:\d+/\?token=\S+$", first)
+
+
+def test_the_installed_wheel_carries_the_sketch_and_exports_for_arduino_and_c(installed, tmp_path):
+    assert (installed / "kalscope/arduino/kalscope_stream/kalscope_stream.ino").is_file()
+    env = {**os.environ, "PYTHONPATH": str(installed), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    code = (
+        "from kalscope.export import export_tuning; from kalscope.tuning import ChannelTuning, Tuning; "
+        "tuning = Tuning((ChannelTuning('light', '', 0.1, 1.0),)); "
+        "print(*(name for to in ('arduino', 'c') for name in export_tuning(tuning, to)))"
+    )
+    expected = ["KalscopeFilter.h", "kalscope_filter.ino", "kalscope_filter.h", "kalscope_filter.c"]
+    assert python(code, cwd=tmp_path, env=env).split() == expected
