@@ -12,6 +12,9 @@ from kalscope.estimation import Cancelled
 
 log = logging.getLogger(__name__)
 
+MOST_WAITING = 8
+"""Jobs that may wait: each may hold a whole uploaded file."""
+
 
 class Jobs:
     """One worker thread for slow work; whatever fails becomes one sentence for the person."""
@@ -24,8 +27,11 @@ class Jobs:
         threading.Thread(target=self._run, name="kalscope-jobs", daemon=True).start()
 
     def run(self, work: Callable[[], None]) -> None:
-        """Queue `work`."""
-        self._waiting.put(work)
+        """Queue `work`, unless too much waits already."""
+        if self._waiting.qsize() < MOST_WAITING:
+            self._waiting.put(work)
+        else:
+            self._tell("Too much is waiting already. Try again when what runs has ended.")
 
     def _run(self) -> None:
         while True:

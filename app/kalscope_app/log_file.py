@@ -101,9 +101,11 @@ def logging_to(file: Path | None = None, *, verbose: bool = False) -> Iterator[L
     for handler in handlers:
         root.addHandler(handler)
     root.setLevel(logging.INFO if file is not None or verbose else logging.WARNING)
+    logging.captureWarnings(True)
     try:
         yield Log(formatters, file)
     finally:
+        logging.captureWarnings(False)
         root.setLevel(level)
         for handler in handlers:
             root.removeHandler(handler)

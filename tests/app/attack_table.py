@@ -1,7 +1,7 @@
 """The attacks of docs/security.md, each as one row: who does what, and what must be seen.
 
-`test_attacks.py` carries them out against the real program; run as a script, this module does the same against stock
-viser as well and prints both as a table.
+`test_attacks.py` carries them out against the real program; run as a script, this module does the same against
+stock viser as well and prints both as a table.
 """
 
 from __future__ import annotations

@@ -37,6 +37,7 @@ def client(port: int, *, token: str) -> ClientConnection:
         additional_headers={"Cookie": f"kalscope_{port}={token}"},
         compression=None,
         max_size=None,
+        max_queue=None,  # a client that does not read could not hear the end of its connection either
         proxy=None,
         open_timeout=PATIENCE,
     )

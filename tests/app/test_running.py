@@ -1,0 +1,276 @@
+"""The real program from outside: its link, its log, its errors and its end."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from attack_table import UPGRADE, exchange, status
+from wire import PATIENCE, Guest
+
+posix = pytest.mark.skipif(os.name != "posix", reason="signals and modes as POSIX has them")
+
+BROKEN = """
+import sys
+from kalscope_app import main
+{change}
+sys.argv[1:] = {arguments!r}
+main.main()
+"""
+
+
+def start(folder, *arguments, change=None, env=None):
+    """The program, with `change` (Python) made to it first; its temporary files and its state lie in `folder`."""
+    arguments = ["open", "demo", *arguments]
+    command = [sys.executable, "-m", "kalscope_app.main", *arguments]
+    if change is not None:
+        command = [sys.executable, "-c", BROKEN.format(change=change, arguments=arguments)]
+    (folder / "tmp").mkdir(exist_ok=True)
+    own = {"TMPDIR": str(folder / "tmp"), "XDG_STATE_HOME": str(folder / "state")}
+    return subprocess.Popen(
+        command,
+        cwd=folder,
+        env={**os.environ, **own, **(env or {})},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@contextlib.contextmanager
+def running(folder, *arguments, **how):
+    """The program and the link that it printed."""
+    arguments = arguments if "--port" in arguments else (*arguments, "--port", "0")
+    if "BROWSER" not in how.get("env", {}):
+        arguments = (*arguments, "--no-browser")
+    with start(folder, *arguments, **how) as program:
+        try:
+            yield program, program.stdout.readline().removeprefix("Kalscope: ").strip()
+        finally:
+            if program.poll() is None:
+                program.kill()
+
+
+def port_of(url):
+    return int(url.split(":")[2].split("/")[0])
+
+
+def token_of(url):
+    return url.partition("token=")[2]
+
+
+def end(program, by=signal.SIGTERM):
+    """Ask it to end; returns status, further output, and seconds."""
+    begin = time.monotonic()
+    program.send_signal(by)
+    out, err = program.communicate(timeout=15)
+    return program.returncode, out, err, time.monotonic() - begin
+
+
+def is_free(port):
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind(("127.0.0.1", port))
+    return True
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return probe.getsockname()[1]
+
+
+# --- the link ---------------------------------------------------------------------------------------------
+
+
+@posix
+def test_a_restart_on_the_same_port_keeps_the_link_until_a_new_one_is_asked_for(tmp_path):
+    port = str(free_port())
+    links = []
+    for options in ((), (), ("--new-link",)):
+        with running(tmp_path, "--port", port, *options) as (program, url):
+            links.append(url)
+            assert end(program)[0] == 0
+    assert links[0] == links[1] != links[2]
+    file = tmp_path / "state" / "kalscope" / f"token-{port}"
+    assert file.read_text() == token_of(links[2])
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+
+
+@posix
+def test_the_browser_is_started_without_the_token_on_its_command_line(tmp_path):
+    """Every user of the machine can read command lines."""
+    seen = tmp_path / "seen"
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" > {seen}.new\nmv {seen}.new {seen}\n')
+    browser.chmod(0o700)
+    with running(tmp_path, env={"BROWSER": f"{browser} %s"}) as (program, url):
+        deadline = time.monotonic() + PATIENCE
+        while not seen.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        (argument,) = seen.read_text().splitlines()
+        page = Path(argument.removeprefix("file://"))
+        assert token_of(url) not in argument
+        assert url in page.read_text()
+        assert stat.S_IMODE(page.stat().st_mode) == 0o600
+        assert end(program)[0] == 0
+    assert not page.exists()
+
+
+def test_behind_a_proxy_the_link_and_the_origin_are_the_proxys(tmp_path):
+    port = free_port()
+    options = ("--behind", "https://lab.example", "--port", str(port))
+    with running(tmp_path, *options) as (program, url):
+        assert url.startswith("https://lab.example/?token=")
+        cookie = f"Cookie: kalscope_{port}={token_of(url)}\r\n"
+        proxied = f"GET / HTTP/1.1\r\nHost: lab.example\r\n{cookie}"
+        socket_of = f"{proxied}Upgrade: websocket\r\n{UPGRADE}Origin: {{}}\r\n\r\n"
+        assert status(exchange(port, f"{proxied}\r\n")) == "200"
+        assert status(exchange(port, socket_of.format("https://lab.example"))) == "open"
+        assert status(exchange(port, socket_of.format("http://lab.example"))) == "403"
+        assert end(program)[0] == 0
+
+
+def test_a_guard_that_lets_something_through_prints_no_link(tmp_path):
+    """As after an upgrade of viser that goes round the guard."""
+    change = "from kalscope_app import guard_rules\nguard_rules.host_allowed = lambda *_: True"
+    with start(tmp_path, "--port", "0", "--no-browser", change=change) as program:
+        out, err = program.communicate(timeout=30)
+    assert (program.returncode, out) == (2, "")
+    (line,) = err.splitlines()
+    assert line.startswith("kalscope: the guard's self-test failed: a page under a foreign name (H2)")
+
+
+# --- the log, and errors ----------------------------------------------------------------------------------
+
+
+def test_the_log_tells_who_was_refused_and_never_the_token(tmp_path):
+    with running(tmp_path, "--log", "kalscope.log", "-v") as (program, url):
+        port, token = port_of(url), token_of(url)
+        assert status(exchange(port, f"GET /?token={token} HTTP/1.1\r\nHost: evil.example\r\n\r\n")) == "403"
+        assert status(exchange(port, f"GET /{token} HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n")) == "403"
+        code, _, err, _ = end(program)
+    text = (tmp_path / "kalscope.log").read_text()
+    assert code == 0
+    for said in (text, err):
+        assert "Kalscope is not known under this address" in said
+        assert token not in said
+
+
+def test_a_log_that_cannot_be_written_is_refused_in_one_line(tmp_path):
+    with start(tmp_path, "--log", "nowhere/kalscope.log", "--port", "0", "--no-browser") as program:
+        out, err = program.communicate(timeout=30)
+    assert (program.returncode, out) == (2, "")
+    (line,) = err.splitlines()
+    assert "nowhere/kalscope.log" in line
+
+
+RAISING = {
+    "callback on the event loop": """
+from kalscope_app.views.export import ExportView
+async def broken(self, event):
+    raise LookupError("no such thing")
+ExportView._on_save = broken
+""",
+    "callback in the pool": """
+from kalscope_app.views.export import ExportView
+def broken(self, event):
+    raise LookupError("no such thing")
+ExportView._on_save = broken
+""",
+    "job": """
+from kalscope_app.views.export import ExportView
+def broken(*_):
+    raise LookupError("no such thing")
+ExportView._save_to = broken
+""",
+    "thread": """
+import threading
+from kalscope_app.views.export import ExportView
+def raising():
+    raise LookupError("no such thing")
+async def broken(self, event):
+    threading.Thread(target=raising, name="reader").start()
+ExportView._on_save = broken
+""",
+}
+
+
+@pytest.mark.parametrize("change", RAISING.values(), ids=RAISING.keys())
+def test_an_error_nobody_caught_is_told_and_logged_and_the_dashboard_goes_on(tmp_path, change):
+    with running(tmp_path, "--log", "kalscope.log", change=change) as (program, url):
+        with Guest(port_of(url), token_of(url)) as guest:
+            guest.read_until(lambda: "Save tuning file" in labels(guest))
+            guest.set(guest.find("Save tuning file"), True)
+            guest.read_until(lambda: "no such thing" in "".join(guest.notices))
+            slider = guest.find("log₁₀ q")
+            guest.set(slider, guest.values[slider] + 0.5)
+            with Guest(port_of(url), token_of(url)) as other:
+                other.read_until(lambda: other.values.get(slider) == pytest.approx(guest.values[slider]))
+        code, _, err, _ = end(program)
+    assert code == 0
+    assert "no such thing" in (tmp_path / "kalscope.log").read_text()
+    assert "Traceback" in (tmp_path / "kalscope.log").read_text()
+    assert "Traceback" not in err
+
+
+def labels(guest):
+    return {made.get("props", {}).get("label") for made in guest.widgets.values()}
+
+
+# --- the end ----------------------------------------------------------------------------------------------
+
+
+@posix
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path, by):
+    with running(tmp_path) as (program, url):
+        port = port_of(url)
+        with Guest(port, token_of(url)) as guest:
+            guest.read_until(lambda: "Generate" in labels(guest))
+            guest.set(guest.find("samples"), "8000000")
+            guest.set(guest.find("Generate"), True)
+            guest.read(timeout=0.3)
+            children = Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text()
+            code, out, err, seconds = end(program, by)
+    print(f"ended in {seconds:.2f} s")
+    assert (code, out, err, children) == (0, "", "", "")
+    assert is_free(port)
+    assert os.listdir(tmp_path / "tmp") == []
+
+
+HANGING = """
+import threading, time
+from kalscope_app.dashboard import Dashboard
+Dashboard.stop = lambda self: time.sleep(600)
+threading.Thread(target=time.sleep, args=(600,)).start()
+"""
+
+
+@posix
+def test_a_part_that_hangs_does_not_keep_the_program(tmp_path):
+    """A device, or a file on a network that has gone: nothing can interrupt those."""
+    with running(tmp_path, change=HANGING) as (program, url):
+        code, out, err, seconds = end(program)
+    print(f"ended in {seconds:.2f} s")
+    assert (code, out, err) == (0, "", "")
+    assert is_free(port_of(url))
+    assert os.listdir(tmp_path / "tmp") == []
+
+
+@posix
+def test_a_terminal_that_has_gone_is_no_error(tmp_path):
+    """SIGHUP comes together with broken pipes in place of the terminal."""
+    with running(tmp_path, "-v") as (program, url):
+        program.stdout.close()
+        program.stderr.close()
+        program.send_signal(signal.SIGHUP)
+        assert program.wait(timeout=15) == 0
+    assert is_free(port_of(url))
