@@ -11,22 +11,26 @@ import viser
 
 from kalscope_app.changes import set_dark, set_smoother
 from kalscope_app.checks import compute_checks
+from kalscope_app.comparing import AlternativesStudy, compute_allan, compute_spectra
 from kalscope_app.engine import Engine
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.studies import Studies, Study
+from kalscope_app.views.alternatives import AlternativesView
 from kalscope_app.views.checks import ChecksView
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
 from kalscope_app.views.fitting import WindowFitter
-from kalscope_app.views.layout import Panels, gutter
+from kalscope_app.views.layout import Panels, Sizes, gutter
 from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
+from kalscope_app.views.report import ReportView
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
+from kalscope_app.views.spectra import AllanView, SpectrumView
 from kalscope_app.views.window import WindowView
 
 log = logging.getLogger(__name__)
@@ -46,9 +50,15 @@ class Dashboard:
         self._portraits: dict[viser.ClientHandle, float] = {}
         self._toasts: dict[viser.ClientHandle, viser.NotificationHandle] = {}
         self._build(folder)
-        studies = Studies([self._study(compute_checks, self._checks.show)], self.tell)
+        listed = [
+            self._study(compute_checks, self._checks.show),
+            self._study(compute_spectra, self._spectrum.show),
+            self._study(compute_allan, self._allan.show),
+            self._study(AlternativesStudy().compute, self._alternatives.show),
+        ]
+        studies = Studies(listed, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
-        self._fitter = WindowFitter(self._panels, self.signal.set_heights, self._set_portrait)
+        self._fitter = WindowFitter(self._panels, self._set_heights, self._set_portrait)
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
 
@@ -64,6 +74,7 @@ class Dashboard:
             self._source = SourceView(gui, self.session, self._jobs)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
+            self._report = ReportView(gui, self.session, self._jobs)
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False)
             self._dark.on_update(self._on_dark)
@@ -77,6 +88,18 @@ class Dashboard:
         with self._panels.right.add_tab("Check"):
             self._checks.build_tab(gui)
             self._find.build_opinions(gui)
+        compare_tab = self._panels.right.add_tab("Compare")
+        with compare_tab:
+            self._alternatives = AlternativesView(gui, self.session)
+        with self._panels.right.add_tab("Spectrum"):
+            self._spectrum = SpectrumView(gui)
+        with self._panels.right.add_tab("Allan"):
+            self._allan = AllanView(gui)
+
+    def _set_heights(self, sizes: Sizes) -> None:
+        """Heights of all charts that fill a window."""
+        for view in (self.signal, self._alternatives, self._spectrum, self._allan):
+            view.set_heights(sizes)
 
     def start(self) -> None:
         """Show the first frame; returns when it is on its way."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +57,10 @@ class State:
     """What the five methods say of this channel, once asked."""
     way: str = "maximum likelihood"
     """How q and r are searched, one of the ways of the dashboard."""
+    match: Literal["lag", "noise"] = "lag"
+    """What simpler filters are made equal in."""
+    rival: str = "Moving average"
+    """The simpler filter that is drawn beside the present one; any other word draws all."""
     smoother: bool = False
     """Whether the best possible offline curve is drawn."""
     dark: bool = False
@@ -119,7 +124,9 @@ def opened(recording: Recording, before: State | None = None) -> State:
     fresh = State(recording, recording.names[0], starts, starts, resets=resets)
     if before is None:
         return fresh
-    return replace(fresh, dark=before.dark, smoother=before.smoother, way=before.way)
+    return replace(
+        fresh, dark=before.dark, smoother=before.smoother, way=before.way, match=before.match, rival=before.rival
+    )
 
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
