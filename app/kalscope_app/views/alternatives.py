@@ -36,24 +36,14 @@ MATCHES: dict[str, str] = {"the same lag": "lag", "the same noise reduction": "n
 """What is chosen, and what it is called inside."""
 
 COLOURS = {
-    False: ("#0072B2", "#009E73", "#B8860B", "#CC79A7", "#3a9bdc", "#8c6d31", "#7b68c8", "#c44e52", "#1b9e8a"),
-    True: ("#56B4E9", "#2fc99b", "#F0E442", "#e39ac6", "#8fd0ff", "#c9a15a", "#a99bf0", "#f07f83", "#3fd6bd"),
+    False: ("#009E73", "#0072B2", "#B8860B", "#CC79A7", "#3a9bdc", "#8c6d31", "#6c7a99", "#7b4fc8", "#1b9e8a"),
+    True: ("#2fc99b", "#56B4E9", "#F0E442", "#e39ac6", "#8fd0ff", "#c9a15a", "#a9b7d6", "#b79bff", "#3fd6bd"),
 }
 """Of the rivals in the order of NAMES, light and dark."""
 
 NOTHING = "This filter has no q and r, so there is nothing to compare at its lag."
 
-HEADS = (
-    "filter",
-    "setting",
-    "lag",
-    "noise reduction",
-    "{error}",
-    "against yours",
-    "rough",
-    "starts in",
-    "remembers",
-)
+HEADS = ("filter", "setting", "lag", "noise", "{error}", "against yours", "rough", "start", "memory")
 
 
 class AlternativesView:
