@@ -91,6 +91,8 @@ def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
     assert len({row.replace("\\|", "").count("|") for row in rows}) == 1
     assert "<b>" not in text
     assert "exponential smoothing with α = K" in text
+    assert "**Moving average.**" in text
+    assert "**Median.**" in text_of(AlternativesStudy().compute(set_rival(ALL)(state_of())))
 
 
 @pytest.mark.parametrize(

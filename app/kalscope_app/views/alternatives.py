@@ -43,7 +43,7 @@ COLOURS = {
 
 NOTHING = "This filter has no q and r, so there is nothing to compare at its lag."
 
-HEADS = ("filter", "setting", "lag", "noise", "{error}", "against yours", "rough", "start", "memory")
+HEADS = ("filter", "setting", "lag", "noise", "{error}", "against yours")
 
 
 class AlternativesView:
@@ -120,20 +120,28 @@ def text_of(compared: Compared) -> str:
     found, state = compared.found, compared.state
     if not found.others:
         return found.note
-    known = found.present.rmse is not None
-    error = "RMSE to the truth" if known else "error"
-    head = [text.format(error=error) for text in HEADS]
+    unit = plain(state.tuning.unit, 12) or "unit"
+    head = [text.format(error=f"{'error' if found.present.rmse is None else 'RMSE'}, {unit}") for text in HEADS]
     rows = [cells(one, state) for one in (found.present, *found.others)]
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    rivals = compared.rivals
-    said = ""
-    if len(rivals) == 1:
-        said = f"**{rivals[0].name}.** {rivals[0].sentence} Where samples are missing it {rivals[0].gaps}.\n\n"
+    said = "\n".join(f"- {described(one)}" for one in (*compared.rivals, found.present))
     return (
-        f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n{table}\n\n{said}{found.identity}\n\n{found.note} "
-        "“Rough” is the step from sample to sample, raw = 1; “start” the samples until the start is forgotten; "
-        "“memory” the numbers to remember; “against yours” the error, with intervals that hold together in 95 % of "
-        "cases; cut-offs are in cycles a sample."
+        f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n{table}\n\n{found.identity}\n\n{said}\n\n{found.note} "
+        "The intervals in brackets hold together in 95 % of cases. Cut-offs are in cycles a sample."
+    )
+
+
+def described(one: Alternative) -> str:
+    """What is to be said for it and against it, and what it costs."""
+    start = (
+        "starts at once" if one.start_samples <= 1 else f"forgets its start in {count(one.start_samples)} samples"
+    )
+    memory = "needs the whole recording" if one.memory == 0 else f"remembers {count(one.memory)} numbers"
+    if one.memory == 1:
+        memory = "remembers one number"
+    return (
+        f"**{one.name}.** {one.sentence} It {start}, {memory}, and its steps are {number(one.roughness)} of "
+        f"the raw ones. Where samples are missing it {one.gaps}."
     )
 
 
@@ -141,17 +149,13 @@ def cells(one: Alternative, state: State) -> list[str]:
     """One row of the table."""
     error = one.prediction if one.rmse is None else one.rmse
     lag = f"{number(one.lag_samples)} samples" if one.lag_s is None else duration(one.lag_s)
-    unit = plain(state.tuning.unit, 12)
     row = [
         f"**{one.name}**" if one.name == state.rival or (one.against is None and one.causal) else one.name,
         one.parameters,
-        lag if one.causal or not one.memory else f"{lag}, looks ahead",
-        "–" if np.isnan(one.noise_reduction_db) else f"−{number(one.noise_reduction_db)} dB",
-        "–" if error is None else f"{number(error, 4)} {unit}".strip(),
+        lag if one.causal else "looks ahead",
+        "–" if np.isnan(one.noise_reduction_db) else f"{number(-one.noise_reduction_db)} dB",
+        "–" if error is None else number(error, 4),
         against(one.against) if one.matched or one.against is None else "not at this " + state.match,
-        number(one.roughness),
-        count(one.start_samples),
-        "all" if one.memory == 0 else count(one.memory),
     ]
     return [text.replace(" ", "\u00a0") if len(text) < 16 else text for text in row]
 
