@@ -12,6 +12,7 @@ from kalscope.spectrum import (
     allan_deviation,
     allan_model,
     best_average,
+    first_minimum,
     log_sizes,
     magnitude_response,
     spectrum,
@@ -141,11 +142,18 @@ def test_the_words_name_the_minimum_of_model_and_recording():
     z = RNG.normal(size=n) + np.cumsum(0.01 * RNG.normal(size=n))
     said = allan_deviation(z, FilterParams(q=1e-4, r=1.0), sample_period=0.01).message
     assert "averaging longer than 1.73 s (173 samples) does not help" in said
-    assert "In this recording the minimum is at" in said
+    assert "In this recording it stops helping at" in said
     assert "always help" in allan_deviation(RNG.normal(size=n), FilterParams(q=0.0, r=1.0)).message
     walk = allan_deviation(np.cumsum(RNG.normal(size=n)), FilterParams(q=1.0, r=0.0)).message
     assert "does not help at all" in walk
     assert "averaging never helps" in walk
+
+
+def test_a_period_is_not_taken_for_a_minimum():
+    z = 10 * np.sin(np.arange(20_000) * 2 * np.pi / 500) + RNG.normal(size=20_000)
+    found = allan_deviation(z, PARAMS)
+    assert found.size[np.argmin(found.deviation)] >= 400  # a whole period leaves nothing of the wave
+    assert found.size[first_minimum(found.deviation, found.spread)] < 30
 
 
 def test_averaging_lengths_are_log_spaced_whole_numbers():

@@ -199,6 +199,16 @@ def set_smoother(shown: bool) -> Change:
     return lambda state: replace(state, smoother=bool(shown))
 
 
+def set_match(match: str) -> Change:
+    """Compare simpler filters at equal "lag" or equal "noise" reduction."""
+    return lambda state: replace(state, match="noise" if match == "noise" else "lag")
+
+
+def set_rival(name: str) -> Change:
+    """Draw one simpler filter beside the present one, by its name; any other word draws all."""
+    return lambda state: replace(state, rival=str(name)[:60])
+
+
 def set_dark(dark: bool) -> Change:
     """Dark or light theme."""
     return lambda state: replace(state, dark=bool(dark))

@@ -164,9 +164,10 @@ class Chart:
         reach = reach or (float(data[0][0]), float(data[0][-1]))
         if (view, reach, layout.y_range) != self._view:
             self._view = (view, reach, layout.y_range)
-            scales: dict[str, Any] = {"x": {"time": False, "range": reach}}
+            scales: dict[str, Any] = {"x": {"time": False, "range": reach, **_distribution(layout.log_x)}}
             if layout.y_range is not None:
-                scales["y"] = {"range": layout.y_range, **({"dir": -1} if layout.y_down else {})}
+                flip = {"dir": -1} if layout.y_down else {}
+                scales["y"] = {"range": layout.y_range, **flip, **_distribution(layout.log_y)}
             self._handle.scales = scales
         if layout != self._layout:
             self._layout = layout
@@ -174,6 +175,30 @@ class Chart:
             self._handle.bands = layout.bands
             self._handle.axes = layout.axes
         self._handle.data = data
+
+
+def _distribution(log: bool) -> dict[str, int]:
+    return {"distr": 3, "log": 10} if log else {}
+
+
+def log_scale_for(values: Array, unit: str) -> Scale:
+    """A factor for a logarithmic axis that leaves its lowest value, > 0, at 0.001 or more."""
+    lowest = float(values[values > 0.0].min(initial=1.0)) if len(values) else 1.0
+    if lowest >= 0.001:
+        return Scale(1.0, unit)
+    power = max(3 * math.floor(math.log10(lowest) / 3), -300)
+    if unit in PREFIXABLE and power in PREFIXES:
+        return Scale(10.0**-power, PREFIXES[power] + unit)
+    return Scale(10.0**-power, f"1e{power} {unit}".strip())
+
+
+def log_ticks(low: float, high: float, room: int = 9) -> tuple[float, ...]:
+    """Round values from low to high, > 0, for a logarithmic axis: decades, with 2 and 5 between if few."""
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    step = max(1, math.ceil((last - first) / room))
+    fine = (1.0, 2.0, 5.0) if last - first <= 3 else (1.0,)
+    ticks = (mantissa * 10.0**power for power in range(first, last + 1, step) for mantissa in fine)
+    return tuple(tick for tick in ticks if 0.999 * low <= tick <= 1.001 * high)
 
 
 @dataclass(frozen=True)
@@ -192,3 +217,7 @@ class Layout:
     """Fixed range of y; None = what the lines need."""
     y_down: bool = False
     """Whether a fixed y grows downward."""
+    log_x: bool = False
+    """Whether the x axis is logarithmic; all x > 0 then."""
+    log_y: bool = False
+    """Whether the y axis is logarithmic; needs y_range, both ends > 0."""

@@ -12,6 +12,7 @@ import viser
 from kalscope.sources.live import LiveSource
 from kalscope_app.changes import set_dark, set_smoother
 from kalscope_app.checks import compute_checks
+from kalscope_app.comparing import AlternativesStudy, compute_allan, compute_spectra
 from kalscope_app.engine import Engine
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
@@ -21,6 +22,7 @@ from kalscope_app.state import State
 from kalscope_app.studies import Studies, Study
 from kalscope_app.tuning_map import MapMaker
 from kalscope_app.variant_rows import VariantTable
+from kalscope_app.views.alternatives import AlternativesView
 from kalscope_app.views.channels import ChannelsView
 from kalscope_app.views.checks import ChecksView
 from kalscope_app.views.code import CodeView
@@ -33,9 +35,11 @@ from kalscope_app.views.numbers import NumbersView
 from kalscope_app.views.parameters import ParametersView
 from kalscope_app.views.picture import draw_picture
 from kalscope_app.views.presets import PresetsView
+from kalscope_app.views.report import ReportView
 from kalscope_app.views.share import ShareView
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
+from kalscope_app.views.spectra import AllanView, SpectrumView
 from kalscope_app.views.tuning_map import TuningMapView, study
 from kalscope_app.views.variants import VariantsView
 from kalscope_app.views.window import WindowView
@@ -64,6 +68,9 @@ class Dashboard:
             Study(study(MapMaker()), self._map.show),
             self._study(compute_checks, self._checks.show),
             self._study(Overviews().compute, self._channels.show_overview),
+            self._study(compute_spectra, self._spectrum.show),
+            self._study(compute_allan, self._allan.show),
+            self._study(AlternativesStudy().compute, self._alternatives.show),
         ]
         studies = Studies(rounds, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
@@ -88,6 +95,7 @@ class Dashboard:
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
             self._share = ShareView(gui)
             self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
+            self._report = ReportView(gui, self.session, self._jobs)
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False)
             self._dark.on_update(self._on_dark)
@@ -104,8 +112,13 @@ class Dashboard:
             self._find.build_opinions(gui)
         with self._panels.right.add_tab("Compare"):
             self._variants.build_tab(gui)
+            self._alternatives = AlternativesView(gui, self.session)
         with self._panels.right.add_tab("Channels"):
             self._channels = ChannelsView(gui, self.session)
+        with self._panels.right.add_tab("Spectrum"):
+            self._spectrum = SpectrumView(gui)
+        with self._panels.right.add_tab("Allan"):
+            self._allan = AllanView(gui)
 
     def start(self) -> None:
         """Connect the board if there is one and show the first frame; returns when it is on its way."""
@@ -200,7 +213,8 @@ class Dashboard:
 
     def _set_sizes(self, sizes: Sizes) -> None:
         """Charts and map for a window."""
-        self.signal.set_heights(sizes)
+        for view in (self.signal, self._alternatives, self._spectrum, self._allan):
+            view.set_heights(sizes)
         self._map.set_size(sizes.canvas_width, sizes.window_height)
 
     def _set_portrait(self, client: viser.ClientHandle, shape: float | None) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,10 @@ class State:
     """What the five methods say of this channel, once asked."""
     way: str = "maximum likelihood"
     """How q and r are searched, one of the ways of the dashboard."""
+    match: Literal["lag", "noise"] = "lag"
+    """What simpler filters are made equal in."""
+    rival: str = "Moving average"
+    """The simpler filter that is drawn beside the present one; any other word draws all."""
     smoother: bool = False
     """Whether the best possible offline curve is drawn."""
     dark: bool = False
@@ -166,7 +170,8 @@ def opened(recording: Recording, before: State | None = None) -> State:
     if before is None:
         return fresh
     seen = {"dark": before.dark, "map_shown": before.map_shown, "map_colour": before.map_colour}
-    return replace(fresh, smoother=before.smoother, way=before.way, **seen)
+    compared = {"match": before.match, "rival": before.rival}
+    return replace(fresh, smoother=before.smoother, way=before.way, **seen, **compared)
 
 
 def board_channel(recording: Recording) -> str | None:

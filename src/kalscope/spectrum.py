@@ -123,7 +123,7 @@ def spectrum(
     if length < LEAST:
         return _nothing(sample_period is not None, f"A spectrum needs {LEAST} samples (got {length}).")
     raw, filtered = _bridged(samples[part]), _bridged(curve[part])
-    piece = min(max(2 ** int(math.log2(length / 8)), LEAST), LONGEST_PIECE, length)
+    piece = min(max(2 ** int(math.log2(length / 4)), LEAST), LONGEST_PIECE, length)
     frequency, raw_density = _welch(raw, piece, period)
     segments = (length - piece) // (piece // 2) + 1
     return Spectrum(
@@ -164,16 +164,17 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
     size, variance, degrees = allan_variances(row, there, log_sizes(len(row) // 4))
     q, r = float(params.q), float(params.r)
     deviation = np.sqrt(variance)
+    spread = deviation / np.sqrt(2.0 * degrees)
     best = best_average(q, r)
     return AllanDeviation(
         size=size,
         tau=size * period,
         deviation=deviation,
-        spread=deviation / np.sqrt(2.0 * degrees),
+        spread=spread,
         model=np.sqrt(allan_model(size, q, r)),
         best_size=best,
         in_seconds=sample_period is not None,
-        message=_allan_words(size, deviation, q, r, best, sample_period),
+        message=_allan_words(size, deviation, spread, q, r, best, sample_period),
     )
 
 
@@ -189,6 +190,20 @@ def allan_model(size: ArrayLike, q: float, r: float) -> Array:
 def best_average(q: float, r: float) -> float:
     """Averaging length in samples where the model's Allan deviation is least, ≥ 1: √(3r/q + ½); inf for q = 0."""
     return math.inf if q == 0.0 else max(1.0, math.sqrt(3.0 * (r / q) + 0.5))
+
+
+def first_minimum(deviation: Array, spread: Array) -> int:
+    """Where the Allan deviation is least before it first rises by more than chance.
+
+    Of a periodic signal averages over whole periods differ least of all, which is no reason to average so long.
+    """
+    best = 0
+    for i in range(1, len(deviation)):
+        if deviation[i] < deviation[best]:
+            best = i
+        elif deviation[i] - deviation[best] > 2.0 * math.hypot(spread[i], spread[best]):
+            break
+    return best
 
 
 def log_sizes(longest: int) -> NDArray[np.int64]:
@@ -243,7 +258,9 @@ def _nothing(in_hertz: bool, note: str) -> Spectrum:
     return Spectrum(none, none, none, none, none, math.nan, in_hertz, 0, 0, note)
 
 
-def _allan_words(size: Array, deviation: Array, q: float, r: float, best: float, period: float | None) -> str:
+def _allan_words(
+    size: Array, deviation: Array, spread: Array, q: float, r: float, best: float, period: float | None
+) -> str:
     """Where averaging stops helping: by the model, and in the recording."""
 
     def length(samples: float) -> str:
@@ -261,11 +278,11 @@ def _allan_words(size: Array, deviation: Array, q: float, r: float, best: float,
         model = (
             f"By the model averaging longer than {length(best)} does not help: {least:.3g} is the least it reaches."
         )
-    at = int(np.argmin(deviation))
+    at = first_minimum(deviation, spread)
     if at == len(size) - 1:
         seen = f"In this recording it still helps at {length(float(size[-1]))}, the longest that it can tell."
     elif at == 0:
         seen = "In this recording averaging never helps: its movement outweighs its noise from the first sample on."
     else:
-        seen = f"In this recording the minimum is at {length(float(size[at]))}: {float(deviation[at]):.3g}."
+        seen = f"In this recording it stops helping at {length(float(size[at]))}: {float(deviation[at]):.3g}."
     return f"{model} {seen}"

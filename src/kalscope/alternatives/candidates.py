@@ -31,7 +31,7 @@ class Candidate:
     name: str
     """What it is called."""
     words: str
-    """Its setting as a person reads it."""
+    """Its setting as a person reads it; cut-offs in cycles a sample."""
     run: Run
     """From z, shape (n,), NaN where missing, to its curve."""
     lag: float
@@ -156,7 +156,7 @@ def butterworth(cutoff: float) -> Candidate:
     slope = math.tan(math.pi * cutoff)
     return Candidate(
         name="2nd-order Butterworth",
-        words=f"−3 dB at {cutoff:.3g} of the sample rate",
+        words=f"cut-off {cutoff:.3g}",
         run=partial(filters.butterworth, cutoff=cutoff),
         lag=math.sqrt(0.5) / slope,
         noise_gain=_butterworth_noise(cutoff),
@@ -203,7 +203,7 @@ def one_euro(share: float, bench: Bench) -> Candidate:
     slowest, beta = run.keywords["slowest"], run.keywords["beta"]
     return Candidate(
         name="One-euro",
-        words=f"cut-off at rest {slowest:.3g} of the sample rate, β = {beta:.3g}",
+        words=f"cut-off {slowest:.3g}, β {beta:.2g}",
         run=run,
         lag=bench.lag(run),
         noise_gain=bench.noise_gain(run),

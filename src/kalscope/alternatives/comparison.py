@@ -38,7 +38,7 @@ class Alternative:
     name: str
     """What it is called."""
     parameters: str
-    """Its setting in words."""
+    """Its setting in words; cut-offs in cycles a sample."""
     curve: Array
     """Filtered signal, unit, shape (last − first,); NaN before it has begun."""
     causal: bool
@@ -208,7 +208,7 @@ def _present(
     close = np.abs(result.k - settled) <= 0.01 * settled
     return Alternative(
         name="Kalman (present)",
-        parameters=f"q = {float(params.q):.4g}, r = {float(params.r):.4g}, K = {settled:.4g}",
+        parameters=f"K = {settled:.4g}",
         curve=result.x,
         causal=True,
         lag_samples=lag,
@@ -282,7 +282,7 @@ def _smoother(z: Array, params: FilterParams, steps: Array | None, errors: _Erro
     curve = smooth(z, params, steps).x
     return Alternative(
         name="Smoother (offline bound)",
-        parameters="the same q and r, forward and back",
+        parameters="same q and r, both ways",
         curve=curve,
         causal=False,
         lag_samples=0.0,

@@ -1,0 +1,40 @@
+"""The buttons that make the page for the lab book, HTML or PNG, from the state on screen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import viser
+
+from kalscope.report import as_html, as_png, make_report
+from kalscope_app.jobs import Jobs
+from kalscope_app.session import Session
+from kalscope_app.state import State
+
+
+class ReportView:
+    """Two buttons in the Export tab; the page is made as a job."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
+        self._session, self._jobs = session, jobs
+        hint = "One page on this channel: chart, parameters, what they do, whether they fit, how to reopen it."
+        self._html = gui.add_button("Download report (HTML)", hint=f"{hint} Prints on one sheet.")
+        self._png = gui.add_button("Download report (PNG)", hint=hint)
+        self._html.on_click(self._on_html)
+        self._png.on_click(self._on_png)
+
+    async def _on_html(self, event: viser.GuiEvent[Any]) -> None:
+        self._ask(event.client, "report.html")
+
+    async def _on_png(self, event: viser.GuiEvent[Any]) -> None:
+        self._ask(event.client, "report.png")
+
+    def _ask(self, client: viser.ClientHandle | None, name: str) -> None:
+        if client is not None:
+            self._session.ask(lambda state: self._jobs.run(lambda: _send(state, client, name)))
+
+
+def _send(state: State, client: viser.ClientHandle, name: str) -> None:
+    report = make_report(state.recording, state.as_tuning(), state.channel)
+    content = as_png(report) if name.endswith(".png") else as_html(report).encode()
+    client.send_file_download(name, content, save_immediately=True)

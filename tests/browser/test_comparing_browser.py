@@ -1,0 +1,80 @@
+"""The tabs Compare, Spectrum and Allan and the report, as a person sees them, light and dark."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+from screen import FIND, Program, Screen
+
+from kalscope import open_source, starting_params
+from kalscope.alternatives import compare_alternatives
+from kalscope.spectrum import allan_deviation
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def screen(browser, tmp_path):
+    program = Program("demo", cwd=tmp_path)
+    shown = Screen(browser, program.url)
+    yield shown
+    shown.close()
+    program.stop()
+
+
+def test_simpler_filters_spectra_and_the_report(screen):
+    demo = open_source("demo")
+    z = demo.values[:, 0]
+    params = starting_params(z)
+    found = {match: compare_alternatives(z, params, match=match) for match in ("lag", "noise")}
+
+    screen.wait("() => document.querySelector('.uplot').getBoundingClientRect().width > 1600 - 345 - 120 - 60")
+    screen.tab("Compare")
+    screen.wait_for_line("yours", found["lag"].present.curve)
+    screen.wait_for_line("Moving average", found["lag"].others[0].curve)
+    screen.page.get_by_text("At equal lag, nothing simpler does better than your filter here.").wait_for()
+    screen.shot("compare-lag")
+    screen.choose("at", "the same noise reduction")
+    screen.choose("draw", "Median")
+    screen.wait_for_line("Median", found["noise"].others[3].curve)
+    screen.page.get_by_text("At equal noise reduction").first.wait_for()
+    screen.choose("draw", "all of them")
+    screen.wait_for_line("One-euro", found["noise"].others[7].curve)
+    screen.shot("compare-all")
+
+    screen.tab("Spectrum")
+    screen.page.get_by_text("Cut-off (−3 dB): 0.796 Hz").wait_for()
+    assert screen.page.evaluate(f"() => ({FIND})('taken away').scales.x.distr") == 3
+    ticks = screen.page.evaluate(f"() => ({FIND})('taken away').axes[0]._values")
+    assert {"0.5", "1", "10"} <= set(ticks)
+    screen.shot("spectrum-light")
+    screen.tab("Allan")
+    allan = allan_deviation(z, params, demo.sample_period)
+    x, y = screen.line("recording")
+    assert np.allclose(x, allan.tau)
+    assert np.allclose(y, allan.deviation)
+    screen.shot("allan-light")
+
+    screen.tab("View")
+    screen.page.get_by_text("dark theme").first.click()
+    screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+    screen.page.wait_for_timeout(2500)  # the studies follow at rest, with the colours of the dark theme
+    for name in ("Allan", "Spectrum", "Compare"):
+        screen.tab(name)
+        screen.page.wait_for_timeout(300)
+        screen.shot(f"{name.lower()}-dark")
+
+    screen.tab("Export")
+    with screen.page.expect_download() as page:
+        screen.page.get_by_role("button", name="Download report (HTML)").click()
+    html = page.value.path().read_text(encoding="utf-8")
+    assert demo.sha256 in html
+    assert "At equal lag, nothing simpler" in html
+    with screen.page.expect_download() as picture:
+        screen.page.get_by_role("button", name="Download report (PNG)").click()
+    with Image.open(io.BytesIO(picture.value.path().read_bytes())) as image:
+        assert image.size == (1654, 2339)
+    screen.shot("export-report")
