@@ -9,7 +9,8 @@
  *   --adc-times FILE  writes the simulated second of every conversion of A0
  *   --speed 1|0       1: as fast as the wall clock (default); 0: flat out, waiting for the reader, losing nothing
  *   --wait-open       the board is powered when the port is first opened, so that no byte is missed
- *   --reset-on-open   opening the port resets the board, as DTR does on a real Uno
+ *   --reset-on-open   opening the port resets the board, as DTR does on a real Uno; to be closed and opened again
+ *                     within a millisecond goes unnoticed
  *   --hold S          after power or reset nothing happens for S simulated seconds, as in a boot loader
  *   --check-baud      bytes are garbled while the port's speed is more than 4 % away from the board's
  *   --seconds S       stop the board after S simulated seconds, wait until the port is closed, end
@@ -51,7 +52,8 @@ static avr_irq_t *to_board, *to_pin[PINS];
 static uint16_t (*counts)[PINS];
 static size_t rows, row[PINS];
 static FILE *adc_times;
-static int port = -1, is_open, board_takes = 1, same_speed = 1;
+static int port = -1, is_open, flushed, board_takes = 1, same_speed = 1;
+static double connected_at;
 static uint8_t from_board[QUEUE], from_host[4096];
 static uint32_t queued, sent;
 static size_t received, given;
@@ -132,7 +134,12 @@ static void on_byte(struct avr_irq_t *irq, uint32_t byte, void *unused)
         from_board[queued++ % QUEUE] = on_the_line(byte);
 }
 
-static void on_xon(struct avr_irq_t *irq, uint32_t on, void *unused) { (void)irq, (void)on, (void)unused; board_takes = 1; }
+static void on_xon(struct avr_irq_t *irq, uint32_t on, void *unused)
+{
+    (void)irq, (void)on, (void)unused;
+    board_takes = 1;
+}
+
 static void on_xoff(struct avr_irq_t *irq, uint32_t on, void *unused)
 {
     (void)irq, (void)unused;
@@ -172,6 +179,7 @@ static void make_port(char *name, size_t room)
     if (ioctl(terminal, TCSETS2, &mode)) fail(name);
     close(terminal); /* from now on POLLHUP says that nobody has the port open */
     fcntl(port, F_SETFL, O_NONBLOCK);
+    if (ioctl(port, TIOCPKT, &(int){1})) fail(name); /* tells us when the client flushes */
     if (!option.link) return;
     char old[64]; /* a board whose plug was pulled has left its link behind */
     if (readlink(option.link, old, sizeof old) > 0) unlink(option.link);
@@ -202,26 +210,40 @@ static void send_to_host(void)
     }
 }
 
+/* In packet mode a read gives one byte of news first; 0 says that the client's bytes follow. */
+static void receive_from_host(void)
+{
+    ssize_t n = read(port, from_host, sizeof from_host);
+    given = received = 0;
+    if (n <= 0) return;
+    if (from_host[0] == TIOCPKT_DATA) {
+        given = 1, received = n;
+        count.in += n - 1;
+    } else if (from_host[0] & TIOCPKT_FLUSHREAD) {
+        flushed = 1;
+    }
+}
+
 static void serve_port(void)
 {
     struct pollfd look = {.fd = port, .events = POLLIN};
     poll(&look, 1, 0);
-    int now_open = !(look.revents & POLLHUP);
-    if (now_open && !is_open) {
-        count.opens++;
-        if (option.reset_on_open) reset_board();
-    }
-    is_open = now_open;
-    if (!is_open) {
+    if (look.revents & POLLHUP) {
+        is_open = flushed = 0;
+        connected_at = 0;
         forget_bytes();
         return;
     }
-    look_at_speed();
-    if (given == received) {
-        ssize_t n = read(port, from_host, sizeof from_host);
-        given = 0, received = n > 0 ? n : 0;
-        count.in += received;
+    if (!connected_at) connected_at = wall();
+    if (given == received) receive_from_host();
+    if (!is_open) {
+        /* A client may throw away what came while it set up the port, pyserial does: only then is it open. */
+        if (!flushed && wall() - connected_at < 0.5) return;
+        is_open = 1;
+        count.opens++;
+        if (option.reset_on_open) reset_board();
     }
+    look_at_speed();
     while (given < received && board_takes) avr_raise_irq(to_board, on_the_line(from_host[given++]));
     send_to_host();
 }
@@ -341,10 +363,12 @@ int main(int argc, char **argv)
         serve_port();
         usleep(1000);
     }
-    fprintf(stderr, "simulated %.6f s, conversions %llu, out %llu, in %llu, dropped %llu, resets %llu, opens %llu, slips %llu\n",
-            simulated(), count.conversions, count.out, count.in, count.dropped, count.resets, count.opens, count.slips);
+    fprintf(stderr, "simulated %.6f s, conversions %llu, out %llu, in %llu, dropped %llu, ", simulated(),
+            count.conversions, count.out, count.in, count.dropped);
+    fprintf(stderr, "resets %llu, opens %llu, slips %llu\n", count.resets, count.opens, count.slips);
     if (adc_times) fclose(adc_times);
-    if (option.link && readlink(option.link, target, sizeof target - 1) > 0 && !strcmp(target, name)) unlink(option.link);
+    if (option.link && readlink(option.link, target, sizeof target - 1) > 0 && !strcmp(target, name))
+        unlink(option.link);
     avr_terminate(avr);
     return state == cpu_Crashed ? 3 : 0;
 }
