@@ -37,6 +37,7 @@ class MapScreen(Screen):
 
     def __init__(self, browser, url, source, width=1600, height=900):
         super().__init__(browser, url, width, height)
+        self.page.set_default_timeout(60_000)  # fitting a window asks a slow page for its size several times
         self.state = opened(open_source(source))
         self.map = MapMaker()(self.state)
         sizes = sizes_for(width, height)
