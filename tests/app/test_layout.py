@@ -71,6 +71,7 @@ def test_the_window_is_found_at_every_pixel_ratio(width, height, pixel_ratio, la
         ((120, 700), (120, 700)),  # a tiny window has nothing left to give
         ((0, 900), (0, 900)),
         ((500, 0), (400, 0)),
+        ((1600, 900), (707, 900)),  # not yet docked when first seen
     ],
 )
 def test_a_canvas_that_does_not_give_way_tells_nothing(first, second):

@@ -13,7 +13,7 @@ from kalscope import FilterParams, estimate, kalman_filter, open_source, startin
 from kalscope_app.map_geometry import frame_for
 from kalscope_app.state import opened
 from kalscope_app.tuning_map import MapMaker
-from kalscope_app.views.layout import LEFT_WIDTH, canvas_width_for
+from kalscope_app.views.layout import LEFT_WIDTH, sizes_for
 
 pytestmark = pytest.mark.browser
 LONG = "synthetic:random_walk?n=100000&sample_period=0.001"
@@ -37,11 +37,15 @@ class MapScreen(Screen):
 
     def __init__(self, browser, url, source, width=1600, height=900):
         super().__init__(browser, url, width, height)
+        self.page.set_default_timeout(60_000)  # fitting a window asks a slow page for its size several times
         self.state = opened(open_source(source))
         self.map = MapMaker()(self.state)
-        wanted = canvas_width_for(width, map_shown=True)
+        sizes = sizes_for(width, height)
+        wanted = sizes.canvas_width
         self.frame = frame_for(wanted, height, self.map.q, self.map.r)
         self.wait(f"() => Math.abs(({CANVAS})()[2] - {wanted}) < 8")
+        plot = "document.querySelector('.uplot').getBoundingClientRect().height"
+        self.wait(f"() => Math.abs({plot} - {sizes.signal_height}) < 60")
         self.page.wait_for_timeout(2500)  # the picture is drawn once the person rests, the camera after that
 
     def at(self, q, r):

@@ -126,9 +126,7 @@ class WindowFitter:
         self._set_portrait(client, None)
         self._window = window
         sizes = self._fill(window)
-        filled = settled(client, hold, unlike=second)
-        expected = sizes.canvas_width / window[1]
-        return abs(filled[0] / max(filled[1], 1) - expected) <= 0.05 * expected
+        return reaches(client, sizes.canvas_width / window[1], PATIENCE + 4.0 * hold)
 
 
 def resized(before: Pixels, now: Pixels) -> bool:
@@ -144,6 +142,17 @@ def resized(before: Pixels, now: Pixels) -> bool:
 def canvas_of(client: viser.ClientHandle) -> Pixels:
     """Width and height of a browser's canvas in its own pixels, as last reported."""
     return client.camera.image_width, client.camera.image_height
+
+
+def reaches(client: viser.ClientHandle, shape: float, within: float) -> bool:
+    """Whether the canvas takes this shape, width : height, within some seconds."""
+    end = time.monotonic() + within
+    while time.monotonic() < end:
+        width, height = canvas_of(client)
+        if abs(width / max(height, 1) - shape) <= 0.05 * shape:
+            return True
+        time.sleep(0.03)
+    return False
 
 
 def settled(client: viser.ClientHandle, hold: float, unlike: Pixels | None = None) -> Pixels:

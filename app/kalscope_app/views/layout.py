@@ -29,6 +29,12 @@ PROBE = 120
 PHONE_WIDTH = 576
 """Up to this width viser stacks the panels in one sheet, px."""
 
+LEAST_HEIGHT = 250
+"""A window that is measured lower than this was measured wrongly, px."""
+
+WIDEST_SHAPE = 5.0
+"""A window that is measured wider than this, width : height, was measured wrongly."""
+
 CHROME_HEIGHT = 246
 """Height in px of what stands around the three charts: tab bar, heading, range, legends and gaps."""
 
@@ -87,7 +93,9 @@ def window_size(
     if shape - narrower < 0.02:  # a phone docks nothing, and a tiny window has nothing left to give
         return None
     height = more / (shape - narrower)
-    return shape * height + docked, height
+    width = shape * height + docked
+    # Not yet docked when first seen, or still moving: such a pair of reports tells of an impossible window.
+    return (width, height) if height >= LEAST_HEIGHT and width <= WIDEST_SHAPE * height else None
 
 
 class Panels:

@@ -42,7 +42,7 @@ class TuningMapView:
         self._state: State | None = None
         self._plate: Plate | None = None
         self._frame = frame_for(*self._size, self._map.q, self._map.r)
-        self._shapes: dict[viser.ClientHandle, float] = {}
+        self._aimed: dict[viser.ClientHandle, tuple[float, ...]] = {}
         self._portraits: set[viser.ClientHandle] = set()
         self._drags, self._offset, self._moved = 0, (0.0, 0.0), 0.0
         self._build_scene()
@@ -164,7 +164,6 @@ class TuningMapView:
         if self._plate is not None and same_plate(plate, self._plate):
             return
         picture, ring = draw_map_picture(plate), draw_ring(dark=plate.dark)
-        fit = self._plate is None or self._plate.frame != plate.frame
         self._plate = plate
         with self._server.atomic():
             self._ring.image = ring
@@ -172,8 +171,6 @@ class TuningMapView:
             self._picture.render_width = plate.frame.width / PIXELS
             self._picture.render_height = plate.frame.height / PIXELS
             self._picture.visible = self._glass.visible = True
-        for client in tuple(self._shapes) if fit else ():
-            self._look_straight(client)
 
     def _show_colour(self, state: State) -> None:
         """The colourings that this recording allows, and which is on screen."""
@@ -187,13 +184,13 @@ class TuningMapView:
 
     def detach(self, client: viser.ClientHandle) -> None:
         """Forget a browser that has gone."""
-        self._shapes.pop(client, None)
+        self._aimed.pop(client, None)
         self._portraits.discard(client)
 
     def aim(self, client: viser.ClientHandle) -> None:
-        """Fit the picture into this browser's canvas if its shape is news."""
-        shape, known = shape_of(client), self._shapes.get(client)
-        if shape is not None and (known is None or abs(shape - known) > 0.002 * known):
+        """Fit the picture into this browser's canvas if the shape of one of them is news."""
+        shape, known = shape_of(client), self._aimed.get(client, (0.0, 0.0, 0.0))
+        if shape is not None and (abs(shape - known[0]) > 0.002 * known[0] or self._size != known[1:]):
             self._look_straight(client)
 
     def _look_straight(self, client: viser.ClientHandle) -> None:
@@ -201,7 +198,7 @@ class TuningMapView:
         shape = shape_of(client)
         if shape is None:
             return
-        self._shapes[client] = shape
+        self._aimed[client] = (shape, *self._size)
         camera = client.camera
         away = 10.0 * SIDE if client in self._portraits else 0.0
         with client.atomic():
