@@ -301,7 +301,7 @@ def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
     screen.page.get_by_role("button", name="Undo").click()
     screen.wait_for_line("filtered", filtered(DEMO))
 
-    screen.choose("by", "largest lag")
+    screen.choose("by", "least noise within a lag")
     screen.type("lag (ms)", "50", enter=False)
     screen.pause()
     screen.page.get_by_role("button", name="Find and apply").click()
