@@ -99,7 +99,11 @@ class Session:
         return self._state, serial, failures
 
     def _apply(self, request: _Request, now: float) -> None:
-        if request.change is undo:
+        if request.change is undo and not self.can_undo:
+            self._state = replace(self._state, note="There is nothing to undo.")
+        elif request.change is redo and not self.can_redo:
+            self._state = replace(self._state, note="There is nothing to redo.")
+        elif request.change is undo:
             self._history, self._state = step_back(self._history, self._state)
         elif request.change is redo:
             self._history, self._state = step_forward(self._history, self._state)
