@@ -17,6 +17,7 @@ from kalscope_app.engine import Engine
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.overview import Overviews
+from kalscope_app.remembered import Remembered
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.studies import Studies, Study
@@ -29,6 +30,7 @@ from kalscope_app.views.code import CodeView
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
 from kalscope_app.views.fitting import WindowFitter
+from kalscope_app.views.help import HelpView
 from kalscope_app.views.layout import Panels, Sizes, gutter
 from kalscope_app.views.live import LiveView
 from kalscope_app.views.numbers import NumbersView
@@ -40,6 +42,7 @@ from kalscope_app.views.share import ShareView
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
 from kalscope_app.views.spectra import AllanView, SpectrumView
+from kalscope_app.views.tour import Tour
 from kalscope_app.views.tuning_map import TuningMapView, study
 from kalscope_app.views.variants import VariantsView
 from kalscope_app.views.window import WindowView
@@ -57,6 +60,7 @@ class Dashboard:
         self.session = Session(state)
         self._jobs = Jobs(self.tell)
         self._panels = Panels(server)
+        self._tour = Tour(Remembered(), self._jobs)
         self._note = ""
         self._frame: Frame | None = None
         self._portraits: dict[viser.ClientHandle, float] = {}
@@ -97,13 +101,15 @@ class Dashboard:
             self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
             self._report = ReportView(gui, self.session, self._jobs)
         with tabs.add_tab("View"):
-            self._dark = gui.add_checkbox("dark theme", False)
+            self._dark = gui.add_checkbox("dark theme", False, hint="Light letters on a dark ground.")
             self._dark.on_update(self._on_dark)
             self._smoother = gui.add_checkbox(
                 "best possible offline", False, hint="The smoother looks ahead as well; a device cannot."
             )
             self._smoother.on_update(self._on_smoother)
             self._map.build_controls(gui)
+        with tabs.add_tab("Help"):
+            self._help = HelpView(gui, self._tour)
         with self._panels.charts:
             self._window = WindowView(gui, self.session)
             self.signal = SignalView(gui)
@@ -204,6 +210,7 @@ class Dashboard:
         """A browser has come: its own upload button, and charts that fill its window."""
         self._source.add_upload(client)
         self._fitter.attach(client)
+        self._tour.attach(client)
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         self._portraits.pop(client, None)

@@ -101,7 +101,11 @@ class Session:
         return self._state, serial, failures
 
     def _apply(self, request: _Request, now: float) -> None:
-        if request.change is undo or request.change is redo:
+        if request.change is undo and not self.can_undo:
+            self._state = replace(self._state, note="There is nothing to undo.")
+        elif request.change is redo and not self.can_redo:
+            self._state = replace(self._state, note="There is nothing to redo.")
+        elif request.change is undo or request.change is redo:
             step = step_back if request.change is undo else step_forward
             self._history, rested = step(self._history, at_rest(self._state))
             self._state = awake(rested, self._state)

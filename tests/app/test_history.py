@@ -9,9 +9,13 @@ import pytest
 
 from kalscope import Recording
 from kalscope_app.changes import set_dark, set_exponent, set_text, set_window
+from kalscope_app.channel_changes import set_together
 from kalscope_app.history import LIMIT, SAME_GESTURE, History, record, step_back, step_forward
+from kalscope_app.presets import PRESETS, take_preset
 from kalscope_app.session import Session, redo, undo
 from kalscope_app.state import opened
+from kalscope_app.together import SAME_NUMBERS
+from kalscope_app.variant_changes import pin_present
 
 
 def recording(seed=0):
@@ -29,7 +33,12 @@ def state():
     [
         ("slider q", "slider q", 0.1, 1),
         ("slider q", "slider q", SAME_GESTURE + 0.1, 2),
+        ("slider q", "slider q", SAME_GESTURE, 2),
         ("slider q", "slider r", 0.1, 2),
+        ("text q", "text q", 0.9, 1),
+        ("text q", "slider q", 0.1, 2),
+        ("slider q", "", 0.1, 2),
+        ("", "slider q", 0.1, 2),
         ("", "", 0.1, 2),
     ],
 )
@@ -39,6 +48,39 @@ def test_quick_changes_of_one_control_are_one_gesture(state, key, next_key, paus
     history = record(history, first, second, next_key, 10.0 + pause)
     assert len(history.past) == entries
     assert history.past[0] is state
+
+
+def test_a_drag_of_many_moves_is_one_gesture_however_long_it_takes(state):
+    history, present = History(), state
+    for i in range(200):
+        after = set_exponent("q", -3 + i / 100)(present)
+        history, present = record(history, present, after, "slider q", 10.0 + 0.05 * i), after
+    assert history.past == (state,)
+
+
+def test_what_follows_an_undo_is_a_gesture_of_its_own(state):
+    first = set_text("q", "1")(state)
+    history, back = step_back(record(History(), state, first, "slider q", 10.0), first)
+    again = record(history, back, set_text("q", "3")(back), "slider q", 10.1)
+    assert again.past == (back,)
+
+
+def test_a_change_of_the_view_in_between_does_not_split_a_gesture(state):
+    first = set_text("q", "1")(state)
+    history = record(History(), state, first, "slider q", 10.0)
+    seen = set_window(1.0, 50.0)(first)
+    history = record(history, first, seen, "view", 10.1)
+    assert len(record(history, seen, set_text("q", "2")(seen), "slider q", 10.2).past) == 1
+
+
+TUNING_CHANGES = [pin_present, set_together(SAME_NUMBERS), take_preset(next(iter(PRESETS))), set_text("gate", "9")]
+
+
+@pytest.mark.parametrize("change", TUNING_CHANGES)
+def test_pins_presets_and_channels_are_remembered(state, change):
+    history = record(History(), state, change(state), "", 0.0)
+    assert history.past == (state,)
+    assert step_back(history, change(state))[1] == replace(state, note="")
 
 
 VIEW_CHANGES = [set_dark(True), set_window(1.0, 50.0), lambda s: s, lambda s: replace(s, note="x")]
@@ -95,7 +137,10 @@ def test_the_session_undoes_and_redoes_by_request(state):
     assert (session.can_undo, session.can_redo) == (True, True)
     session.request(undo)
     assert session.settle()[0].tuning.q == state.tuning.q
+    session.request(undo)
+    assert session.settle()[0].note == "There is nothing to undo."
     session.request(redo)
     session.request(redo)
     session.request(redo)
-    assert session.settle()[0].tuning.q == 2
+    settled = session.settle()[0]
+    assert (settled.tuning.q, settled.note) == (2, "There is nothing to redo.")

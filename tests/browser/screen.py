@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import subprocess
@@ -9,6 +10,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+
+from kalscope_app.remembered import FOLDER_VARIABLE, Remembered
 
 ARTEFACTS = Path(__file__).parents[1] / "artefacts"
 KNOWN_PAGE_ERROR = "'unsafe-eval' is not an allowed source"
@@ -21,12 +24,16 @@ FIND = """(label) => Object.values(window.__viserTestpoints?.uplots ?? {}).map(e
 class Program:
     """`kalscope` in a process of its own."""
 
-    def __init__(self, *arguments, cwd):
+    def __init__(self, *arguments, cwd, first_run=False):
         command = [sys.executable, "-m", "kalscope_app.main", "open", *map(str, arguments), "--port", "0"]
         self.log = Path(cwd) / "kalscope.log"
+        remembered = Remembered(Path(cwd) / "config")
+        if not first_run:
+            remembered.forget_tour()
+        env = {**os.environ, FOLDER_VARIABLE: str(remembered.path.parent)}
         with self.log.open("a") as log:
             self.process = subprocess.Popen(
-                [*command, "--no-browser"], cwd=cwd, stdout=subprocess.PIPE, stderr=log, text=True
+                [*command, "--no-browser"], cwd=cwd, env=env, stdout=subprocess.PIPE, stderr=log, text=True
             )
         line = self.process.stdout.readline()
         assert line.startswith("Kalscope: http://127.0.0.1:"), (line, self.log.read_text())

@@ -65,6 +65,7 @@ def test_first_look_shows_the_demo_filtered_at_its_starting_values(start):
 
 def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_never_the_zoom(start):
     screen = start("demo")
+    screen.wait("() => document.querySelector('.uplot').getBoundingClientRect().width > 1600 - 345 - 120 - 60")
     over = screen.page.locator(".u-over").first.bounding_box()
     y = over["y"] + over["height"] / 2
     screen.page.mouse.move(over["x"] + 0.25 * over["width"], y)
@@ -307,7 +308,7 @@ def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
     screen.page.get_by_role("button", name="Undo").click()
     screen.wait_for_line("filtered", filtered(DEMO))
 
-    screen.choose("by", "largest lag")
+    screen.choose("by", "least noise within a lag")
     screen.type("lag (ms)", "50", enter=False)
     screen.pause()
     screen.page.get_by_role("button", name="Find and apply").click()

@@ -30,7 +30,7 @@ class ExportView:
             "tuning file", "tuning.toml", hint="A name inside the folder in which Kalscope was started."
         )
         self._save = gui.add_button("Save tuning file", hint="q, r, p0 and x0 of every channel, with the source.")
-        self._download = gui.add_button("Download tuning file")
+        self._download = gui.add_button("Download tuning file", hint="The same file, through the browser.")
         self._csv = gui.add_button(
             "Download filtered CSV", hint="Time, raw, filtered and variance of every channel."
         )

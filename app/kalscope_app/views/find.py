@@ -84,11 +84,24 @@ def clock_of(state: State) -> Scale:
 
 STILL = "a still stretch, fit q"
 
-STILL_HINT = "Both ends, as on the time axis. Empty: the part of the recording that is on screen."
+BOX_HINTS = {
+    "": "A number that this way of searching needs.",
+    "lag (ms)": "The lag that you can accept: of all settings with at most it, the one that leaves least noise.",
+    "cut-off (Hz)": "Faster waves than this are damped, slower ones pass.",
+    "reduction (dB)": "How much less noise: 20 dB is a tenth of its size, 6 dB half of it.",
+    "gain K": "The share of each new difference that is taken over, between 0 and 1.",
+    "lag (samples)": "How many samples the filtered signal may trail a ramp.",
+    "from": "Where the stretch begins, as on the time axis. Empty: where the part on screen begins.",
+    "to": "Where the stretch ends, as on the time axis. Empty: where the part on screen ends.",
+    "σ, one std": "The noise of one reading, one standard deviation, in the unit of the signal.",
+    "per √Hz": "The noise density, in the unit of the signal per √Hz.",
+    "bandwidth (Hz)": "The bandwidth that goes with the density.",
+}
+"""Hint of each box by its label."""
 
 WAYS: dict[str, Way] = {
     "maximum likelihood": _method("ml"),
-    "largest lag": _wish("lag_s", "lag (ms)", "50", 1e-3),
+    "least noise within a lag": _wish("lag_s", "lag (ms)", "50", 1e-3),
     "cut-off frequency": _wish("cutoff_hz", "cut-off (Hz)", "1"),
     "noise reduction": _wish("noise_reduction_db", "reduction (dB)", "12"),
     "gain K": _wish("gain", "gain K", "0.1"),
@@ -103,8 +116,8 @@ WAYS: dict[str, Way] = {
 """Ways by the words on screen, the most useful first."""
 
 HINT = (
-    "From the record itself (maximum likelihood), from what the filter should do (lag, cut-off, noise), "
-    "or from what you know of the sensor (a still stretch, its data sheet)."
+    "From the record itself, from what the filter should do (lag, cut-off, noise), "
+    "or from what you know of the sensor."
 )
 
 
@@ -117,10 +130,10 @@ class FindView:
         self._stop = threading.Event()
         with gui.add_folder("Find q and r"):
             self._way = gui.add_dropdown("by", tuple(WAYS), hint=HINT)
-            self._boxes = [gui.add_text("", "", visible=False) for _ in range(2)]
+            self._boxes = [gui.add_text("", "", visible=False, hint=BOX_HINTS[""]) for _ in range(2)]
             self._find = gui.add_button("Find and apply", hint="One step that Undo takes back.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
-            self._cancel = gui.add_button("Cancel", visible=False)
+            self._cancel = gui.add_button("Cancel", visible=False, hint="End the search; nothing is changed.")
             self._answer = gui.add_markdown("")
         self._way.on_update(self._on_way)
         self._find.on_click(self._on_find)
@@ -193,9 +206,8 @@ class FindView:
                 box.label = f"{label} ({clock_of(state).unit})" if label in ("from", "to") else label
                 if state.way != self._shown_way:
                     box.value = content
-        if state.way != self._shown_way:
-            self._boxes[0].hint = STILL_HINT if state.way == STILL else None
-            self._shown_way = state.way
+                box.hint = BOX_HINTS.get(label, BOX_HINTS[""])
+        self._shown_way = state.way
 
 
 def answer_text(state: State) -> str:
@@ -217,6 +229,7 @@ def answer_text(state: State) -> str:
         ("q", number(before.q, 4), number(after.q, 4)),
         ("r", number(before.r, 4), number(after.r, 4)),
         ("lag", lag(before), lag(after)),
+        ("noise", *(f"−{number(float(steady_state(t.params).noise_reduction_db))} dB" for t in (before, after))),
     ]
     table = "| | before | now |\n|---|---|---|\n" + "\n".join(f"| {n} | {b} | **{a}** |" for n, b, a in rows)
     return f"{table}\n\n{outcome.message}"

@@ -50,7 +50,6 @@ class ParametersView:
         self._together = gui.add_dropdown(
             "tune", WAYS, hint="All together: a change here, or a search, sets every channel. Undo takes it back."
         )
-        self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="The second paper's filter, to compare.")
         with gui.add_form(None) as form:
             self._rule_boxes = [
                 TypedNumber(gui, session, name, label, hint, set_rule_text) for name, label, hint in RULE_BOXES
@@ -76,6 +75,7 @@ class ParametersView:
                 "outlier gate v²/s",
                 "A sample further from its prediction is not used: 9 is three σ, empty is off.",
             )
+        self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="The second paper's filter, to compare.")
         self._steps = gui.add_button_group(
             "", ("Undo", "Redo", "Reset"), hint="Ctrl+Z; Ctrl+Shift+Z or Ctrl+Y. Reset: r = var(Δz)/2, q = r/100."
         )

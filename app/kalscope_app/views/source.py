@@ -64,9 +64,9 @@ class SourceView:
         )
         with gui.add_folder("Your own file") as self._own:
             self._path = gui.add_text("path", "", hint="A CSV or Parquet file on this computer, of any size.")
-            self._open = gui.add_button("Open this path")
+            self._open = gui.add_button("Open this path", hint="Read the file that the path names.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
-            self._cancel = gui.add_button("Cancel", visible=False)
+            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop reading; what is open stays.")
             with gui.add_form(None) as form:
                 self._period = gui.add_text(
                     "sample period (s)", "", hint="Time between two samples, for a file that has no time. Enter."
@@ -180,7 +180,7 @@ class GeneratorForm:
             name: gui.add_text(label, typed(float(getattr(defaults, name))), hint=docs.get(name))
             for name, label in GENERATOR_LABELS.items()
         }
-        gui.add_button("Generate").on_click(self._on_generate)
+        gui.add_button("Generate", hint="Make this signal and open it.").on_click(self._on_generate)
 
     async def _on_generate(self, _event: viser.GuiEvent[Any]) -> None:
         query = "&".join(f"{name}={text.value.strip()}" for name, text in self._texts.items())
@@ -192,12 +192,15 @@ def setting_docs() -> list[tuple[str, str]]:
     return [
         ("shape", "The noise-free signal, drawn dashed as the truth."),
         ("noise", "Law of the noise; triangular is rand − rand, as in the first paper."),
+        ("n", "How many samples."),
         ("sample_period", "Time between two samples."),
+        ("channels", "How many channels, 1 to 16, each with noise of its own."),
         ("amplitude", "Size of the shape."),
         ("level", "Value around which it swings."),
         ("period", "One cycle, the rise of a ramp, the moment of a step."),
         ("sigma", "Standard deviation of the noise; r of the filter is its square."),
         ("outliers", "Share of samples hit by a spike, 0 to 1."),
+        ("outlier_size", "How far a spike goes, in the unit of the signal."),
         ("quantum", "Step of the analogue-to-digital converter; 0 for none."),
         ("drop_outs", "Share of samples that are missing, 0 to 1."),
         ("seed", "The same seed makes the same signal."),
@@ -209,9 +212,15 @@ class ReadingForm:
 
     def __init__(self, gui: viser.GuiApi, read: Callable[[ReadOptions], None]) -> None:
         self._read = read
-        self._delimiter = gui.add_dropdown("delimiter", (FOUND, "comma", "semicolon", "tab", "bar", "space"))
+        self._delimiter = gui.add_dropdown(
+            "delimiter", (FOUND, "comma", "semicolon", "tab", "bar", "space"), hint="The mark between two cells."
+        )
         self._time = gui.add_text("time column", "", hint="Its name, its number from 1, or none.")
-        self._unit = gui.add_dropdown("time unit", (FOUND, "s", "ms", "us", "ns", "min", "h", "day", "year"))
+        self._unit = gui.add_dropdown(
+            "time unit",
+            (FOUND, "s", "ms", "us", "ns", "min", "h", "day", "year"),
+            hint="What one step of a numeric time column is.",
+        )
         self._missing = gui.add_text(
             "missing values", "", hint="Values that mean: no sample, with spaces between, such as -200 400."
         )

@@ -1,0 +1,44 @@
+"""The Help tab: keys and mouse on one card, and the tour."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import viser
+
+from kalscope_app.views.tour import Tour
+
+KEYS = (
+    ("drag across a chart", "zoom in"),
+    ("double click in it", "the whole view again"),
+    ("click a name below it", "hide or show that line"),
+    ("← → on a slider", "one step, 2.3 %; click it first"),
+    ("Home, End on a slider", "its ends"),
+    ("type a number, Enter", "exactly that, 1e‑9 too"),
+    ("Ctrl+Z", "undo"),
+    ("Ctrl+Shift+Z, Ctrl+Y", "redo"),
+    ("Ctrl+K", "all commands, by name"),
+    ("drag a panel's edge", "make it wider"),
+)
+"""What is done with hand and mouse, and what it does."""
+
+
+class HelpView:
+    """A card and a button."""
+
+    def __init__(self, gui: viser.GuiApi, tour: Tour) -> None:
+        self._tour = tour
+        gui.add_markdown(card())
+        gui.add_button("Show the tour", hint="Five short windows: what is where.").on_click(self._on_tour)
+        gui.add_markdown("Rest the mouse on a button, box or slider: it says what it is for.")
+
+    async def _on_tour(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._tour.show(event.client)
+
+
+def card() -> str:
+    """The keys as markdown."""
+    rows = "\n".join(f"| {what} | {does} |" for what, does in KEYS)
+    note = "On a Mac: Cmd for Ctrl. Inside a text box these keys belong to the box."
+    return f"| keys and mouse | |\n|---|---|\n{rows}\n\n{note}"

@@ -1,0 +1,53 @@
+"""The tour on the first run, put off and put away; the key card; hints under the mouse."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from screen import ARTEFACTS, Program, Screen
+
+from kalscope_app.remembered import Remembered
+from kalscope_app.views.tour import STEPS
+
+pytestmark = pytest.mark.browser
+
+
+def button(screen, name):
+    return screen.page.get_by_role("dialog").get_by_role("button", name=name, exact=True)
+
+
+def test_the_tour_is_shown_on_the_first_run_and_never_again_once_it_is_done(browser, tmp_path):
+    program = Program("demo", cwd=tmp_path, first_run=True)
+    try:
+        screen = Screen(browser, program.url, width=1280, height=720)
+        for number, (title, _) in enumerate(STEPS, 1):
+            screen.page.get_by_text(f"{title} ({number} of {len(STEPS)})").wait_for()
+            screen.shot(f"tour-{number}")
+            button(screen, "Next" if number < len(STEPS) else "Done").click()
+        screen.page.get_by_role("dialog").wait_for(state="detached")
+        screen.page.reload()
+        screen.ready()
+        assert screen.page.get_by_role("dialog").count() == 0
+        screen.close()
+    finally:
+        program.stop()
+    assert Remembered(tmp_path / "config").tour_seen
+    again = Program("demo", cwd=tmp_path, first_run=True)
+    try:
+        screen = Screen(browser, again.url)
+        screen.tab("Help")
+        screen.page.get_by_text("Ctrl+Shift+Z, Ctrl+Y").wait_for()
+        assert screen.page.get_by_role("dialog").count() == 0
+        screen.shot("help")
+        screen.page.get_by_role("button", name="Show the tour").click()
+        screen.page.get_by_text(re.compile(rf"^{STEPS[0][0]}")).wait_for()
+        button(screen, "Later").click()
+        screen.page.get_by_role("dialog").wait_for(state="detached")
+        screen.tab("Tune")
+        screen.slider("q").hover()
+        screen.page.get_by_text("Drag, or click and use the arrow keys").wait_for()
+        screen.page.screenshot(path=ARTEFACTS / "hint.png")
+        screen.close()
+    finally:
+        again.stop()
