@@ -52,7 +52,7 @@ FILES = {
         (["open", "sample:nothing"], "nothing"),
         (["open", "synthetic:zigzag"], "shape must be one of"),
         (["open", "synthetic:sine?sigma=-1"], "sigma must"),
-        (["open", "serial:/dev/ttyACM0@115200"], "must be a file"),
+        (["open", "serial:/dev/ttyACM0@fast"], "baud rate must"),
         (["open", "--config", "not.toml"], "not.toml"),
         (["open", "--config", "none.toml"], "none.toml"),
         (["open", "--config", "nowhere.toml"], "nowhere.toml"),
