@@ -96,7 +96,9 @@ def open_source(
 
         return open_experiment(match[2])[0]
     if is_live(spec):
-        raise BadSetting(f"source must be a finished recording (got {spec!r}, a live source)")
+        raise BadSetting(
+            f"source must be a file to be read or another finished recording (got {spec!r}, a live source)"
+        )
     if match and match[2].startswith("//"):
         raise BadSetting(f"source must be a file to be read (got {spec!r}, a web address)")
     return read_recording(spec, options, sample_period=sample_period, progress=progress, cancelled=cancelled)
