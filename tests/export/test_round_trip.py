@@ -5,6 +5,7 @@ from __future__ import annotations
 import configparser
 import json
 import math
+import os
 import random
 import re
 import runpy
@@ -12,6 +13,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -20,9 +22,16 @@ from ruamel.yaml import YAML
 
 from kalscope import ChannelTuning, Tuning, export_tuning
 from kalscope.export.names import number_text
+from kalscope.tuning import dumps
 
 CHANNELS = 2000
 NAMES = ("q", "r", "p0", "x0", "gate")
+
+
+def needs(program):
+    """Skip where a program is missing; where all are required the test runs, and fails for want of it."""
+    missing = shutil.which(program) is None and os.environ.get("KALSCOPE_REQUIRE") != "all"
+    return pytest.mark.skipif(missing, reason=f"{program} is not installed")
 
 
 def random_number(rng):
@@ -75,6 +84,12 @@ def test_json_reads_them_back(tuning, numbers):
     identical([entry[key] for entry in json.loads(text)["channels"] for key in keys], numbers)
 
 
+def test_the_tuning_file_reads_them_back(tuning, numbers):
+    """What is exported came through TOML."""
+    channels = tomllib.loads(dumps(tuning))["channel"]
+    identical([channel[name] for channel in channels for name in NAMES], numbers)
+
+
 def test_python_reads_them_back(tuning, numbers, tmp_path):
     for name, text in export_tuning(tuning, "python").items():
         (tmp_path / name).write_text(text)
@@ -105,7 +120,7 @@ def test_ros2_numbers_are_doubles_to_the_rules_of_its_parser(tuning):
         assert re.fullmatch(r"[-+]?[0-9]+\.[0-9]+(e[-+][0-9]+)?", value), value
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@needs("gcc")
 def test_platformio_flags_read_back_through_gcc(tuning, numbers, tmp_path):
     (text,) = export_tuning(tuning, "platformio").values()
     parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#", ";"), strict=True)
@@ -130,7 +145,7 @@ def compiled(flags, folder):
     return [float.fromhex(line) for line in out.split()]
 
 
-@pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
+@needs("g++")
 def test_bachagas_numbers_read_back_through_gcc(tuning, numbers, tmp_path):
     (text,) = export_tuning(tuning, "bachagas").values()
     rows = re.findall(r"kalman_init\((.*?)\), (\S+), 0\}", text)
@@ -144,7 +159,7 @@ def test_bachagas_numbers_read_back_through_gcc(tuning, numbers, tmp_path):
     identical([float.fromhex(line) for line in out.split()], numbers)
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@needs("gcc")
 def test_c_constants_read_back_through_gcc(tuning, numbers, tmp_path):
     for name, text in export_tuning(tuning, "c").items():
         (tmp_path / name).write_text(text)
@@ -162,7 +177,7 @@ def test_c_constants_read_back_through_gcc(tuning, numbers, tmp_path):
     identical([float.fromhex(word) for word in out.split()], numbers)
 
 
-@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
+@needs("octave-cli")
 def test_matlab_numbers_read_back_through_octave(tuning, numbers, tmp_path):
     """The assignments of all scripts in one, so that Octave starts once."""
     assignments = [

