@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import itertools
-import re
 
 import numpy as np
 import pytest
 import serial
 from board import FLAT_OUT, read_lines
 
+from kalscope import FilterParams
 from kalscope.export import ExportJob
 from kalscope.export.arduino import files
+from kalscope.export.board_talk import commands, is_refusal, read_answer
 from kalscope.export.device_limits import UNO_FLASH, UNO_RAM, UNO_READ_US, UNO_UPDATE_US
-from kalscope.export.float32 import filter_float32
+from kalscope.export.float32 import filter_float32, float32_params
 from kalscope.sources.line_parser import LineParser
 from kalscope.tuning import ChannelTuning
 
@@ -82,11 +83,11 @@ class Conversation:
             self._check(self.port.readline())
 
     def ask(self, text):
-        """Send a command, compare what comes before its answer; returns the values it answers, from their bits."""
+        """Send a command, compare what comes before its answer, which is returned."""
         self.port.write(text.encode() + b"\n")
-        while (found := re.search(rb"bits=(\w{8}),(\w{8}),(\w{8})", line := self.port.readline())) is None:
+        while (answer := read_answer((line := self.port.readline()).decode())) is None:
             self._check(line)
-        return [np.uint32(int(bits, 16)).view(np.float32) for bits in found.groups()]
+        return answer
 
     def _check(self, line):
         if line.startswith(b"# too slow"):
@@ -107,14 +108,12 @@ def test_the_board_prints_the_bits_of_the_host_also_after_changes_while_it_runs(
         talk = Conversation(port, counts, Float32Oracle(*TRIPLES[0][:2], np.inf))
         for q, r, p0 in TRIPLES[1:]:
             talk.follow(400)
-            # 0 is no noise at all: the other one first, because both at once are refused.
-            order = sorted((("q", q), ("r", r)), key=lambda pair: pair[1] == 0)
-            for letter, value in order:
-                used = talk.ask(f"{letter} {value}")
-                talk.oracle.q, talk.oracle.r = used[:2]
-            used = talk.ask(f"p {'inf' if p0 is None else p0}")
-            np.testing.assert_allclose(used, [q, r, np.inf if p0 is None else p0], rtol=3e-7)
-            talk.oracle = Float32Oracle(*used)
+            for text in commands(float32_params(FilterParams(q, r, p0))):
+                used = talk.ask(text)
+                talk.oracle.q, talk.oracle.r = used.q, used.r
+            said = (used.q, used.r, used.p0)
+            np.testing.assert_allclose(said, [q, r, np.inf if p0 is None else p0], rtol=3e-7)
+            talk.oracle = Float32Oracle(*said)  # the last command, p, starts anew
         talk.follow(max(400, 10_000 - talk.rows))
 
 
@@ -177,7 +176,7 @@ def test_what_a_board_cannot_take_changes_nothing(start_board, workshop, line):
         port.write(line.encode() + b"\n?\n")
         said = []
         while b"bits=" not in (answer := port.readline()):
-            said += [answer] if answer.startswith(b"# not") else []
+            said += [answer] if is_refusal(answer.decode()) else []
     assert answer == b"# light q=2.500000e-1 r=4.000000 p=inf bits=3E800000,40800000,7F800000\r\n"
     assert len(said) == (line != "")
 
