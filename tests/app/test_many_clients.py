@@ -170,7 +170,7 @@ def send_hostile(program, rng, widgets, count):
 
 def test_whatever_a_client_sends_the_next_one_is_served_as_before(program):
     with settled(program) as before:
-        known, widgets = before.widgets, list(before.widgets)
+        known, widgets = before.widgets, list(before.values)
     rss_before, rng = program.rss(), random.Random(9)
     # Buttons that start a job are left out: a thousand fits are honest work, and take their time.
     widgets = [uuid for uuid in widgets if known[uuid]["type"] != "GuiButtonMessage"]
@@ -179,7 +179,7 @@ def test_whatever_a_client_sends_the_next_one_is_served_as_before(program):
     with settled(program) as after:
         assert ended > 0
         assert {made["type"] for made in known.values()} == {made["type"] for made in after.widgets.values()}
-        assert [uuid for uuid in after.widgets if not within_range(after, uuid)] == []
+        assert [uuid for uuid in after.values if not within_range(after, uuid)] == []
         uuid = slider(after, "q")
         after.set(uuid, 0.5 * (after.widgets[uuid]["props"]["min"] + after.widgets[uuid]["props"]["max"]))
         with settled(program) as other:

@@ -98,8 +98,10 @@ class Guest:
 
     def _take(self, message: dict[str, Any]) -> None:
         uuid = message.get("uuid", "")
-        if message["type"].startswith("Gui") and "value" in message:
-            self.widgets[uuid], self.values[uuid] = message, message["value"]
+        if message["type"].startswith("Gui") and "props" in message:
+            self.widgets[uuid] = message
+            if "value" in message:
+                self.values[uuid] = message["value"]
         elif message["type"] == "GuiUpdateMessage" and "value" in message["updates"]:
             self.values[uuid] = message["updates"]["value"]
         elif message["type"] in ("NotificationShowMessage", "NotificationMessage"):
