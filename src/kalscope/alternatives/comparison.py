@@ -244,7 +244,9 @@ def _verdict(others: tuple[Alternative, ...], match: Match, what: str) -> str:
         for one in runnable
         if not one.matched
     ]
-    return f"{said} Not to be had at this {words}, so not judged: {', '.join(far)}." if far else said
+    if not far or not said.startswith("At equal"):
+        return said
+    return f"{said} Not to be had at this {words}, so not judged: {', '.join(far)}."
 
 
 def _smoother(z: Array, params: FilterParams, steps: Array | None, errors: Errors) -> Alternative:
