@@ -26,6 +26,8 @@ def report_command(
     """Write a page for the lab book: chart, parameters, what they do, whether they fit, and how to reopen it."""
     from dataclasses import replace
 
+    import numpy as np
+
     from kalscope.atomic import write_atomic
     from kalscope.filter_choice import adapt_tuning
     from kalscope.progress_line import ProgressLine
@@ -38,7 +40,10 @@ def report_command(
         raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
     tuning = load_tuning(config)
     with ProgressLine(sys.stderr) as line:
-        recording = open_source(source, sample_period=None, progress=line.part(source, 0, 1))
+        recording = open_source(source, progress=line.part(source, 0, 1))
+    if recording.sample_period is None and tuning.sample_period is not None:
+        moments = np.arange(len(recording)) * tuning.sample_period
+        recording = replace(recording, time=moments, sample_period=tuning.sample_period)
     chosen, notes = adapt_tuning(recording, tuning, channel=channel)
     own = tuple(replace(entry, name=name) for name, entry in chosen.items())
     selected = channel or (tuning.selected if tuning.selected in chosen else own[0].name)

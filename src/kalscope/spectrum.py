@@ -17,6 +17,7 @@ from kalscope.estimation.allan import allan_variances
 from kalscope.filtering import kalman_filter
 from kalscope.model import FilterParams
 from kalscope.steady_state import steady_state
+from kalscope.tune_report import duration
 
 Array = NDArray[np.float64]
 
@@ -265,7 +266,7 @@ def _allan_words(
 
     def length(samples: float) -> str:
         there = f"{samples:.3g} sample{'' if samples == 1.0 else 's'}"
-        return there if period is None else f"{samples * period:.3g} s ({there})"
+        return there if period is None else f"{duration(samples * period)} ({there})"
 
     if len(size) < 2:
         return "The recording is too short for an Allan deviation."

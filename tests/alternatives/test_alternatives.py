@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from kalscope.alternatives.candidates import at_lag, at_noise
 from kalscope.alternatives.comparison import LIMIT, is_matched, stretch_of
 from kalscope.alternatives.verdict import difference, verdict
 
+ONE_EURO = Path(__file__).parents[2] / "../shared/data/one_euro_truth/groundTruth.csv"
 RNG = np.random.default_rng(20)
 WINDOWED = {"Moving average", "Median", "Delayed Savitzky-Golay"}
 MEASURED = {"Median", "One-euro"}
@@ -128,6 +130,13 @@ def test_one_euro_is_its_published_lines():
                 x = a * value + (1 - a) * x
             t = 0
         assert got == pytest.approx(x)
+
+
+@pytest.mark.skipif(not ONE_EURO.is_file(), reason="shared/data is not beside the repository")
+def test_one_euro_is_its_authors_own_ground_truth():
+    _, _, noisy, filtered = np.loadtxt(ONE_EURO, delimiter=",", skiprows=1).T
+    ours = filters.one_euro(noisy, 1.0 / 120.0, 0.1, 1.0 / 120.0)  # 120 Hz, cut-offs 1 Hz, β 0.1
+    assert np.abs(ours - filtered).max() < 1e-5  # times and values are printed with six digits
 
 
 def test_missing_samples_leave_no_hole_and_no_future_in_a_causal_filter():

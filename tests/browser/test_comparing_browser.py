@@ -25,7 +25,7 @@ def screen(browser, tmp_path):
     program.stop()
 
 
-def test_simpler_filters_spectra_and_the_report(screen):
+def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(screen):
     demo = open_source("demo")
     z = demo.values[:, 0]
     params = starting_params(z)
@@ -67,12 +67,18 @@ def test_simpler_filters_spectra_and_the_report(screen):
         screen.page.wait_for_timeout(300)
         screen.shot(f"{name.lower()}-dark")
 
+
+def test_the_report_is_one_sheet_of_paper_and_a_picture_of_it(screen):
     screen.tab("Export")
     with screen.page.expect_download() as page:
         screen.page.get_by_role("button", name="Download report (HTML)").click()
     html = page.value.path().read_text(encoding="utf-8")
-    assert demo.sha256 in html
+    assert open_source("demo").sha256 in html
     assert "At equal lag, nothing simpler" in html
+    sheet = screen.context.new_page()
+    sheet.set_content(html)
+    assert sheet.pdf(prefer_css_page_size=True).count(b"/Type /Page\n") == 1  # one sheet of A4
+    sheet.close()
     with screen.page.expect_download() as picture:
         screen.page.get_by_role("button", name="Download report (PNG)").click()
     with Image.open(io.BytesIO(picture.value.path().read_bytes())) as image:

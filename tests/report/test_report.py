@@ -156,6 +156,10 @@ def test_the_command_line_writes_both_and_refuses_other_endings(tmp_path, capsys
     assert f"{load_tuning(config).channels[0].q:.4g}" in text
     with Image.open(picture) as image:
         assert image.size == SIZE
+    untimed = tmp_path / "untimed.csv"
+    untimed.write_text("flex\n" + "".join(f"{i % 7}\n" for i in range(100)), encoding="utf-8")
+    assert run(["report", str(untimed), "--config", str(config), "-o", str(page)]) == 0
+    assert "100 samples, 50 Hz" in page.read_text(encoding="utf-8")  # the sample period of the tuning
     capsys.readouterr()
     assert run(["report", "demo", "--config", str(config), "-o", str(tmp_path / "page.pdf")]) == 2
     assert "-o must end with .html or .png" in capsys.readouterr().err

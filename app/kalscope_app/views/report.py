@@ -6,6 +6,7 @@ from typing import Any
 
 import viser
 
+from kalscope.errors import BadSetting
 from kalscope.report import as_html, as_png, make_report
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
@@ -35,6 +36,8 @@ class ReportView:
 
 
 def _send(state: State, client: viser.ClientHandle, name: str) -> None:
+    if state.rule is not None:
+        raise BadSetting("a report must be on the filter with q and r (got the second paper's)")
     report = make_report(state.recording, state.as_tuning(), state.channel)
     content = as_png(report) if name.endswith(".png") else as_html(report).encode()
     client.send_file_download(name, content, save_immediately=True)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.alternatives.bench import bench_of
 from kalscope.alternatives.candidates import Candidate, at_lag, at_noise
+from kalscope.alternatives.errors import Errors
 from kalscope.alternatives.filters import exponential
 from kalscope.alternatives.identity import identity_words
 from kalscope.alternatives.verdict import Difference, difference, verdict
@@ -139,7 +140,7 @@ def compare_alternatives(
         bench = bench_of(piece, result.x, lag)
         chosen = at_lag(lag, bench) if match == "lag" else at_noise(gain / (2.0 - gain), bench)
     begun = _begun(piece, [one for one in chosen if one.causal])
-    errors = _Errors(piece, true, begun, sample_period)
+    errors = Errors(piece, true, begun, sample_period)
     present = _present(result, params, steady.noise_reduction_db, lag, errors)
     if refusal is not None:
         return Comparison(
@@ -169,40 +170,8 @@ def stretch_of(n: int, window: tuple[int, int] | None) -> tuple[int, int]:
     return first, first + LIMIT
 
 
-class _Errors:
-    """Squared errors of curves over the judged samples of a stretch."""
-
-    def __init__(self, z: Array, truth: Array | None, begun: int, period: float | None) -> None:
-        self._z, self._truth, self._begun, self.period = z, truth, begun, period
-        self.judged = max(len(z) - begun, 0)
-        self.words = "error in predicting the next sample" if truth is None else "error against the truth"
-        self._rough = _rms_step(z)
-
-    def squared(self, curve: Array) -> Array:
-        """Against the truth if it is known, else against the next sample, which no causal filter has seen."""
-        return (self._true(curve) if self._truth is not None else self._ahead(curve))[self._begun :]
-
-    def _ahead(self, curve: Array) -> Array:
-        return np.append((self._z[1:] - curve[:-1]) ** 2, np.nan)
-
-    def _true(self, curve: Array) -> Array:
-        return (curve - self._truth) ** 2  # pyright: ignore[reportOperatorIssue]
-
-    def rmse(self, curve: Array) -> float | None:
-        """RMS error against the truth; None where it is not known."""
-        return None if self._truth is None else _root_mean(self._true(curve)[self._begun :])
-
-    def prediction(self, curve: Array) -> float:
-        """RMS error against the next sample."""
-        return _root_mean(self._ahead(curve)[self._begun :])
-
-    def roughness(self, curve: Array) -> float:
-        """RMS step of the curve over that of the raw signal."""
-        return _rms_step(curve[self._begun :]) / self._rough if self._rough > 0.0 else math.nan
-
-
 def _present(
-    result: FilterResult, params: FilterParams, reduction: object, lag: float, errors: _Errors
+    result: FilterResult, params: FilterParams, reduction: object, lag: float, errors: Errors
 ) -> Alternative:
     settled = float(steady_state(params).gain)
     close = np.abs(result.k - settled) <= 0.01 * settled
@@ -225,14 +194,14 @@ def _present(
 
 
 def _others(
-    chosen: tuple[Candidate, ...], present: Alternative, errors: _Errors, match: Match
+    chosen: tuple[Candidate, ...], present: Alternative, errors: Errors, match: Match
 ) -> tuple[Alternative, ...]:
     lag, reduction = present.lag_samples, present.noise_reduction_db
     causal = sum(candidate.causal for candidate in chosen)
     own = errors.squared(present.curve)
     made: list[Alternative] = []
     for candidate in chosen:
-        curve = candidate.run(errors._z)
+        curve = candidate.run(errors.z)
         behind, gain = candidate.lag, candidate.noise_gain
         decibel = -10.0 * math.log10(gain) if gain > 0.0 else math.inf
         made.append(
@@ -275,10 +244,12 @@ def _verdict(others: tuple[Alternative, ...], match: Match, what: str) -> str:
         for one in runnable
         if not one.matched
     ]
-    return f"{said} Not to be had at this {words}, so not judged: {', '.join(far)}." if far else said
+    if not far or not said.startswith("At equal"):
+        return said
+    return f"{said} Not to be had at this {words}, so not judged: {', '.join(far)}."
 
 
-def _smoother(z: Array, params: FilterParams, steps: Array | None, errors: _Errors) -> Alternative:
+def _smoother(z: Array, params: FilterParams, steps: Array | None, errors: Errors) -> Alternative:
     curve = smooth(z, params, steps).x
     return Alternative(
         name="Smoother (offline bound)",
@@ -330,12 +301,3 @@ def _note(first: int, last: int, n: int, judged: int, truth: Array | None) -> st
     )
     later = f" Errors: {by}, over the last {judged} samples, once all have started." if judged else ""
     return f"Compared on {stretch}.{later}"
-
-
-def _root_mean(squares: Array) -> float:
-    good = squares[np.isfinite(squares)]
-    return math.sqrt(float(good.mean())) if len(good) else math.nan
-
-
-def _rms_step(curve: Array) -> float:
-    return _root_mean(np.diff(curve) ** 2)
