@@ -73,7 +73,7 @@ def test_the_error_map_is_the_error_of_the_filter_at_its_pair():
     for row, column in np.random.default_rng(1).integers(0, CELLS, (20, 2)):
         q, r = 10 ** cell_exponents(shown.q)[column], 10 ** cell_exponents(shown.r)[row]
         error = kalman_filter(z, FilterParams(q=q, r=r)).x - truth
-        assert shown.values[row, column] == pytest.approx(math.sqrt(np.mean(error**2)), rel=0.01)
+        assert shown.values[row, column] == pytest.approx(math.sqrt(np.mean(error**2)), rel=2e-3)
 
 
 def test_the_error_counts_only_samples_that_have_both():
@@ -83,7 +83,7 @@ def test_the_error_counts_only_samples_that_have_both():
     state = opened(replace(recording, values=values))
     errors = errors_over_ratio(state)
     x = denoise(values[:, 0], FilterParams(q=1.0, r=1.0)) - recording.truth[:, 0]
-    assert errors.rmse[48] == pytest.approx(math.sqrt(np.nanmean(x**2)))
+    assert errors.rmse[32] == pytest.approx(math.sqrt(np.nanmean(x**2)))
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1.0, 1e200])

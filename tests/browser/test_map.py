@@ -171,8 +171,8 @@ def corners_of_the_frame_are_drawn(screen, name):
     background = colour(8, frame.height - 8)
     for x, dx in ((frame.left, 1), (frame.right, -1)):
         for y, dy in ((frame.top, 1), (frame.bottom, -1)):
-            inside, outside = colour(x + 9 * dx, y + 5 * dy), colour(x - 4 * dx, y - 4 * dy)
-            assert np.abs(outside - background).sum() < 30, (name, x, y)
+            inside, outside = colour(x + 9 * dx, y + 5 * dy), colour(x - 7 * dx, y - 6 * dy)
+            assert np.abs(outside - background).sum() < 40, (name, x, y)
             assert np.abs(inside - background).sum() >= 12, (name, x, y)
 
 
