@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
+
+from kalscope_app.remembered import FOLDER_VARIABLE, Remembered
 
 PROGRAM = Path(sys.executable).with_name("kalscope")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -42,8 +46,11 @@ class Program:
     """`kalscope open SOURCE` in a process of its own; use it in a `with`."""
 
     def __init__(self, source: str) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="kalscope-bench-")
+        Remembered(Path(self._folder.name)).forget_tour()  # its window would cover what is measured
         self.process = subprocess.Popen(
             [PROGRAM, "open", source, "--port", "0", "--no-browser"],
+            env={**os.environ, FOLDER_VARIABLE: self._folder.name},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -75,6 +82,7 @@ class Program:
             self.process.wait()
         if self.process.stdout is not None:
             self.process.stdout.close()
+        self._folder.cleanup()
 
 
 @contextmanager

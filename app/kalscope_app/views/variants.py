@@ -146,7 +146,7 @@ def _explained(table: Table, with_truth: bool) -> str:
         said.append("RMSE is the distance from the truth, the smallest in bold.")
     scored = {row.measures.scored for row in table.rows}
     if len(scored) == 1:
-        said.append("Of settings with a large log-likelihood the record is most likely; the largest is bold.")
+        said.append("The larger the log-likelihood, the better a setting explains the record; the largest is bold.")
     else:
         few, many = count(min(scored)), count(max(scored))
         said.append(f"The log-likelihoods sum over {few} to {many} samples and cannot be compared.")

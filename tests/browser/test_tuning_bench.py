@@ -1,0 +1,154 @@
+"""Pinned settings, presets, several channels and the line that reopens it, in a real browser."""
+
+from __future__ import annotations
+
+import re
+import shlex
+
+import numpy as np
+import pytest
+from screen import FIND, Program, Screen
+
+from kalscope import FilterParams, denoise, kalman_filter, open_source, starting_params
+from kalscope_app.overview import HALF_LANE
+
+pytestmark = pytest.mark.browser
+DEMO = open_source("demo").values[:, 0]
+
+
+@pytest.fixture
+def start(browser, tmp_path):
+    """Start the program with arguments and open a page on it."""
+    running = []
+
+    def begin(*arguments, **size):
+        program = Program(*arguments, cwd=tmp_path)
+        running.append(program)
+        screen = Screen(browser, program.url, **size)
+        running.append(screen)
+        return screen
+
+    yield begin
+    for thing in reversed(running):
+        thing.close() if isinstance(thing, Screen) else thing.stop()
+
+
+def filtered(z, **params):
+    start = starting_params(z)
+    return kalman_filter(z, FilterParams(**{"q": start.q, "r": start.r, **params})).x
+
+
+def rows(screen):
+    """First cells of the table in sight."""
+    cells = screen.page.locator("table:visible tbody tr td:first-child").all_inner_texts()
+    return [cell.replace("■", "").strip() for cell in cells]
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_settings_are_pinned_compared_used_renamed_and_deleted(start, theme):
+    screen = start("demo", width=1280, height=720)
+    page, pin = screen.page, screen.page.get_by_role("button", name="Pin this setting")
+    if theme == "dark":
+        screen.tab("View")
+        page.get_by_text("dark theme").click()
+        screen.tab("Tune")
+    for name, q in (("A", "0.05"), ("B", "500")):
+        screen.type("process noise q", q)
+        screen.wait_for_line("filtered", filtered(DEMO, q=float(q)))
+        pin.click()
+        screen.wait_for_line(name, filtered(DEMO, q=float(q)), tolerance=1e-9)
+    screen.type("process noise q", "7")
+    screen.wait_for_line("filtered", filtered(DEMO, q=7))
+    screen.shot(f"pinned-{theme}")
+    screen.tab("Compare")
+    page.get_by_role("cell", name=re.compile("^■ B$")).wait_for()
+    screen.wait("() => document.querySelectorAll('table').length > 0")
+    assert page.get_by_role("cell", name="now", exact=True).is_visible()
+    screen.choose("setting", "A")
+    screen.shot(f"compare-{theme}")
+    page.get_by_role("button", name="Use", exact=True).click()
+    screen.wait_for_line("filtered", filtered(DEMO, q=0.05))
+    screen.type("new name", "robot <b>|x")
+    screen.wait(f"() => ({FIND})('robot <b>|x')")
+    page.get_by_role("cell", name="■ robot <b>|x", exact=True).wait_for()
+    page.get_by_role("button", name="Delete", exact=True).click()
+    screen.wait(f"() => !({FIND})('robot <b>|x') && ({FIND})('B')")
+    screen.slider("q").focus()
+    page.keyboard.press("Control+z")
+    screen.wait(f"() => ({FIND})('robot <b>|x')")
+    page.keyboard.press("Control+y")
+    screen.wait(f"() => !({FIND})('robot <b>|x')")
+
+
+def test_a_preset_shows_what_it_does_before_it_is_taken(start):
+    screen = start("demo", width=1280, height=720)
+    screen.page.get_by_text("Presets", exact=True).click()
+    screen.choose("preset", "Ma'arif 2019: R = 100, Q = 0.1")
+    screen.page.get_by_text("too much of the signal is lost").wait_for()
+    screen.wait_for_line("filtered", filtered(DEMO))  # nothing has changed yet
+    take = screen.page.get_by_role("button", name="Take this preset")
+    take.scroll_into_view_if_needed()
+    screen.shot("preset")
+    take.click()
+    screen.wait_for_line("filtered", filtered(DEMO, q=0.1, r=100))
+    screen.page.get_by_role("button", name="Undo").click()
+    screen.wait_for_line("filtered", filtered(DEMO))
+
+
+def lane(z, params, number):
+    """A filtered lane as it must be drawn."""
+    middle, half = (z.max() + z.min()) / 2, (z.max() - z.min()) / 2
+    return number - HALF_LANE * np.clip((denoise(z, params) - middle) / half, -1, 1)
+
+
+def test_channels_are_seen_side_by_side_tuned_together_and_copied(start):
+    screen = start("sample:lis302dl", width=1280, height=720)
+    axes = open_source("sample:lis302dl").values
+    screen.choose("tune", "all: same q and r")
+    screen.type("process noise q", "0.5")
+    r = starting_params(axes[:, 0]).r
+    screen.wait_for_line("filtered", filtered(axes[:, 0], q=0.5))
+    screen.tab("Channels")
+    at = drawn(screen, "3", axes)
+    screen.wait_for_line("3", lane(axes[:, 2], FilterParams(0.5, r), 3)[at], tolerance=1e-6)
+    screen.page.get_by_role("row", name=re.compile(r"^3 z 0\.500")).wait_for()
+    screen.shot("channels")
+    screen.choose("tune", "this channel alone")
+    screen.type("process noise q", "2")
+    screen.wait_for_line("1", lane(axes[:, 0], FilterParams(2, r), 1)[at], tolerance=1e-6)
+    screen.page.get_by_role("button", name="Copy", exact=True).click()
+    screen.notification("2 channels more").wait_for()
+    screen.wait_for_line("3", lane(axes[:, 2], FilterParams(2, r), 3)[at], tolerance=1e-6)
+
+
+def drawn(screen, label, axes):
+    """Which samples the lanes show, by their times at 100 Hz."""
+    screen.wait(f"() => ({FIND})('{label}')")
+    time, _ = screen.line(label)
+    at = np.rint(time * 100).astype(int)
+    assert at[-1] == len(axes) - 1
+    return at
+
+
+def test_sixteen_channels_fit_into_the_tab(start):
+    screen = start("synthetic:sine?n=5000&channels=16&sigma=0.2&seed=1")
+    screen.tab("Channels")
+    screen.wait(f"() => ({FIND})('16')")
+    screen.page.get_by_role("row", name=re.compile("^16 ")).wait_for()
+    screen.shot("sixteen-channels")
+
+
+def test_the_line_on_screen_reopens_what_is_on_screen(start):
+    screen = start("sample:lis302dl")
+    axes = open_source("sample:lis302dl").values
+    screen.choose("channel", "y")
+    screen.type("process noise q", "0.03")
+    screen.type("start variance p0", "2")
+    expected = filtered(axes[:, 1], q=0.03, p0=2)
+    screen.wait_for_line("filtered", expected)
+    screen.tab("Export")
+    line = screen.page.locator("textarea").first.input_value()
+    screen.shot("share")
+    again = start(*shlex.split(line)[2:])
+    again.wait_for_line("filtered", expected)
+    assert again.text_box("start variance p0").input_value() == "2"
