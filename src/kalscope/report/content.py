@@ -254,11 +254,10 @@ def _curves(
         x, at = np.array([x[0], x[0] + 1.0]), np.array([0, 0])
     else:
         x = x[at]
-    unit = f" ({own.unit})" if own.unit else ""
     return Curves(
         title=title,
         x_label="time (s)" if timed else "sample",
-        y_label=_short(f"{own.name}{unit}"),
+        y_label=_label(own.name, own.unit),
         x=x,
         raw=raw[at],
         filtered=result.x[part][at],
@@ -266,8 +265,10 @@ def _curves(
     )
 
 
-def _short(label: str) -> str:
-    return label if len(label) <= 24 else f"{label[:23]}…"
+def _label(name: str, unit: str) -> str:
+    """Name and unit, short enough to stand beside a low chart."""
+    short = name if len(name) <= 10 else f"{name[:9]}…"
+    return f"{short} ({unit[:8]})" if unit else short
 
 
 def _chosen(z: Array) -> NDArray[np.intp]:

@@ -42,7 +42,7 @@ table,code{font-size:9.5px}.origin{font-size:9px}.tables{gap:1.5mm 6mm}p,code{ma
 def as_html(report: Report) -> str:
     """The page as text; every word from outside is escaped, and the page may load and run nothing."""
     charts = draw(
-        [_panel(one) for one in report.charts], report.title, height=190 if len(report.charts) > 1 else 330
+        [_panel(one) for one in report.charts], report.title, height=205 if len(report.charts) > 1 else 330
     )
     tables = "".join(
         f"<div><h2>{escape(one.heading)}</h2>{_table(one.rows, one.columns)}</div>"
