@@ -38,7 +38,7 @@ class Plate:
     dark: bool
     truth: bool
     """Whether RMSE can be chosen."""
-    pinned: tuple[tuple[str, str, Point], ...] = ()
+    pinned: tuple[tuple[str, str | tuple[int, ...], Point], ...] = ()
     """Name, colour and exponents of each pinned variant."""
 
     @property
