@@ -191,7 +191,7 @@ def map_ranges(state: State, scan: Scan) -> tuple[Range, Range]:
 
 
 def variants_of(state: State) -> tuple:
-    """Pinned variants of the channel on screen: each has name, colour and tuning."""
+    """Pinned variants of the channel on screen: each has name, rgb(dark=) and tuning."""
     variants = getattr(state, "variants", ())
     return tuple(one for one in variants if getattr(one.tuning, "name", state.channel) == state.channel)
 

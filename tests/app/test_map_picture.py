@@ -12,9 +12,8 @@ from kalscope import synthesize
 from kalscope_app.map_geometry import frame_for
 from kalscope_app.state import opened
 from kalscope_app.tuning_map import MapMaker, nothing
+from kalscope_app.views.map_palette import DARK_MAP, LIGHT_MAP
 from kalscope_app.views.map_picture import (
-    DARK_MAP,
-    LIGHT_MAP,
     SHARPNESS,
     Plate,
     chips,

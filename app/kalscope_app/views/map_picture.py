@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw
 
 from kalscope_app.map_geometry import Frame, Point, decades, diagonal, lag_lines
 from kalscope_app.tuning_map import TuningMap
+from kalscope_app.views.map_palette import DARK_MAP, LIGHT_MAP, MapPalette
 from kalscope_app.views.pen import Pen
 from kalscope_app.views.words import DURATIONS, duration, number, squared
 
@@ -22,55 +23,6 @@ LEVELS = 24
 
 FIRST_PAPER = 0.01
 """q/r of the first source document, r/q = 100."""
-
-
-@dataclass(frozen=True)
-class MapPalette:
-    """Colours of one theme; lightness alone tells good from bad, so every eye can."""
-
-    background: str
-    ink: str
-    quiet: str
-    shades: tuple[str, ...]
-    """From worst to best."""
-    lines: tuple[int, int, int, int]
-    """Lines of equal lag."""
-    halo: tuple[int, int, int, int]
-    """Around a line that must be seen on every shade."""
-    contour: str
-    best: str
-    point: str
-    chip: str
-    """Behind the chosen colouring."""
-    on_chip: str
-
-
-LIGHT_MAP = MapPalette(
-    background="#eceff2",
-    ink="#343a40",
-    quiet="#5c666f",
-    shades=("#ffffff", "#d3e3f1", "#9cc4e2", "#5a9fd0", "#2672ad", "#0b4479"),
-    lines=(40, 46, 54, 90),
-    halo=(255, 255, 255, 110),
-    contour="#f7c948",
-    best="#f7c948",
-    point="#D55E00",
-    chip="#0072B2",
-    on_chip="#ffffff",
-)
-DARK_MAP = MapPalette(
-    background="#1e2024",
-    ink="#d5dae1",
-    quiet="#9aa4af",
-    shades=("#101317", "#152a40", "#1b4a74", "#2976b0", "#5fb4e6", "#dff3ff"),
-    lines=(235, 240, 245, 80),
-    halo=(16, 19, 23, 130),
-    contour="#c2410c",
-    best="#c2410c",
-    point="#ff8a3d",
-    chip="#56B4E9",
-    on_chip="#101317",
-)
 
 
 @dataclass(frozen=True)
@@ -86,7 +38,7 @@ class Plate:
     dark: bool
     truth: bool
     """Whether RMSE can be chosen."""
-    pinned: tuple[tuple[str, str, Point], ...] = ()
+    pinned: tuple[tuple[str, str | tuple[int, ...], Point], ...] = ()
     """Name, colour and exponents of each pinned variant."""
 
     @property

@@ -221,7 +221,7 @@ def shape_of(client: viser.ClientHandle) -> float | None:
 
 def plate_of(state: State, shown: TuningMap, frame: Frame) -> Plate:
     """What the picture is drawn from."""
-    pinned = tuple((v.name, v.colour, exponents_of(state, v.tuning)) for v in variants_of(state))
+    pinned = tuple((v.name, v.rgb(dark=state.dark), exponents_of(state, v.tuning)) for v in variants_of(state))
     recording = state.recording
     unit, truth = state.tuning.unit, recording.truth is not None
     return Plate(shown, frame, unit, recording.sample_period, state.dark, truth, pinned)
