@@ -269,6 +269,6 @@ def set_board_channel(name: str | None) -> Change:
     def change(state: State) -> State:
         if name is not None:
             state.recording.index(name)
-        return state if name == state.board else replace(state, board=name)
+        return state if name == state.board else replace(state, board_choice=name)
 
     return change

@@ -10,6 +10,7 @@ from typing import Any
 import viser
 
 from kalscope.sources.live import LiveSource
+from kalscope_app.board import compare_with_board
 from kalscope_app.changes import set_dark, set_smoother
 from kalscope_app.checks import compute_checks
 from kalscope_app.comparing import AlternativesStudy, compute_allan, compute_spectra
@@ -24,9 +25,10 @@ from kalscope_app.studies import Studies, Study
 from kalscope_app.tuning_map import MapMaker
 from kalscope_app.variant_rows import VariantTable
 from kalscope_app.views.alternatives import AlternativesView
+from kalscope_app.views.board import BoardView
 from kalscope_app.views.channels import ChannelsView
 from kalscope_app.views.checks import ChecksView
-from kalscope_app.views.code import CodeView
+from kalscope_app.views.code import CodeView, limits_text
 from kalscope_app.views.export import ExportView
 from kalscope_app.views.find import FindView
 from kalscope_app.views.fitting import WindowFitter
@@ -70,7 +72,9 @@ class Dashboard:
         rounds = [
             self._study(VariantTable().compute, self._variants.show_table),
             Study(study(MapMaker()), self._map.show),
+            self._study(compare_with_board, self._board.show_check),
             self._study(compute_checks, self._checks.show),
+            self._study(limits_text, self._code.show_limits),
             self._study(Overviews().compute, self._channels.show_overview),
             self._study(compute_spectra, self._spectrum.show),
             self._study(compute_allan, self._allan.show),
@@ -93,12 +97,13 @@ class Dashboard:
             self._find = FindView(gui, self.session, self._jobs)
             self._presets = PresetsView(gui, self.session)
         with tabs.add_tab("Source"):
-            self._source = SourceView(gui, self.session, self._jobs)
             self._live = LiveView(gui, self.session, self._jobs, self.tell, folder)
+            self._source = SourceView(gui, self.session, self._jobs)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
             self._share = ShareView(gui)
             self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
+            self._board = BoardView(gui, self.session, self._jobs, self.tell, lambda: self._live.connected)
             self._report = ReportView(gui, self.session, self._jobs)
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False, hint="Light letters on a dark ground.")
@@ -161,6 +166,7 @@ class Dashboard:
                 self._export,
                 self._share,
                 self._code,
+                self._board,
             ):
                 view.show(frame)
         self._frame = frame

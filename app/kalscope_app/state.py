@@ -21,6 +21,7 @@ from kalscope_app.together import ALONE, in_step
 from kalscope_app.variants import Variant
 
 if TYPE_CHECKING:
+    from kalscope_app.board import Sent
     from kalscope_app.live import Live
 
 DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
@@ -92,8 +93,10 @@ class State:
     """The sample period that the person gave, s; None = as the recording tells."""
     note: str = ""
     """One sentence on what the last change did, where that needs saying."""
-    board: str | None = None
-    """The channel that is the board's own filtered curve, drawn beside ours; None = there is none."""
+    board_choice: str | None = ""
+    """The channel said to be the board's own filtered curve; "" = by its name, None = there is none."""
+    sent: Sent | None = None
+    """What was last sent to the live board; None = nothing yet."""
     live: Live | None = None
     """The live board that the recording grows from; None for a finished recording."""
 
@@ -121,6 +124,15 @@ class State:
     def dt(self) -> NDArray[np.float64] | None:
         """Nominal periods before each sample, where gaps in time were asked to count; else None."""
         return self.recording.steps() if self.recording.gaps == "dt" else None
+
+    @property
+    def board(self) -> str | None:
+        """The channel with the board's own filtered curve, drawn beside ours; None = there is none."""
+        names = self.recording.names
+        if self.board_choice != "":
+            return self.board_choice if self.board_choice in names else None
+        own = "filtered" if self.channel == "raw" else f"{self.channel}_filtered"  # as the exported sketch says
+        return own if own in names else None
 
     @property
     def record_key(self) -> tuple[int, int]:
@@ -166,18 +178,12 @@ def opened(recording: Recording, before: State | None = None) -> State:
     """A state that looks at a newly opened recording, every channel at its starting values."""
     starts = tuple(starting_tuning(recording, name) for name in recording.names)
     resets = before.resets + 1 if before else 0
-    fresh = State(recording, recording.names[0], starts, starts, resets=resets, board=board_channel(recording))
+    fresh = State(recording, recording.names[0], starts, starts, resets=resets)
     if before is None:
         return fresh
     seen = {"dark": before.dark, "map_shown": before.map_shown, "map_colour": before.map_colour}
     compared = {"match": before.match, "rival": before.rival}
     return replace(fresh, smoother=before.smoother, way=before.way, **seen, **compared)
-
-
-def board_channel(recording: Recording) -> str | None:
-    """The channel that looks like a board's own filter: "filtered" beside "raw", as the first paper prints it."""
-    by_name = {name.strip().lower(): name for name in recording.names}
-    return by_name.get("filtered") if "raw" in by_name else None
 
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:

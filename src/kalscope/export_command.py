@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from kalscope.errors import BadSetting
 
+if TYPE_CHECKING:
+    from kalscope.tuning import Tuning
+
 CHOICES = "arduino, c, python, matlab, json, ros2, platformio, esphome, bachagas, kalmanjs"
 """The targets that write something; said here too, so that --help need not import the filter."""
+
+SMALL_BOARDS = ("arduino", "platformio")
+"""Targets that compute in float32 on a processor without a floating-point unit."""
 
 
 def export_command(
@@ -38,6 +44,8 @@ def export_command(
     tuned = load_tuning(tuning)
     recording = None if vectors is None else open_source(vectors)
     files = export_tuning(tuned, target, channel=channel, vectors=recording)
+    for message in limits_of(tuned, channel) if target in SMALL_BOARDS else ():
+        cli._say(f"note: {message}")
     if output is None:
         (main, text), *others = files.items()
         cli._write(iter([text]), None)
@@ -46,6 +54,22 @@ def export_command(
         return
     written = write_files(files, output, force=force)
     cli._write((f"{path}\n" for path in written), None)
+
+
+def limits_of(tuning: Tuning, channel: str | None) -> list[str]:
+    """What differs on a small board that computes in float32, a sentence each, for signals up to 1023 counts."""
+    from kalscope.export.device_limits import device_limits
+
+    chosen = tuning.channels if channel is None else (tuning.channel(channel),)
+    said = [
+        limit.message
+        for one in chosen
+        for limit in device_limits(
+            one.params, level=1023.0, sample_period=tuning.sample_period, channels=len(chosen)
+        )
+        if limit.kind != "refused"  # the export itself says that
+    ]
+    return list(dict.fromkeys(said))
 
 
 def write_files(files: dict[str, str], folder: Path, *, force: bool = False) -> list[Path]:

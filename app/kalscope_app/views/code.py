@@ -9,16 +9,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import viser
 
 from kalscope.atomic import check_inside
 from kalscope.errors import BadSetting
 from kalscope.export import TARGETS, export_tuning
+from kalscope.export.device_limits import device_limits
 from kalscope.export_command import write_files
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
 from kalscope_app.state import State
+from kalscope_app.views.words import plain
 
 THIS, ALL = "this channel", "all channels"
 
@@ -33,6 +36,7 @@ class CodeView:
         with gui.add_folder("Code for a device"):
             self._target = gui.add_dropdown("for", tuple(TARGETS), hint="Where the filter is to run.")
             self._what = gui.add_markdown(TARGETS["arduino"].what)
+            self._limits = gui.add_markdown("")
             self._channels = gui.add_dropdown("filters", (THIS, ALL), hint="What the files hold.")
             self._vectors = gui.add_checkbox(
                 "with test vectors",
@@ -90,6 +94,21 @@ class CodeView:
         several = len(frame.state.recording.names) > 1
         if self._channels.visible != several:
             self._channels.visible = several
+
+    def show_limits(self, text: str) -> None:
+        """What differs on a small board."""
+        if self._limits.content != text:
+            self._limits.content = text
+
+
+def limits_text(state: State) -> str:
+    """What differs on a small board, as markdown, for the channel on screen; "" where nothing does. A study."""
+    if state.rule is not None:
+        return ""
+    z = state.recording.channel(state.channel)
+    level = float(np.abs(z[np.isfinite(z)]).max(initial=0.0)) or 1.0
+    limits = device_limits(state.params, level=level, sample_period=state.recording.sample_period)
+    return "\n".join(f"- On a small board: {plain(limit.message, 400)}" for limit in limits)
 
 
 def files_of(state: State, target: str, *, all_channels: bool, vectors: bool) -> dict[str, str]:

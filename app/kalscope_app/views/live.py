@@ -56,7 +56,7 @@ class LiveView:
                 True,
                 hint="DTR: most boards start afresh, and some send only then.",
             )
-            self._connect = gui.add_button("Connect")
+            self._connect = gui.add_button("Connect", hint="Opens the port and shows what the board sends.")
             self._disconnect = gui.add_button(
                 "Disconnect", visible=False, hint="Frees the port, for the Arduino IDE or another program."
             )
@@ -72,7 +72,7 @@ class LiveView:
             self._record = gui.add_button(
                 "Record", visible=False, hint="Every line as received, before any filter."
             )
-            self._stop = gui.add_button("Stop recording", visible=False)
+            self._stop = gui.add_button("Stop recording", visible=False, hint="Ends and closes the file.")
         self._search.on_click(self._on_search)
         self._baud.on_update(self._on_baud)
         self._connect.on_click(self._on_connect)
@@ -86,6 +86,11 @@ class LiveView:
         """Connect a source that the command line has named."""
         self._source = source
         source.start()
+
+    @property
+    def connected(self) -> LiveSource | None:
+        """The board that is connected, or is being waited for."""
+        return self._source
 
     def close(self) -> None:
         """Free the port and finish a recording; returns when that is done."""

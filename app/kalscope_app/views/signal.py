@@ -54,10 +54,16 @@ DARK = Palette(
 )
 
 
+LIVE_CONTROLS_HEIGHT = 44
+"""Height in px that the controls of a live record take from the chart below them."""
+
+
 class SignalView:
     """Three charts, one below the other; the first two share their zoom."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
+        self._sizes: Sizes | None = None
+        self._live = False
         self._heading = gui.add_markdown("")
         self.signal = Chart(gui, 430, sync="kalscope-time")
         self.innovation = Chart(gui, 200, sync="kalscope-time")
@@ -65,13 +71,19 @@ class SignalView:
 
     def set_heights(self, sizes: Sizes) -> None:
         """Heights of the three charts."""
-        self.signal.handle.height = sizes.signal_height
+        self._sizes = sizes
+        self.signal.handle.height = sizes.signal_height - (LIVE_CONTROLS_HEIGHT if self._live else 0)
         self.innovation.handle.height = sizes.innovation_height
         self.gain.handle.height = sizes.gain_height
 
     def show(self, frame: Frame) -> None:
         """Draw the frame."""
         palette = DARK if frame.state.dark else LIGHT
+        live = frame.state.live is not None
+        if live != self._live:
+            self._live = live
+            if self._sizes is not None:
+                self.set_heights(self._sizes)
         heading = heading_of(frame)
         if self._heading.content != heading:
             self._heading.content = heading

@@ -1,0 +1,76 @@
+"""The folder "Send to the board" of the Export tab: the present setting into the board that is connected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import viser
+
+from kalscope.errors import BadSetting
+from kalscope.export.board_check import BoardCheck
+from kalscope.sources.live import LiveSource
+from kalscope_app.board import send_setting, set_sent
+from kalscope_app.frame import Frame
+from kalscope_app.jobs import Jobs
+from kalscope_app.session import Session
+from kalscope_app.state import State
+from kalscope_app.views.words import count, number
+
+HOW = "Works with the exported Arduino sketch. Its filter starts anew with these values."
+
+
+class BoardView:
+    """Sends as a job; what the board answered is filed in the session, the comparison is a study."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        session: Session,
+        jobs: Jobs,
+        tell: Callable[..., None],
+        connected: Callable[[], LiveSource | None],
+    ) -> None:
+        """Args: the usual, and who knows the board that is connected."""
+        self._session, self._jobs, self._tell, self._connected = session, jobs, tell, connected
+        with gui.add_folder("Send to the board", visible=False) as self._folder:
+            gui.add_markdown(HOW)
+            send = gui.add_button("Send q, r and p0", hint="One value at a time; the board answers each.")
+            self._text = gui.add_markdown("")
+        send.on_click(self._on_send)
+
+    async def _on_send(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.ask(lambda state: self._jobs.run(lambda: self._send(state)))
+
+    def _send(self, state: State) -> None:
+        source = self._connected()
+        if source is None or state.live is None or state.live.feed is not source:
+            raise BadSetting("a board must be connected before values are sent to it (got none)")
+        sent = send_setting(state, source)
+        self._session.request(set_sent(sent))
+        words = f"q = {float(sent.params.q):.6g}, r = {float(sent.params.r):.6g}, p0 = {float(sent.params.p0):.6g}"
+        self._tell(f"The board now uses {words}", good=True)
+
+    def show(self, frame: Frame) -> None:
+        """Only a live board can be sent to."""
+        live = frame.state.live is not None
+        if self._folder.visible != live:
+            self._folder.visible = live
+
+    def show_check(self, check: BoardCheck | None) -> None:
+        """Say how the board's curve compares."""
+        text = check_text(check)
+        if self._text.content != text:
+            self._text.content = text
+
+
+def check_text(check: BoardCheck | None) -> str:
+    """The comparison in one sentence."""
+    if check is None or check.rows == 0:
+        return ""
+    if check.different == 0:
+        return f"**Equal bit for bit** in {count(check.rows)} rows since it took them."
+    return (
+        f"{count(check.different)} of {count(check.rows)} rows differ, by up to {count(check.largest_steps)} "
+        f"steps of float32 ({number(check.largest)})."
+    )
