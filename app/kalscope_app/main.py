@@ -64,10 +64,11 @@ def open_dashboard(
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
 
     options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
-    with asked_to_end() as end, logging_to(log, verbose=verbose) as running_log, own_temporary_folder():
-        state = first_state(source, options, config, sample_period)
+    with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():
+        state = first_state(source, options, config, sample_period)  # Ctrl+C still interrupts it
         door = Door(host, port, tuple(allow_host or ()), behind, token)
-        serve(state, door, end, running_log, browser=browser)
+        with asked_to_end() as end:
+            serve(state, door, end, running_log, browser=browser)
 
 
 @dataclass(frozen=True)
