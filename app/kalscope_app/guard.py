@@ -10,34 +10,28 @@ from __future__ import annotations
 import contextlib
 import errno
 import functools
-import gzip
 import http
 import http.client
 import ipaddress
-import logging
 import secrets
 import socket
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import rich
 import viser
 import websockets.asyncio.server
-from websockets.asyncio.server import ServerConnection
-from websockets.datastructures import Headers
-from websockets.http11 import Request, Response
 
 from kalscope.errors import BadSetting, KalscopeError
 from kalscope_app import guard_pages as pages
 from kalscope_app import guard_rules as rules
 from kalscope_app.guard_attacks import Attempt, self_test_attempts
+from kalscope_app.guard_door import Door
 from kalscope_app.guard_gate import ClientGate
 from kalscope_app.guard_limits import ClientLimits, disable_sharing
 
-_log = logging.getLogger(__name__)
 _construction = threading.Lock()
 
 MAX_UPLOAD_BYTES = 64 * 2**20
@@ -45,9 +39,6 @@ MAX_UPLOAD_BYTES = 64 * 2**20
 
 MAX_FRAME_BYTES = 2**20
 """The largest message a client may send. viser cuts uploads into parts of 512 KiB, all else is far smaller."""
-
-MAX_CLIENTS = 32
-"""Browsers at a time; the next is told so."""
 
 
 class GuardFailed(KalscopeError, RuntimeError):
@@ -118,7 +109,7 @@ def guarded_server(
         secret = secrets.token_urlsafe(32) if secret is None else secret
         policy = rules.Policy(bound_port, secret, frozenset({*names, link_host}), rules.behind_of(behind))
         with _expecting_known_viser():
-            door = _Door(policy)
+            door = Door(policy)
         server = _start_viser(listener, door, viser_kwargs)
         undo.callback(_stop, server)
         with _expecting_known_viser():
@@ -176,101 +167,7 @@ def _link_host(host: str, address: str, names: tuple[str, ...]) -> str:
 # --- viser, started behind the door -----------------------------------------------------------------------
 
 
-class _Door:
-    """Answers each request instead of viser, or lets viser answer."""
-
-    def __init__(self, policy: rules.Policy) -> None:
-        stock = Path(viser.__file__).parent / "client" / "build" / "index.html"
-        page = pages.dashboard_page(stock.read_text("utf-8"))
-        self._script_hashes = pages.inline_script_hashes(page)
-        self._page = page.encode()
-        self._packed = gzip.compress(self._page, 1)
-        self._policy = policy
-        self._clients = 0
-        self.is_open = False
-        """Pages are served at once, sockets after the self-test: an old tab may be knocking already."""
-        self.was_hung = False
-        """Whether viser's socket really was opened through this door."""
-
-    def answer(self, viser_answer: Callable[..., Any], connection: ServerConnection, request: Request) -> Any:
-        """The `process_request` of websockets: None goes on to the websocket handshake."""
-        try:
-            ask = _ask_of(request)
-            answer = rules.decide(self._policy, ask)
-            if isinstance(answer, rules.Allow) and ask.is_upgrade and not self.is_open:
-                answer = rules.Refuse(503, "Kalscope is still starting.")
-            if isinstance(answer, rules.Allow):
-                return self._own_page(ask, request) or viser_answer(connection, request)
-        except Exception:
-            answer = rules.Refuse(400, "This request could not be understood.")
-        if isinstance(answer, rules.SetCookie):
-            return _small_page(200, pages.link_page(), {"Set-Cookie": answer.cookie})
-        # Without the query: it may hold the token, under a wrong name or path.
-        _log.info("refused %r: %s", request.path.partition("?")[0], answer.words)
-        return _small_page(answer.status, pages.refusal_page(self._policy, answer))
-
-    def _own_page(self, ask: rules.Ask, request: Request) -> Response | None:
-        """The pages that are not viser's."""
-        if ask.is_upgrade:
-            return None
-        if ask.target == pages.WITHOUT_WEBGL:
-            return _small_page(200, pages.without_webgl_page())
-        if ask.target.partition("?")[0] != "/":
-            return None
-        headers, body = {"Content-Type": "text/html; charset=utf-8"}, self._page
-        if any("gzip" in value for value in request.headers.get_all("Accept-Encoding")):
-            headers, body = headers | {"Content-Encoding": "gzip"}, self._packed
-        return Response(200, "OK", Headers(headers | {"Content-Length": str(len(body))}), body)
-
-    def admit(self, handler: Callable[..., Any]) -> Callable[..., Any]:
-        """The handler of viser's websockets, for as many clients at a time as there is room for."""
-
-        async def handle(connection: ServerConnection) -> None:
-            if connection.subprotocol != f"viser-v{viser.__version__}":  # viser would print on standard output
-                await connection.close(1002, "reload the page: it is of another version")
-                return
-            if self._clients >= MAX_CLIENTS:
-                await connection.close(1013, "too many browsers")
-                return
-            self._clients += 1
-            try:
-                await handler(connection)
-            finally:
-                self._clients -= 1
-
-        return handle
-
-    def harden(self, _: ServerConnection, request: Request, response: Response) -> Response:
-        """The `process_response` of websockets: security headers on everything but an opened websocket."""
-        if response.status_code != http.HTTPStatus.SWITCHING_PROTOCOLS:
-            hosts = request.headers.get_all("Host")
-            known = len(hosts) == 1 and rules.host_allowed(self._policy, hosts[0])
-            csp = pages.dashboard_csp(self._script_hashes, self._policy.origin_of(hosts[0]) if known else None)
-            for name, value in pages.page_headers(csp).items():
-                if name not in response.headers:
-                    response.headers[name] = value
-        return response
-
-
-def _ask_of(request: Request) -> rules.Ask:
-    headers = request.headers
-    return rules.Ask(
-        hosts=tuple(headers.get_all("Host")),
-        origins=tuple(headers.get_all("Origin")),
-        is_upgrade=any("websocket" in value.lower() for value in headers.get_all("Upgrade")),
-        target=request.path,
-        cookies=tuple(headers.get_all("Cookie")),
-    )
-
-
-def _small_page(status: int, page: str, extra_headers: dict[str, str] | None = None) -> Response:
-    body = page.encode()
-    headers = pages.page_headers(pages.small_page_csp()) | (extra_headers or {})
-    headers |= {"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(body))}
-    return Response(status, http.HTTPStatus(status).phrase, Headers(headers), body)
-
-
-def _start_viser(listener: socket.socket, door: _Door, viser_kwargs: dict[str, Any]) -> viser.ViserServer:
+def _start_viser(listener: socket.socket, door: Door, viser_kwargs: dict[str, Any]) -> viser.ViserServer:
     """Construct viser so that it serves on `listener`, behind `door`."""
     port = listener.getsockname()[1]
     fixed = {"host": "127.0.0.1", "port": port, "share": False}
@@ -282,7 +179,7 @@ def _start_viser(listener: socket.socket, door: _Door, viser_kwargs: dict[str, A
     return server
 
 
-def _serving_behind(door: _Door, listener: socket.socket) -> contextlib.AbstractContextManager[None]:
+def _serving_behind(door: Door, listener: socket.socket) -> contextlib.AbstractContextManager[None]:
     stock_serve = websockets.asyncio.server.serve
 
     def serve(handler: Any, _host: object, _port: object, *, process_request: Any, **kwargs: Any) -> Any:

@@ -72,10 +72,11 @@ def open_dashboard(
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
 
     options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
-    with asked_to_end() as end, logging_to(log, verbose=verbose) as running_log, own_temporary_folder():
+    with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
         state = apply_options(first_state(source, options, config, sample_period), channel, q, r, p0, x0, gate)
         door = Door(host, port, tuple(allow_host or ()), behind, token)
-        serve(state, door, end, running_log, browser=browser)
+        with asked_to_end() as end:
+            serve(state, door, end, running_log, browser=browser)
 
 
 @dataclass(frozen=True)

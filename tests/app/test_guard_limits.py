@@ -16,7 +16,7 @@ from websockets.sync.client import ClientConnection
 from websockets.sync.connection import Connection
 from wire import CAMERA, PATIENCE, close_code, messages_in, packed
 
-from kalscope_app import guard, guard_limits
+from kalscope_app import guard, guard_door, guard_limits
 from kalscope_app.guard import GuardedServer, guarded_server
 from kalscope_app.guard_gate import BURST
 from kalscope_app.guard_values import LONGEST_TEXT
@@ -339,7 +339,7 @@ def test_a_form_that_nobody_made_leaves_nothing_behind(bench):
 
 
 def test_no_more_clients_than_there_is_room_for(bench, monkeypatch):
-    monkeypatch.setattr(guard, "MAX_CLIENTS", 2)
+    monkeypatch.setattr(guard_door, "MAX_CLIENTS", 2)
     with client(bench.running.port) as second:
         second.recv(timeout=PATIENCE)
         with client(bench.running.port) as third:

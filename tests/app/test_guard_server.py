@@ -20,7 +20,7 @@ from websockets.http11 import Request
 from websockets.sync.client import ClientConnection, connect
 
 from kalscope.errors import BadSetting
-from kalscope_app import guard, guard_rules
+from kalscope_app import guard_door, guard_rules
 from kalscope_app.guard import GuardedServer, GuardFailed, guarded_server
 
 TOKEN = "T0ken-T0ken_T0ken"
@@ -185,7 +185,7 @@ def test_a_wrong_token_opens_no_socket(shared):
 
 def test_sockets_wait_until_the_limits_stand():
     """An old tab knocks every second while the server starts."""
-    door = guard._Door(guard_rules.Policy(8080, TOKEN))
+    door = guard_door.Door(guard_rules.Policy(8080, TOKEN))
     request = Request("/", Headers())
     for name, value in (
         ("Host", "localhost"),
@@ -202,7 +202,7 @@ def test_sockets_wait_until_the_limits_stand():
 
 
 def test_an_error_in_viser_itself_is_not_let_through():
-    door = guard._Door(guard_rules.Policy(8080, TOKEN))
+    door = guard_door.Door(guard_rules.Policy(8080, TOKEN))
     request = Request("/x", Headers({"Host": "localhost", "Cookie": cookie(8080)}))
     assert door.answer(lambda *_: 1 / 0, types.SimpleNamespace(), request).status_code == 400  # pyright: ignore
 
@@ -335,7 +335,7 @@ def test_servers_started_at_once_do_not_mix_their_doors():
 
 
 def test_the_log_keeps_the_token_to_itself(shared, caplog):
-    caplog.set_level("INFO", "kalscope_app.guard")
+    caplog.set_level("INFO", "kalscope_app.guard_door")
     get(shared.port, f"/?token={TOKEN}", "evil.example")
     assert "refused '/'" in caplog.text
     assert TOKEN not in caplog.text

@@ -101,7 +101,7 @@ def test_without_a_command_the_demo_opens(tmp_path):
     with socket.socket() as probe:
         if probe.connect_ex(("127.0.0.1", 8080)) == 0:
             pytest.skip("another program listens on port 8080")
-    env = {**os.environ, "BROWSER": "true"}
+    env = {**os.environ, "BROWSER": "true", "XDG_STATE_HOME": str(tmp_path)}
     with subprocess.Popen(PROGRAM, cwd=tmp_path, env=env, stdout=subprocess.PIPE, text=True) as program:
         line = program.stdout.readline()
         program.terminate()

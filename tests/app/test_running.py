@@ -246,6 +246,20 @@ def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path, by):
     assert os.listdir(tmp_path / "tmp") == []
 
 
+READING = """
+import time
+main.first_state = lambda *_: (print("reading", flush=True), time.sleep(600))
+"""
+
+
+@posix
+@pytest.mark.parametrize(("by", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)])
+def test_a_file_that_takes_long_to_open_can_be_given_up(tmp_path, by, expected):
+    with start(tmp_path, "--no-browser", change=READING) as program:
+        assert program.stdout.readline() == "reading\n"
+        assert end(program, by)[0] == expected
+
+
 HANGING = """
 import threading, time
 from kalscope_app.dashboard import Dashboard

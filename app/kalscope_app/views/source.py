@@ -91,7 +91,12 @@ class SourceView:
                 mime_type="*/*",
                 hint="A CSV file of up to 64 MB; larger ones by their path.",
             )
-        button.on_upload(lambda _event: self._upload(button.value.name, button.value.content))
+
+        def take(_event: viser.GuiEvent[Any]) -> None:
+            upload, button._impl.value = button.value, viser.UploadedFile("", b"")  # viser would keep the bytes
+            self._upload(upload.name, upload.content)
+
+        button.on_upload(take)
 
     async def _on_sample(self, event: viser.GuiEvent[Any]) -> None:
         sample = self._samples.get(self._sample.value)

@@ -132,10 +132,10 @@ class LiveLines:
         return bytes(kept)
 
     def _trust(self, line: bytes) -> bool:
-        """The first line is whole only after a silence, and even then no sample is taken from it."""
+        """The first line is surely whole only after a silence, and no sample is taken from it even then."""
         if self._skip:
             text = line.decode("latin-1")
-            return self._whole and (is_comment(text) or _are_names(text))
+            return is_comment(text) or (self._whole and _are_names(text))
         return not _BOOT_TEXT.search(line)
 
     def _judged(self, event: LineEvent) -> LineEvent | None:

@@ -1,0 +1,97 @@
+"""A real Arduino program in a simulated Uno, its port, the program, a real Chromium: out comes what went in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from board import SKETCHES
+from screen import FIND, Program, Screen
+
+from kalscope import FilterParams, kalman_filter
+from kalscope.export import export_tuning
+from kalscope.tuning import ChannelTuning, Tuning
+
+pytestmark = [pytest.mark.browser, pytest.mark.device]
+STREAM = SKETCHES / "kalscope_stream/kalscope_stream.ino"
+
+
+@pytest.fixture
+def open_live(browser, tmp_path):
+    """Open the dashboard on a port."""
+    running = []
+
+    def begin(port):
+        running.append(Program(f"serial:{port}@115200", cwd=tmp_path))
+        running.append(Screen(browser, running[-1].url))
+        return running[-1]
+
+    yield begin
+    for thing in reversed(running):
+        thing.close() if isinstance(thing, Screen) else thing.stop()
+
+
+def wait_for_samples(screen, count):
+    screen.wait(
+        f"""(count) => {{ const chart = ({FIND})('raw');
+        return chart && chart.data[0].length >= count && chart.data[1].some(value => value > 1); }}""",
+        count,
+    )
+
+
+def test_the_chart_moves_and_shows_every_count_that_the_converter_had(open_live, start_board, workshop):
+    fast = (r"(?<=SAMPLES_PER_SECOND = )200", "300")
+    board = start_board(workshop.sketch(STREAM, fast), np.arange(1024))
+    screen = open_live(board.port)
+    screen.choose("shows the last", "5 s")
+    wait_for_samples(screen, 1400)
+    first = screen.line("raw")
+    screen.wait(f"(newest) => ({FIND})('raw').data[1].at(-1) !== newest", first[1][-1])
+    screen.page.get_by_role("button", name="Pause", exact=True).click()
+    screen.wait("() => [...document.querySelectorAll('label')].some(l => l.textContent === 'live, paused')")
+    _, raw = screen.line("raw")
+    assert np.array_equal(np.diff(raw) % 1024, np.ones(len(raw) - 1)), "a sample is missing, doubled or wrong"
+    assert len(np.unique(raw)) == 1024
+    screen.shot("live-paused")
+
+    screen.type("process noise q", "0.5")
+    screen.type("measurement noise r", "50")
+    screen.wait_for_line("filtered", kalman_filter(raw, FilterParams(0.5, 50.0)).x)
+    screen.page.get_by_role("button", name="Live", exact=True).click()
+    screen.wait(f"(newest) => ({FIND})('raw').data[1].at(-1) !== newest", raw[-1])
+    screen.shot("live")
+
+
+def test_a_board_that_goes_and_comes_back_is_waited_for(open_live, start_board, stream_sketch):
+    board = start_board(stream_sketch, np.arange(1024))
+    screen = open_live(board.port)
+    wait_for_samples(screen, 100)
+    board.unplug()
+    screen.page.get_by_text("disconnected, waiting").first.wait_for()
+    screen.shot("live-unplugged")
+    start_board(stream_sketch, np.arange(1024))
+    screen.page.get_by_text("connected", exact=True).first.wait_for()
+    screen.tab("Source")
+    screen.page.get_by_text("Live board").click()
+    screen.page.get_by_text("1 reconnects").wait_for()
+    screen.shot("live-board-folder")
+
+
+def test_what_is_sent_to_the_board_is_what_it_computes(open_live, start_board, workshop, tmp_path):
+    tuning = Tuning(
+        channels=(ChannelTuning("light", "counts", 0.5, 20.0, None, None, "by hand"),), sample_period=0.005
+    )
+    for name, text in export_tuning(tuning, "arduino").items():
+        (tmp_path / name).write_text(text)
+    firmware = workshop.sketch(tmp_path / "kalscope_filter.ino", include=[tmp_path])
+    counts = np.random.default_rng(8).integers(300, 700, 4000)
+    board = start_board(firmware, counts, "--reset-on-open")
+    screen = open_live(board.port)
+    wait_for_samples(screen, 100)
+    screen.wait(f'() => !!({FIND})("board\'s own")')
+    screen.type("process noise q", "0.037")
+    screen.type("measurement noise r", "11.3")
+    screen.tab("Export")
+    screen.page.get_by_role("button", name="Send q, r and p0").click()
+    screen.page.get_by_text("The board now uses q = 0.037, r = 11.3, p0 = inf").wait_for()
+    screen.page.get_by_text("Equal bit for bit").wait_for()
+    screen.shot("sent-to-the-board")
