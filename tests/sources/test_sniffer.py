@@ -1,5 +1,6 @@
 import pytest
 
+from kalscope import read_recording
 from kalscope.sources.columns import distinct_names, named_column
 from kalscope.sources.sniffer import sniff
 
@@ -134,3 +135,20 @@ def test_what_is_no_table_of_samples_is_none(lines):
 def test_names_are_made_distinct_without_taking_a_given_one():
     assert distinct_names(["a", "a", "a 2", ""]) == ("a", "a 3", "a 2", "value 4")
     assert distinct_names(["", "value 1"]) == ("value 2", "value 1")
+
+
+@pytest.mark.parametrize(
+    ("header", "step", "names"),
+    [
+        ("count,a", 1, ("a",)),
+        ("Index,a", 1, ("a",)),
+        ("count,a", 2, ("count", "a")),  # a counter of something else
+        ("light,a", 1, ("light", "a")),  # no row number by its name
+        ("count", 1, ("count",)),  # all there is
+    ],
+)
+def test_a_column_that_numbers_the_rows_is_no_channel(tmp_path, header, step, names):
+    file = tmp_path / "log.csv"
+    cells = [[str(step * i), str((7 * i) % 5)][: header.count(",") + 1] for i in range(20)]
+    file.write_text("\n".join([header, *map(",".join, cells)]) + "\n")
+    assert read_recording(file).names == names

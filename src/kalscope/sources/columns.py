@@ -62,6 +62,11 @@ HOST_AND_DEVICE = ("host time", "device time")
 ROW_NUMBER_NAME = "sample"
 """Header of the first column of our own CSV where a recording has no time: it counts the rows."""
 
+_ROW_NUMBER_NAMES = frozenset(
+    ("", "#", "count", "counter", "id", "idx", "index", "no", "no.", "nr", "row", "samples")
+)
+_FEWEST_COUNTED = 8
+
 
 @dataclass(frozen=True)
 class Column:
@@ -110,9 +115,18 @@ def role_of(column: Column, rows: list[Cells], index: int, decimal: str) -> Role
     if not cells:
         # A spreadsheet's trailing ";;": no name, nothing in it.
         return "empty" if not column.name and len(rows[0]) > 1 else "channel"
-    if index == 0 and column.name == ROW_NUMBER_NAME and len(rows[0]) > 1 and _counts(cells):
+    if index == 0 and len(rows[0]) > 1 and _is_row_number(column.name, cells):
         return "row number"
     return "channel" if any(is_number(cell, decimal) for cell in cells) else "text"
+
+
+def _is_row_number(name: str, cells: list[str]) -> bool:
+    """True for our own column of row numbers, and for another's that is named like one and counts without a gap."""
+    if name == ROW_NUMBER_NAME:
+        return _counts(cells)
+    if name.lower() not in _ROW_NUMBER_NAMES or len(cells) < _FEWEST_COUNTED or not _counts(cells):
+        return False
+    return int(cells[-1]) - int(cells[0]) == len(cells) - 1
 
 
 def _counts(cells: list[str]) -> bool:
