@@ -476,3 +476,22 @@ def test_every_real_recording_gets_an_estimate_or_a_verdict_in_words(path: Path,
         assert said["q"] > 0.0
         assert said["r"] > 0.0
         assert said["advice"]
+
+
+def test_the_options_of_reading_reach_the_estimate(tmp_path, capsys):
+    rng = np.random.default_rng(11)
+    time = np.cumsum(np.where(rng.random(400) < 0.1, 25.0, 1.0))  # long gaps, in which the level wanders on
+    level = np.cumsum(rng.normal(size=400) * np.sqrt(np.diff(time, prepend=0.0)))
+    file = tmp_path / "gaps.csv"
+    rows = zip(time, level + rng.normal(size=400), strict=True)
+    file.write_text("t;z\n" + "".join(f"{t:.1f};{z:.6f}\n" for t, z in rows) + "500.0;-200\n")
+
+    def q_of(*options):
+        assert run(["tune", str(file), "--json", *options]) == 0
+        return json.loads(capsys.readouterr().out)["q"]
+
+    plain, elapsed = q_of("--missing=-200"), q_of("--missing=-200", "--gaps", "dt")
+    assert 0.6 < elapsed < 1.6  # the truth is 1 a second
+    assert plain > 2 * elapsed
+    assert run(["tune", str(file), "--delimiter", "nope"]) == 2
+    assert "delimiter must be" in capsys.readouterr().err

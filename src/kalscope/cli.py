@@ -116,6 +116,7 @@ def filter_command(
     r: Annotated[str | None, _number_option("--r", "Measurement-noise variance, unit².")] = None,
     p0: Annotated[str | None, _number_option("--p0", 'Start variance, unit², or "diffuse".')] = None,
     x0: Annotated[str | None, _number_option("--x0", 'Start value, or "first": the first sample.')] = None,
+    gate: Annotated[str | None, _number_option("--gate", 'Outlier gate on v²/s, such as 9, or "off".')] = None,
     channel: Annotated[
         str | None, typer.Option("--channel", metavar="NAME", help="Filter this channel only.")
     ] = None,
@@ -136,11 +137,11 @@ def filter_command(
 ) -> None:
     """Filter a recording: a CSV of time, raw and filtered signal and variance.
 
-    --q, --r, --p0 and --x0 outrank --config. With none of them q and r are guessed from the signal.
+    --q, --r, --p0, --x0 and --gate outrank --config. With none of them q and r are guessed from the signal.
     """
     from kalscope.filter_choice import params_for, params_for_stdin
 
-    given = _given(q=q, r=r, p0=p0, x0=x0)
+    given = _given(q=q, r=r, p0=p0, x0=x0, gate=gate)
     period = None if sample_period is None else _number("--sample-period", sample_period)
     options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
     if source == "-":
@@ -185,7 +186,7 @@ def bench_command(
 
 def _given(**texts: str | None) -> dict[str, float | None]:
     """The parameters that the command line gives, by name; None is an automatic start."""
-    words = {"p0": "diffuse", "x0": "first"}
+    words = {"p0": "diffuse", "x0": "first", "gate": "off"}
     return {
         name: None if text == words.get(name) else _number(f"--{name}", text, words.get(name))
         for name, text in texts.items()

@@ -40,10 +40,11 @@ class Wanted:
     noise: Noise = field(default_factory=Noise)
     """What is known of r."""
 
-    def find(self, z: Array, period: float | None, report: Report | None = None) -> Found:
-        """The pair for the samples z at a nominal sample period in s."""
+    def find(self, z: Array, period: float | None, report: Report | None = None, dt: Array | None = None) -> Found:
+        """The pair for the samples z at a nominal sample period in s; dt as `kalman_filter` takes it."""
         return find_parameters(
             z,
+            dt=dt,
             sample_period=period,
             method=self.method,
             wish=self.wish,
@@ -101,12 +102,13 @@ def answer_for(recording: Recording, channel: str, wanted: Wanted, report: Repor
         BadSetting: contradictory or out-of-range wishes.
     """
     z, period = recording.channel(channel), recording.sample_period
-    found = wanted.find(z, period, _part(report, 0.0, 0.3))
-    opinions = compare_methods(z, progress=_part(report, 0.3, 0.7))
+    dt = recording.steps() if recording.gaps == "dt" else None
+    found = wanted.find(z, period, _part(report, 0.0, 0.3), dt)
+    opinions = compare_methods(z, dt, progress=_part(report, 0.3, 0.7))
     report(0.7, "judging the answer")
     residuals = None
     if found.params is not None:
-        residuals = diagnose(kalman_filter(z, found.params), fitted=found.estimate is not None)
+        residuals = diagnose(kalman_filter(z, found.params, dt), fitted=found.estimate is not None)
     return Answer(
         channel=channel,
         unit=recording.units[recording.index(channel)],
@@ -117,11 +119,13 @@ def answer_for(recording: Recording, channel: str, wanted: Wanted, report: Repor
         opinions=opinions,
         steady=None if found.params is None else steady_state(found.params, period),
         residuals=residuals if isinstance(residuals, Diagnostics) else None,
-        held_out=None if found.params is None else _held_out(z, period, wanted, _part(report, 0.8, 1.0)),
+        held_out=None if found.params is None else _held_out(z, dt, period, wanted, _part(report, 0.8, 1.0)),
     )
 
 
-def _held_out(z: Array, period: float | None, wanted: Wanted, report: Report) -> Diagnostics | None:
+def _held_out(
+    z: Array, dt: Array | None, period: float | None, wanted: Wanted, report: Report
+) -> Diagnostics | None:
     """The same question to the first half alone, its answer judged on the second half."""
     half = z[: len(z) // 2]
     known = wanted.noise.resolve(z)  # a still stretch may lie in the second half: it is knowledge, not a fit
@@ -129,10 +133,10 @@ def _held_out(z: Array, period: float | None, wanted: Wanted, report: Report) ->
         wanted = replace(wanted, noise=Noise(r=known[0]))
     elif still_or_silent(half):
         return None
-    params = wanted.find(half, period, report).params
+    params = wanted.find(half, period, report, None if dt is None else dt[: len(half)]).params
     if params is None:
         return None
-    judged = diagnose_held_out(z, params)
+    judged = diagnose_held_out(z, params, dt)
     return judged if judged.n >= advice.MIN_SAMPLES else None
 
 

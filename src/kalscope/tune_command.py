@@ -12,6 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from kalscope.errors import BadSetting
+from kalscope.sources.command_options import (
+    Delimiter,
+    GapsChoice,
+    Missing,
+    TimeColumnChoice,
+    TimeUnit,
+    options_from_text,
+)
+from kalscope.sources.read_options import ReadOptions
 
 if TYPE_CHECKING:
     from kalscope.finding import Noise
@@ -59,6 +68,11 @@ def tune_command(
     sample_period: Annotated[
         str | None, _number("--sample-period", "Sample period in s, where SOURCE says none.")
     ] = None,
+    delimiter: Delimiter = None,
+    time_column: TimeColumnChoice = None,
+    time_unit: TimeUnit = None,
+    missing: Missing = None,
+    gaps: GapsChoice = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Save the tuning to this file.")
@@ -79,11 +93,13 @@ def tune_command(
     }
     given = {name: _above_zero(name, text) for name, text in texts.items() if text is not None}
     _refuse_contradictions(given, method, still, channel, every)
-    _tune(source, given, method or "ml", still, channel, every, as_json, output)
+    options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
+    _tune(source, options, given, method or "ml", still, channel, every, as_json, output)
 
 
 def _tune(
     source: str,
+    options: ReadOptions,
     given: Given,
     method: str,
     still: str | None,
@@ -98,7 +114,7 @@ def _tune(
     from kalscope.tune_answer import answer_for
     from kalscope.tuning import save_tuning
 
-    recording = open_source(source, sample_period=given.get("--sample-period"))
+    recording = open_source(source, options, sample_period=given.get("--sample-period"))
     wanted = _wanted(given, method, still, recording)
     names = recording.names if every else (channel or recording.names[0],)
     answers: list[Answer] = []
