@@ -3,6 +3,7 @@
 import math
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.clock import Clock
 from kalscope.sources.live import LiveSource
+from kalscope.sources.recorder_counts import RecorderCounts
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
@@ -215,7 +217,8 @@ def test_what_an_avr_would_lose_is_not_sent(live, line):
 class ListRecorder:
     """What a live source says to a recorder, in order."""
 
-    trouble = ""
+    trouble = warning = ""
+    counts, paths = RecorderCounts(), (Path("run.csv"),)
 
     def __init__(self):
         self.calls, self.closed = [], False

@@ -143,8 +143,33 @@ def test_another_program_on_the_board_brings_its_own_columns(lines, names):
 def test_words_among_the_numbers_are_no_new_names():
     stream = Stream().feed(b"x\nheat,light\n1,2\n3,4\n", 0.1).feed(b"5,6\nERR,OK\n7,8\n", 3.0).feed(b"9,10\n")
     assert stream.names == ["heat", "light"]
-    assert np.isnan(stream.rows[3]).all()
-    assert stream.rows[4:] == [(7.0, 8.0), (9.0, 10.0)]
+    assert stream.rows == [(1.0, 2.0), (3.0, 4.0), (5.0, 6.0), (7.0, 8.0), (9.0, 10.0)]
+    assert stream.lines.counts.rejected == 0
+
+
+def test_a_header_in_mid_stream_is_no_row_and_names_what_had_no_names():
+    stream = Stream().feed(b"x\n1,2\n3,4\n", 0.1).feed(b"5,6\n", 30.0)
+    assert stream.names == ["value 1", "value 2"]
+    stream.feed(b"raw,filtered\n7,8\n9,10\n")
+    assert stream.names == ["raw", "filtered"]
+    assert stream.rows == [(1.0, 2.0), (3.0, 4.0), (5.0, 6.0), (7.0, 8.0), (9.0, 10.0)]
+    stream.feed(b"raw,filtered\n11,12\n")
+    assert stream.rows[-1] == (11.0, 12.0)
+    assert not np.isnan(stream.rows).any()
+
+
+@pytest.mark.parametrize("remark", [b"Ready", b"Sensor ready", b"Starting up\nSensor ready"])
+def test_two_whole_numbers_below_a_remark_are_two_channels(remark):
+    stream = Stream().feed(b"x\n" + remark + b"\n512,300\n513,301\n", 1.6)
+    assert stream.names == ["value 1", "value 2"]
+    assert stream.rows == [(512.0, 300.0), (513.0, 301.0)]
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_header_with_blanks_and_digits_is_no_row_also_where_the_board_starts_twice(times):
+    stream = Stream().feed(b"x\n" + b"sine 1,sine 2\n" * times + b"0.5,0.25\n1.5,1.25\n", 1.6)
+    assert stream.names == ["sine 1", "sine 2"]
+    assert stream.rows == [(0.5, 0.25), (1.5, 1.25)]
 
 
 def test_noise_of_a_wrong_baud_rate_is_recognised_and_a_good_line_ends_it():

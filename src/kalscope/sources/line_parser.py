@@ -66,6 +66,9 @@ LONGEST_LINE = 65_536
 HEAD_BYTES = 65_536
 """How much of the stream may still change the layout, as much as is looked at of a file."""
 
+_ALIKE, _MANY_ALIKE = 3, 8
+"""Different lines with words beside numbers, or any, that it takes to believe that these are rows."""
+
 _NEWLINE = re.compile(rb"[\r\n]")
 
 
@@ -140,7 +143,7 @@ class LineParser:
             return None
         reader = LineReader(layout, self._options)
         event = reader.read(self._number, head[-1])
-        if event.kind != "row":
+        if event.kind != "row" or not self._is_surely_data(head, layout):
             return None
         self._reader, self._settled, self._misfits = reader, False, 0
         self._head, self._head_bytes = list(head), sum(len(line) + 1 for line in head)
@@ -222,10 +225,24 @@ class LineParser:
         if self._reader is None or self._misfits & (self._misfits - 1) == 0:
             layout = sniff(self._head, self._options) if any(c.isdigit() for c in line) else None
             known = None if self._reader is None else self._reader.layout
+            if layout and known is None and not self._is_surely_data(self._head, layout):
+                layout = None
             if layout and (known is None or (layout.form, layout.columns) != (known.form, known.columns)):
                 self._reader = LineReader(layout, self._options)
                 event = self._reader.read(self._number, line)
         return event or _without_layout(self._number, line)
+
+    def _is_surely_data(self, head: Sequence[str], layout: Layout) -> bool:
+        """Whether lines that look like rows are rows: `sine 1,sine 2` is a header, and only looks like one.
+
+        A row of words beside numbers is believed once there are others like it.
+        """
+        form = layout.form
+        if form.kind != "table" or not any(column.role == "text" for column in layout.columns):
+            return True
+        reader = LineReader(layout, self._options)
+        rows = [text for text in head if reader.read(0, text).kind == "row"]
+        return len(set(rows)) >= _ALIKE or len(rows) >= _MANY_ALIKE
 
 
 def comma_line(parser: LineParser, line: bytes) -> str:

@@ -13,92 +13,35 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from queue import Empty
 from typing import TYPE_CHECKING, Self
 
-from kalscope.errors import BadDevice, BadSetting
-from kalscope.recording import ReadReport, Recording
+from kalscope.errors import BadSetting
 from kalscope.sources.clock import SYSTEM, Clock
 from kalscope.sources.line_reader import LineEvent
 from kalscope.sources.live_lines import LiveLines
-from kalscope.sources.live_time import LiveTime, Row
+from kalscope.sources.live_samples import LiveSamples, Snapshot
+from kalscope.sources.live_status import LineRate, LiveStatus, RecordingStatus, hint_of, recording_status
+from kalscope.sources.live_talk import LONGEST_COMMAND, Talk
 from kalscope.sources.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.sample_store import SampleStore
-from kalscope.sources.serial_port import Came, Lost, Opened, PortReader, PortSpec, PortState, Word, port_of
+from kalscope.sources.serial_port import Came, Lost, Opened, PortReader, PortSpec, Word, port_of
 
 if TYPE_CHECKING:
     from kalscope.sources.recorder import Recorder
     from kalscope.sources.sniffer import Layout
 
+__all__ = ["LONGEST_COMMAND", "TICK", "LiveSource", "LiveStatus", "RecordingStatus", "Snapshot", "Word"]
+
 TICK = 0.1
 """Seconds after which the second thread looks round where nothing came."""
-_RATE_OVER = 2.0
-_PERIOD_EVERY = 0.25
-_PERIOD_MOVES = 0.005
 _SLEEP = 1.0
-_REPLY_GOES_ON = 0.05
 _PART_OF_A_LINE = 0.25
 """Seconds before a read at most in which its first line may have begun to come."""
-LONGEST_COMMAND = 63
-"""Bytes of one line to the board, newline included: the ring of an AVR that receives them holds 64."""
 
 _NO_SAMPLE = ("ovf", "inf", "+inf", "-inf")
 """What an Arduino prints for a float that it cannot print."""
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """What has come so far. It never changes, and costs the same however much is kept."""
-
-    recording: Recording
-    """Time from the first sample, in s, and values; its arrays are views that cannot be written."""
-    first: int
-    """Number of its first sample, counted from the first one of this generation; those before left memory."""
-    generation: int
-    """Another number where the channels are others: their names, units or count."""
-    version: int
-    """Another number, larger, where samples were added."""
-
-
-@dataclass(frozen=True)
-class LiveStatus:
-    """How a live source stands. received = accepted + rejected + dropped, always."""
-
-    word: Word
-    """closed, connecting, connected, or "disconnected, waiting"."""
-    hint: str
-    """A sentence for the person: what is wrong and what to do; "" where nothing is."""
-    port: str
-    """What is open, or was last."""
-    since: float
-    """Monotonic time at which it came to stand so, s."""
-    received: int
-    """Lines that came."""
-    lines_per_s: float
-    """Lines a second, over the last 2 s."""
-    period: float | None
-    """Measured sample period in s, the median step; None before two samples."""
-    jitter: float | None
-    """Half the width that holds nine of ten steps, in s; None before ten steps."""
-    device_time: bool
-    """True where the time is the board's own, false where it is that of arrival."""
-    accepted: int
-    """Lines that became samples."""
-    rejected: int
-    """Lines that should have become samples and did not."""
-    dropped: int
-    """Other lines: comments, headers, boot text, the first line after each opening, torn ones."""
-    reconnects: int
-    """How many times the port was opened again."""
-    left_memory: int
-    """Samples of this generation that are no longer kept."""
-    longest_pause: float
-    """Longest time in s for which bytes waited to be read, at most."""
-    recording_trouble: str
-    """What keeps the recorder from writing; "" where nothing does, or none runs."""
 
 
 class LiveSource:
@@ -130,22 +73,13 @@ class LiveSource:
         if keep < 1:
             raise BadSetting(f"keep must be at least 1 sample (got {keep})")
         self.spec = port_of(spec) if isinstance(spec, str) else spec
-        self._options = replace(options, missing=(*options.missing, *_NO_SAMPLE))
-        self._keep = keep
         self._clock = clock
         self._reader = reader or PortReader(self.spec, reconnect=reconnect, clock=clock)
-        self._lines = LiveLines(self._options)
+        self._lines = LiveLines(replace(options, missing=(*options.missing, *_NO_SAMPLE)))
         self._layout: Layout | None = None
-        self._time = LiveTime(None)
-        self._store: SampleStore | None = None
-        self._names: tuple[str, ...] = ()
-        self._units: tuple[str, ...] = ()
-        self._generation = self._version = 0
-        self._snapshot: Snapshot | None = None
-        self._period: float | None = None
-        self._period_at = -1e9
-        self._lock = threading.Lock()  # of the counts and of the snapshot
-        self._rates: deque[tuple[float, int]] = deque()
+        self._samples = LiveSamples(self.spec, keep, clock)
+        self._lock = threading.Lock()  # of the counts and of the samples
+        self._rate = LineRate()
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._asleep = clock.asleep()
@@ -153,11 +87,7 @@ class LiveSource:
         self._line_at = -math.inf  # when the last whole line had come: a read may bring only part of one
         self._recorder: Recorder | None = None
         self._recorder_lock = threading.Lock()
-        self._send_lock = threading.Lock()
-        self._replies: list[str] | None = None
-        self._replied = threading.Condition()
-
-    # ------------------------------------------------------------------ for whoever owns it
+        self._talk = Talk(self._reader.write)
 
     def start(self, *, require: bool = False) -> None:
         """Connect; does nothing while it runs. After `close` it goes on with the same samples.
@@ -175,9 +105,13 @@ class LiveSource:
         self._thread = threading.Thread(target=self._run, args=(self._stop,), name="kalscope lines", daemon=True)
         self._thread.start()
 
-    def close(self) -> None:
-        """Free the port, take what it had brought, end the recording. May be called twice."""
-        self._reader.close()
+    def close(self, timeout: float = 3.0) -> None:
+        """Free the port, take what it had brought, end the recording. May be called twice.
+
+        Args:
+            timeout: Seconds to wait for an attempt to connect over the network, which then ends by itself.
+        """
+        self._reader.close(timeout)
         self._stop.set()
         thread, self._thread = self._thread, None
         if thread is not None:
@@ -203,40 +137,18 @@ class LiveSource:
     def snapshot(self) -> Snapshot | None:
         """All samples that are kept; None before the first. The same object while nothing was added."""
         with self._lock:
-            store, known = self._store, self._snapshot
-            if store is None or not len(store):
-                return None
-            if known is not None and (known.version, known.generation) == (self._version, self._generation):
-                return known
-            time, values = store.views()
-            first, version, generation = store.first, self._version, self._generation
-            counts = replace(self._lines.counts)
-            period = self._steady_period()
-            report = ReadReport(
-                lines=counts.received,
-                rows=counts.accepted,
-                rejected=counts.rejected,
-                comments=counts.dropped,
-                notes=self._layout.notes if self._layout else (),
-            )
-            recording = Recording(
-                time, self._names, self._units, values, period, report, source=self.spec.text, title=self.spec.url
-            )
-            self._snapshot = Snapshot(recording, first, generation, version)
-            return self._snapshot
+            return self._samples.snapshot(self._lines.counts)
 
     def status(self) -> LiveStatus:
         """How it stands now."""
         state, recorder = self._reader.state, self._recorder
         with self._lock:
-            counts, store = replace(self._lines.counts), self._store
-            period, jitter = self._time.period, self._time.jitter
-            rate = self._rate()
-            left, by_device = (store.first if store else 0), self._time.by_device
-            noise = self._lines.wrong_baud
+            counts, time = replace(self._lines.counts), self._samples.time
+            period, jitter, by_device = time.period, time.jitter, time.by_device
+            rate, left, noise = self._rate.now, self._samples.left_memory, self._lines.wrong_baud
         return LiveStatus(
             word=state.word,
-            hint=_hint(state, self.spec, noise=noise, counts_rows=counts.accepted, received=counts.received),
+            hint=hint_of(state, self.spec, noise=noise, accepted=counts.accepted, received=counts.received),
             port=state.device,
             since=state.since,
             received=counts.received,
@@ -250,10 +162,8 @@ class LiveSource:
             reconnects=max(state.opened - 1, 0),
             left_memory=left,
             longest_pause=self._reader.longest_pause,
-            recording_trouble=recorder.trouble if recorder else "",
+            recording=None if recorder is None else recording_status(recorder),
         )
-
-    # ------------------------------------------------------------------ recording, sending
 
     @property
     def recorder(self) -> Recorder | None:
@@ -302,32 +212,7 @@ class LiveSource:
             BadSetting: `line` is too long or holds a newline.
             BadDevice: the port is not connected, or no answer came.
         """
-        data = line.encode("utf-8") + b"\n"
-        if len(data) > LONGEST_COMMAND or not line.isprintable():
-            raise BadSetting(
-                f"what is sent must be one line of at most {LONGEST_COMMAND - 1} bytes"
-                f" (got {len(data) - 1} in {line[:80]!r})"
-            )
-        with self._send_lock:
-            with self._replied:
-                self._replies = []
-            try:
-                self._reader.write(data)
-                with self._replied:
-                    if not self._replied.wait_for(lambda: bool(self._replies), timeout):
-                        raise BadDevice(
-                            f"the board must answer with a line that begins with # (got nothing in {timeout:g} s)"
-                        )
-                    known = -1
-                    while self._replies is not None and len(self._replies) > known:
-                        known = len(self._replies)
-                        self._replied.wait(_REPLY_GOES_ON)
-                    return tuple(self._replies or ())
-            finally:
-                with self._replied:
-                    self._replies = None
-
-    # ------------------------------------------------------------------ the second thread
+        return self._talk.ask(line, timeout)
 
     def _run(self, stop: threading.Event) -> None:
         while True:
@@ -335,7 +220,7 @@ class LiveSource:
                 item = self._reader.items.get(timeout=TICK)
             except Empty:
                 self._record([], self._layout)
-                self._note_rate()
+                self._rate.note(self._clock.monotonic(), self._lines.counts.received)
                 if stop.is_set():
                     return
                 continue
@@ -353,7 +238,7 @@ class LiveSource:
             self._lines.opened(opened.at)
         self._line_at = opened.at
         if self._lost_at is not None:
-            self._time.broke_off()
+            self._samples.time.broke_off()
             self._gap("unplug", opened.at - self._lost_at)
             self._lost_at = None
 
@@ -370,7 +255,7 @@ class LiveSource:
             for event in self._lines.feed(came):
                 batch.append((event, self._lines.layout))
         self._tell_dropped()
-        self._note_rate()
+        self._rate.note(came.end, self._lines.counts.received)
         if not batch:
             return
         begin, self._line_at = max(self._line_at, came.begin - _PART_OF_A_LINE), came.end
@@ -384,40 +269,11 @@ class LiveSource:
 
     def _hand_on(self, stamped: list[tuple[float, LineEvent]], layout: Layout | None) -> None:
         self._record(stamped, layout)
-        self._look_for_replies(stamped)
+        self._talk.hear(event for _, event in stamped)
+        self._layout = layout
         if layout is not None:
-            if layout is not self._layout:
-                self._adopt(layout)
-            self._keep_samples(stamped, layout)
-
-    def _adopt(self, layout: Layout) -> None:
-        """Another layout: a new generation, unless the channels and the time are the same."""
-        known, self._layout = self._layout, layout
-        names = tuple(layout.columns[i].name for i in layout.channels)
-        units = tuple(layout.columns[i].unit for i in layout.channels)
-        if known is not None and (names, units, layout.time) == (self._names, self._units, known.time):
-            return
-        with self._lock:
-            self._names, self._units = names, units
-            self._time, self._store = LiveTime(layout.time), SampleStore(len(names), self._keep)
-            self._generation += 1
-            self._period, self._period_at = None, -1e9
-
-    def _keep_samples(self, stamped: list[tuple[float, LineEvent]], layout: Layout) -> None:
-        at, channels = (layout.time.index if layout.time else -1), layout.channels
-        rows = [
-            Row(host, row[at] if at >= 0 else float("nan"), tuple(row[i] for i in channels))
-            for host, event in stamped
-            if event.kind == "row"
-            for row in event.rows
-        ]
-        if not rows:
-            return
-        with self._lock:
-            time, values = self._time.place(rows)
-            if time and self._store is not None:
-                self._store.append(time, values)
-                self._version += 1
+            with self._lock:
+                self._samples.keep(stamped, layout)
 
     def _record(self, stamped: list[tuple[float, LineEvent]], layout: Layout | None) -> None:
         with self._recorder_lock:
@@ -436,53 +292,9 @@ class LiveSource:
                 if self._recorder is not None:
                     self._recorder.drop(count)
 
-    def _look_for_replies(self, stamped: list[tuple[float, LineEvent]]) -> None:
-        if self._replies is None:
-            return
-        found = [event.text for _, event in stamped if event.kind == "comment" and event.text.startswith("#")]
-        if found:
-            with self._replied:
-                if self._replies is not None:
-                    self._replies += found
-                    self._replied.notify_all()
-
     def _look_for_sleep(self) -> None:
         asleep = self._clock.asleep()
         slept, self._asleep = asleep - self._asleep, asleep
         if slept > _SLEEP:
-            self._time.broke_off(slept)
+            self._samples.time.broke_off(slept)
             self._gap("suspend", slept)
-
-    def _note_rate(self) -> None:
-        now = self._clock.monotonic()
-        with self._lock:
-            rates = self._rates
-            if not rates or now - rates[-1][0] >= TICK:
-                rates.append((now, self._lines.counts.received))
-            while len(rates) > 2 and now - rates[1][0] > _RATE_OVER:
-                rates.popleft()
-
-    def _rate(self) -> float:
-        if len(self._rates) < 2:
-            return 0.0
-        (begin, old), (end, new) = self._rates[0], self._rates[-1]
-        return (new - old) / (end - begin) if end > begin else 0.0
-
-    def _steady_period(self) -> float | None:
-        """The period, which moves only when it has changed: whatever is derived from it would flicker."""
-        now = self._clock.monotonic()
-        if self._period is None or now - self._period_at > _PERIOD_EVERY:
-            period, self._period_at = self._time.period, now
-            if period is None or self._period is None or abs(period / self._period - 1) > _PERIOD_MOVES:
-                self._period = period
-        return self._period
-
-
-def _hint(state: PortState, spec: PortSpec, *, noise: bool, counts_rows: int, received: int) -> str:
-    if state.why:
-        return state.why
-    if noise:
-        return f"wrong baud rate? What comes is no text ({spec.baud} baud is set)"
-    if state.word == "connected" and received > 20 and not counts_rows:
-        return "lines come, but none holds numbers"
-    return ""

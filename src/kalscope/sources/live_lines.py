@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from kalscope.sources.cells import is_comment
 from kalscope.sources.line_parser import LONGEST_LINE, LineParser
@@ -62,8 +62,8 @@ class LiveLines:
         """True where the last 2 s brought no row and more than a quarter of odd bytes."""
         self.untold = 0
         """Lines that were dropped without an event; whoever reads it sets it back to 0."""
-        self._options = options
-        self._parser = LineParser(options)
+        # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
+        self._parser = LineParser(replace(options, decimal=options.decimal or "."))
         self._raw = True  # bytes go to the parser as they come
         self._held = bytearray()  # otherwise: the line that is coming
         self._skip = self._whole = False
@@ -159,14 +159,15 @@ class LiveLines:
     def _by_other_program(self, event: LineEvent) -> LineEvent | None:
         """The line as that of another program, where a header or many lines that do not fit show there is one.
 
-        Names above lines that fit the old ones as well count only after an opening: `ERR,OK` is no header.
+        Names above lines that fit the old ones as well count only after an opening, or where there are none yet:
+        `ERR,OK` is no header.
         """
         text, names, fits = event.text, self._names, event.kind == "row" and not event.issues
         if not fits and _are_names(text):
             self._names = text
-            return LineEvent(event.number, "text", text) if self._boot else None
+            return LineEvent(event.number, "text", text)  # and no row of missing samples
         self._names = ""
-        if fits and not (names and self._boot):
+        if fits and not (names and (self._boot or self._unnamed)):
             self._recent.clear()
             return None
         self._recent.append(text)
@@ -177,6 +178,12 @@ class LiveLines:
         head = [names, text] if names else list(self._recent)
         self._recent.clear()
         return self._parser.look_anew(head)
+
+    @property
+    def _unnamed(self) -> bool:
+        """True where the board has not said what its channels are called."""
+        layout = self.layout
+        return layout is not None and layout.form.kind == "table" and not layout.header_rows
 
     def _drop(self) -> None:
         self.counts.received += 1

@@ -23,15 +23,7 @@ from kalscope.sources.disk_room import RoomWatch
 from kalscope.sources.line_reader import LineEvent
 from kalscope.sources.recorder_counts import RecorderCounts
 from kalscope.sources.recording_file import AppendFile, SyncThread
-from kalscope.sources.recording_format import (
-    REJECTS_HEADER,
-    escaped,
-    header_line,
-    preamble,
-    rejects_lines,
-    restart_note,
-    row_encoder,
-)
+from kalscope.sources.recording_format import escaped, header_line, preamble, restart_note, row_encoder
 from kalscope.sources.recording_paths import (
     check_free,
     continues_line,
@@ -41,6 +33,7 @@ from kalscope.sources.recording_paths import (
     taken,
     unwritable,
 )
+from kalscope.sources.recording_rejects import RejectsFile
 from kalscope.sources.repair import read_ends, repair
 from kalscope.sources.sniffer import Layout
 
@@ -116,8 +109,7 @@ class Recorder:
         try:
             new._csv.open(new=False)  # locked first: nobody else appends while the tail is judged
             repair(last)
-            if new.rejects_path.exists():
-                new._rejects_begun = repair(new.rejects_path).kept > 0
+            new._rejects.go_on()
             new._csv.close()
             new._csv.open(new=False)
             new._go_on(last)
@@ -144,8 +136,7 @@ class Recorder:
         self.rejects_path = rejects_path(path)
         """NAME.rejects; it exists once there is something in it."""
         self._csv = AppendFile(path)
-        self._rejects = AppendFile(self.rejects_path)
-        self._rejects_begun = False
+        self._rejects = RejectsFile(path, source)
         self._older: list[AppendFile] = []  # parts that wait for room
         self._older_paths: list[Path] = []
         self._part = 1
@@ -233,7 +224,7 @@ class Recorder:
             return self.counts
 
     def _files(self) -> tuple[AppendFile, ...]:
-        return (*self._older, self._csv, self._rejects)
+        return (*self._older, self._csv, self._rejects.file)
 
     def _use(self, layout: Layout) -> None:
         """From now on rows of this layout; a new part where their columns are others."""
@@ -278,19 +269,14 @@ class Recorder:
                 self._reject(host, at, event, (why,), 0)
 
     def _reject(self, host: float, at: float, event: LineEvent, issues: Sequence[LineIssue], lines: int) -> None:
-        if not self._rejects_begun:
-            self._rejects_begun = True
-            start = preamble(self._source, self._wall - self._offset, rejects=True)
-            self._rejects.put_note(start + REJECTS_HEADER, at)
-        text = rejects_lines(host, event.number, event.text, issues)
-        if not self._rejects.put(text.encode("utf-8", "backslashreplace"), at, lines):
+        if not self._rejects.put(host, at, self._wall - self._offset, event, issues, lines):
             self._dropped += lines
 
     def _flush(self, *, at_once: bool = False) -> None:
         now = self._clock()
         for file in (*self._older, self._csv):
             self._written += file.flush(now, at_once=at_once)
-        self._rejected += self._rejects.flush(now, at_once=at_once)
+        self._rejected += self._rejects.file.flush(now, at_once=at_once)
         for file in [file for file in self._older if file.idle]:
             self._older.remove(file)
             file.close()

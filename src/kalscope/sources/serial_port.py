@@ -10,12 +10,11 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from queue import SimpleQueue
-from typing import Literal
 
 from kalscope.errors import BadDevice
 from kalscope.sources.clock import SYSTEM, Clock
+from kalscope.sources.port_events import Came, Item, Lost, Opened, PortState, Word
 from kalscope.sources.port_open import OpenPort, SerialPort, gone_errors, why_gone
 from kalscope.sources.port_spec import PortInfo, PortSpec, is_live, list_ports, port_of
 
@@ -33,8 +32,6 @@ __all__ = [
     "port_of",
 ]
 
-Word = Literal["closed", "connecting", "connected", "disconnected, waiting"]
-
 SHORTEST_WAIT, LONGEST_WAIT = 0.25, 2.0
 """Seconds between two attempts to open the port again: the wait doubles from the first to the second."""
 _SHORT_LIFE = 5.0
@@ -43,53 +40,6 @@ _GAPS_TO_KNOW = 20
 """Reads after which it is known how the board sends: line by line or in bursts."""
 MOST_WAITING = 64 << 20
 """Bytes that may wait for whoever takes them; beyond, the reader waits too. That is minutes of the fastest port."""
-
-
-@dataclass(frozen=True)
-class PortState:
-    """How a port stands."""
-
-    word: Word
-    """closed, connecting, connected, or "disconnected, waiting" for the board to come back."""
-    why: str = ""
-    """A sentence without its full stop: what ended the connection or hinders it; "" where nothing does."""
-    device: str = ""
-    """What is, or was last, open: the path may change when a board is plugged in again."""
-    since: float = 0.0
-    """Monotonic time of the change to this word, s."""
-    opened: int = 0
-    """How many times the port was opened; all but the first are reconnects."""
-
-
-@dataclass(frozen=True)
-class Came:
-    """Bytes of one read."""
-
-    data: bytes
-    """At least one byte."""
-    begin: float
-    """Monotonic time of the read before this one, or of the opening, s."""
-    end: float
-    """Monotonic time at which they were there, s."""
-
-
-@dataclass(frozen=True)
-class Opened:
-    """The port is open; what comes next may begin inside a line."""
-
-    at: float
-    """Monotonic time, s."""
-
-
-@dataclass(frozen=True)
-class Lost:
-    """The board is gone, or the port was closed; the line that was coming will not be finished."""
-
-    at: float
-    """Monotonic time, s."""
-
-
-Item = Came | Opened | Lost
 
 
 class PortReader:
@@ -165,7 +115,7 @@ class PortReader:
         port = None
         if require:
             try:
-                port = self._opened()
+                port = self._opened(self._stop)
             except BadDevice as error:
                 self._say("closed", str(error))
                 raise
@@ -212,8 +162,10 @@ class PortReader:
             while not stop.is_set():
                 if port is None:
                     try:
-                        port = self._opened()
+                        port = self._opened(stop)
                     except BadDevice as error:
+                        if stop.is_set():
+                            return
                         if not self._reconnect:
                             self._say("closed", str(error))
                             return
@@ -236,13 +188,16 @@ class PortReader:
         finally:
             if port is not None:
                 port.close()
-            if stop.is_set():
+            if stop.is_set() and stop is self._stop:
                 self._say("closed")
 
-    def _opened(self) -> OpenPort:
+    def _opened(self, stop: threading.Event) -> OpenPort:
         """The port, open, under whatever name the board has now."""
         device = self._device()
         port = self._open_port(self.spec, device)
+        if stop.is_set():  # nobody waits for it any longer, or somebody else has begun anew
+            port.close()
+            raise BadDevice(f"port {device} must be wanted (got a connection after it was given up)")
         if not self.spec.is_url and not self._serial_number:
             real = os.path.realpath(device)
             found = [info for info in list_ports() if info.device in (device, real)]
