@@ -179,7 +179,7 @@ class Chart:
             self._handle.visible = True
 
     def hide(self) -> None:
-        """Take the chart off the screen where there is nothing to draw: an old curve would be taken for the answer."""
+        """Take the chart off the screen: where there is no answer, an old curve would be taken for it."""
         if self._handle.visible:
             self._handle.visible = False
 

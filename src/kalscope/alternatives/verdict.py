@@ -59,7 +59,8 @@ def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -
 
     Errors follow each other for about as long as the filter lags, so the blocks are at least ten lags long; their
     means then count as independent. The interval is Fieller's for the ratio of two means that belong together
-    (1954, JRSS B 16, 175), with Student's t shared among the comparisons; it leaves out 1 where the paired t test would.
+    (1954, JRSS B 16, 175), with Student's t shared among the comparisons; it leaves out 1 where a paired t test
+    would.
 
     Args:
         error: squared errors of one filter, shape (n,); NaN where it has none.
