@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 from kalscope.errors import BadSetting
@@ -189,9 +189,15 @@ def set_rule_text(name: str, text: str) -> Change:
     return change
 
 
-def set_way(way: str) -> Change:
-    """Search q and r in another way; the view knows which there are."""
-    return lambda state: replace(state, way=way)
+def set_way(way: str, ways: Collection[str]) -> Change:
+    """Search q and r in another way, one of `ways`."""
+
+    def change(state: State) -> State:
+        if way not in ways:
+            raise BadSetting(f"the way to find q and r must be one of {', '.join(ways)} (got {str(way)[:40]!r})")
+        return replace(state, way=way)
+
+    return change
 
 
 def set_smoother(shown: bool) -> Change:

@@ -63,14 +63,13 @@ def _essence(state: State) -> tuple[object, ...]:
 
 
 def _seen_as(present: State, other: State) -> State:
-    """The other state in the present theme and, on the same recording, in the present window."""
+    """The other state in the present view and, on the same recording, in the present window."""
     same_record = present.record_key == other.record_key
     window = present.window if same_record else other.window
     same_view = same_record and present.channel == other.channel
     resets = present.resets if same_view else present.resets + 1
-    seen = {"dark": present.dark, "map_shown": present.map_shown, "map_colour": present.map_colour}
     live = present.live if same_record else other.live  # what follows or is paused is the view's, not tuned
-    return replace(other, window=window, resets=resets, note="", live=live, **seen)
+    return replace(other.seen_as(present), window=window, resets=resets, note="", live=live)
 
 
 def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from kalscope.steady_state import ratio_for
+from kalscope.model import FilterParams
+from kalscope.steady_state import ratio_for, steady_state
 
 PIXELS = 100.0
 """Pixels in one unit of the scene."""
@@ -25,6 +26,10 @@ Range = tuple[int, int]
 
 NO_FILTERING = 0.7
 """Samples of lag under which lines of equal lag are not drawn: there is nothing left to choose."""
+
+
+MOST_DECADES = 12
+"""Decades of lag up to which each has lines of its own."""
 
 
 @dataclass(frozen=True)
@@ -130,19 +135,23 @@ def diagonal(frame: Frame, ratio: float) -> Diagonal | None:
     if first >= last:
         return None
     start, end = (frame.pixel((q, q - shift)) for q in (first, last))
-    gain = 2.0 / (1.0 + math.sqrt(1.0 + 4.0 / ratio))
-    return Diagonal(start, end, (1.0 - gain) / gain)
+    return Diagonal(start, end, float(steady_state(FilterParams(q=ratio, r=1.0)).lag_samples))
 
 
 def lag_lines(frame: Frame, sample: float) -> list[Diagonal]:
-    """Lines of equal lag at 1, 3, 10, 30 … units, those that cross the map; `sample`: units in one sample."""
+    """Lines of equal lag at 1, 3, 10, 30 … units, those that cross the map; `sample`: units in one sample.
+
+    A map of very many decades has fewer of them: 1, 1000, 1e6 …
+    """
     lowest = math.floor(math.log10(NO_FILTERING * sample))
-    longest = 10.0 ** (0.5 * (frame.r[1] - frame.q[0])) * sample
+    highest = math.ceil(0.5 * (frame.r[1] - frame.q[0]) + math.log10(sample))
+    step = max(1, math.ceil((highest - lowest) / MOST_DECADES))
     lines = []
-    for decade in range(lowest, math.ceil(math.log10(longest)) + 1):
-        for lead in (1.0, 3.0):
+    for decade in range(lowest, highest + 1, step):
+        for lead in (1.0, 3.0) if step == 1 else (1.0,):
             lag = lead * 10.0**decade / sample
-            line = diagonal(frame, ratio_for(lag_samples=lag)) if lag >= NO_FILTERING else None
+            ratio = ratio_for(lag_samples=lag) if lag >= NO_FILTERING else 0.0
+            line = diagonal(frame, ratio) if ratio > 0.0 else None
             if line is not None:
                 lines.append(line)
     return lines

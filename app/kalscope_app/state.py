@@ -30,6 +30,9 @@ DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 MAP_COLOURS: tuple[str, ...] = ("likelihood", "RMSE", "lag")
 """What the tuning map may be coloured by; RMSE where the truth is known."""
 
+VIEW = ("dark", "map_shown", "map_colour", "smoother", "match", "rival", "way", "preset")
+"""Fields of State that say how it is looked at; they outlive the recording, and Undo leaves them alone."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -99,6 +102,10 @@ class State:
     """What was last sent to the live board; None = nothing yet."""
     live: Live | None = None
     """The live board that the recording grows from; None for a finished recording."""
+
+    def seen_as(self, other: State) -> State:
+        """The state in the view of another: theme, map, what is drawn beside the signal, what is asked for."""
+        return replace(self, **{name: getattr(other, name) for name in VIEW})
 
     @property
     def tuning(self) -> ChannelTuning:
@@ -181,9 +188,7 @@ def opened(recording: Recording, before: State | None = None) -> State:
     fresh = State(recording, recording.names[0], starts, starts, resets=resets)
     if before is None:
         return fresh
-    seen = {"dark": before.dark, "map_shown": before.map_shown, "map_colour": before.map_colour}
-    compared = {"match": before.match, "rival": before.rival}
-    return replace(fresh, smoother=before.smoother, way=before.way, **seen, **compared)
+    return fresh.seen_as(before)
 
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
@@ -194,11 +199,17 @@ def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
 
 
 def reopened(recording: Recording, before: State) -> State:
-    """A state that looks at a recording read again: what was tuned by name stays."""
+    """A state that looks at a recording read again: what was tuned by name stays.
+
+    Of another recording pinned settings stay where name and unit of the channel agree: the next log of one sensor.
+    """
     state = opened(recording, before)
     old = before.recording
     if (recording.source, recording.title) != (old.source, old.title):
-        return state
+        units = dict(zip(recording.names, recording.units, strict=True))
+        pins = tuple(one for one in before.pins if units.get(one.tuning.name) == one.tuning.unit)
+        said = "Pinned settings stay on channels of the same name and unit." if pins else ""
+        return replace(state, pins=pins, note=said)
     known = {now.name: now for now, start in zip(before.tunings, before.starts, strict=True) if now != start}
     tunings = tuple(known.get(tuning.name, tuning) for tuning in state.tunings)
     channel = before.channel if before.channel in recording.names else state.channel

@@ -177,7 +177,7 @@ def map_ranges(state: State, scan: Scan) -> tuple[Range, Range]:
     start = state.starts[state.recording.index(state.channel)]
     centre = round(math.log10(start.r)) if start.r > 0.0 else 0
     pairs = [(state.tuning.q, state.tuning.r), (float(scan.best.q), float(scan.best.r))]
-    pairs += [(v.tuning.q, v.tuning.r) for v in variants_of(state)]
+    pairs += [(v.tuning.q, v.tuning.r) for v in state.variants]
 
     def reach(name: str, values: list[float]) -> Range:
         low, high = (centre + end for end in REACH[name])
@@ -188,12 +188,6 @@ def map_ranges(state: State, scan: Scan) -> tuple[Range, Range]:
 
     q, r = zip(*pairs, strict=True)
     return reach("q", list(q)), reach("r", list(r))
-
-
-def variants_of(state: State) -> tuple:
-    """Pinned variants of the channel on screen: each has name, rgb(dark=) and tuning."""
-    variants = getattr(state, "variants", ())
-    return tuple(one for one in variants if getattr(one.tuning, "name", state.channel) == state.channel)
 
 
 def exponents_of(state: State, tuning: ChannelTuning | None = None) -> Point:
@@ -236,8 +230,8 @@ def draw_map(scan: Scan, errors: Errors | None, colour: str, q: Range, r: Range,
         shade, marks = shade_of_excess(values, float(errors.rmse.min()))
         note = f"{note} The error against the truth depends on q/r alone.".strip()
     elif colour == "lag":
-        gain = 2.0 / (1.0 + np.sqrt(1.0 + 4.0 * np.exp(-log_ratio)))
-        values = np.exp(-log_ratio) * gain  # (1 − K)/K = K/λ
+        over = np.exp(np.minimum(-log_ratio, 700.0))  # r/q, kept finite at the far ends
+        values = 2.0 * over / (1.0 + np.sqrt(1.0 + 4.0 * over))  # (1 − K)/K = K/λ
         shade, marks = shade_of_lag(values)
     else:
         colour = "likelihood"

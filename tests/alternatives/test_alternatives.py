@@ -282,3 +282,41 @@ def test_the_bench_takes_noise_and_speed_from_the_recording():
     assert bench.noise.std() == pytest.approx(2.0, rel=0.03)
     assert bench.speed == pytest.approx(0.3)
     assert bench.longest_window == 24_999
+
+
+def test_the_interval_of_a_large_ratio_covers_it_as_often_as_it_promises():
+    """The mean squared error of exponential smoothing of a walk is known: αr/(2 − α) + q(1 − α)²/(α(2 − α))."""
+    q, present, quick, covered = 0.01, 0.0951, 0.9, 0
+    expected = [a / (2 - a) + q * (1 - a) ** 2 / (a * (2 - a)) for a in (quick, present)]
+    ratio = math.sqrt(expected[0] / expected[1])
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        walk = np.cumsum(0.1 * rng.normal(size=6000))
+        z = walk + rng.normal(size=6000)
+        a, b = ((filters.exponential(z, alpha) - walk)[500:] ** 2 for alpha in (quick, present))
+        found = difference(a, b, lag=9.5)
+        covered += found.low <= ratio <= found.high
+    assert 178 <= covered <= 200  # 95 % of 200, four standard deviations below
+
+
+def test_a_difference_that_is_certain_but_negligible_is_none():
+    b = RNG.normal(size=20_000) ** 2
+    assert not difference(b * (1.0 + 1e-5), b, lag=5.0).real
+    assert difference(b * (1.0 + 1e-3), b, lag=5.0).worse
+    assert difference(b * (1.0 - 1e-3), b, lag=5.0).better
+
+
+def test_what_passes_the_signal_through_is_equal_to_no_filter():
+    found = compare_alternatives(RNG.normal(size=2000), FilterParams(q=ratio_for(lag_samples=0.3), r=1.0))
+    median = next(one for one in found.others if one.name == "Median")
+    assert median.parameters == "window of 1"
+    assert not median.matched
+    assert "not judged" in found.verdict
+    assert "median" in found.verdict.partition("not judged")[2]
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e200])
+def test_values_too_large_or_small_to_square_are_refused_in_words(scale):
+    found = compare_alternatives(scale * RNG.normal(size=500), FilterParams(q=scale / 10, r=scale))
+    assert "give them in a unit" in found.verdict
+    assert found.others == ()

@@ -13,7 +13,7 @@ from kalscope_app.channel_changes import set_together
 from kalscope_app.history import LIMIT, SAME_GESTURE, History, record, step_back, step_forward
 from kalscope_app.presets import PRESETS, take_preset
 from kalscope_app.session import Session, redo, undo
-from kalscope_app.state import opened
+from kalscope_app.state import VIEW, opened
 from kalscope_app.together import SAME_NUMBERS
 from kalscope_app.variant_changes import pin_present
 
@@ -80,10 +80,20 @@ TUNING_CHANGES = [pin_present, set_together(SAME_NUMBERS), take_preset(next(iter
 def test_pins_presets_and_channels_are_remembered(state, change):
     history = record(History(), state, change(state), "", 0.0)
     assert history.past == (state,)
-    assert step_back(history, change(state))[1] == replace(state, note="")
+    assert step_back(history, change(state))[1] == replace(state, note="", preset=change(state).preset)
 
 
 VIEW_CHANGES = [set_dark(True), set_window(1.0, 50.0), lambda s: s, lambda s: replace(s, note="x")]
+
+
+@pytest.mark.parametrize("name", VIEW)
+def test_undo_and_redo_leave_the_view_as_it_is(state, name):
+    history = record(History(), state, set_text("q", "1")(state), "", 0.0)
+    looked = replace(set_text("q", "1")(state), **{name: "otherwise"})
+    history, back = step_back(history, looked)
+    assert (back.tuning.q, getattr(back, name)) == (state.tuning.q, "otherwise")
+    _, forth = step_forward(history, replace(back, **{name: "again"}))
+    assert (forth.tuning.q, getattr(forth, name)) == (1.0, "again")
 
 
 @pytest.mark.parametrize("change", VIEW_CHANGES)

@@ -147,10 +147,13 @@ def test_each_of_them_can_be_undone_one_by_one(state):
     assert seen == [[], ["first"], ["first"], ["A"], [], ["A"]]
 
 
-def test_a_file_read_again_keeps_its_variants_and_another_file_has_none(state):
+def test_variants_stay_for_channels_of_the_same_name_and_unit(state):
     tuned = pin(state, 1)
     assert names(reopened(replace(state.recording), tuned)) == ["A"]
-    assert names(reopened(replace(state.recording, source="other.csv"), tuned)) == []
+    assert names(reopened(replace(state.recording, source="other.csv"), tuned)) == ["A"]
+    for other in ({"names": ("b", "c")}, {"units": ("furlong", "furlong")}):
+        changed = replace(state.recording, source="other.csv", **other)
+        assert reopened(changed, tuned).pins == ()
 
 
 def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state):

@@ -77,6 +77,7 @@ class AlternativesView:
         """Draw and write."""
         if compared is None:
             self._verdict.content, self._table.content = NOTHING, ""
+            self._chart.hide()
             return
         state = compared.state
         match = next(words for words, inner in MATCHES.items() if inner == state.match)

@@ -37,6 +37,8 @@ class ChecksView:
             self._advice.content = UNJUDGED
             if self._table is not None:
                 self._table.content = UNJUDGED
+            if self._correlation is not None:
+                self._correlation.hide()
             return
         said = sentence(checks.all_samples.advice)
         if self._advice.content != said:

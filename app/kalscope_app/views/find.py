@@ -149,7 +149,7 @@ class FindView:
 
     async def _on_way(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
-            self._session.request(set_way(self._way.value))
+            self._session.request(set_way(self._way.value, WAYS))
 
     async def _on_find(self, _event: viser.GuiEvent[Any]) -> None:
         texts = [box.value for box in self._boxes]

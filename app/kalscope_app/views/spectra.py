@@ -39,6 +39,8 @@ class SpectrumView:
         if spectra is None or not spectra.found.samples:
             self._text.content = NOTHING if spectra is None else spectra.found.note
             self._note.content = ""
+            self._density.hide()
+            self._response.hide()
             return
         palette = DARK if spectra.state.dark else LIGHT
         self._text.content = f"**{cutoff_words(spectra)}**"
@@ -101,6 +103,7 @@ class AllanView:
         if allan is None or len(allan.found.size) < 2:
             self._text.content = NOTHING if allan is None else allan.found.message
             self._note.content = ""
+            self._chart.hide()
             return
         found, palette = allan.found, DARK if allan.state.dark else LIGHT
         self._text.content = f"**{found.message}**"
@@ -112,7 +115,8 @@ class AllanView:
         clock = log_scale_for(found.tau, "s" if found.in_seconds else "samples")
         low, high, ys = floored((found.deviation, found.model))
         scale = log_scale_for(np.array([low]), plain_unit(allan.state.tuning.unit))
-        best = np.argmin(found.model) if math.isfinite(found.best_size) else -1
+        inside = found.size[0] <= found.best_size <= found.size[-1]  # beyond, the model is still falling
+        best = np.argmin(found.model) if inside else -1
         mark = np.where(np.arange(len(found.size)) == best, found.model, np.nan)
         edges = [np.clip(found.deviation + sign * 2.0 * found.spread, low, high) for sign in (-1.0, 1.0)]
         x = found.tau * clock.factor

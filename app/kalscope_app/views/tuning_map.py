@@ -15,7 +15,7 @@ from kalscope_app.changes import set_map_colour, set_map_shown, set_point
 from kalscope_app.map_geometry import DISTANCE, PIXELS, Frame, Point, field_of_view, frame_for, grabbed, hit
 from kalscope_app.session import Session
 from kalscope_app.state import MAP_COLOURS, State
-from kalscope_app.tuning_map import TuningMap, exponents_of, nothing, variants_of
+from kalscope_app.tuning_map import TuningMap, exponents_of, nothing
 from kalscope_app.views.map_picture import Plate, chips, draw_map_picture, draw_ring
 
 FLAT = (0.0, 1.0, 0.0, 0.0)
@@ -221,7 +221,7 @@ def shape_of(client: viser.ClientHandle) -> float | None:
 
 def plate_of(state: State, shown: TuningMap, frame: Frame) -> Plate:
     """What the picture is drawn from."""
-    pinned = tuple((v.name, v.rgb(dark=state.dark), exponents_of(state, v.tuning)) for v in variants_of(state))
+    pinned = tuple((v.name, v.rgb(dark=state.dark), exponents_of(state, v.tuning)) for v in state.variants)
     recording = state.recording
     unit, truth = state.tuning.unit, recording.truth is not None
     return Plate(shown, frame, unit, recording.sample_period, state.dark, truth, pinned)

@@ -14,7 +14,7 @@ from kalscope.alternatives.candidates import Candidate, at_lag, at_noise
 from kalscope.alternatives.errors import Errors
 from kalscope.alternatives.filters import exponential
 from kalscope.alternatives.identity import identity_words
-from kalscope.alternatives.verdict import Difference, difference, verdict
+from kalscope.alternatives.verdict import Difference, difference, refusal, verdict
 from kalscope.errors import BadSetting
 from kalscope.filtering import FilterResult, kalman_filter
 from kalscope.model import FilterParams
@@ -30,6 +30,9 @@ LIMIT = 200_000
 
 NEAR_DB = 0.424
 """Noise reductions that differ by less, 5 % of the amplitude that is left, count as equal, dB."""
+
+PASSES = 0.999
+"""Share of the noise that a window or a gain of 1 leaves at least: no filter, and so equal to none."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class Alternative:
     sentence: str
     """What is to be said for it and against it."""
     matched: bool = True
-    """Whether it came within 5 % or half a sample of the lag asked for, or within 5 % of the noise left."""
+    """Whether it filters at all, and came within 5 % or half a sample of the lag asked for, or 5 % of the noise."""
     against: Difference | None = None
     """Its error against that of the present filter; None for the present one and for what looks ahead."""
 
@@ -94,6 +97,7 @@ class Comparison:
     """What was compared: stretch, samples, the measure of error."""
 
 
+@np.errstate(over="ignore")
 def compare_alternatives(
     z: ArrayLike,
     params: FilterParams,
@@ -134,17 +138,17 @@ def compare_alternatives(
     result = kalman_filter(piece, params, steps)
     steady = steady_state(params)
     lag, gain = float(steady.lag_samples), float(steady.gain)
-    refusal = _refusal(piece, lag, gain)
+    refused = refusal(piece, lag, gain)
     chosen: tuple[Candidate, ...] = ()
-    if refusal is None:
+    if refused is None:
         bench = bench_of(piece, result.x, lag)
         chosen = at_lag(lag, bench) if match == "lag" else at_noise(gain / (2.0 - gain), bench)
     begun = _begun(piece, [one for one in chosen if one.causal])
     errors = Errors(piece, true, begun, sample_period)
     present = _present(result, params, steady.noise_reduction_db, lag, errors)
-    if refusal is not None:
+    if refused is not None:
         return Comparison(
-            match, first, last, 0, present, (), refusal, "", _note(first, last, len(samples), 0, true)
+            match, first, last, 0, present, (), refused, "", _note(first, last, len(samples), 0, true)
         )
     others = _others(chosen, present, errors, match)
     offline = _smoother(piece, params, steps, errors)
@@ -204,6 +208,7 @@ def _others(
         curve = candidate.run(errors.z)
         behind, gain = candidate.lag, candidate.noise_gain
         decibel = -10.0 * math.log10(gain) if gain > 0.0 else math.inf
+        near = is_matched(behind - lag, lag) if match == "lag" else abs(decibel - reduction) <= NEAR_DB
         made.append(
             Alternative(
                 name=candidate.name,
@@ -220,7 +225,7 @@ def _others(
                 gaps=candidate.gaps,
                 memory=candidate.memory,
                 sentence=candidate.sentence,
-                matched=is_matched(behind - lag, lag) if match == "lag" else abs(decibel - reduction) <= NEAR_DB,
+                matched=near and gain < PASSES,
                 against=difference(errors.squared(curve), own, lag, causal) if candidate.causal else None,
             )
         )
@@ -267,23 +272,6 @@ def _smoother(z: Array, params: FilterParams, steps: Array | None, errors: Error
         memory=0,
         sentence="The best that q and r can say of a finished recording; no device can run it.",
     )
-
-
-def _refusal(z: Array, lag: float, gain: float) -> str | None:
-    """Why nothing can be compared, where that is so."""
-    finite = int(np.isfinite(z).sum())
-    if finite < 16:
-        return f"There are only {finite} samples to compare filters on: 16 are the least."
-    if math.isinf(lag):
-        return "With q = 0 the filter never settles, so it has no lag to compare at. Set q above 0."
-    if gain >= 1.0 - 1e-9:
-        return "The present setting passes the signal through (gain 1), so there is nothing simpler than no filter."
-    if lag > 0.25 * len(z):
-        return (
-            f"The lag of the present setting, {lag:.3g} samples, is more than a quarter of the {len(z)} samples "
-            "here: too long to compare. Record longer, or set q higher."
-        )
-    return None
 
 
 def _begun(z: Array, causal: list[Candidate]) -> int:
