@@ -69,6 +69,7 @@ def _seen_as(present: State, other: State) -> State:
     same_view = same_record and present.channel == other.channel
     resets = present.resets if same_view else present.resets + 1
     seen = {"dark": present.dark, "map_shown": present.map_shown, "map_colour": present.map_colour}
+    seen["sent"] = present.sent  # what a board has taken stays taken
     live = present.live if same_record else other.live  # what follows or is paused is the view's, not tuned
     return replace(other, window=window, resets=resets, note="", live=live, **seen)
 
