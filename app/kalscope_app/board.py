@@ -14,6 +14,7 @@ from kalscope.errors import BadDevice, BadSetting
 from kalscope.export.board_check import BoardCheck, check_board
 from kalscope.export.board_talk import BoardAnswer, commands, is_refusal, read_answer
 from kalscope.export.float32 import Float32Params, float32_params
+from kalscope.model import FilterParams
 from kalscope.sources.live import LiveSource, Snapshot
 from kalscope_app.state import State
 
@@ -26,6 +27,8 @@ class Sent:
     """The live record that it belongs to."""
     channel: str
     """The channel that was tuned."""
+    asked: FilterParams
+    """What was on screen when it was sent."""
     params: Float32Params
     """What the board says it uses, exact."""
     row: int
@@ -53,9 +56,10 @@ def send_setting(state: State, source: LiveSource) -> Sent:
     """Bring q, r and p0 of the channel on screen onto the board, one command at a time, each answered.
 
     Raises:
-        BadSetting: the values do not fit float32, or this board has no such filter.
+        BadSetting: the values do not fit float32, this board has no such filter, or another one is on screen.
         BadDevice: the board did not answer, or did not take a value.
     """
+    state.check_five_lines([state.channel])
     wanted = float32_params(state.params)
     lines = commands(wanted, board_number(state.recording.names, state.channel))
     answer: BoardAnswer | None = None
@@ -66,7 +70,7 @@ def send_setting(state: State, source: LiveSource) -> Sent:
     assert answer is not None
     # x0 and gate stay those of the export; the settled gain belonged to the values before.
     taken = replace(wanted, q=answer.q, r=answer.r, p0=answer.p0, settled_gain=np.float32(0.0))
-    return Sent(state.record_key, state.channel, taken, row)
+    return Sent(state.record_key, state.channel, state.params, taken, row)
 
 
 def _answer(source: LiveSource, line: str) -> BoardAnswer:
@@ -84,8 +88,8 @@ def _rows(snapshot: Snapshot | None) -> int:
     return 0 if snapshot is None else snapshot.first + len(snapshot.recording)
 
 
-def set_sent(sent: Sent) -> Callable[[State], State]:
-    """The board has taken a setting."""
+def set_sent(sent: Sent | None) -> Callable[[State], State]:
+    """The board has taken a setting; None: what it uses is not known."""
     return lambda state: replace(state, sent=sent)
 
 

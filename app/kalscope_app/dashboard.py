@@ -10,7 +10,6 @@ from typing import Any
 import viser
 
 from kalscope.sources.live import LiveSource
-from kalscope_app.board import compare_with_board
 from kalscope_app.changes import set_dark, set_smoother
 from kalscope_app.checks import compute_checks
 from kalscope_app.comparing import AlternativesStudy, compute_allan, compute_spectra
@@ -25,7 +24,7 @@ from kalscope_app.studies import Studies, Study
 from kalscope_app.tuning_map import MapMaker
 from kalscope_app.variant_rows import VariantTable
 from kalscope_app.views.alternatives import AlternativesView
-from kalscope_app.views.board import BoardView
+from kalscope_app.views.board import BoardView, compared
 from kalscope_app.views.channels import ChannelsView
 from kalscope_app.views.checks import ChecksView
 from kalscope_app.views.code import CodeView, limits_text
@@ -72,7 +71,7 @@ class Dashboard:
         rounds = [
             self._study(VariantTable().compute, self._variants.show_table),
             Study(study(MapMaker()), self._map.show),
-            self._study(compare_with_board, self._board.show_check),
+            self._study(compared, self._board.show_check),
             self._study(compute_checks, self._checks.show),
             self._study(limits_text, self._code.show_limits),
             self._study(Overviews().compute, self._channels.show_overview),

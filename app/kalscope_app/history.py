@@ -69,7 +69,8 @@ def _seen_as(present: State, other: State) -> State:
     same_view = same_record and present.channel == other.channel
     resets = present.resets if same_view else present.resets + 1
     live = present.live if same_record else other.live  # what follows or is paused is the view's, not tuned
-    return replace(other.seen_as(present), window=window, resets=resets, note="", live=live)
+    # What a board has taken stays taken.
+    return replace(other.seen_as(present), window=window, resets=resets, note="", live=live, sent=present.sent)
 
 
 def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:

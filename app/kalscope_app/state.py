@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -167,6 +168,15 @@ class State:
         tunings = in_step(tunings, self.starts, at, self.together)
         same = (changed.q, changed.r) == (self.tuning.q, self.tuning.r)
         return replace(self, tunings=tunings, outcome=self.outcome if same else None, note="")
+
+    def check_five_lines(self, names: Iterable[str]) -> None:
+        """BadSetting where one of these channels runs the second paper's filter, which leaves only as a picture."""
+        other = [name for name in names if self.rules and self.rules[self.recording.index(name)] is not None]
+        if other:
+            raise BadSetting(
+                "what is exported must be the filter with q and r: choose it under Tune first (got the second"
+                f" paper's filter on {', '.join(other)[:100]})"
+            )
 
     def as_tuning(self) -> Tuning:
         """What the tuning file holds."""

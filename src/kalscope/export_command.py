@@ -31,17 +31,23 @@ def export_command(
         str | None,
         typer.Option("--vectors", metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered."),
     ] = None,
+    sample_period: Annotated[
+        str | None,
+        typer.Option("--sample-period", metavar="NUMBER", help="Of the device, s: q is carried over to it."),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write over files that are there.")] = False,
 ) -> None:
     """Export the tuned filter for the device or the program that is to run it."""
     from kalscope import cli
-    from kalscope.export import export_tuning
+    from kalscope.export import carried_over, export_tuning
     from kalscope.sources import open_source
     from kalscope.tuning import load_tuning
 
     if vectors is not None and output is None:
         raise BadSetting("--vectors needs -o, the folder to write to (got none)")
     tuned = load_tuning(tuning)
+    if sample_period is not None:
+        tuned = carried_over(tuned, cli._number("--sample-period", sample_period))
     recording = None if vectors is None else open_source(vectors)
     files = export_tuning(tuned, target, channel=channel, vectors=recording)
     for message in limits_of(tuned, channel) if target in SMALL_BOARDS else ():

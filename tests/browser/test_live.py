@@ -99,4 +99,10 @@ def test_what_is_sent_to_the_board_is_what_it_computes(open_live, start_board, w
     screen.page.get_by_role("button", name="Send q, r and p0").click()
     screen.page.get_by_text("The board now uses q = 0.037, r = 11.3, p0 = inf").wait_for()
     screen.page.get_by_text("Equal bit for bit").wait_for()
+    screen.tab("Tune")
+    screen.type("process noise q", "0.5")
+    screen.tab("Export")
+    screen.page.get_by_text(
+        "rows since the board took q = 0.037, r = 11.3, p0 = inf. What is on screen now"
+    ).wait_for()
     screen.shot("sent-to-the-board")

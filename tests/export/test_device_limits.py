@@ -7,7 +7,7 @@ import pytest
 
 from kalscope import FilterParams
 from kalscope.errors import BadSetting
-from kalscope.export.device_limits import UNO_READ_US, UNO_UPDATE_US, device_limits, q_for_period
+from kalscope.export.device_limits import UNO_READ_US, UNO_UPDATE_US, device_limits
 from kalscope.export.float32 import filter_float32
 
 
@@ -60,15 +60,8 @@ def test_too_many_channels_for_the_time_of_an_uno_are_told():
     assert kinds(0.01, 4.0, sample_period=2.99 * per_channel, channels=3) == ["time"]
 
 
-def test_q_keeps_the_spread_per_second():
-    assert q_for_period(0.02, 0.005, 0.01) == 0.04
-    assert q_for_period(0.02, 0.005, 0.005) == 0.02
-
-
 def test_what_is_no_period_or_level_is_refused():
     for wrong in (0.0, -1.0, float("nan"), float("inf")):
-        with pytest.raises(BadSetting):
-            q_for_period(1.0, wrong, 1.0)
         with pytest.raises(BadSetting):
             device_limits(FilterParams(1.0, 1.0), level=wrong)
         with pytest.raises(BadSetting):

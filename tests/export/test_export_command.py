@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import signal
@@ -45,6 +46,20 @@ def test_without_a_folder_the_main_file_goes_to_stdout(tuning_file, capfd):
     shown = capfd.readouterr()
     assert shown.out == export_tuning(load_tuning(tuning_file), "python")["kalscope_filter.py"]
     assert shown.err == "kalscope: note: kalscope_filter.py; with -o DIR also with_kalscope.py\n"
+
+
+def test_q_is_carried_over_to_the_period_of_the_device(tuning_file, capfd):
+    command = ["export", str(tuning_file), "--to", "json", "--sample-period"]
+    assert cli.run([*command, "0.04"]) == 0
+    document = json.loads(capfd.readouterr().out)
+    assert document["sample_period_s"] == 0.04
+    assert [channel["process_noise_q"] for channel in document["channels"]] == [0.04, 4.0]
+    assert [channel["measurement_noise_r"] for channel in document["channels"]] == [0.25, 2.0]
+    assert document["channels"][0]["found"] == "q times 4, found at 0.01 s; by hand"
+    assert cli.run([*command, "0.01"]) == 0
+    assert capfd.readouterr().out == export_tuning(load_tuning(tuning_file), "json")["kalscope_parameters.json"]
+    assert cli.run([*command, "0"]) == 2
+    assert capfd.readouterr().err == "kalscope: sample_period must be a positive number of seconds (got 0.0)\n"
 
 
 def test_one_channel_can_be_chosen(tuning_file, tmp_path):

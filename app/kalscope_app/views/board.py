@@ -8,16 +8,18 @@ from typing import Any
 import viser
 
 from kalscope.errors import BadSetting
-from kalscope.export.board_check import BoardCheck
 from kalscope.sources.live import LiveSource
-from kalscope_app.board import send_setting, set_sent
+from kalscope_app.board import Sent, compare_with_board, send_setting, set_sent
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.views.words import count, number
 
-HOW = "Works with the exported Arduino sketch. Its filter starts anew with these values."
+HOW = (
+    "Works with the exported Arduino sketch. Its filter starts anew with these values; start value and outlier "
+    "gate stay those of the export."
+)
 
 
 class BoardView:
@@ -46,10 +48,10 @@ class BoardView:
         source = self._connected()
         if source is None or state.live is None or state.live.feed is not source:
             raise BadSetting("a board must be connected before values are sent to it (got none)")
+        self._session.request(set_sent(None))  # of three values some may arrive and some not
         sent = send_setting(state, source)
         self._session.request(set_sent(sent))
-        words = f"q = {float(sent.params.q):.6g}, r = {float(sent.params.r):.6g}, p0 = {float(sent.params.p0):.6g}"
-        self._tell(f"The board now uses {words}", good=True)
+        self._tell(f"The board now uses {values(sent)}", good=True)
 
     def show(self, frame: Frame) -> None:
         """Only a live board can be sent to."""
@@ -57,20 +59,31 @@ class BoardView:
         if self._folder.visible != live:
             self._folder.visible = live
 
-    def show_check(self, check: BoardCheck | None) -> None:
+    def show_check(self, text: str) -> None:
         """Say how the board's curve compares."""
-        text = check_text(check)
         if self._text.content != text:
             self._text.content = text
 
 
-def check_text(check: BoardCheck | None) -> str:
-    """The comparison in one sentence."""
-    if check is None or check.rows == 0:
+def compared(state: State) -> str:
+    """How the board's rows compare with ours since it took a setting, as markdown; "" where there are none."""
+    check, sent = compare_with_board(state), state.sent
+    if sent is None or check is None or check.rows == 0:
         return ""
+    since = f"since the board took {values(sent)}"
     if check.different == 0:
-        return f"**Equal bit for bit** in {count(check.rows)} rows since it took them."
-    return (
-        f"{count(check.different)} of {count(check.rows)} rows differ, by up to {count(check.largest_steps)} "
-        f"steps of float32 ({number(check.largest)})."
-    )
+        text = f"**Equal bit for bit** in {count(check.rows)} rows {since}."
+    else:
+        text = (
+            f"{count(check.different)} of {count(check.rows)} rows differ {since}, by up to "
+            f"{count(check.largest_steps)} steps of float32 ({number(check.largest)}). A board that was reset has "
+            "the values of its export again: then send once more."
+        )
+    if state.params != sent.asked:
+        text += " What is on screen now has not been sent."
+    return text
+
+
+def values(sent: Sent) -> str:
+    """What a board uses."""
+    return ", ".join(f"{name} = {float(getattr(sent.params, name)):.6g}" for name in ("q", "r", "p0"))

@@ -17,13 +17,26 @@ from kalscope.errors import BadSetting
 from kalscope.export import TARGETS, export_tuning
 from kalscope.export.device_limits import device_limits
 from kalscope.export_command import write_files
+from kalscope_app.changes import parse_number
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
 from kalscope_app.session import Session
 from kalscope_app.state import State
+from kalscope_app.views.files import show_files, show_refusal
 from kalscope_app.views.words import plain
 
 THIS, ALL = "this channel", "all channels"
+
+TITLES = {target.title: name for name, target in TARGETS.items()}
+"""Targets by the words on screen."""
+
+UNEVEN = 0.5
+"""Periods by which a time step must differ from one before a device would show it."""
+
+GAPS = (
+    "On screen gaps in time count; code and test vectors take one period a sample. Where samples are missing, "
+    "give the device's filter a NaN for each."
+)
 
 
 class CodeView:
@@ -34,7 +47,7 @@ class CodeView:
     ) -> None:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
         with gui.add_folder("Code for a device"):
-            self._target = gui.add_dropdown("for", tuple(TARGETS), hint="Where the filter is to run.")
+            self._target = gui.add_dropdown("for", tuple(TITLES), hint="Where the filter is to run.")
             self._what = gui.add_markdown(TARGETS["arduino"].what)
             self._limits = gui.add_markdown("")
             self._channels = gui.add_dropdown("filters", (THIS, ALL), hint="What the files hold.")
@@ -43,7 +56,12 @@ class CodeView:
                 False,
                 hint="groundtruth.csv: the first samples of this recording and what the filter makes of them.",
             )
-            look = gui.add_button("Look and copy", hint="Shows the files; click into one, Ctrl+A, Ctrl+C.")
+            self._period = gui.add_text(
+                "period (s)",
+                "",
+                hint="Between two samples of the device; q is carried over to it. Empty: as in this recording.",
+            )
+            look = gui.add_button("Look and copy", hint="Shows the files, to read and to copy.")
             self._name = gui.add_text(
                 "folder", "export", hint="A new folder inside the one in which Kalscope was started."
             )
@@ -55,15 +73,15 @@ class CodeView:
         download.on_click(self._on_download)
 
     async def _on_target(self, _event: viser.GuiEvent[Any]) -> None:
-        target = TARGETS.get(self._target.value)
-        self._what.content = "" if target is None else target.what
+        name = TITLES.get(self._target.value)
+        self._what.content = "" if name is None else TARGETS[name].what
 
     async def _on_look(self, event: viser.GuiEvent[Any]) -> None:
         client = event.client
         if client is not None:
-            self._with_files(lambda _target, files: show_files(client, files))
+            self._with_files(client, lambda _target, files: show_files(client, files))
 
-    async def _on_save(self, _event: viser.GuiEvent[Any]) -> None:
+    async def _on_save(self, event: viser.GuiEvent[Any]) -> None:
         name = self._name.value.strip()
 
         def save(_target: str, files: dict[str, str]) -> None:
@@ -73,19 +91,26 @@ class CodeView:
             written = write_files(files, folder)
             self._tell(f"Saved {', '.join(path.name for path in written)} in {folder}", good=True)
 
-        self._with_files(save)
+        if event.client is not None:
+            self._with_files(event.client, save)
 
     async def _on_download(self, event: viser.GuiEvent[Any]) -> None:
         client = event.client
         if client is not None:
-            self._with_files(lambda target, files: send_files(client, target, files))
+            self._with_files(client, lambda target, files: send_files(client, target, files))
 
-    def _with_files(self, use: Callable[[str, dict[str, str]], None]) -> None:
-        """Make the files of the state on screen, as a job, and hand them on."""
-        target, all_channels, vectors = self._target.value, self._channels.value == ALL, self._vectors.value
+    def _with_files(self, client: viser.ClientHandle, use: Callable[[str, dict[str, str]], None]) -> None:
+        """Make the files of the state on screen, as a job, and hand them on; or say why there are none."""
+        target, period = TITLES.get(self._target.value, ""), self._period.value
+        all_channels, vectors = self._channels.value == ALL, self._vectors.value
 
         def work(state: State) -> None:
-            use(target, files_of(state, target, all_channels=all_channels, vectors=vectors))
+            try:
+                files = files_of(state, target, all_channels=all_channels, vectors=vectors, period=period)
+            except BadSetting as error:
+                show_refusal(client, str(error))
+            else:
+                use(target, files)
 
         self._session.ask(lambda state: self._jobs.run(lambda: work(state)))
 
@@ -102,28 +127,41 @@ class CodeView:
 
 
 def limits_text(state: State) -> str:
-    """What differs on a small board, as markdown, for the channel on screen; "" where nothing does. A study."""
+    """What differs from the screen, as markdown, for the channel on it; "" where nothing does. A study."""
     if state.rule is not None:
-        return ""
+        return "The second paper's filter is on screen: no device can have that. Choose *q and r* under Tune."
     z = state.recording.channel(state.channel)
     level = float(np.abs(z[np.isfinite(z)]).max(initial=0.0)) or 1.0
     limits = device_limits(state.params, level=level, sample_period=state.recording.sample_period)
-    return "\n".join(f"- On a small board: {plain(limit.message, 400)}" for limit in limits)
+    lines = [f"On a small board: {plain(limit.message, 400)}" for limit in limits]
+    if state.dt is not None and np.any(np.abs(state.dt - 1.0) > UNEVEN):
+        lines.append(GAPS)
+    return "\n".join(f"- {line}" for line in lines)
 
 
-def files_of(state: State, target: str, *, all_channels: bool, vectors: bool) -> dict[str, str]:
-    """The files of a target for what is on screen, by name."""
-    channel = None if all_channels else state.channel
-    return export_tuning(state.as_tuning(), target, channel=channel, vectors=state.recording if vectors else None)
+def files_of(
+    state: State, target: str, *, all_channels: bool = False, vectors: bool = False, period: str = ""
+) -> dict[str, str]:
+    """The files of a target for what is on screen, by name.
 
+    Args:
+        state: What is on screen.
+        target: A name of `kalscope.export.TARGETS`.
+        all_channels: Not only the channel on screen.
+        vectors: With the test vectors.
+        period: Sample period of the device as it was typed, s; empty = that of the recording.
 
-def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:
-    """A window with every file in a text box of its own: plain text, so nothing in it can act."""
-    with client.gui.add_modal("Files to copy") as modal:
-        for name, text in files.items():
-            client.gui.add_text(name, text, multiline=True, hint="Click into it, then Ctrl+A and Ctrl+C.")
-        close = client.gui.add_button("Close")
-        close.on_click(lambda _event: modal.close())
+    Raises:
+        BadSetting: As `export_tuning`, and where a channel has the second paper's filter.
+    """
+    state.check_five_lines(state.recording.names if all_channels else [state.channel])
+    return export_tuning(
+        state.as_tuning(),
+        target,
+        channel=None if all_channels else state.channel,
+        vectors=state.recording if vectors else None,
+        sample_period=parse_number("period", period) if period.strip() else None,
+    )
 
 
 def send_files(client: viser.ClientHandle, target: str, files: dict[str, str]) -> None:

@@ -47,6 +47,7 @@ class ExportView:
         path = check_inside(name, self._folder)
         if path.suffix != ".toml" or any(part.startswith(".") for part in Path(name).parts if part != "."):
             raise BadSetting(f"the tuning file must be named like tuning.toml (got {name!r})")
+        state.check_five_lines(state.recording.names)
         save_tuning(state.as_tuning(), path)
         self._tell(f"Saved {path}", good=True)
 
@@ -76,11 +77,13 @@ class ExportView:
 
 
 def _send_tuning(state: State, client: viser.ClientHandle) -> None:
+    state.check_five_lines(state.recording.names)
     content = dumps(state.as_tuning()).encode()
     client.send_file_download("tuning.toml", content, save_immediately=True)
 
 
 def _send_csv(state: State, client: viser.ClientHandle) -> None:
+    state.check_five_lines(state.recording.names)
     content = filtered_csv(state.recording, state.as_tuning()).encode()
     client.send_file_download("filtered.csv", content, save_immediately=True)
 

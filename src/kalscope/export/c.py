@@ -9,7 +9,7 @@ from kalscope.errors import BadSetting
 from kalscope.export.float32 import float32_params, float32_text
 from kalscope.export.job import ExportJob
 from kalscope.export.names import number_text
-from kalscope.export.words import about, about_channel
+from kalscope.export.words import about, about_channel, commented
 from kalscope.kernels import GATE_LIMIT
 from kalscope.tuning import ChannelTuning
 
@@ -33,7 +33,7 @@ def files(job: ExportJob) -> dict[str, str]:
 
 
 def _commented(lines: tuple[str, ...]) -> str:
-    return "\n".join(["/*", *(f" * {line}".rstrip() for line in lines), " */"])
+    return f"/*\n{commented(lines, ' *')} */"
 
 
 def _constant(job: ExportJob, channel: ChannelTuning, name: str) -> str:

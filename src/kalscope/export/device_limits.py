@@ -63,22 +63,6 @@ def device_limits(
     return tuple(limit for limit in (*found, _time(sample_period, channels)) if limit is not None)
 
 
-def q_for_period(q: float, sample_period: float, new_period: float) -> float:
-    """The q, unit², for another sample period: a random walk spreads in proportion to time. r and p0 stay.
-
-    Args:
-        q: Process-noise variance per `sample_period`, unit².
-        sample_period: The period that q belongs to, s, > 0.
-        new_period: The period of the device, s, > 0.
-
-    Raises:
-        BadSetting: A period is not positive.
-    """
-    if not (0.0 < sample_period < math.inf and 0.0 < new_period < math.inf):
-        raise BadSetting(f"sample periods must be positive seconds (got {sample_period} and {new_period})")
-    return q * (new_period / sample_period)
-
-
 def _refused(params: FilterParams) -> DeviceLimit | None:
     try:
         float32_params(params)

@@ -24,10 +24,8 @@ def refusal(job: ExportJob, library: str, line: Callable[[str, str], str]) -> Ba
     lines = []
     for word, channel in list(zip(job.identifiers, job.channels, strict=True))[:MOST_LINES]:
         gain = float(job.steady(channel).gain)
-        name = comment_text(channel.name)
-        lines.append(
-            f"{name}: {line(word, number_text(gain))}" if gain > 0.0 else f"{name}: none, because q is 0 (a mean)"
-        )
+        said = line(word, number_text(float(f"{gain:.6g}"))) if gain > 0.0 else "none, because q is 0 (a mean)"
+        lines.append(f"{comment_text(channel.name)}: {said}")
     more = "" if len(job.channels) <= MOST_LINES else f"; and {len(job.channels) - MOST_LINES} more channels"
     return BadSetting(
         f"target must be a filter that q and r mean the same to (got {library}: its q multiplies the size of the"

@@ -6,8 +6,7 @@ import json
 from typing import Any
 
 from kalscope.export.job import ExportJob
-from kalscope.export.names import comment_text
-from kalscope.export.words import about, about_channel
+from kalscope.export.words import about, about_channel, squared
 from kalscope.tuning import ChannelTuning
 
 FORMAT = "kalscope-parameters-1"
@@ -33,12 +32,11 @@ def files(job: ExportJob) -> dict[str, str]:
 def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> dict[str, Any]:
     """One channel; a null is an automatic start or a gate that is off."""
     steady = job.steady(channel)
-    unit = comment_text(channel.unit, 20)
     return {
         "name": _clean(channel.name),
         "identifier": word,
         "unit": _clean(channel.unit),
-        "unit_of_variances": f"({unit})^2" if unit else "",
+        "unit_of_variances": squared(channel.unit),
         "process_noise_q": channel.q,
         "measurement_noise_r": channel.r,
         "start_variance_p0": channel.p0,

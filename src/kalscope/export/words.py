@@ -35,8 +35,7 @@ def about(job: ExportJob) -> tuple[str, ...]:
 
 def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
     """What the filter of one channel is: the three variances with their unit, gain, lag and start."""
-    unit = comment_text(channel.unit, 20)
-    square = f"({unit})^2" if unit else "square of the signal's unit"
+    square = squared(channel.unit) or "the square of the signal's unit"
     steady = job.steady(channel)
     lag = f"{steady.lag_samples:.4g} samples"
     if steady.lag_s is not None:
@@ -55,6 +54,14 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
         f"  found: {comment_text(channel.how)}",
         f"  settled: gain K = {steady.gain:.6g}, lag behind a ramp {lag}",
     )
+
+
+def squared(unit: str) -> str:
+    """The unit of a variance: counts^2, (m/s)^2; "" where the unit is not known."""
+    word = comment_text(unit, 20)
+    if not word:
+        return ""
+    return f"{word}^2" if word.isalpha() else f"({word})^2"
 
 
 def start_words(channel: ChannelTuning) -> str:

@@ -1,0 +1,74 @@
+"""The folder "Code for a device": what leaves is what is on screen, or it is refused in plain words."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, Recording, export_tuning
+from kalscope_app.changes import set_text
+from kalscope_app.history import History, record, step_back
+from kalscope_app.state import opened, opened_experiment
+from kalscope_app.views.code import GAPS, TITLES, files_of, limits_text, packed
+
+
+@pytest.fixture
+def state():
+    z = np.random.default_rng(2).normal(500.0, 3.0, (300, 2))
+    recording = Recording(np.arange(300) * 0.005, ("a", "b"), ("V", ""), z, 0.005)
+    return set_text("q", "0.02")(opened(recording))
+
+
+def undated(files):
+    """The files without the moment at which each was made."""
+    return {name: re.sub(r"\d{4}-\d\d-\d\dT[\d:]+Z", "", text) for name, text in files.items()}
+
+
+@pytest.mark.parametrize("target", [name for name in TITLES.values() if "filter" not in name])
+def test_the_files_are_those_of_the_setting_on_screen(state, target):
+    one, both = (export_tuning(state.as_tuning(), target, channel=name) for name in ("a", None))
+    assert undated(files_of(state, target)) == undated(one)
+    assert undated(files_of(state, target, all_channels=True)) == undated(both)
+
+
+def test_another_period_of_the_device_carries_q_over(state):
+    (text,) = files_of(state, "json", period=" 0,02 ").values()
+    assert '"process_noise_q": 0.08' in text
+    assert "q times 4, found at 0.005 s" in text
+    with pytest.raises(BadSetting, match="period must be a number"):
+        files_of(state, "json", period="often")
+
+
+def test_the_second_papers_filter_is_refused_wherever_it_would_leave():
+    state = opened_experiment("generalized_figure_8")
+    with pytest.raises(BadSetting, match="must be the filter with q and r"):
+        files_of(state, "arduino")
+    assert "second paper" in limits_text(state)
+    assert files_of(state.with_rule(None), "arduino")
+
+
+def test_gaps_that_count_on_screen_are_said_not_to_count_on_a_device(state):
+    uneven = replace(state.recording, time=state.recording.time + (np.arange(300) > 100) * 1.0, gaps="dt")
+    assert GAPS in limits_text(replace(state, recording=uneven))
+    assert GAPS not in limits_text(replace(state, recording=replace(uneven, gaps="rows")))
+    assert GAPS not in limits_text(replace(state, recording=replace(state.recording, gaps="dt")))
+
+
+def test_one_file_is_sent_as_it_is_and_several_as_a_zip(state):
+    assert packed("json", {"a.json": "{}"}) == ("a.json", b"{}")
+    files = files_of(state, "arduino", vectors=True)
+    name, content = packed("arduino", files)
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        assert {one: archive.read(one).decode() for one in archive.namelist()} == files
+    assert name == "kalscope-arduino.zip"
+
+
+def test_undo_brings_no_earlier_sending_back(state):
+    before, present = replace(state, sent="first"), replace(set_text("q", "0.5")(state), sent="second")
+    history = record(History(), before, present, "", 0.0)
+    assert step_back(history, present)[1].sent == "second"

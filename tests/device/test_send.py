@@ -1,0 +1,53 @@
+"""A setting sent to one of two filters of a real Arduino program: it obeys bit for bit, the other goes on."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import export_tuning
+from kalscope.export.board_check import check_board
+from kalscope.export.float32 import float32_params
+from kalscope.sources.live import LiveSource
+from kalscope.tuning import ChannelTuning, Tuning
+from kalscope_app.board import compare_with_board, send_setting
+from kalscope_app.live import opened_live, refreshed
+
+pytestmark = pytest.mark.device
+PATIENCE = 60.0
+
+
+def grown(state, condition):
+    """The state once enough has come."""
+    end = time.monotonic() + PATIENCE
+    while not condition(state):
+        assert time.monotonic() < end, f"must come true within {PATIENCE:g} s"
+        time.sleep(0.05)
+        state = refreshed(state)
+    return state
+
+
+def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(start_board, workshop, tmp_path):
+    light, temp = ChannelTuning("light", "counts", 0.5, 20.0), ChannelTuning("temp", "counts", 0.01, 9.0, 4.0)
+    for name, text in export_tuning(Tuning((light, temp), sample_period=0.005), "arduino").items():
+        (tmp_path / name).write_text(text)
+    firmware = workshop.sketch(tmp_path / "kalscope_filter.ino", include=[tmp_path])
+    counts = np.random.default_rng(8).integers(300, 700, (4000, 2))
+    board = start_board(firmware, counts, "--wait-open")
+    with LiveSource(board.port) as source:
+        state = grown(opened_live(source, "board"), lambda state: len(state.recording) > 150)
+        assert state.recording.names == ("light", "light_filtered", "temp", "temp_filtered")
+        state = replace(state, channel="temp").with_tuning(q=0.037, r=11.3)
+        state = replace(state, sent=send_setting(state, source))
+        rows = state.sent.row + 200
+        state = grown(state, lambda state: len(state.recording) > rows)
+    check = compare_with_board(state)
+    assert check.rows > 150
+    assert check.different == 0
+    column = state.recording.channel
+    other = check_board(column("light"), column("light_filtered"), float32_params(light.params))
+    assert other.rows == len(state.recording)
+    assert other.different == 0
