@@ -175,9 +175,13 @@ class LiveSource:
         self._thread = threading.Thread(target=self._run, args=(self._stop,), name="kalscope lines", daemon=True)
         self._thread.start()
 
-    def close(self) -> None:
-        """Free the port, take what it had brought, end the recording. May be called twice."""
-        self._reader.close()
+    def close(self, timeout: float = 3.0) -> None:
+        """Free the port, take what it had brought, end the recording. May be called twice.
+
+        Args:
+            timeout: Seconds to wait for an attempt to connect over the network; the recording ends all the same.
+        """
+        self._reader.close(timeout)
         self._stop.set()
         thread, self._thread = self._thread, None
         if thread is not None:
