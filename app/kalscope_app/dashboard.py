@@ -56,9 +56,7 @@ log = logging.getLogger(__name__)
 class Dashboard:
     """Views, session and engine on one server."""
 
-    def __init__(
-        self, server: viser.ViserServer, state: State, folder: Path, log_file: Path | None = None
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, state: State, folder: Path, log_file: Path | None = None) -> None:
         """Args: the guarded server; what to show first; the folder that exports stay in; the log, to be named."""
         self._server, self._log_file = server, log_file
         self._first = state
@@ -143,7 +141,7 @@ class Dashboard:
         self.engine.first_frame.wait(timeout=60.0)
 
     def stop(self) -> None:
-        """Finish a recording and free the port, then end the threads: a frame may take longer than the program has."""
+        """Finish a recording and free the port, then end the engine: a frame may take longer than is left."""
         self._live.close(timeout=0.3)
         self.engine.stop()
 

@@ -85,8 +85,9 @@ class Trouble:
 
     @contextmanager
     def watch_threads(self) -> Iterator[None]:
-        """While the block runs, hear of what ends a thread, of what is raised where it cannot be passed on, and of
-        what a callback of the scene or of a connection raises on the event loop, which viser prints and forgets.
+        """While the block runs, hear of what ends a thread, and of what is raised where it cannot be passed on.
+
+        Also of what a callback of the scene or of a connection raises on the event loop: viser would print it.
         """
         before = threading.excepthook, sys.unraisablehook
         printing = [(module, module.print_awaited_callback_error) for module in (_scene_api, _viser)]

@@ -73,6 +73,10 @@ class Guest:
         """The message that made each widget, by its uuid."""
         self.values: dict[str, Any] = {}
         """The present value of each widget on this screen."""
+        self.nodes: set[str] = set()
+        """Names of the nodes of the scene."""
+        self.commands: dict[str, str] = {}
+        """Labels of the commands of the palette, by uuid."""
         self.notices: list[str] = []
         """What notifications said."""
         self.send("ViewerCameraMessage", **CAMERA)
@@ -104,6 +108,10 @@ class Guest:
                 self.values[uuid] = message["value"]
         elif message["type"] == "GuiUpdateMessage" and "value" in message["updates"]:
             self.values[uuid] = message["updates"]["value"]
+        elif message["type"] == "RegisterCommandMessage":
+            self.commands[uuid] = message["props"]["label"]
+        elif "name" in message and "props" in message:
+            self.nodes.add(message["name"])
         elif message["type"] in ("NotificationShowMessage", "NotificationMessage"):
             self.notices.append(str(message))
 

@@ -102,7 +102,7 @@ class LiveView:
         self._close_leaving(timeout)
 
     def _close_leaving(self, timeout: float = 3.0) -> None:
-        """Close boards that nobody looks at any more; at the end, those too whose job still waits behind another."""
+        """Close boards that nobody looks at any more; at the end also those whose job waits behind another."""
         for source in tuple(self._leaving):
             source.close(timeout)
             with contextlib.suppress(ValueError):  # another thread closes it too
