@@ -73,6 +73,8 @@ class Guest:
         """The message that made each widget, by its uuid."""
         self.values: dict[str, Any] = {}
         """The present value of each widget on this screen."""
+        self.markdown: dict[str, str] = {}
+        """The present text of each piece of markdown."""
         self.nodes: set[str] = set()
         """Names of the nodes of the scene."""
         self.commands: dict[str, str] = {}
@@ -102,6 +104,9 @@ class Guest:
 
     def _take(self, message: dict[str, Any]) -> None:
         uuid = message.get("uuid", "")
+        text = (message.get("props") or message.get("updates") or {}).get("_markdown")
+        if isinstance(text, str):
+            self.markdown[uuid] = text
         if message["type"].startswith("Gui") and "props" in message:
             self.widgets[uuid] = message
             if "value" in message:
