@@ -21,6 +21,7 @@ from kalscope_app.remembered import Remembered
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.studies import Studies, Study
+from kalscope_app.trouble import sentence_for
 from kalscope_app.tuning_map import MapMaker
 from kalscope_app.variant_rows import VariantTable
 from kalscope_app.views.alternatives import AlternativesView
@@ -54,9 +55,9 @@ log = logging.getLogger(__name__)
 class Dashboard:
     """Views, session and engine on one server."""
 
-    def __init__(self, server: viser.ViserServer, state: State, folder: Path) -> None:
-        """Args: the guarded server; what to show first; the folder that exports stay in."""
-        self._server = server
+    def __init__(self, server: viser.ViserServer, state: State, folder: Path, log_file: Path | None = None) -> None:
+        """Args: the guarded server; what to show first; the folder that exports stay in; the log, to be named."""
+        self._server, self._log_file = server, log_file
         self._first = state
         self.session = Session(state)
         self._jobs = Jobs(self.tell)
@@ -139,9 +140,9 @@ class Dashboard:
         self.engine.first_frame.wait(timeout=60.0)
 
     def stop(self) -> None:
-        """End the threads, finish a recording and free the port."""
+        """Finish a recording and free the port, then end the engine: a frame may take longer than is left."""
+        self._live.close(timeout=0.3)
         self.engine.stop()
-        self._live.close()
 
     def show(self, frame: Frame) -> None:
         """Draw a frame in every view, as one message batch. Runs on the engine's thread."""
@@ -179,15 +180,23 @@ class Dashboard:
             if self._note:
                 self.tell(self._note, good=True)
 
-    def tell(self, message: str, *, good: bool = False) -> None:
-        """Show one sentence in every browser; plain text, so nothing in it can act as markup."""
+    def tell(self, message: str | Exception, *, good: bool = False) -> None:
+        """Show one sentence in every browser; plain text, so nothing in it can act as markup.
+
+        Args:
+            message: the sentence, or a mistake of ours that somebody caught and logged.
+            good: whether it is no refusal.
+        """
+        title = "Kalscope" if good else "That cannot be used"
+        if isinstance(message, Exception):
+            title, message = "Something went wrong", sentence_for(message, self._log_file)
         (log.info if good else log.warning)("%s", message)
         for client in self._server.get_clients().values():
             before = self._toasts.get(client)
             if before is not None:  # one at a time: a pile of them would cover the charts
                 before.remove()
             self._toasts[client] = client.add_notification(
-                title="Kalscope" if good else "That cannot be used",
+                title=title,
                 body=message[:1000],
                 auto_close_seconds=5.0 if good else 8.0,
                 color=(0, 158, 115) if good else (213, 94, 0),

@@ -59,7 +59,7 @@ class Engine:
         self,
         session: Session,
         show: Callable[[Frame], None],
-        tell: Callable[[str], None],
+        tell: Callable[[str | Exception], None],
         studies: Studies | None = None,
     ) -> None:
         """Args: the session; who draws a frame; who tells of a refused request; what to study at rest."""
@@ -105,14 +105,14 @@ class Engine:
             step()
         except Exception as error:  # the thread must outlive any single frame
             log.exception("A frame could not be made")
-            self._tell(f"That could not be shown: {error}")
+            self._tell(error)
 
     def _turn(self) -> None:
         state, serial, failures = self._session.settle()
         for failure in failures:
             if not isinstance(failure, KalscopeError):
                 log.error("A request failed", exc_info=failure)
-            self._tell(str(failure))
+            self._tell(str(failure) if isinstance(failure, KalscopeError) else failure)
         if self._is_news(state, serial):
             self._draw(state, serial)
 

@@ -94,7 +94,20 @@ def _mapping(value: object) -> bool:
     return isinstance(value, dict) and all(isinstance(key, str) for key in value)
 
 
+def _one_of(*choices: str) -> Check:
+    return lambda value: isinstance(value, str) and value in choices
+
+
+def _optional(check: Check) -> Check:
+    return lambda value: value is None or check(value)
+
+
+def _pairs(value: object) -> bool:
+    return isinstance(value, tuple) and len(value) <= 2 and all(map(_vector(2), value))
+
+
 _id = _text(_LONGEST_ID)
+_pointer = {"modifier": _optional(_id), "instance_index": _optional(_whole), "name": _id, "owner": _id}
 
 FIELDS: dict[type, dict[str, Check]] = {
     messages.GuiUpdateMessage: {"uuid": _id, "updates": _mapping},
@@ -111,7 +124,7 @@ FIELDS: dict[type, dict[str, Check]] = {
         "size_bytes": _whole,
     },
     messages.FileTransferPart: {
-        "source_component_uuid": lambda value: value is None or _id(value),
+        "source_component_uuid": _optional(_id),
         "transfer_uuid": _id,
         "part_index": _whole,
         "content": lambda value: isinstance(value, bytes),
@@ -126,6 +139,28 @@ FIELDS: dict[type, dict[str, Check]] = {
         "image_width": _screen,
         "look_at": _vector(3),
         "up_direction": _vector(3),
+    },
+    messages.SceneNodeClickMessage: {
+        **_pointer,
+        "ray_origin": _vector(3),
+        "ray_direction": _vector(3),
+        "screen_pos": _vector(2),
+    },
+    messages.SceneNodeDragMessage: {
+        **_pointer,
+        "phase": _one_of("start", "update", "end"),
+        "start_position": _vector(3),
+        "start_screen_pos": _vector(2),
+        "end_position": _vector(3),
+        "end_screen_pos": _vector(2),
+        "button": _one_of("left", "middle", "right"),
+    },
+    messages.ScenePointerMessage: {
+        "event_type": _one_of("click", "rect-select"),
+        "ray_origin": _optional(_vector(3)),
+        "ray_direction": _optional(_vector(3)),
+        "screen_pos": _pairs,
+        "modifier": _optional(_id),
     },
 }
 """The messages that a browser sends to a dashboard like ours, and what their fields must be."""

@@ -20,7 +20,7 @@ class Jobs:
     """One worker thread for slow work; whatever fails becomes one sentence for the person."""
 
     def __init__(self, tell: Callable[..., None]) -> None:
-        """Args: who shows a sentence; `good=True` marks one that is no refusal."""
+        """Args: who shows a sentence, or an exception that is our mistake; `good=True` marks no refusal."""
         self._tell = tell
         self._waiting: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         # A daemon, unlike the threads of a pool: a job that hangs does not keep the program from ending.
@@ -42,8 +42,6 @@ class Jobs:
                 self._tell(f"{error}.", good=True)
             except (KalscopeError, OSError) as error:
                 self._tell(describe(error))
-            except MemoryError:
-                self._tell("That needs more memory than this computer has.")
             except Exception as error:  # the dashboard goes on
                 log.exception("A job failed")
-                self._tell(f"That did not work: {error}")
+                self._tell(error)

@@ -97,7 +97,7 @@ def serve(state: State, door: Door, end: threading.Event, log: Log, *, browser: 
     from kalscope_app.secret_files import opening_page
     from kalscope_app.trouble import Trouble
 
-    trouble, opened = Trouble(log.file), contextlib.ExitStack()
+    trouble, opened = Trouble(), contextlib.ExitStack()
     dashboard: Dashboard | None = None
 
     def on_refused(why: str) -> None:
@@ -117,7 +117,7 @@ def serve(state: State, door: Door, end: threading.Event, log: Log, *, browser: 
         try:
             log.hide(guarded.token)
             trouble.watch_server(guarded.server._event_loop, guarded.server._thread_executor)
-            dashboard = Dashboard(guarded.server, state, Path.cwd())
+            dashboard = Dashboard(guarded.server, state, Path.cwd(), log.file)
             trouble.tell_with(dashboard.tell)
             dashboard.start()
             print(f"Kalscope: {guarded.url}", flush=True)

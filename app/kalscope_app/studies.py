@@ -33,7 +33,7 @@ class Study:
 class Studies:
     """Computes every study of the latest state once it has rested, so that no frame waits for them."""
 
-    def __init__(self, studies: Sequence[Study], tell: Callable[[str], None]) -> None:
+    def __init__(self, studies: Sequence[Study], tell: Callable[[str | Exception], None]) -> None:
         """Args: what to compute, in this order; who tells of a failure."""
         self._studies = tuple(studies)
         self._tell = tell
@@ -69,4 +69,4 @@ class Studies:
                 study.show(answer)
         except Exception as error:  # the thread must outlive any single state
             log.exception("A study failed")
-            self._tell(f"That could not be judged: {error}")
+            self._tell(error)

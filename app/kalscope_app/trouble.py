@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import logging
 import sys
 import threading
@@ -13,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from viser import _scene_api, _viser
 from websockets.exceptions import ConnectionClosed
 
 _log = logging.getLogger(__name__)
@@ -27,16 +29,14 @@ _PARTING = (ConnectionClosed, ConnectionError, asyncio.CancelledError)
 class Trouble:
     """Reports whatever was raised where nobody catches it. Any thread may call it."""
 
-    def __init__(self, log_file: Path | None = None) -> None:
-        """Args: where the log is written, to be named in the sentence."""
-        self._log_file = log_file
-        self._tell: Callable[[str], object] | None = None
+    def __init__(self) -> None:
+        self._tell: Callable[[Exception], object] | None = None
         self._said: dict[str, float] = {}
         self.is_ending = False
         """From now on what breaks is the end of the program, and nobody's trouble."""
         self._lock = threading.Lock()
 
-    def tell_with(self, tell: Callable[[str], object]) -> None:
+    def tell_with(self, tell: Callable[[Exception], object]) -> None:
         """From now on a person can be told."""
         self._tell = tell
 
@@ -48,10 +48,9 @@ class Trouble:
             _log.info("%s: %r", where, error)
             return
         _log.error("%s: %s: %s", where, type(error).__name__, error, exc_info=error)
-        sentence = sentence_for(error, self._log_file)
-        if self._tell is not None and self._is_news(sentence):
+        if self._tell is not None and isinstance(error, Exception) and self._is_news(sentence_for(error, None)):
             try:
-                self._tell(sentence)
+                self._tell(error)
             except Exception:  # to tell may be what does not work
                 _log.exception("The person could not be told")
 
@@ -86,8 +85,12 @@ class Trouble:
 
     @contextmanager
     def watch_threads(self) -> Iterator[None]:
-        """While the block runs, hear of what ends a thread, and of what is raised where it cannot be passed on."""
+        """While the block runs, hear of what ends a thread, and of what is raised where it cannot be passed on.
+
+        Also of what a callback of the scene or of a connection raises on the event loop: viser would print it.
+        """
         before = threading.excepthook, sys.unraisablehook
+        printing = [(module, module.print_awaited_callback_error) for module in (_scene_api, _viser)]
 
         def on_thread(args: threading.ExceptHookArgs) -> None:
             self.report(f"thread {args.thread.name if args.thread else '?'}", args.exc_value)
@@ -96,10 +99,14 @@ class Trouble:
             self.report(args.err_msg or "clean-up", args.exc_value)
 
         threading.excepthook, sys.unraisablehook = on_thread, on_unraisable
+        for module, _ in printing:
+            module.print_awaited_callback_error = functools.partial(self.report, "callback")
         try:
             yield
         finally:
             threading.excepthook, sys.unraisablehook = before
+            for module, stock in printing:
+                module.print_awaited_callback_error = stock
 
 
 def sentence_for(error: BaseException, log_file: Path | None) -> str:
@@ -109,6 +116,6 @@ def sentence_for(error: BaseException, log_file: Path | None) -> str:
     what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     details = f"Details are in {log_file}." if log_file else "Started with --log FILE, Kalscope keeps the details."
     return (
-        f"Something went wrong inside Kalscope ({what}). The dashboard goes on: try again, undo the last step, "
+        f"This is a mistake of Kalscope's own ({what}). The dashboard goes on: try again, undo the last step, "
         f"or reload the page. {details}"
     )

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -79,6 +80,30 @@ def settled(program):
     return guest
 
 
+@dataclass(frozen=True)
+class Target:
+    """What a hostile client knows of the screen."""
+
+    widgets: list
+    values: dict
+    nodes: list
+    commands: list
+
+
+def everything_on(guest):
+    """All widgets, forms, nodes of the scene and commands.
+
+    Buttons that start a job are left out: a thousand fits are honest work, and take their time.
+    """
+    quick = {"Pin this setting", "Take this preset", "Flat view", "Show the tour", "Copy", "Record", "Disconnect"}
+    widgets = [
+        uuid
+        for uuid, made in guest.widgets.items()
+        if made["type"] != "GuiButtonMessage" or made["props"]["label"] in quick
+    ]
+    return Target(widgets, dict(guest.values), sorted(guest.nodes), [*guest.commands, "unknown"])
+
+
 # --- fuzz -------------------------------------------------------------------------------------------------
 
 
@@ -101,19 +126,42 @@ def junk(rng, depth=0):
     return rng.choice(kinds)()
 
 
-def hostile_frame(rng, widgets, honest):
+NUMBERS = [0.0, -1.0, 3.7, 1e-308, 1e308, -1e308, math.nan, math.inf, -math.inf, 2**63, -(2**63)]
+"""What a position or a slider may be told."""
+
+
+def odd_value(rng, now):
+    """A value of the kind that a widget holds, at or beyond its limits; or junk."""
+    if rng.random() < 0.4:
+        return junk(rng)
+    if isinstance(now, list):  # two thumbs, a vector
+        return [rng.choice(NUMBERS) for _ in range(rng.choice([len(now), len(now) + 1, 0]))]
+    if isinstance(now, str):  # a menu, a group of buttons, a text box
+        return rng.choice([now, now + "x", "", "x" * 9_999, "x" * 10_001, "<b>", "a\0b", "../x", "nan", "1e999"])
+    return rng.choice([*NUMBERS, True, False])
+
+
+def hostile_frame(rng, known, honest):
     """A message as a browser sends it, with some of it exchanged for junk; now and then bytes flipped or cut."""
     kind, fields = rng.choice(honest)
-    fields = dict(fields)
+    fields, widgets = dict(fields), known.widgets
     if "uuid" in fields and rng.random() < 0.9:
         fields["uuid"] = rng.choice(widgets)
     if "source_component_uuid" in fields:
         fields["source_component_uuid"] = rng.choice(widgets)
+    if kind == "CommandTriggerMessage":
+        fields["uuid"] = rng.choice(known.commands)
+    if "name" in fields and rng.random() < 0.9:
+        fields["name"] = rng.choice(known.nodes)
+    for place in ("start_position", "end_position", "ray_origin", "ray_direction"):
+        if fields.get(place) is not None and rng.random() < 0.2:
+            fields[place] = [rng.choice(NUMBERS) for _ in range(3)]
     for name in fields:
-        if rng.random() < 0.3:
+        if rng.random() < min(0.3, 1.0 / len(fields)):  # of a long message some must stay whole
             fields[name] = junk(rng)
     if kind == "GuiUpdateMessage" and rng.random() < 0.7:
-        fields["updates"] = {rng.choice(["value", "removed", "update_cb", "props", "min"]): junk(rng)}
+        name = rng.choice(["value", "value", "removed", "update_cb", "props", "min"])
+        fields["updates"] = {name: odd_value(rng, known.values.get(str(fields["uuid"])))}
     frame = bytearray(packed(kind, **fields))
     if rng.random() < 0.15:
         frame[rng.randrange(len(frame))] = rng.randrange(256)
@@ -121,6 +169,29 @@ def hostile_frame(rng, widgets, honest):
         del frame[rng.randrange(len(frame)) :]
     return bytes(frame)
 
+
+CLICK = {
+    "name": "",
+    "instance_index": None,
+    "ray_origin": (0.0, 0.0, 60.0),
+    "ray_direction": (0.01, 0.0, -1.0),
+    "screen_pos": (0.5, 0.5),
+    "modifier": None,
+    "owner": "",
+}
+DRAG = {
+    "phase": "update",
+    "name": "",
+    "instance_index": None,
+    "start_position": (0.0, 0.0, 0.0),
+    "start_screen_pos": (0.5, 0.5),
+    "end_position": (0.3, 0.4, 0.0),
+    "end_screen_pos": (0.6, 0.6),
+    "button": "left",
+    "modifier": None,
+    "owner": "",
+}
+"""What the mouse does on the tuning map."""
 
 HONEST = [
     ("GuiUpdateMessage", {"uuid": "", "updates": {"value": 0.5}}),
@@ -131,7 +202,20 @@ HONEST = [
     ("ViewerCameraMessage", CAMERA),
     ("ShareUrlRequest", {}),
     ("ShareUrlDisconnect", {}),
-    ("ScenePointerMessage", {"event_type": "click", "ray_origin": None, "ray_direction": None, "screen_pos": []}),
+    (
+        "ScenePointerMessage",
+        {
+            "event_type": "click",
+            "ray_origin": (0.0, 0.0, 60.0),
+            "ray_direction": (0.0, 0.0, -1.0),
+            "screen_pos": ((0.5, 0.5),),
+            "modifier": None,
+        },
+    ),
+    ("SceneNodeClickMessage", CLICK),
+    ("SceneNodeDragMessage", {**DRAG, "phase": "start"}),
+    ("SceneNodeDragMessage", DRAG),
+    ("SceneNodeDragMessage", {**DRAG, "phase": "end"}),
     ("RunJavascriptMessage", {"source": "alert(1)"}),
     ("ResetGuiMessage", {}),
     (
@@ -149,7 +233,7 @@ HONEST = [
 ]
 
 
-def send_hostile(program, rng, widgets, count):
+def send_hostile(program, rng, known, count):
     """Send `count` messages, each handled before the next, by a new connection whenever the last was ended.
 
     Returns how many were ended.
@@ -161,7 +245,7 @@ def send_hostile(program, rng, widgets, count):
                 hostile.send(packed("ViewerCameraMessage", **CAMERA))
                 while sent < count:
                     sent += 1
-                    hostile.send(hostile_frame(rng, widgets, HONEST))
+                    hostile.send(hostile_frame(rng, known, HONEST))
                     hostile.ping(ack_on_close=True).wait(PATIENCE)
         except ConnectionClosed:
             ended += 1
@@ -170,11 +254,12 @@ def send_hostile(program, rng, widgets, count):
 
 def test_whatever_a_client_sends_the_next_one_is_served_as_before(program):
     with settled(program) as before:
-        known, widgets = before.widgets, list(before.values)
+        known = before.widgets
+    target = everything_on(before)
+    assert "/map/glass" in target.nodes
+    assert len(target.commands) > 3
     rss_before, rng = program.rss(), random.Random(9)
-    # Buttons that start a job are left out: a thousand fits are honest work, and take their time.
-    widgets = [uuid for uuid in widgets if known[uuid]["type"] != "GuiButtonMessage"]
-    ended = send_hostile(program, rng, widgets, MESSAGES)
+    ended = send_hostile(program, rng, target, MESSAGES)
     grown = program.rss() - rss_before
     with settled(program) as after:
         assert ended > 0

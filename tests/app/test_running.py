@@ -27,9 +27,9 @@ main.main()
 """
 
 
-def start(folder, *arguments, change=None, env=None):
+def start(folder, *arguments, change=None, env=None, source="demo"):
     """The program, with `change` (Python) made to it first; its temporary files and its state lie in `folder`."""
-    arguments = ["open", "demo", *arguments]
+    arguments = ["open", source, *arguments]
     command = [sys.executable, "-m", "kalscope_app.main", *arguments]
     if change is not None:
         command = [sys.executable, "-c", BROKEN.format(change=change, arguments=arguments)]

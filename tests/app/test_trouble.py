@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from viser import _scene_api
 from websockets.exceptions import ConnectionClosedOK
 
 from kalscope_app import trouble as module
@@ -24,8 +25,8 @@ PATIENCE = 10.0
 def heard():
     """A Trouble and what it told the person."""
     told = queue.Queue()
-    trouble = Trouble(Path("kalscope.log"))
-    trouble.tell_with(told.put)
+    trouble = Trouble()
+    trouble.tell_with(lambda error: told.put(sentence_for(error, None)))
     return trouble, told
 
 
@@ -90,6 +91,23 @@ def test_callbacks_of_a_real_server_are_watched(heard):
         assert "ZeroDivisionError" in told.get(timeout=PATIENCE)
 
 
+def test_a_callback_of_the_scene_that_raises_is_told(heard, capfd):
+    """viser calls those on the event loop itself, and would print what they raise."""
+    trouble, told = heard
+    stock = _scene_api.print_awaited_callback_error
+    with trouble.watch_threads(), guarded_server(port=0) as running:
+        server = running.server
+
+        async def broken(_event):
+            raise LookupError("in the scene")
+
+        call = server.scene._dispatch_callback(broken, None)
+        asyncio.run_coroutine_threadsafe(call, server._event_loop).result(PATIENCE)
+        assert "in the scene" in told.get(timeout=PATIENCE)
+    assert _scene_api.print_awaited_callback_error is stock
+    assert "in the scene" not in capfd.readouterr().err
+
+
 def test_the_same_sentence_is_not_said_twice_in_a_row(heard, caplog, monkeypatch):
     trouble, told = heard
     for _ in range(5):
@@ -121,7 +139,7 @@ def test_at_the_end_nobody_is_told(heard):
 
 def test_a_failure_to_tell_is_logged(caplog):
     trouble = Trouble()
-    trouble.tell_with(lambda _sentence: 1 / 0)
+    trouble.tell_with(lambda _error: 1 / 0)
     with caplog.at_level(logging.ERROR):
         trouble.report("reader", ValueError("first"))
     assert "could not be told" in caplog.text

@@ -73,6 +73,12 @@ class Guest:
         """The message that made each widget, by its uuid."""
         self.values: dict[str, Any] = {}
         """The present value of each widget on this screen."""
+        self.markdown: dict[str, str] = {}
+        """The present text of each piece of markdown."""
+        self.nodes: set[str] = set()
+        """Names of the nodes of the scene."""
+        self.commands: dict[str, str] = {}
+        """Labels of the commands of the palette, by uuid."""
         self.notices: list[str] = []
         """What notifications said."""
         self.send("ViewerCameraMessage", **CAMERA)
@@ -98,12 +104,19 @@ class Guest:
 
     def _take(self, message: dict[str, Any]) -> None:
         uuid = message.get("uuid", "")
+        text = (message.get("props") or message.get("updates") or {}).get("_markdown")
+        if isinstance(text, str):
+            self.markdown[uuid] = text
         if message["type"].startswith("Gui") and "props" in message:
             self.widgets[uuid] = message
             if "value" in message:
                 self.values[uuid] = message["value"]
         elif message["type"] == "GuiUpdateMessage" and "value" in message["updates"]:
             self.values[uuid] = message["updates"]["value"]
+        elif message["type"] == "RegisterCommandMessage":
+            self.commands[uuid] = message["props"]["label"]
+        elif "name" in message and "props" in message:
+            self.nodes.add(message["name"])
         elif message["type"] in ("NotificationShowMessage", "NotificationMessage"):
             self.notices.append(str(message))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -34,6 +35,7 @@ class LiveView:
     ) -> None:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
         self._source: LiveSource | None = None
+        self._leaving: list[LiveSource] = []
         self._serial: float = 0
         with gui.add_folder("Live board", expand_by_default=False):
             self._port = gui.add_dropdown("port", list[str]([TYPED]), hint="Where the Arduino is plugged in.")
@@ -92,11 +94,19 @@ class LiveView:
         """The board that is connected, or is being waited for."""
         return self._source
 
-    def close(self) -> None:
-        """Free the port and finish a recording; returns when that is done."""
+    def close(self, timeout: float = 3.0) -> None:
+        """Free the port and finish a recording; a network that does not answer is waited for `timeout` s."""
         source, self._source = self._source, None
         if source is not None:
-            source.close()
+            self._leaving.append(source)
+        self._close_leaving(timeout)
+
+    def _close_leaving(self, timeout: float = 3.0) -> None:
+        """Close boards that nobody looks at any more; at the end also those whose job waits behind another."""
+        for source in tuple(self._leaving):
+            source.close(timeout)
+            with contextlib.suppress(ValueError):  # another thread closes it too
+                self._leaving.remove(source)
 
     async def _on_search(self, _event: viser.GuiEvent[Any]) -> None:
         self._jobs.run(self._look_for_ports)
@@ -134,10 +144,10 @@ class LiveView:
         if not spec:
             raise BadSetting("the port must be named, such as /dev/ttyACM0 or COM3 (got nothing)")
         text = spec if "://" in spec or "@" in spec else f"{spec}@{rate}"
-        self.close()
         if "://" in spec and not spec.lower().startswith(("socket://", "rfc2217://")):
             raise BadSetting(f"an address must begin with socket:// or rfc2217:// (got {spec!r:.100})")
         source = LiveSource(port_of(text, reset=reset), reconnect=reconnect)
+        self.close()  # what is connected stays until the new port has a usable name
         source.start()
         self._serial = math.inf  # until the session knows it, a frame does not look at another board
         self._source = source
@@ -165,8 +175,9 @@ class LiveView:
         connected = source is not None
         other = frame.serial >= self._serial and (live is None or live.feed is not source)
         if source is not None and other:
-            self._jobs.run(source.close)
+            self._leaving.append(source)
             self._source, connected = None, False
+            self._jobs.run(self._close_leaving)
         for button, visible in ((self._connect, not connected), (self._disconnect, connected)):
             if button.visible != visible:
                 button.visible = visible

@@ -53,6 +53,7 @@ class SourceView:
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
         self._stop = threading.Event()
+        self._building = threading.Lock()
         self._again: tuple[tuple[str, str], Reader] = (("", ""), open_source)
         self._samples = {sample.title: sample for sample in list_samples()}
         self._sample = gui.add_dropdown(
@@ -85,7 +86,7 @@ class SourceView:
 
     def add_upload(self, client: viser.ClientHandle) -> None:
         """Give one browser its own upload button: a shared one would replay each upload to late joiners."""
-        with self._own:
+        with self._building, self._own:  # two browsers may come at once, and viser enters a folder only once
             button = client.gui.add_upload_button(
                 "Upload a file …",
                 mime_type="*/*",

@@ -109,7 +109,7 @@ class LiveSource:
         """Free the port, take what it had brought, end the recording. May be called twice.
 
         Args:
-            timeout: Seconds to wait for an attempt to connect over the network, which then ends by itself.
+            timeout: Seconds to wait for an attempt to connect over the network; the recording ends all the same.
         """
         self._reader.close(timeout)
         self._stop.set()
