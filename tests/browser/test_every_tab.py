@@ -95,7 +95,7 @@ def test_every_tab_fits_its_panel_and_has_something_to_show(browser, tmp_path, w
     fitted(screen, width, height)
     screen.page.get_by_role("button", name="Pin this setting").click()
     screen.wait(f"() => !!({FIND})('A')")
-    screen.type("process noise q", "0.02")
+    screen.type("process noise q", "0.00001")
     for tab, folders in CLOSED_FOLDERS.items():
         screen.tab(tab)
         for folder in folders:
