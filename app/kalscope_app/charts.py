@@ -72,10 +72,13 @@ class Scale:
 
 
 def scale_for(values: Array, unit: str) -> Scale:
-    """A factor that brings the largest of `values` between 1 and 10,000, where three decimals suffice."""
+    """A factor that brings the largest of `values` between 1 and 10,000, where three decimals suffice.
+
+    Units without a prefix are written with a power of ten only where decimals do not: 0.3 is easier to read.
+    """
     finite = np.abs(values[np.isfinite(values)])
     largest = float(finite.max(initial=0.0))
-    if largest == 0.0 or 0.5 <= largest < 1e5:
+    if largest == 0.0 or (0.5 if unit in PREFIXABLE else 0.05) <= largest < 1e5:
         return Scale(1.0, unit)
     power = 3 * math.floor(math.log10(largest) / 3)
     power = min(max(power, -300), 300)

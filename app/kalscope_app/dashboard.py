@@ -44,6 +44,7 @@ from kalscope_app.views.share import ShareView
 from kalscope_app.views.signal import SignalView
 from kalscope_app.views.source import SourceView
 from kalscope_app.views.spectra import AllanView, SpectrumView
+from kalscope_app.views.style import add_style
 from kalscope_app.views.tour import Tour
 from kalscope_app.views.tuning_map import TuningMapView, study
 from kalscope_app.views.variants import VariantsView
@@ -97,8 +98,9 @@ class Dashboard:
             self._find = FindView(gui, self.session, self._jobs)
             self._presets = PresetsView(gui, self.session)
         with tabs.add_tab("Source"):
-            self._live = LiveView(gui, self.session, self._jobs, self.tell, folder)
             self._source = SourceView(gui, self.session, self._jobs)
+            self._live = LiveView(gui, self.session, self._jobs, self.tell, folder)
+            self._source.build_report(gui)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
             self._share = ShareView(gui)
@@ -115,6 +117,7 @@ class Dashboard:
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
             self._help = HelpView(gui, self._tour)
+            add_style(gui)
         with self._panels.charts:
             self._window = WindowView(gui, self.session)
             self.signal = SignalView(gui)
@@ -234,7 +237,7 @@ class Dashboard:
 
     def _set_sizes(self, sizes: Sizes) -> None:
         """Charts and map for a window."""
-        for view in (self.signal, self._alternatives, self._spectrum, self._allan):
+        for view in (self.signal, self._checks, self._alternatives, self._spectrum, self._allan):
             view.set_heights(sizes)
         self._map.set_size(sizes.canvas_width, sizes.window_height)
 

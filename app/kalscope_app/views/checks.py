@@ -11,6 +11,7 @@ from kalscope.advice import MIN_SAMPLES
 from kalscope.diagnostics import Diagnostics
 from kalscope_app.charts import Array, Chart, Layout
 from kalscope_app.checks import Checks
+from kalscope_app.views.layout import Sizes
 from kalscope_app.views.signal import DARK, LIGHT, axes, line
 from kalscope_app.views.words import count, number
 
@@ -30,6 +31,12 @@ class ChecksView:
         """The part that stands in the tab of the chart panel."""
         self._table = gui.add_markdown("")
         self._correlation = Chart(gui, 170)
+
+    def set_heights(self, sizes: Sizes) -> None:
+        """Height of the chart: what table and second opinions leave."""
+        if self._correlation is not None:
+            whole = sizes.signal_height + sizes.innovation_height + sizes.gain_height
+            self._correlation.handle.height = max(150, round(0.26 * whole))
 
     def show(self, checks: Checks | None) -> None:
         """Write both."""

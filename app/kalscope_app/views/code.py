@@ -49,7 +49,7 @@ class CodeView:
         with gui.add_folder("Code for a device"):
             self._target = gui.add_dropdown("for", tuple(TITLES), hint="Where the filter is to run.")
             self._what = gui.add_markdown(TARGETS["arduino"].what)
-            self._limits = gui.add_markdown("")
+            self._limits = gui.add_markdown("", visible=False)
             self._channels = gui.add_dropdown("filters", (THIS, ALL), hint="What the files hold.")
             self._vectors = gui.add_checkbox(
                 "with test vectors",
@@ -124,6 +124,7 @@ class CodeView:
         """What differs on a small board."""
         if self._limits.content != text:
             self._limits.content = text
+            self._limits.visible = bool(text)
 
 
 def limits_text(state: State) -> str:

@@ -26,15 +26,18 @@ class ExportView:
         self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
     ) -> None:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
-        self._path = gui.add_text(
-            "tuning file", "tuning.toml", hint="A name inside the folder in which Kalscope was started."
-        )
-        self._save = gui.add_button("Save tuning file", hint="q, r, p0 and x0 of every channel, with the source.")
-        self._download = gui.add_button("Download tuning file", hint="The same file, through the browser.")
-        self._csv = gui.add_button(
-            "Download filtered CSV", hint="Time, raw, filtered and variance of every channel."
-        )
-        self._how = gui.add_markdown("")
+        with gui.add_folder("Tuning file and data"):
+            self._path = gui.add_text(
+                "tuning file", "tuning.toml", hint="A name inside the folder in which Kalscope was started."
+            )
+            self._save = gui.add_button(
+                "Save tuning file", hint="q, r, p0 and x0 of every channel, with the source."
+            )
+            self._download = gui.add_button("Download tuning file", hint="The same file, through the browser.")
+            self._csv = gui.add_button(
+                "Download filtered CSV", hint="Time, raw, filtered and variance of every channel."
+            )
+            self._how = gui.add_markdown("")
         self._save.on_click(self._on_save)
         self._download.on_click(self._on_download)
         self._csv.on_click(self._on_csv)

@@ -134,7 +134,7 @@ class FindView:
             self._find = gui.add_button("Find and apply", hint="One step that Undo takes back.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button("Cancel", visible=False, hint="End the search; nothing is changed.")
-            self._answer = gui.add_markdown("")
+            self._answer = gui.add_markdown("", visible=False)
         self._way.on_update(self._on_way)
         self._find.on_click(self._on_find)
         self._cancel.on_click(self._on_cancel)
@@ -191,6 +191,7 @@ class FindView:
         answer = answer_text(frame.state)
         if self._answer.content != answer:
             self._answer.content = answer
+            self._answer.visible = bool(answer)
         opinions = opinions_text(frame.state)
         if self._opinions is not None and self._opinions.content != opinions:
             self._opinions.content = opinions

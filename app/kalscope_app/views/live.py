@@ -62,7 +62,7 @@ class LiveView:
             self._disconnect = gui.add_button(
                 "Disconnect", visible=False, hint="Frees the port, for the Arduino IDE or another program."
             )
-            self._status = gui.add_markdown("")
+            self._status = gui.add_markdown("", visible=False)
             self._board = gui.add_dropdown(
                 "board's own curve",
                 list[str]([NO_CURVE]),
@@ -188,6 +188,7 @@ class LiveView:
         text = "" if frame.status is None else status_text(frame.status)
         if self._status.content != text:
             self._status.content = text
+            self._status.visible = bool(text)
         self._show_board(frame)
 
     def _show_board(self, frame: Frame) -> None:

@@ -218,7 +218,7 @@ def _write_legend(pen: Pen, plate: Plate, palette: MapPalette, y: float) -> None
         rows.append(("contour", f"95 % region{inside}"))
     rows.append(("paper", "r/q = 100, the first paper"))
     if plate.pinned:
-        rows.append(("pinned", "pinned variants"))
+        rows.append(("pinned", "pinned settings"))
     for kind, text in rows:
         _draw_key(pen, kind, (x, y), plate, palette)
         pen.text((words, y), text, palette.ink, 12, "lm")

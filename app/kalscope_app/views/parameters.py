@@ -44,13 +44,15 @@ class ParametersView:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
-        self._channel = gui.add_dropdown(
-            "channel", list[str](["–"]), hint="Each channel has parameters of its own."
-        )
-        self._together = gui.add_dropdown(
-            "tune", WAYS, hint="All together: a change here, or a search, sets every channel. Undo takes it back."
-        )
-        with gui.add_form(None) as form:
+        with gui.add_form(None) as form:  # all of them: viser indents what stands in a form otherwise
+            self._channel = gui.add_dropdown(
+                "channel", list[str](["–"]), hint="Each channel has parameters of its own."
+            )
+            self._together = gui.add_dropdown(
+                "tune",
+                WAYS,
+                hint="All together: a change here, or a search, sets every channel. Undo takes it back.",
+            )
             self._rule_boxes = [
                 TypedNumber(gui, session, name, label, hint, set_rule_text) for name, label, hint in RULE_BOXES
             ]
@@ -75,10 +77,12 @@ class ParametersView:
                 "outlier gate v²/s",
                 "A sample further from its prediction is not used: 9 is three σ, empty is off.",
             )
-        self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="The second paper's filter, to compare.")
-        self._steps = gui.add_button_group(
-            "", ("Undo", "Redo", "Reset"), hint="Ctrl+Z; Ctrl+Shift+Z or Ctrl+Y. Reset: r = var(Δz)/2, q = r/100."
-        )
+            self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="The second paper's filter, to compare.")
+            self._steps = gui.add_button_group(
+                "",
+                ("Undo", "Redo", "Reset"),
+                hint="Ctrl+Z; Ctrl+Shift+Z or Ctrl+Y. Reset: r = var(Δz)/2, q = r/100.",
+            )
         form.on_submit(self._on_submit)
         self._channel.on_update(self._on_channel)
         self._together.on_update(self._on_together)

@@ -19,8 +19,9 @@ class ReportView:
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
         hint = "One page on this channel: chart, parameters, what they do, whether they fit, how to reopen it."
-        self._html = gui.add_button("Download report (HTML)", hint=f"{hint} Prints on one sheet.")
-        self._png = gui.add_button("Download report (PNG)", hint=hint)
+        with gui.add_folder("Report"):
+            self._html = gui.add_button("Download report (HTML)", hint=f"{hint} Prints on one sheet.")
+            self._png = gui.add_button("Download report (PNG)", hint=hint)
         self._html.on_click(self._on_html)
         self._png.on_click(self._on_png)
 

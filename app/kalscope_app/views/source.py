@@ -64,7 +64,10 @@ class SourceView:
             "experiment", (MINE, *self._experiments), hint="The figures of the three source documents."
         )
         with gui.add_folder("Your own file") as self._own:
-            self._path = gui.add_text("path", "", hint="A CSV or Parquet file on this computer, of any size.")
+            with gui.add_form(None) as path_form:
+                self._path = gui.add_text(
+                    "path", "", hint="A CSV or Parquet file on this computer, of any size; Enter opens it."
+                )
             self._open = gui.add_button("Open this path", hint="Read the file that the path names.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button("Cancel", visible=False, hint="Stop reading; what is open stays.")
@@ -74,15 +77,20 @@ class SourceView:
                 )
         with gui.add_folder("Generate a signal", expand_by_default=False):
             self._generator = GeneratorForm(gui, self._open_spec)
+        self._report: viser.GuiMarkdownHandle | None = None
+        self._sample.on_update(self._on_sample)
+        self._experiment.on_update(self._on_experiment)
+        self._open.on_click(self._on_open)
+        path_form.on_submit(self._on_open)
+        self._cancel.on_click(self._on_cancel)
+        form.on_submit(self._on_period)
+
+    def build_report(self, gui: viser.GuiApi) -> None:
+        """The lower part: how the file was read, and how else it can be."""
         with gui.add_folder("How it was read"):
             self._report = gui.add_markdown("")
             with gui.add_folder("Read it otherwise", expand_by_default=False):
                 self._reading = ReadingForm(gui, self._read_again)
-        self._sample.on_update(self._on_sample)
-        self._experiment.on_update(self._on_experiment)
-        self._open.on_click(self._on_open)
-        self._cancel.on_click(self._on_cancel)
-        form.on_submit(self._on_period)
 
     def add_upload(self, client: viser.ClientHandle) -> None:
         """Give one browser its own upload button: a shared one would replay each upload to late joiners."""
@@ -159,7 +167,7 @@ class SourceView:
             self._experiment.value = shown
         self._period.visible = not recording.sample_period or bool(self._period.value)
         text = report_text(recording)
-        if self._report.content != text:
+        if self._report is not None and self._report.content != text:
             self._report.content = text
 
 

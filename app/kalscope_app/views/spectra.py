@@ -31,8 +31,8 @@ class SpectrumView:
     def set_heights(self, sizes: Sizes) -> None:
         """Heights of both charts."""
         whole = sizes.signal_height + sizes.innovation_height + sizes.gain_height
-        self._density.handle.height = max(180, round(0.58 * whole))
-        self._response.handle.height = max(140, round(0.34 * whole))
+        self._density.handle.height = max(180, round(0.61 * whole))
+        self._response.handle.height = max(140, round(0.36 * whole))
 
     def show(self, spectra: Spectra | None) -> None:
         """Draw and write."""
@@ -96,7 +96,7 @@ class AllanView:
     def set_heights(self, sizes: Sizes) -> None:
         """Height of the chart."""
         whole = sizes.signal_height + sizes.innovation_height + sizes.gain_height
-        self._chart.handle.height = max(200, round(0.86 * whole))
+        self._chart.handle.height = max(200, round(0.93 * whole))
 
     def show(self, allan: Allan | None) -> None:
         """Draw and write."""

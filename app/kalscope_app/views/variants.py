@@ -35,17 +35,17 @@ class VariantsView:
         """The part that stands in a tab of the chart panel."""
         gui.add_markdown("### Pinned settings")
         self._table = gui.add_markdown(EMPTY)
-        with gui.add_folder("Change a pinned setting", visible=False) as self._folder:
+        folder = gui.add_folder("Change a pinned setting", visible=False)
+        with folder as self._folder, gui.add_form(None) as form:
             self._which = gui.add_dropdown("setting", list[str]([NOTHING]), hint="One of the pinned settings.")
             self._steps = gui.add_button_group(
                 "",
                 ("Use", "Delete"),
                 hint="Use: its q, r and start become the present ones. Undo takes either back.",
             )
-            with gui.add_form(None) as form:
-                self._name = gui.add_text(
-                    "new name", "", hint=f"At most {LONGEST_NAME} letters; press Enter to rename the setting above."
-                )
+            self._name = gui.add_text(
+                "new name", "", hint=f"At most {LONGEST_NAME} letters; press Enter to rename the setting above."
+            )
         self._steps.on_click(self._on_step)
         form.on_submit(self._on_rename)
 

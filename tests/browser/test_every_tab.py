@@ -1,0 +1,116 @@
+"""Every tab of both panels, at three sizes and in both themes: nothing cut, nothing empty, a picture of each."""
+
+from __future__ import annotations
+
+import pytest
+from screen import FIND, Program, Screen
+
+from kalscope_app.views.layout import LEFT_WIDTH, sizes_for
+
+pytestmark = pytest.mark.browser
+
+RECORDING = "synthetic:random_walk?channels=3&n=3000&sample_period=0.01"
+SIZES = ((1920, 1080), (1600, 900), (1280, 720))
+LEFT_TABS = ("Tune", "Source", "Export", "View", "Help")
+RIGHT_TABS = ("Signal", "Check", "Compare", "Channels", "Spectrum", "Allan")
+CLOSED_FOLDERS = {"Tune": ("Presets",), "Source": ("Live board", "Generate a signal", "Read it otherwise")}
+CHARTS = {"Signal": 3, "Check": 1, "Compare": 1, "Channels": 1, "Spectrum": 2, "Allan": 1}
+SAID = {
+    "Check": "Ljung-Box over several lags",
+    "Compare": "Moving average",
+    "Channels": "Each channel fills its own lane",
+    "Spectrum": "What moves slower passes",
+    "Allan": "how much neighbouring averages differ",
+}
+"""Words that a study writes once it has its answer."""
+
+PANEL = """(side) => [...document.querySelectorAll('.mantine-ScrollArea-viewport')]
+    .filter(view => view.checkVisibility() && view.clientWidth > 200)
+    .sort((a, b) => a.getBoundingClientRect().left - b.getBoundingClientRect().left)
+    .at(side === 'left' ? 0 : -1)"""
+
+CUT = f"""(side) => {{
+    const panel = ({PANEL})(side), frame = panel.getBoundingClientRect(), cut = [];
+    if (panel.scrollWidth > panel.clientWidth + 1) cut.push(`panel: ${{panel.scrollWidth}}`);
+    for (const part of panel.querySelectorAll('label, p, button, input, textarea, td, th, li, h3, .uplot')) {{
+        if (!part.checkVisibility()) continue;
+        const box = part.getBoundingClientRect();
+        const outside = box.width > 0 && (box.left < frame.left - 1 || box.right > frame.right + 1);
+        const hidden = part.scrollWidth > part.clientWidth + 1 && part.clientWidth > 0;
+        if (outside || hidden) cut.push(`${{part.tagName}} “${{part.value ?? part.textContent.slice(0, 40)}}”`);
+    }}
+    return cut; }}"""
+"""What does not fit into a panel's width: text that is cut, boxes whose content is longer than they are."""
+
+GOOD = f"""(side) => {{
+    const panel = ({PANEL})(side);
+    return Object.values(window.__viserTestpoints.uplots).map(entry => entry.chart)
+        .filter(chart => panel.contains(chart.root) && chart.root.checkVisibility())
+        .map(chart => chart.over.clientHeight > 30 && chart.over.clientWidth > 200 && chart.data[0].length > 1
+            && chart.data.slice(1).every(y => y.length === chart.data[0].length)
+            && [chart.scales.x, chart.scales.y].every(s => Number.isFinite(s.min) && s.max > s.min)); }}"""
+"""For every chart of a panel whether it has room, data and ranges."""
+
+
+def fitted(screen, width, height):
+    """Wait until the panels fill the window, and the charts the panel."""
+    sizes = sizes_for(width, height)
+    screen.wait(
+        f"""([left, right, height]) => {{ const panel = ({PANEL})('right').getBoundingClientRect();
+        const chart = ({FIND})('filtered').root.parentElement.getBoundingClientRect();
+        return Math.abs(({PANEL})('left').clientWidth - left) < 6 && Math.abs(panel.width - right) < 20
+            && Math.abs(chart.height - height) < 40; }}""",
+        [LEFT_WIDTH, sizes.right_width, sizes.signal_height],
+    )
+
+
+def look(screen, side, name):
+    """Pictures of one tab, a new one for each screenful of it, and what is wrong with it."""
+    room, whole = screen.page.evaluate(
+        f"(side) => {{ const p = ({PANEL})(side); return [p.clientHeight, p.scrollHeight]; }}", side
+    )
+    for part in range(-(-(whole - 8) // room)):
+        screen.page.evaluate(f"([side, y]) => ({PANEL})(side).scrollTo(0, y)", [side, part * room])
+        screen.shot(name if part == 0 else f"{name}-{part + 1}")
+    screen.page.evaluate(f"(side) => ({PANEL})(side).scrollTo(0, 0)", side)
+    return [f"{name}: {words}" for words in screen.page.evaluate(CUT, side)]
+
+
+def show_right(screen, name):
+    """Open a tab of the chart panel, and wait until its charts stand there with data."""
+    screen.tab(name)
+    if name in SAID:
+        screen.page.get_by_text(SAID[name]).first.wait_for()
+    screen.wait(
+        f"(count) => {{ const good = ({GOOD})('right'); return good.length === count && good.every(one => one); }}",
+        CHARTS[name],
+    )
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_every_tab_fits_its_panel_and_has_something_to_show(browser, tmp_path, width, height):
+    program = Program(RECORDING, cwd=tmp_path)
+    screen = Screen(browser, program.url, width=width, height=height)
+    screen.page.set_default_timeout(30_000)
+    fitted(screen, width, height)
+    screen.page.get_by_role("button", name="Pin this setting").click()
+    screen.wait(f"() => !!({FIND})('A')")
+    screen.type("process noise q", "0.00001")
+    for tab, folders in CLOSED_FOLDERS.items():
+        screen.tab(tab)
+        for folder in folders:
+            screen.page.get_by_text(folder, exact=True).click()
+    wrong = []
+    for theme in ("light", "dark"):
+        if theme == "dark":
+            screen.tab("View")
+            screen.page.get_by_text("dark theme").click()
+            screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+        for side, tabs in (("right", RIGHT_TABS), ("left", LEFT_TABS)):
+            for tab in tabs:
+                screen.tab(tab) if side == "left" else show_right(screen, tab)
+                wrong += look(screen, side, f"tab-{width}x{height}-{theme}-{tab.lower()}")
+            screen.tab(tabs[0])
+    print("\n".join(wrong))
+    screen.close()
+    program.stop()
