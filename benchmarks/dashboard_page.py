@@ -47,9 +47,11 @@ class Program:
 
     def __init__(self, source: str) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="kalscope-bench-")
-        Remembered(Path(self._folder.name)).forget_tour()  # its window would cover what is measured
+        self.folder = Path(self._folder.name)
+        Remembered(self.folder).forget_tour()  # its window would cover what is measured
         self.process = subprocess.Popen(
             [PROGRAM, "open", source, "--port", "0", "--no-browser"],
+            cwd=self.folder,  # recordings go there
             env={**os.environ, FOLDER_VARIABLE: self._folder.name},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -100,8 +102,8 @@ def chromium() -> Iterator[Browser]:
 
 
 @contextmanager
-def dashboard_page(browser: Browser, url: str) -> Iterator[Page]:
-    """A page on the dashboard, charts drawn, viser's own notice closed, nothing more on its way."""
+def dashboard_page(browser: Browser, url: str, *, live: bool = False) -> Iterator[Page]:
+    """A page on the dashboard, charts drawn, viser's own notice closed, nothing but a board still moving."""
     context = browser.new_context(viewport={"width": 1600, "height": 900})
     try:
         page = context.new_page()
@@ -111,7 +113,8 @@ def dashboard_page(browser: Browser, url: str) -> Iterator[Page]:
         notice = page.locator(".mantine-Notification-root", has_text="Software WebGL")
         notice.locator(".mantine-Notification-closeButton").click()
         notice.wait_for(state="detached")
-        wait_until_quiet(page)
+        if not live:
+            wait_until_quiet(page)
         yield page
     finally:
         context.close()
@@ -142,6 +145,13 @@ def text_box(page: Page, label: str) -> Locator:
     """The text box whose label begins with `label`."""
     near = page.locator("label", has_text=label).first
     return near.locator("xpath=ancestor::*[.//input][1]//input").first
+
+
+def choose(page: Page, label: str, option: str) -> None:
+    """Choose an option of a dropdown."""
+    text_box(page, label).click()
+    page.get_by_role("option", name=option, exact=True).click()
+    page.wait_for_timeout(200)
 
 
 def filtered_line(page: Page) -> list[float]:

@@ -211,6 +211,7 @@ def status_text(status: LiveStatus) -> str:
         f"{count(status.received)} lines = {count(status.accepted)} read + {count(status.rejected)} rejected"
         f" + {count(status.dropped)} dropped",
         f"{count(status.reconnects)} reconnects",
+        f"longest wait of the port to be read: {duration(status.longest_pause)}",
     ]
     if status.recording_trouble:
         lines.append(f"**{plain(status.recording_trouble, 200)}**")

@@ -1,0 +1,267 @@
+"""Half an hour of a live board with everything on: does memory grow, does the chart fall behind, is a line lost?
+
+A board on a pseudo-terminal sends numbered lines to the real program, which records them, with one Chromium page on
+which the q slider is moved once a second. The recording is checked to the last digit as it grows. Exit status 1
+where a line is lost, where memory grows by more than the samples that are kept, or where the lag grows.
+
+    python benchmarks/soak.py [--json] [--minutes 30] [--rate 1000] [--channels 2] [--every 30] [--window "10 s"]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import statistics
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from dashboard_page import Program, choose, chromium, dashboard_page, slider, text_box
+from numbered_board import NumberedBoard, RecordedRows
+from playwright.sync_api import CDPSession, Page
+from watch_draws import DrawWatch
+
+KEPT = 1_000_000
+"""Samples that the program keeps at least; a quarter more before the oldest leave at once."""
+BYTES_OF_A_SAMPLE = 8
+RUN_ARRAYS = 5
+"""Arrays of the filter's run over the channel on screen: x, p, k, innovation and s."""
+SETTLED = 0.2
+"""Part of the time after which memory is held against the end: libraries are loaded, caches filled."""
+MEMORY_MB = 50.0
+"""Growth of the program beyond the kept samples that passes, MB: the allocator, and arrays while they move."""
+HEAP_MB = 20.0
+"""Growth of the page's heap that passes, MB."""
+LAG_RATIO = 1.25
+"""Lag of the last third to that of the first which passes."""
+RECORDING = "soak.csv"
+MOVE_EVERY = 1.0
+"""Seconds between two moves of the slider."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one interval showed."""
+
+    minute: float
+    """Its end, from the start of the stream."""
+    rss_mb: float
+    """Resident memory of the program."""
+    kept_mb: float
+    """What the kept samples and the filter's run over them take, by their number."""
+    heap_mb: float
+    """The page's JavaScript heap after a collection."""
+    lag_ms: float
+    """From the writing of a line to the end of the draw that shows it, median."""
+    lag_p95_ms: float
+    """95 of 100 lines are below this."""
+    redraws_per_s: float
+    """Draws a second that showed something newer."""
+    cpu_percent: float
+    """Processor time of the program, % of one core."""
+    lost: int
+    """Lines wrong or missing in the recording so far."""
+    longest_pause_ms: float
+    """Longest time since the start for which bytes waited for the reader, from the status on screen."""
+    load: float
+    """The machine's load average over the last minute."""
+
+
+def rss_mb(pid: int) -> float:
+    """Resident memory of a process, MB."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def cpu_seconds(pid: int) -> float:
+    """Processor time of a process so far, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def kept_mb(sent: int, channels: int) -> float:
+    """Memory of what is kept after `sent` samples, at most: time, channels, and the filter's run."""
+    kept = sent if sent <= KEPT else KEPT + (sent - KEPT) % (KEPT // 4)
+    return kept * BYTES_OF_A_SAMPLE * (1 + channels + RUN_ARRAYS) / 1e6
+
+
+def heap_mb(devtools: CDPSession) -> float:
+    """The page's JavaScript heap after a collection, MB."""
+    devtools.send("HeapProfiler.collectGarbage")
+    metrics = devtools.send("Performance.getMetrics")["metrics"]
+    return next(one["value"] for one in metrics if one["name"] == "JSHeapUsedSize") / 1e6
+
+
+def begin_recording(page: Page) -> None:
+    """As a person does it: the Source tab, the folder, the name, the button."""
+    page.get_by_role("tab", name="Source", exact=True).click()
+    page.get_by_text("Live board").click()
+    text_box(page, "record to").fill(RECORDING)
+    page.wait_for_timeout(200)  # viser holds back what comes within 50 ms of the last
+    page.get_by_role("button", name="Record", exact=True).click()
+    page.get_by_role("button", name="Stop recording", exact=True).wait_for()
+
+
+def longest_pause_ms(page: Page) -> float:
+    """What the Source tab says of the reader; the page is left on the Tune tab."""
+    page.get_by_role("tab", name="Source", exact=True).click()
+    item = page.locator("li", has_text="longest wait of the port")
+    item.wait_for()
+    text = item.inner_text()
+    page.get_by_role("tab", name="Tune", exact=True).click()
+    slider(page, "q").wait_for()
+    found = re.search(r"([\d.,]+) (µs|ms|s)$", text.strip())
+    if found is None:
+        raise RuntimeError(f"the status must tell the longest wait (got {text!r})")
+    return float(found[1].replace(",", "")) * {"µs": 1e-3, "ms": 1.0, "s": 1e3}[found[2]]
+
+
+def move_until(page: Page, end: float, moved: int) -> int:
+    """Move the q slider once a second, ten steps up and ten down; how often it has been moved."""
+    thumb = slider(page, "q")
+    thumb.focus()
+    while (now := time.monotonic()) < end:
+        page.keyboard.press("ArrowRight" if moved // 10 % 2 == 0 else "ArrowLeft")
+        moved += 1
+        page.wait_for_timeout(1000.0 * max(0.0, min(MOVE_EVERY, end - now) - (time.monotonic() - now)))
+    return moved
+
+
+class Watch:
+    """Looks at the program, its page and its recording, each time at what has happened since the last."""
+
+    def __init__(self, program: Program, page: Page, board: NumberedBoard) -> None:
+        self._pid, self._page, self._board = program.process.pid, page, board
+        self.rows, self.draws = RecordedRows(program.folder / RECORDING), DrawWatch(page)
+        self._devtools = page.context.new_cdp_session(page)
+        self._devtools.send("Performance.enable")
+        self.begin = self.at = time.monotonic()
+        self._cpu = cpu_seconds(self._pid)
+
+    def look(self) -> Look:
+        """One line of the table."""
+        drawn, now, cpu = self.draws.take(self._board), time.monotonic(), cpu_seconds(self._pid)
+        self.rows.look()
+        look = Look(
+            minute=(now - self.begin) / 60.0,
+            rss_mb=rss_mb(self._pid),
+            kept_mb=kept_mb(self._board.sent, self._board.channels),
+            heap_mb=heap_mb(self._devtools),
+            lag_ms=1000.0 * float(np.median(drawn.lag)),
+            lag_p95_ms=1000.0 * float(np.percentile(drawn.lag, 95)),
+            redraws_per_s=drawn.per_second,
+            cpu_percent=100.0 * (cpu - self._cpu) / (now - self.at),
+            lost=self.rows.wrong,
+            longest_pause_ms=longest_pause_ms(self._page),
+            load=os.getloadavg()[0],
+        )
+        self._cpu, self.at = cpu, now
+        return look
+
+
+def soak(minutes: float, board: NumberedBoard, every: float, window: str, tell: bool) -> dict[str, object]:
+    """One run."""
+    looks: list[Look] = []
+    with (
+        board,
+        chromium() as browser,
+        Program(f"serial:{board.port}@115200") as program,
+    ):
+        board.start()
+        with dashboard_page(browser, program.url, live=True) as page:
+            begin_recording(page)
+            page.get_by_role("tab", name="Tune", exact=True).click()
+            choose(page, "shows the last", window)
+            watch, moved = Watch(program, page, board), 0
+            while watch.at - watch.begin < 60.0 * minutes:
+                moved = move_until(page, watch.at + every, moved)
+                looks.append(watch.look())
+                if tell:
+                    print(row(looks[-1]), flush=True)
+            sent = board.stop()
+            page.wait_for_timeout(1000)
+        rows, lost = watch.rows, finish(program, watch.rows, sent)
+    return judged(looks) | {
+        "minutes": minutes,
+        "rate": board.rate,
+        "channels": board.channels,
+        "window": window,
+        "moves": moved,
+        "sent": sent,
+        "recorded": rows.rows,
+        "lost": lost,
+        "account": rows.account,
+        "clock_error_ms": 1000.0 * watch.draws.clock_error,
+        "longest_write_ms": 1000.0 * board.longest_write,
+        "looks": [asdict(look) for look in looks],
+    }
+
+
+def finish(program: Program, rows: RecordedRows, sent: int) -> int:
+    """End the program, which ends the recording; lines lost or wrong from the first recorded to the last sent."""
+    program.process.terminate()
+    program.process.wait(timeout=15.0)
+    rows.look()
+    return rows.wrong + max(sent - rows.first - rows.rows - rows.wrong, 0)
+
+
+def judged(looks: list[Look]) -> dict[str, object]:
+    """What the looks say about memory and lag."""
+    start, end = looks[min(int(SETTLED * len(looks)), len(looks) - 1)], looks[-1]
+    third = max(len(looks) // 3, 1)
+    first, last = (statistics.median(one.lag_ms for one in part) for part in (looks[:third], looks[-third:]))
+    unexplained = (end.rss_mb - start.rss_mb) - (end.kept_mb - start.kept_mb)
+    return {
+        "rss_start_mb": start.rss_mb,
+        "rss_end_mb": end.rss_mb,
+        "growth_mb": end.rss_mb - start.rss_mb,
+        "kept_growth_mb": end.kept_mb - start.kept_mb,
+        "unexplained_mb": unexplained,
+        "heap_growth_mb": end.heap_mb - start.heap_mb,
+        "lag_first_third_ms": first,
+        "lag_last_third_ms": last,
+        "memory_flat": unexplained <= MEMORY_MB and end.heap_mb - start.heap_mb <= HEAP_MB,
+        "lag_flat": last <= LAG_RATIO * first,
+    }
+
+
+HEAD = "  min   RSS MB  kept MB  heap MB  lag ms   p95  redraws/s  CPU %  lost  pause ms  load"
+
+
+def row(look: Look) -> str:
+    """One line of the table."""
+    return (
+        f"{look.minute:5.1f} {look.rss_mb:8.0f} {look.kept_mb:8.1f} {look.heap_mb:8.1f} {look.lag_ms:7.0f}"
+        f" {look.lag_p95_ms:5.0f} {look.redraws_per_s:10.1f} {look.cpu_percent:6.0f} {look.lost:5}"
+        f" {look.longest_pause_ms:9.0f} {look.load:5.1f}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--rate", type=float, default=1000.0, help="lines a second")
+    parser.add_argument("--channels", type=int, default=2)
+    parser.add_argument("--every", type=float, default=30.0, help="seconds between two looks")
+    parser.add_argument("--window", default="10 s", help="what the chart shows, as the dashboard names it")
+    options = parser.parse_args()
+    if options.channels < 2:
+        parser.error("--channels must be at least 2: the wave and the number")
+    if not options.json:
+        print(HEAD)
+    board = NumberedBoard(options.rate, options.channels, 60.0 * options.minutes + 120.0)
+    found = soak(options.minutes, board, options.every, options.window, tell=not options.json)
+    good = found["lost"] == 0 and found["memory_flat"] and found["lag_flat"]
+    if options.json:
+        print(json.dumps(found, indent=1))
+    else:
+        print(*(f"{name:20} {value}" for name, value in found.items() if name != "looks"), sep="\n")
+    sys.exit(0 if good else 1)
+
+
+if __name__ == "__main__":
+    main()
