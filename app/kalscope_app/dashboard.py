@@ -103,9 +103,9 @@ class Dashboard:
             self._source.build_report(gui)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
+            self._board = BoardView(gui, self.session, self._jobs, self.tell, lambda: self._live.connected)
             self._share = ShareView(gui)
             self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
-            self._board = BoardView(gui, self.session, self._jobs, self.tell, lambda: self._live.connected)
             self._report = ReportView(gui, self.session, self._jobs)
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False, hint="Light letters on a dark ground.")

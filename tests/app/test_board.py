@@ -18,6 +18,7 @@ from kalscope_app.live import Live
 from kalscope_app.session import Session
 from kalscope_app.state import State, opened, opened_experiment
 from kalscope_app.views.board import BoardView, compared
+from kalscope_app.views.export import how_to_use
 
 ROWS = 400
 
@@ -104,6 +105,12 @@ def test_a_board_with_other_values_is_said_to_differ(state):
     text = compared(replace(state, sent=other))
     assert "of 400 rows differ since the board took q = 0.04" in text
     assert "send once more" in text
+
+
+def test_a_live_board_is_no_file_to_filter(state):
+    live = replace(state, recording=replace(state.recording, source="serial:/dev/ttyACM0@115200"))
+    assert "`kalscope filter FILE --config tuning.toml -o out.csv`" in how_to_use(live)
+    assert "`kalscope filter serial:" in how_to_use(replace(live, live=None))
 
 
 def test_nobody_connected_is_said():

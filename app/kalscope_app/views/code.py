@@ -130,7 +130,7 @@ class CodeView:
 def limits_text(state: State) -> str:
     """What differs from the screen, as markdown, for the channel on it; "" where nothing does. A study."""
     if state.rule is not None:
-        return "The second paper's filter is on screen: no device can have that. Choose *q and r* under Tune."
+        return "The second paper's filter is on screen, and there is no code for it: choose *q and r* under Tune."
     z = state.recording.channel(state.channel)
     level = float(np.abs(z[np.isfinite(z)]).max(initial=0.0)) or 1.0
     limits = device_limits(state.params, level=level, sample_period=state.recording.sample_period)

@@ -66,17 +66,25 @@ class ExportView:
 
     def show(self, frame: Frame) -> None:
         """Say how to use the file."""
-        source = frame.state.recording.source
-        word = shell_word(source)
-        text = (
-            "The file reopens this very state:\n\n"
-            f"`kalscope open {'' if source else 'FILE '}--config tuning.toml`\n\n"
-            f"and filters without a dashboard:\n\n`kalscope filter {word} --config tuning.toml -o out.csv`"
-        )
-        if not source:
-            text += "\n\nFILE is the file that you uploaded: a browser does not tell where it lies."
+        text = how_to_use(frame.state)
         if self._how.content != text:
             self._how.content = text
+
+
+def how_to_use(state: State) -> str:
+    """What to type with the tuning file, as markdown."""
+    source, live = state.recording.source, state.live is not None
+    text = (
+        "The file reopens this very state:\n\n"
+        f"`kalscope open {'' if source else 'FILE '}--config tuning.toml`\n\n"
+        "and filters without a dashboard:\n\n"
+        f"`kalscope filter {'FILE' if live else shell_word(source)} --config tuning.toml -o out.csv`"
+    )
+    if live:
+        return text + "\n\nFILE is a recording of the board."
+    return (
+        text if source else text + "\n\nFILE is the file that you uploaded: a browser does not tell where it lies."
+    )
 
 
 def _send_tuning(state: State, client: viser.ClientHandle) -> None:

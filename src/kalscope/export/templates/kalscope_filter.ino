@@ -1,6 +1,7 @@
 $about
 //
-// Reads $pin_words, filters, and prints a line a sample: $columns. Lines that begin with # are remarks.
+// Reads $pin_words, filters, and prints a line a sample; lines that begin with # are remarks:
+//   $columns
 // Put this file and KalscopeFilter.h into one folder named kalscope_filter, and open it in the Arduino IDE.
 //
 // Lines it understands while it runs, in the unit above:
