@@ -97,7 +97,7 @@ class Dashboard:
             self._find = FindView(gui, self.session, self._jobs)
             self._presets = PresetsView(gui, self.session)
         with tabs.add_tab("Source"):
-            self._live = LiveView(gui, self.session, self._jobs, self.tell, folder)
+            self._live = LiveView(gui, self.session, Jobs(self.tell), self.tell, folder)
             self._source = SourceView(gui, self.session, self._jobs)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
@@ -140,9 +140,9 @@ class Dashboard:
         self.engine.first_frame.wait(timeout=60.0)
 
     def stop(self) -> None:
-        """End the threads, finish a recording and free the port."""
+        """Finish a recording, free the port and end the threads; the recording first, for there is little time."""
+        self._live.close(timeout=0.3)
         self.engine.stop()
-        self._live.close()
 
     def show(self, frame: Frame) -> None:
         """Draw a frame in every view, as one message batch. Runs on the engine's thread."""

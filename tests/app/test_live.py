@@ -60,7 +60,7 @@ class Board:
             return Snapshot(recording, self.first, self.generation, len(self.values))
 
     def status(self):
-        return SimpleNamespace(word="connected", hint="")
+        return SimpleNamespace(word="connected", hint="", recording=None)
 
 
 @pytest.fixture
