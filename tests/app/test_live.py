@@ -31,6 +31,7 @@ from kalscope_app.live import (
     studied,
 )
 from kalscope_app.session import Session, redo, undo
+from kalscope_app.share import apply_options
 from kalscope_app.state import opened
 
 
@@ -283,3 +284,43 @@ def test_the_engine_draws_what_comes_without_being_asked(board):
         assert len(frames[-1].state.recording) == 700
     finally:
         engine.stop()
+
+
+def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(board):
+    state = apply_options(opened_live(board, "x"), "b", "1", "2", None, None, "9")
+    assert state.recording.names == ("signal",)
+    state = refreshed(replace_sent(board, 20, state))
+    assert state.channel == "a"
+    state = refreshed(replace_sent(board, 500, state))
+    tuning = state.tuning
+    assert (state.channel, tuning.q, tuning.r, tuning.gate) == ("b", 1.0, 2.0, 9.0)
+    assert state.starts[1].r != 2.0
+    assert refreshed(replace_sent(board, 500, set_text("q", "5")(state))).tuning.q == 5.0
+
+
+def test_a_channel_that_the_board_does_not_have_is_said_and_the_rest_goes_on(board):
+    state = refreshed(
+        replace_sent(board, 500, apply_options(opened_live(board, "x"), "c", "1", None, None, None, None))
+    )
+    assert "c" in state.note
+    assert state.channel == "a"
+    assert len(state.recording) == 500
+
+
+def test_a_setting_that_no_channel_could_have_is_refused_at_once(board):
+    with pytest.raises(BadSetting):
+        apply_options(opened_live(board, "x"), "b", "-1", None, None, None, None)
+
+
+@pytest.mark.parametrize(("period", "q"), [(0.01, 3.0), (0.0102, 3.0), (0.02, 1.5)])
+def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_percent(board, period, q):
+    tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)
+    state = refreshed(replace_sent(board, 500, opened_live(board, "x", tuning=tuning)))
+    assert state.tunings[1].q == pytest.approx(q)
+
+
+def test_another_window_leaves_a_paused_screen_paused(board):
+    state = set_paused(True)(opened_live(board.send(500), "x"))
+    board.send(100)
+    state = set_span("2 s")(state)
+    assert (state.live.paused, len(state.recording), state.live.span) == (True, 500, 2.0)

@@ -73,6 +73,7 @@ class LiveView:
             )
             self._recording = RecordingView(gui, jobs, tell, folder, lambda: self.connected)
         self._search.on_click(self._on_search)
+        self._port.on_update(self._on_port)
         self._baud.on_update(self._on_baud)
         self._connect.on_click(self._on_connect)
         self._disconnect.on_click(self._on_disconnect)
@@ -103,6 +104,9 @@ class LiveView:
     async def _on_search(self, _event: viser.GuiEvent[Any]) -> None:
         self._jobs.run(self._look_for_ports)
 
+    async def _on_port(self, _event: viser.GuiEvent[Any]) -> None:
+        self._typed.visible = self._port.value == TYPED
+
     async def _on_baud(self, _event: viser.GuiEvent[Any]) -> None:
         self._rate.visible = self._baud.value == OTHER_RATE
 
@@ -125,6 +129,7 @@ class LiveView:
         ports = tuple(self._devices)
         self._port.options = (*ports, TYPED)
         self._port.value = ports[0] if ports else TYPED
+        self._typed.visible = not ports  # else it would be typed in vain
 
     def _open(self, spec: str, rate: str, *, reconnect: bool, reset: bool) -> None:
         if not spec:
