@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 import threading
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter
-from kalscope.sources.live import Snapshot
+from kalscope.sources.live import RecordingStatus, Snapshot
+from kalscope.sources.recorder_counts import RecorderCounts
 from kalscope.tuning import ChannelTuning, Tuning
 from kalscope_app.changes import reset_parameters, select_channel, set_board_channel, set_text, set_window
 from kalscope_app.engine import LIVE_INTERVAL, Engine, wait_for_request
@@ -33,6 +35,8 @@ from kalscope_app.live import (
 from kalscope_app.session import Session, redo, undo
 from kalscope_app.share import apply_options
 from kalscope_app.state import opened
+from kalscope_app.views.recording import recording_text
+from kalscope_app.views.signal import heading_of
 
 
 class Board:
@@ -324,3 +328,18 @@ def test_another_window_leaves_a_paused_screen_paused(board):
     board.send(100)
     state = set_span("2 s")(state)
     assert (state.live.paused, len(state.recording), state.live.span) == (True, 500, 2.0)
+
+
+def test_the_heading_says_what_is_wrong_and_how_a_recording_stands_with_names_escaped(board):
+    counts = RecorderCounts(received=1200, written=1199, rejected=1)
+    running = RecordingStatus("<b>run.csv", counts, "the disk is full", "")
+    status = SimpleNamespace(word="connected", hint="wrong *baud* rate?", recording=running)
+    frame = replace(frame_of(opened_live(board, "x")), status=status)
+    heading = heading_of(frame)
+    assert "no sample yet" in heading
+    assert "missing" not in heading
+    for part in (r"wrong \*baud\* rate?", r"\<b\>run\.csv", "1 199 lines", "the disk is full"):
+        assert part in heading
+    text = recording_text(running)
+    assert r"\<b\>run\.csv" in text
+    assert "1 200 lines = 1 199 written + 1 rejected + 0 dropped" in text
