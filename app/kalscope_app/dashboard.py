@@ -99,7 +99,7 @@ class Dashboard:
             self._presets = PresetsView(gui, self.session)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
-            self._live = LiveView(gui, self.session, self._jobs, self.tell, folder)
+            self._live = LiveView(gui, self.session, Jobs(self.tell), self.tell, folder)
             self._source.build_report(gui)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from kalscope.errors import BadSetting
+from kalscope.filter_choice import adapt_tuning
 from kalscope.recording import Recording
 from kalscope.sources.live import LiveStatus, Snapshot
 from kalscope.tuning import Tuning
@@ -41,6 +42,9 @@ ENOUGH_SAMPLES, ENOUGH_SECONDS = 100, 2.0
 
 FEWEST_SAMPLES = 10
 """Fewer samples than this show nothing yet."""
+
+SAME_RATE = 0.05
+"""Share by which a measured sample period may differ from that of a tuning file before q is rescaled."""
 
 STUDIED = 100_000
 """Newest samples that the checks, spectra and maps of a live record are computed from."""
@@ -74,6 +78,8 @@ class Live:
     """Whether the screen stands still while samples still come in."""
     settled: bool = False
     """Whether the starting values have been measured."""
+    wanted: tuple[Callable[[State], State], ...] = ()
+    """What the command line asked for, done once the channels and the starting values are known."""
 
     @property
     def key(self) -> tuple[int, int]:
@@ -90,17 +96,59 @@ def opened_live(feed: Feed, title: str, before: State | None = None, tuning: Tun
         before: what was on screen.
         tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
     """
-    names = ("signal",) if tuning is None else tuple(channel.name for channel in tuning.channels)
-    state = opened(waiting(title, names), before)
-    if tuning is not None:
-        state = replace(state, tunings=tuning.channels)
-    return refreshed(replace(state, live=Live(feed)))
+    wanted = () if tuning is None else (set_tuning(tuning),)
+    return refreshed(replace(opened(waiting(title), before), live=Live(feed, wanted=wanted)))
 
 
-def waiting(title: str, names: tuple[str, ...] = ("signal",)) -> Recording:
+def waiting(title: str) -> Recording:
     """What stands on screen until a board has sent something: two missing samples."""
-    empty = np.full((2, len(names)), np.nan)
-    return Recording(np.arange(2.0), names, ("",) * len(names), empty, None, title=title)
+    return Recording(np.arange(2.0), ("signal",), ("",), np.full((2, 1), np.nan), None, title=title)
+
+
+def set_tuning(tuning: Tuning) -> Callable[[State], State]:
+    """The values of a tuning file for the channels of a board; what had to be adapted is said in the note.
+
+    A measured sample period is never quite the one of the file: within a few percent it is taken for the same.
+    """
+
+    def change(state: State) -> State:
+        measured, meant, tuned = state.recording.sample_period, tuning.sample_period, tuning
+        if measured and meant and abs(measured / meant - 1) <= SAME_RATE:
+            tuned = replace(tuning, sample_period=measured)
+        entries, notes = adapt_tuning(state.recording, tuned)
+        tunings = tuple(
+            replace(entries[own.name], name=own.name, unit=own.unit) if own.name in entries else own
+            for own in state.tunings
+        )
+        channel = tuning.selected if tuning.selected in entries else next(iter(entries))
+        note = " ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
+        return replace(state, tunings=tunings, channel=channel, note=note)
+
+    return change
+
+
+def when_known(state: State, change: Callable[[State], State]) -> State:
+    """Do `change` as soon as the channels of a board are known; at once where they are."""
+    live = state.live
+    if live is None or live.settled:
+        return change(state)
+    return replace(state, live=replace(live, wanted=(*live.wanted, change)))
+
+
+def _as_wanted(state: State) -> State:
+    """The state with what the command line asked for; what cannot be is said in the note."""
+    live = state.live
+    if live is None or not live.settled or not live.wanted:
+        return state
+    state = replace(state, live=replace(live, wanted=()))
+    notes = []
+    for change in live.wanted:
+        try:
+            state = change(state)
+            notes += [state.note] if state.note else []
+        except BadSetting as error:
+            notes.append(f"Of the command line was left out: {error}.")
+    return replace(state, note=" ".join(notes), resets=state.resets + 1)
 
 
 def refreshed(state: State) -> State:
@@ -135,7 +183,9 @@ def _begun(state: State, snapshot: Snapshot) -> State:
     live = replace(state.live, settled=settled) if state.live else None
     same_names = fresh.recording.names == state.recording.names
     resets = state.resets if same_names else fresh.resets
-    return replace(fresh, live=live, resets=resets)
+    choice = state.board_choice if state.board_choice in (*fresh.recording.names, None) else fresh.board_choice
+    fresh = replace(fresh, board_choice=choice, options=state.options)
+    return _as_wanted(replace(fresh, live=live, resets=resets))
 
 
 def at_rest(state: State) -> State:
@@ -200,6 +250,9 @@ def set_span(words: str) -> Callable[[State], State]:
         raise BadSetting(f"the live window must be one of {', '.join(SPANS)} (got {words[:40]!r})")
 
     def change(state: State) -> State:
-        return state if state.live is None else follow(replace(state, live=replace(state.live, span=SPANS[words])))
+        if state.live is None:
+            return state
+        live = replace(state.live, span=SPANS[words], following=True)  # a paused screen stays so
+        return refreshed(replace(state, live=live, window=None, resets=state.resets + 1))
 
     return change

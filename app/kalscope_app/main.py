@@ -158,7 +158,8 @@ def first_state(
 
     if is_live(source):
         live = LiveSource(source, options)
-        return opened_live(live, live.spec.url, tuning=None if config is None else load_tuning(config))
+        state = opened_live(live, live.spec.url, tuning=None if config is None else load_tuning(config))
+        return replace(state, options=options)
     if source.startswith("experiment:") and config is None:
         return opened_experiment(source)
     if config is None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from kalscope.recording import Recording
 from kalscope_app.changes import parse_number, select_channel
+from kalscope_app.live import when_known
 from kalscope_app.state import State
 
 AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
@@ -107,19 +108,27 @@ def apply_options(
     Raises:
         BadSetting: no such channel, no number, or numbers that make no filter.
     """
-    if channel is not None:
-        state = select_channel(channel_named(state.recording, channel))(state)
     values: dict[str, float | None] = {}
     for name, text in {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate}.items():
         if text is not None:
             nothing = name in AUTOMATIC and text.strip().lower() in WORDS_OF_NOTHING
             values[name] = None if nothing else parse_number(name, text)
-    if not values:
-        return state
     if values.get("p0", 0.0) is None:
         values["x0"] = None
-    five_lines = state.with_rule(None) if state.rule is not None else state
-    return five_lines.with_tuning(**values, how="command line")
+
+    def change(state: State) -> State:
+        if channel is not None:
+            state = select_channel(channel_named(state.recording, channel))(state)
+        if not values:
+            return state
+        five_lines = state.with_rule(None) if state.rule is not None else state
+        return five_lines.with_tuning(**values, how="command line")
+
+    if state.live is None or state.live.settled or (channel is None and not values):
+        return change(state)
+    if values:
+        state.with_tuning(**values)  # refuses now what no channel could have
+    return when_known(state, change)
 
 
 def channel_named(recording: Recording, text: str) -> str:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 import threading
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter
-from kalscope.sources.live import Snapshot
+from kalscope.sources.live import RecordingStatus, Snapshot
+from kalscope.sources.recorder_counts import RecorderCounts
 from kalscope.tuning import ChannelTuning, Tuning
 from kalscope_app.changes import reset_parameters, select_channel, set_board_channel, set_text, set_window
 from kalscope_app.engine import LIVE_INTERVAL, Engine, wait_for_request
@@ -31,7 +33,10 @@ from kalscope_app.live import (
     studied,
 )
 from kalscope_app.session import Session, redo, undo
+from kalscope_app.share import apply_options
 from kalscope_app.state import opened
+from kalscope_app.views.recording import recording_text
+from kalscope_app.views.signal import heading_of
 
 
 class Board:
@@ -60,7 +65,7 @@ class Board:
             return Snapshot(recording, self.first, self.generation, len(self.values))
 
     def status(self):
-        return SimpleNamespace(word="connected", hint="")
+        return SimpleNamespace(word="connected", hint="", recording=None)
 
 
 @pytest.fixture
@@ -283,3 +288,58 @@ def test_the_engine_draws_what_comes_without_being_asked(board):
         assert len(frames[-1].state.recording) == 700
     finally:
         engine.stop()
+
+
+def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(board):
+    state = apply_options(opened_live(board, "x"), "b", "1", "2", None, None, "9")
+    assert state.recording.names == ("signal",)
+    state = refreshed(replace_sent(board, 20, state))
+    assert state.channel == "a"
+    state = refreshed(replace_sent(board, 500, state))
+    tuning = state.tuning
+    assert (state.channel, tuning.q, tuning.r, tuning.gate) == ("b", 1.0, 2.0, 9.0)
+    assert state.starts[1].r != 2.0
+    assert refreshed(replace_sent(board, 500, set_text("q", "5")(state))).tuning.q == 5.0
+
+
+def test_a_channel_that_the_board_does_not_have_is_said_and_the_rest_goes_on(board):
+    state = refreshed(
+        replace_sent(board, 500, apply_options(opened_live(board, "x"), "c", "1", None, None, None, None))
+    )
+    assert "c" in state.note
+    assert state.channel == "a"
+    assert len(state.recording) == 500
+
+
+def test_a_setting_that_no_channel_could_have_is_refused_at_once(board):
+    with pytest.raises(BadSetting):
+        apply_options(opened_live(board, "x"), "b", "-1", None, None, None, None)
+
+
+@pytest.mark.parametrize(("period", "q"), [(0.01, 3.0), (0.0102, 3.0), (0.02, 1.5)])
+def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_percent(board, period, q):
+    tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)
+    state = refreshed(replace_sent(board, 500, opened_live(board, "x", tuning=tuning)))
+    assert state.tunings[1].q == pytest.approx(q)
+
+
+def test_another_window_leaves_a_paused_screen_paused(board):
+    state = set_paused(True)(opened_live(board.send(500), "x"))
+    board.send(100)
+    state = set_span("2 s")(state)
+    assert (state.live.paused, len(state.recording), state.live.span) == (True, 500, 2.0)
+
+
+def test_the_heading_says_what_is_wrong_and_how_a_recording_stands_with_names_escaped(board):
+    counts = RecorderCounts(received=1200, written=1199, rejected=1)
+    running = RecordingStatus("<b>run.csv", counts, "the disk is full", "")
+    status = SimpleNamespace(word="connected", hint="wrong *baud* rate?", recording=running)
+    frame = replace(frame_of(opened_live(board, "x")), status=status)
+    heading = heading_of(frame)
+    assert "no sample yet" in heading
+    assert "missing" not in heading
+    for part in (r"wrong \*baud\* rate?", r"\<b\>run\.csv", "1 199 lines", "the disk is full"):
+        assert part in heading
+    text = recording_text(running)
+    assert r"\<b\>run\.csv" in text
+    assert "1 200 lines = 1 199 written + 1 rejected + 0 dropped" in text

@@ -185,15 +185,16 @@ def short(name: str, limit: int) -> str:
 
 def heading_of(frame: Frame) -> str:
     """Name, size, rate and what is not drawn; one line of markdown."""
-    recording, shown = frame.state.recording, frame.shown
-    parts = [f"**{plain(recording.title)}**"]
-    if len(recording.names) > 1:
+    record, shown = frame.state.recording, frame.shown
+    parts = [f"**{plain(record.title)}**"]
+    if len(record.names) > 1:
         parts.append(plain(frame.state.channel))
-    parts.append(f"{count(len(recording))} samples")
-    if recording.sample_period:
-        period = recording.sample_period
+    waits = frame.state.live is not None and frame.state.live.snapshot is None
+    parts.append("no sample yet" if waits else f"{count(len(record))} samples")
+    if record.sample_period:
+        period = record.sample_period
         parts.append(frequency(1.0 / period) if period < 10.0 else f"one every {duration(period)}")
-    if shown.missing:
+    if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
     if shown.decimated:
         parts.append(
@@ -203,6 +204,11 @@ def heading_of(frame: Frame) -> str:
         parts.append(f"largest difference from the board's own filter: {number(frame.board_difference)}")
     if frame.status is not None:
         parts.append(f"**{plain(frame.status.word, 120)}**")
+        parts += [plain(frame.status.hint, 160)] if frame.status.hint else []
+        recording = frame.status.recording
+        if recording is not None:
+            parts.append(f"recording to **{plain(recording.name)}**: {count(recording.counts.written)} lines")
+            parts += [f"**{plain(text, 160)}**" for text in (recording.trouble, recording.warning) if text]
     if starts_wild(frame):
         parts.append("the innovation is cut off during the start")
     return " · ".join(parts)

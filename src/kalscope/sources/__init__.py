@@ -97,7 +97,8 @@ def open_source(
         return open_experiment(match[2])[0]
     if is_live(spec):
         raise BadSetting(
-            f"source must be a file to be read or another finished recording (got {spec!r}, a live source)"
+            f"source must be a file or another finished recording (got {spec!r}, a board that streams: first"
+            " kalscope record PORT -o FILE.csv, or kalscope open PORT to tune it live)"
         )
     if match and match[2].startswith("//"):
         raise BadSetting(f"source must be a file to be read (got {spec!r}, a web address)")

@@ -152,7 +152,7 @@ class LiveSource:
             port=state.device,
             since=state.since,
             received=counts.received,
-            lines_per_s=rate,
+            lines_per_s=rate if state.word == "connected" else 0.0,
             period=period,
             jitter=jitter,
             device_time=by_device,

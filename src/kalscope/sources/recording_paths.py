@@ -38,6 +38,11 @@ def free_path(path: Path) -> Path:
     return next(p for p in candidates if not _is_taken(p))
 
 
+def first_free(path: Path) -> Path:
+    """`path`, or a name near it where something was recorded under that."""
+    return free_path(path) if _is_taken(path) else path
+
+
 def _is_taken(path: Path) -> bool:
     return os.path.lexists(path) or os.path.lexists(rejects_path(path))
 
