@@ -9,6 +9,7 @@ residuals is no matter of q and r: the model lacks something.
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -261,3 +262,9 @@ def _times(factor: float) -> str:
 def _rounded(value: float) -> str:
     """One digit, without an exponent where it can be: 0.02, 100."""
     return f"{float(f'{value:.1g}'):g}"
+
+
+def as_sentences(said: str) -> str:
+    """Advice with a capital at the beginning of each sentence and a stop at the end; symbols stay as they are."""
+    said = re.sub(r"(^|\. )([a-z])(?=[a-z])", lambda m: m[1] + m[2].upper(), said)
+    return said if said.endswith(".") else f"{said}."

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, compare_methods, steady_state
+from kalscope.advice import as_sentences
 from kalscope.finding import Found, find_parameters
 from kalscope_app.changes import apply_found, select_channel, set_opinions, set_smoother, set_text
 from kalscope_app.checks import compute_checks
 from kalscope_app.frame import choose_shown, compute_frame
 from kalscope_app.session import Session, undo
 from kalscope_app.state import opened
-from kalscope_app.views.checks import correlation_lines, sentence, table
+from kalscope_app.views.checks import correlation_lines, table
 from kalscope_app.views.find import WAYS, answer_text, opinions_text
 
 
@@ -176,6 +177,6 @@ def test_checks_say_too_slow_and_how_much(state):
 
 
 def test_sentences_begin_with_a_capital_and_end_with_a_stop():
-    assert sentence("too slow: raise q about 3 ×. spikes: 2") == "Too slow: raise q about 3 ×. Spikes: 2."
-    assert sentence("no fault found") == "No fault found."
-    assert sentence("q = 0: choose one") == "q = 0: choose one."
+    assert as_sentences("too slow: raise q about 3 ×. spikes: 2") == "Too slow: raise q about 3 ×. Spikes: 2."
+    assert as_sentences("no fault found") == "No fault found."
+    assert as_sentences("q = 0: choose one") == "q = 0: choose one."

@@ -15,7 +15,7 @@ from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.views.layout import Sizes
 from kalscope_app.views.signal import DARK, LIGHT, Line, axes, gappy, line, short, time_label
-from kalscope_app.views.words import count, duration, number, plain
+from kalscope_app.views.words import count, lag_text, noise_text, number, plain
 
 NAMES: tuple[str, ...] = (
     "Moving average",
@@ -149,12 +149,11 @@ def described(one: Alternative) -> str:
 def cells(one: Alternative, state: State) -> list[str]:
     """One row of the table."""
     error = one.prediction if one.rmse is None else one.rmse
-    lag = f"{number(one.lag_samples)} samples" if one.lag_s is None else duration(one.lag_s)
     row = [
         f"**{one.name}**" if one.name == state.rival or (one.against is None and one.causal) else one.name,
         one.parameters,
-        lag if one.causal else "looks ahead",
-        "–" if np.isnan(one.noise_reduction_db) else f"{number(-one.noise_reduction_db)} dB",
+        lag_text(one.lag_samples, state.recording.sample_period) if one.causal else "looks ahead",
+        "–" if np.isnan(one.noise_reduction_db) else noise_text(one.noise_reduction_db),
         "–" if error is None else number(error, 4),
         against(one.against) if one.matched or one.against is None else "not at this " + state.match,
     ]

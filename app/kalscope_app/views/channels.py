@@ -15,7 +15,7 @@ from kalscope_app.overview import HALF_LANE, LIMIT, Lane, Overview
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.views.signal import DARK, LIGHT, Palette, axes, line, time_label
-from kalscope_app.views.words import count, duration, number, plain
+from kalscope_app.views.words import count, lag_text, noise_text, number, plain
 
 ONE = "This recording has one channel. A recording with several shows them here side by side."
 
@@ -116,10 +116,8 @@ def table_of(overview: Overview) -> str:
             cells += ["–"] * 4
         else:
             steady = steady_state(tuning.params)
-            lag = float(steady.lag_samples)
-            cells += [number(tuning.q), number(tuning.r)]
-            cells += [f"{number(lag)} samples" if period is None else duration(lag * period)]
-            cells += [f"−{number(float(steady.noise_reduction_db))} dB"]
+            cells += [number(tuning.q), number(tuning.r), lag_text(float(steady.lag_samples), period)]
+            cells += [noise_text(float(steady.noise_reduction_db))]
         reach = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
         lines.append("| " + " | ".join([*cells, reach, count(lane.missing) if lane.missing else "–"]) + " |")
     return "\n".join(lines)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import viser
 
-from kalscope.advice import MIN_SAMPLES
+from kalscope.advice import MIN_SAMPLES, as_sentences
 from kalscope.diagnostics import Diagnostics
 from kalscope_app.charts import Array, Chart, Layout
 from kalscope_app.checks import Checks
@@ -47,7 +45,7 @@ class ChecksView:
             if self._correlation is not None:
                 self._correlation.hide()
             return
-        said = sentence(checks.all_samples.advice)
+        said = as_sentences(checks.all_samples.advice)
         if self._advice.content != said:
             self._advice.content = said
         text = table(checks)
@@ -55,12 +53,6 @@ class ChecksView:
             self._table.content = text
         if self._correlation is not None:
             self._correlation.show(*correlation_lines(checks))
-
-
-def sentence(advice: str) -> str:
-    """Advice as sentences; it is made of our own words and numbers only."""
-    said = re.sub(r"(^|\. )([a-z])(?=[a-z])", lambda m: m[1] + m[2].upper(), advice)
-    return said if said.endswith(".") else f"{said}."
 
 
 def correlation_lines(checks: Checks) -> tuple[Array, list[Array], Layout]:
@@ -86,7 +78,7 @@ def table(checks: Checks) -> str:
     """What is tested, what was seen, what a fitting filter would show; markdown."""
     d = checks.all_samples
     if d.n < MIN_SAMPLES:
-        return f"**{sentence(d.advice)}**"
+        return f"**{as_sentences(d.advice)}**"
     half = "the same on the second half" + (", fitted on the first" if checks.fitted_on_first_half else "")
     rows = [
         ("Size: mean of v²/s (NIS)", number(d.nis), _band(d)),
@@ -103,7 +95,7 @@ def table(checks: Checks) -> str:
         ("Bell shape (skewness, excess)", f"{number(d.skewness)}, {number(d.excess_kurtosis)}", "0, 0"),
     ]
     head = (
-        f"**{sentence(d.advice)}**\n\n"
+        f"**{as_sentences(d.advice)}**\n\n"
         "If q and r fit, the innovation is shapeless noise: of the right size, without memory, without spikes. "
         f"Judged on {count(d.n)} samples.\n\n"
         "| test | seen | a fitting filter shows |\n|---|---|---|\n"

@@ -12,7 +12,7 @@ from kalscope_app.frame import Frame
 from kalscope_app.presets import PRESETS, choose_preset, take_preset
 from kalscope_app.session import Session
 from kalscope_app.state import State
-from kalscope_app.views.words import duration, number
+from kalscope_app.views.words import lag_text, noise_text, number
 
 
 class PresetsView:
@@ -52,15 +52,11 @@ def preset_text(state: State, title: str, now: SteadyState) -> str:
     q, r = preset.pair(state)
     then, period = steady_state(FilterParams(q=q, r=r)), state.recording.sample_period
 
-    def lag(steady: SteadyState) -> str:
-        samples = float(steady.lag_samples)
-        return f"{number(samples)} samples" if period is None else duration(samples * period)
-
     rows = [
         ("q", number(state.tuning.q), number(q)),
         ("r", number(state.tuning.r), number(r)),
-        ("lag", lag(now), lag(then)),
-        ("noise", *(f"−{number(float(one.noise_reduction_db))} dB" for one in (now, then))),
+        ("lag", *(lag_text(float(one.lag_samples), period) for one in (now, then))),
+        ("noise", *(noise_text(float(one.noise_reduction_db)) for one in (now, then))),
     ]
     table = "| | now | then |\n|---|---|---|\n" + "\n".join(f"| {n} | {a} | **{b}** |" for n, a, b in rows)
     return f"{preset.why}\n\n{table}"

@@ -11,7 +11,7 @@ from kalscope_app.session import Session
 from kalscope_app.variant_changes import delete_variant, pin_present, rename_variant, use_variant
 from kalscope_app.variant_rows import Row, Table
 from kalscope_app.variants import LIMIT, LONGEST_NAME, Variant, css
-from kalscope_app.views.words import count, duration, number, plain
+from kalscope_app.views.words import count, lag_text, noise_text, number, plain
 
 NOTHING = "–"
 
@@ -111,14 +111,12 @@ def _best(rows: tuple[Row, ...]) -> tuple[float | None, float | None]:
 
 def _cells(table: Table, row: Row, with_truth: bool, best: tuple[float | None, float | None]) -> list[str]:
     measures, steady, d = row.measures, row.measures.steady, row.measures.diagnostics
-    period = table.state.recording.sample_period
-    lag = float(steady.lag_samples)
     cells = [
         "**now**" if row.variant is None else mark(row.variant, dark=table.state.dark),
         number(float(row.params.q)),
         number(float(row.params.r)),
-        f"{number(lag)} samples" if period is None else duration(lag * period),
-        f"−{number(float(steady.noise_reduction_db))} dB",
+        lag_text(float(steady.lag_samples), table.state.recording.sample_period),
+        noise_text(float(steady.noise_reduction_db)),
     ]
     if with_truth:
         cells.append("–" if measures.rmse is None else _bold(number(measures.rmse, 4), measures.rmse == best[0]))

@@ -52,6 +52,16 @@ def duration(seconds: float | None) -> str:
     return f"{value} {unit.rstrip('s') if value == '1' and len(unit) > 3 else unit}"
 
 
+def lag_text(samples: float, period: float | None) -> str:
+    """A lag of the settled filter: a time, or samples where the recording has no time (period in s or None)."""
+    return f"{number(samples)} samples" if period is None else duration(samples * period)
+
+
+def noise_text(reduction: float) -> str:
+    """White noise, in to out, from its reduction in dB: "−13.0 dB"."""
+    return f"{number(-reduction)} dB"
+
+
 def frequency(hertz: float | None) -> str:
     """A frequency: 1.59 Hz, 2.1 kHz; slow ones as one per a length of time."""
     if hertz is None or math.isnan(hertz):

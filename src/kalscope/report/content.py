@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import shlex
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,6 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.advice import as_sentences
 from kalscope.alternatives import Comparison, compare_alternatives
 from kalscope.diagnostics import Diagnostics, diagnose
 from kalscope.errors import BadSetting
@@ -127,7 +127,7 @@ def make_report(
             _filters(found),
         ),
         texts=(
-            ("Does the filter fit?", _sentences(checks.advice)),
+            ("Does the filter fit?", as_sentences(checks.advice)),
             ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
         ),
         command=_command(recording, config),
@@ -197,12 +197,6 @@ def _filters(found: Comparison) -> Table:
     error = "next sample" if found.present.rmse is None else "RMSE"
     heading = "Simpler filters, at this lag"
     return Table(heading, tuple(rows) if found.others else (), ("", "lag", "dB", error))
-
-
-def _sentences(advice: str) -> str:
-    """Advice with a capital at the beginning of each sentence."""
-    said = re.sub(r"(^|\. )([a-z])(?=[a-z])", lambda m: m[1] + m[2].upper(), advice)
-    return said if said.endswith(".") else f"{said}."
 
 
 def _command(recording: Recording, config: str) -> str:

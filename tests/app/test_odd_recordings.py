@@ -1,0 +1,150 @@
+"""Every tab on odd recordings: no frame and no study fails, and none shows what belongs to another state."""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import Recording
+from kalscope.experiments import GeneralizedParams
+from kalscope.report import as_html, as_png, make_report
+from kalscope_app import studies
+from kalscope_app.changes import set_map_colour, set_match, set_window
+from kalscope_app.dashboard import Dashboard
+from kalscope_app.guard import guarded_server
+from kalscope_app.state import opened
+from kalscope_app.variant_changes import pin_present
+
+PATIENCE = 60.0
+RNG = np.random.default_rng(71)
+
+
+def walk(n, channels=1):
+    return np.cumsum(0.1 * RNG.normal(size=(n, channels)), axis=0) + RNG.normal(size=(n, channels))
+
+
+def with_holes(z, share):
+    return np.where(RNG.random(z.shape) < share, np.nan, z)
+
+
+def recording(values, period=0.01, time=None, **more):
+    z = np.asarray(values, dtype=float)
+    z = z.reshape(len(z), -1)
+    names = tuple(f"c{i}" for i in range(z.shape[1]))
+    time = np.arange(len(z)) * (period or 1.0) if time is None else time
+    return Recording(time, names, ("",) * len(names), z, period, **more)
+
+
+RECORDINGS = {
+    "no time": recording(walk(400), None),
+    "two samples": recording([1.0, 2.0]),
+    "two equal samples": recording([1.0, 1.0], None),
+    "three samples": recording([1.0, 2.0, 5.0]),
+    "fifteen samples": recording(walk(15)),
+    "missing samples": recording(with_holes(walk(500), 0.3)),
+    "hardly a sample": recording(with_holes(walk(500), 0.98)),
+    "missing at first": recording(np.vstack([np.full((100, 1), np.nan), walk(300)])),
+    "nothing but missing": recording(np.full(50, np.nan)),
+    "one sample among missing": recording(np.where(np.arange(50) == 20, 1.0, np.nan)),
+    "gaps as dt": recording(walk(400), time=np.cumsum(np.where(RNG.random(400) < 0.05, 0.37, 0.01)), gaps="dt"),
+    "time steps back": recording(walk(400), time=0.01 * np.r_[0:200, 150:350], gaps="dt"),
+    "constant": recording(np.full(300, 3.7)),
+    "zero": recording(np.zeros(300), None),
+    "ramp": recording(np.arange(300.0)),
+    "coarse counts": recording(np.round(0.2 * walk(600))),
+    "sine": recording(np.sin(np.arange(800) / 5.0)),
+    "sixteen channels": recording(with_holes(walk(200, 16), 0.1)),
+    "twenty channels": recording(walk(200, 20)),
+    "truth": recording(walk(300), truth=np.zeros((300, 1))),
+    "far from zero": recording(1e9 + walk(300)),
+    "huge": recording(1e200 * walk(200)),
+    "tiny": recording(1e-200 * walk(200)),
+}
+
+SETTINGS = {
+    "start": lambda state: state,
+    "pinned": lambda state: pin_present(state).with_tuning(q=1e-12, r=1.0),
+    "q = 0": lambda state: state.with_tuning(q=0.0, r=1.0),
+    "r = 0": lambda state: state.with_tuning(q=1.0, r=0.0),
+    "far away": lambda state: set_map_colour("lag")(state.with_tuning(q=1e-300, r=1e300)),
+    "equal noise": set_match("noise"),
+    "start and gate": lambda state: state.with_tuning(p0=1.0, x0=0.0, gate=4.0),
+    "part of it": lambda state: set_window(0.0, float(np.median(state.recording.time)))(state),
+    "second paper": lambda state: state.with_rule(GeneralizedParams(1.0, None, None, "without_slip")),
+}
+
+
+class Bench:
+    """The dashboard without a browser: states go in, complaints and the studied state come out."""
+
+    def __init__(self, dashboard):
+        self.dashboard, self.complaints = dashboard, []
+        self.studied, self._news = None, threading.Event()
+        dashboard.tell = self._tell
+        dashboard.engine._tell = dashboard.engine._studies._tell = self._tell
+        rounds = dashboard.engine._studies._studies
+        end = replace(rounds[-1], compute=lambda state: state, show=self._end)
+        dashboard.engine._studies._studies = (*rounds, end)
+
+    def _tell(self, message, *, good=False):
+        if not good:
+            self.complaints.append(message)
+
+    def _end(self, state):
+        self.studied = state
+        self._news.set()
+
+    def look_at(self, state):
+        """Until every study of this state is on screen."""
+        self._news.clear()
+        self.dashboard.session.request(lambda _: state)
+        while self.studied is not state:
+            assert self._news.wait(PATIENCE), "the studies hang"
+            self._news.clear()
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch, guarded_server(port=0) as guarded:
+        patch.setattr(studies, "REST", 0.0)
+        dashboard = Dashboard(guarded.server, opened(RECORDINGS["truth"]), tmp_path_factory.mktemp("out"))
+        dashboard.start()
+        yield Bench(dashboard)
+        dashboard.stop()
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_no_tab_fails_on_an_odd_recording_whatever_the_setting(bench, name):
+    with warnings.catch_warnings():
+        if name in ("huge", "tiny"):  # squares beyond the largest double are inf, and shown so
+            warnings.simplefilter("ignore", RuntimeWarning)
+        for setting in SETTINGS.values():
+            bench.look_at(setting(opened(RECORDINGS[name])))
+    assert bench.complaints == []
+
+
+def test_a_tab_without_an_answer_shows_no_chart_of_an_earlier_one(bench):
+    state = opened(RECORDINGS["truth"])
+    dashboard = bench.dashboard
+    spectrum, allan, compare = dashboard._spectrum, dashboard._allan, dashboard._alternatives
+    charts = [spectrum._density, spectrum._response, allan._chart, compare._chart, dashboard._checks._correlation]
+    bench.look_at(state)
+    assert [chart.handle.visible for chart in charts] == [True] * 5
+    bench.look_at(SETTINGS["second paper"](state))
+    assert [chart.handle.visible for chart in charts] == [False] * 5
+    bench.look_at(state)
+    assert [chart.handle.visible for chart in charts] == [True] * 5
+    bench.look_at(opened(RECORDINGS["three samples"]))
+    assert [chart.handle.visible for chart in charts[:3]] == [False] * 3
+
+
+@pytest.mark.parametrize("name", [name for name in RECORDINGS if name not in ("huge", "tiny")])
+def test_every_odd_recording_has_its_report(name):
+    state = opened(RECORDINGS[name])
+    report = make_report(state.recording, state.as_tuning(), state.channel)
+    assert "kalscope open" in as_html(report)
+    assert as_png(report).startswith(b"\x89PNG")
