@@ -154,11 +154,11 @@ class LiveView:
         self._serial = self._session.request(lambda state: opened_live(source, source.spec.url, state))
 
     def _start_recording(self, name: str) -> None:
+        path = check_inside(name, self._folder)
+        if path.suffix != ".csv" or any(part.startswith(".") for part in Path(name).parts if part != "."):
+            raise BadSetting(f"the recording must be named like recording.csv (got {name!r:.200})")
         if self._source is None:
             raise BadSetting("a board must be connected before its lines are recorded (got none)")
-        path = check_inside(name, self._folder)
-        if path.suffix != ".csv" or path.name.startswith("."):
-            raise BadSetting(f"the recording must be named like recording.csv (got {name!r})")
         self._source.record(path)
         self._tell(f"Recording to {path}", good=True)
 
