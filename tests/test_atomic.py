@@ -184,7 +184,10 @@ def test_an_absolute_path_in_the_folder_is_inside(tmp_path: Path) -> None:
     assert check_inside(tmp_path / "a", tmp_path) == tmp_path.resolve() / "a"
 
 
-@pytest.mark.parametrize("typed", ["..", "../a", "sub/../../a", "/etc/passwd", "../work2", "", "  ", "a\0b"])
+@pytest.mark.parametrize(
+    "typed",
+    ["..", "../a", "sub/../../a", "/etc/passwd", "../work2", "", "  ", "a\0b", "nul", "a/COM1.csv", "Con .x"],
+)
 def test_paths_out_of_the_folder_are_refused_in_one_line(tmp_path: Path, typed: str) -> None:
     folder = tmp_path / "work"
     folder.mkdir()

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import viser
 
@@ -67,7 +68,7 @@ class Dashboard:
         self._note = ""
         self._frame: Frame | None = None
         self._portraits: dict[viser.ClientHandle, float] = {}
-        self._toasts: dict[viser.ClientHandle, viser.NotificationHandle] = {}
+        self._toasts = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
         self._map = TuningMapView(server, self.session)
         self._build(folder)
         rounds = [
@@ -228,6 +229,8 @@ class Dashboard:
         self._source.add_upload(client)
         self._fitter.attach(client)
         self._tour.attach(client)
+        if client.client_id not in self._server.get_clients():  # gone already: both run in a pool, in any order
+            self._on_disconnect(client)
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         self._portraits.pop(client, None)

@@ -100,13 +100,13 @@ class Trouble:
 
         threading.excepthook, sys.unraisablehook = on_thread, on_unraisable
         for module, _ in printing:
-            module.print_awaited_callback_error = functools.partial(self.report, "callback")
+            setattr(module, "print_awaited_callback_error", functools.partial(self.report, "callback"))  # noqa: B010
         try:
             yield
         finally:
             threading.excepthook, sys.unraisablehook = before
             for module, stock in printing:
-                module.print_awaited_callback_error = stock
+                setattr(module, "print_awaited_callback_error", stock)  # noqa: B010
 
 
 def sentence_for(error: BaseException, log_file: Path | None) -> str:

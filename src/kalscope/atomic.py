@@ -25,6 +25,8 @@ _REPLACE_ATTEMPTS = 20 if os.name == "nt" else 1
 """On Windows a virus scanner or an editor may hold the old file open for a moment."""
 _REPLACE_PAUSE_S = 0.05
 """Pause between two attempts, s."""
+_DEVICE = re.compile(r" *(?:con|prn|aux|nul|conin\$|conout\$|(?:com|lpt)[0-9¹²³]) *(?:[.:].*)?", re.IGNORECASE)
+"""Names that Windows takes for a device in every folder, whatever their ending."""
 _NAME_BYTES = 180
 """Bytes of the file name kept in the temporary one: file systems stop at 255."""
 
@@ -81,11 +83,14 @@ def check_inside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -
         The absolute path without symbolic links. Use this one: the typed one may point elsewhere later.
 
     Raises:
-        BadSetting: The path leads out of the folder, by "..", by a link or by being absolute; or it is empty.
+        BadSetting: The path leads out of the folder, by "..", by a link or by being absolute; or it is empty,
+            or Windows would take a part of it for a device, as nul or com1.csv.
     """
     typed = os.fspath(path)
     if not typed.strip():
         raise BadSetting("path must name a file (got nothing)")
+    if any(_DEVICE.fullmatch(part) for part in re.split(r"[/\\]", typed)):
+        raise BadSetting(f"path must have no name that is a device on Windows (got {typed!r:.200})")
     base = Path(os.path.realpath(folder))
     try:
         resolved = Path(os.path.realpath(base / typed))

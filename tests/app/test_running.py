@@ -172,53 +172,67 @@ def test_a_log_that_cannot_be_written_is_refused_in_one_line(tmp_path):
     assert "nowhere/kalscope.log" in line
 
 
-RAISING = {
-    "callback on the event loop": """
-from kalscope_app.views.export import ExportView
-async def broken(self, event):
-    raise LookupError("no such thing")
-ExportView._on_save = broken
-""",
-    "callback in the pool": """
-from kalscope_app.views.export import ExportView
-def broken(self, event):
-    raise LookupError("no such thing")
-ExportView._on_save = broken
-""",
-    "job": """
-from kalscope_app.views.export import ExportView
-def broken(*_):
-    raise LookupError("no such thing")
-ExportView._save_to = broken
-""",
-    "thread": """
+RAISING = """
 import threading
-from kalscope_app.views.export import ExportView
-def raising():
-    raise LookupError("no such thing")
-async def broken(self, event):
+from kalscope_app.views import export
+from kalscope_app.views.code import CodeView
+from kalscope_app.views.tuning_map import TuningMapView
+
+def raising(*_):
+    raise LookupError("no such " + threading.current_thread().name)
+
+async def on_the_loop(self, event):
+    raise LookupError("no such save")
+
+def in_the_pool(self, event):
+    raise LookupError("no such download")
+
+async def in_a_thread(self, event):
     threading.Thread(target=raising, name="reader").start()
-ExportView._on_save = broken
-""",
+
+async def in_the_scene(self, event):
+    raise LookupError("no such node")
+
+export.ExportView._on_save = on_the_loop
+export.ExportView._on_download = in_the_pool
+export._send_csv = raising
+CodeView._on_save = in_a_thread
+TuningMapView._on_click = in_the_scene
+"""
+BUTTONS = {
+    "Save tuning file": "no such save",
+    "Download tuning file": "no such download",
+    "Download filtered CSV": "no such kalscope-jobs",
+    "Save to the folder": "no such reader",
 }
+CLICK = {"instance_index": None, "screen_pos": (0.5, 0.5), "modifier": None, "owner": ""}
 
 
-@pytest.mark.parametrize("change", RAISING.values(), ids=RAISING.keys())
-def test_an_error_nobody_caught_is_told_and_logged_and_the_dashboard_goes_on(tmp_path, change):
-    with running(tmp_path, "--log", "kalscope.log", change=change) as (program, url):
+def test_an_error_nobody_caught_is_told_and_logged_and_the_dashboard_goes_on(tmp_path):
+    """On the event loop, in viser's pool, in a job, in a thread of its own, and on the map."""
+    with running(tmp_path, "--log", "kalscope.log", change=RAISING) as (program, url):
         with Guest(port_of(url), token_of(url)) as guest:
-            guest.read_until(lambda: "Save tuning file" in labels(guest))
-            guest.set(guest.find("Save tuning file"), True)
-            guest.read_until(lambda: "no such thing" in "".join(guest.notices))
+            guest.read_until(lambda: set(BUTTONS) <= labels(guest))
+            for button, said in BUTTONS.items():
+                guest.set(guest.find(button), True)
+                guest.read_until(lambda said=said: said in "".join(guest.notices))
+            ray = {"ray_origin": (0.0, 0.0, 60.0), "ray_direction": (0.0, 0.0, -1.0)}
+            guest.send("SceneNodeClickMessage", name="/map/glass", **ray, **CLICK)
+            guest.read_until(lambda: "no such node" in "".join(guest.notices))
+            told = "".join(guest.notices)
+            assert told.count("Something went wrong") >= len(BUTTONS) + 1
+            assert "That cannot be used" not in told
+            assert "Details are in kalscope.log" in told
             slider = guest.find("log₁₀ q")
             guest.set(slider, guest.values[slider] + 0.5)
             with Guest(port_of(url), token_of(url)) as other:
                 other.read_until(lambda: other.values.get(slider) == pytest.approx(guest.values[slider]))
         code, _, err, _ = end(program)
     assert code == 0
-    assert "no such thing" in (tmp_path / "kalscope.log").read_text()
-    assert "Traceback" in (tmp_path / "kalscope.log").read_text()
+    log = (tmp_path / "kalscope.log").read_text()
+    assert "Traceback" in log
     assert "Traceback" not in err
+    assert [said for said in (*BUTTONS.values(), "no such node") if said not in log] == []
 
 
 def labels(guest):
@@ -229,8 +243,8 @@ def labels(guest):
 
 
 @posix
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path, by):
+def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path):
+    """By Ctrl+C; all three signals are in test_board_end.py and test_main.py."""
     with running(tmp_path) as (program, url):
         port = port_of(url)
         with Guest(port, token_of(url)) as guest:
@@ -239,7 +253,7 @@ def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path, by):
             guest.set(guest.find("Generate"), True)
             guest.read(timeout=0.3)
             children = Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text()
-            code, out, err, seconds = end(program, by)
+            code, out, err, seconds = end(program, signal.SIGINT)
     print(f"ended in {seconds:.2f} s")
     assert (code, out, err, children) == (0, "", "", "")
     assert is_free(port)

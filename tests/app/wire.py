@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import msgspec
@@ -75,10 +76,14 @@ class Guest:
         """The present value of each widget on this screen."""
         self.markdown: dict[str, str] = {}
         """The present text of each piece of markdown."""
+        self.texts: set[str] = set()
+        """Every text that any piece of markdown ever had."""
         self.nodes: set[str] = set()
         """Names of the nodes of the scene."""
         self.commands: dict[str, str] = {}
         """Labels of the commands of the palette, by uuid."""
+        self.options: dict[str, Any] = {}
+        """The present choices of each menu."""
         self.notices: list[str] = []
         """What notifications said."""
         self.send("ViewerCameraMessage", **CAMERA)
@@ -107,12 +112,17 @@ class Guest:
         text = (message.get("props") or message.get("updates") or {}).get("_markdown")
         if isinstance(text, str):
             self.markdown[uuid] = text
+            self.texts.add(text)
         if message["type"].startswith("Gui") and "props" in message:
             self.widgets[uuid] = message
             if "value" in message:
                 self.values[uuid] = message["value"]
-        elif message["type"] == "GuiUpdateMessage" and "value" in message["updates"]:
-            self.values[uuid] = message["updates"]["value"]
+            self.options[uuid] = message["props"].get("options", ())
+        elif message["type"] == "GuiUpdateMessage":
+            if "value" in message["updates"]:
+                self.values[uuid] = message["updates"]["value"]
+            if "options" in message["updates"]:
+                self.options[uuid] = message["updates"]["options"]
         elif message["type"] == "RegisterCommandMessage":
             self.commands[uuid] = message["props"]["label"]
         elif "name" in message and "props" in message:
@@ -121,9 +131,11 @@ class Guest:
             self.notices.append(str(message))
 
     def read_until(self, is_so: Any, timeout: float = PATIENCE) -> None:
-        """Take in frames until something holds."""
+        """Take in frames until something holds; a live board sends frames without end."""
+        deadline = time.monotonic() + 4.0 * timeout
         while not is_so():
             assert self.read(timeout), "it never became so"
+            assert time.monotonic() < deadline, "frames came, but it never became so"
 
     def find(self, label: str) -> str:
         """The uuid of the widget with this label."""

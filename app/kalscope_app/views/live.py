@@ -65,7 +65,7 @@ class LiveView:
             self._disconnect = gui.add_button(
                 "Disconnect", visible=False, hint="Frees the port, for the Arduino IDE or another program."
             )
-            self._status = gui.add_markdown("")
+            self._status = gui.add_markdown("", visible=False)
             self._board = gui.add_dropdown(
                 "board's own curve",
                 list[str]([NO_CURVE]),

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import viser
@@ -42,7 +43,7 @@ class TuningMapView:
         self._state: State | None = None
         self._plate: Plate | None = None
         self._frame = frame_for(*self._size, self._map.q, self._map.r)
-        self._aimed: dict[viser.ClientHandle, tuple[float, ...]] = {}
+        self._aimed = WeakKeyDictionary[viser.ClientHandle, tuple[float, ...]]()
         self._portraits: set[viser.ClientHandle] = set()
         self._drags, self._offset, self._moved = 0, (0.0, 0.0), 0.0
         self._build_scene()
