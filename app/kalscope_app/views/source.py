@@ -74,8 +74,6 @@ class SourceView:
                 self._period = gui.add_text(
                     "sample period (s)", "", hint="Time between two samples, for a file that has no time. Enter."
                 )
-        with gui.add_folder("Generate a signal", expand_by_default=False):
-            self._generator = GeneratorForm(gui, self._open_spec)
         self._report: viser.GuiMarkdownHandle | None = None
         self._sample.on_update(self._on_sample)
         self._experiment.on_update(self._on_experiment)
@@ -84,8 +82,10 @@ class SourceView:
         self._cancel.on_click(self._on_cancel)
         form.on_submit(self._on_period)
 
-    def build_report(self, gui: viser.GuiApi) -> None:
-        """The lower part: how the file was read, and how else it can be."""
+    def build_rest(self, gui: viser.GuiApi) -> None:
+        """The lower part: the generator, and how the file was read and how else it can be."""
+        with gui.add_folder("Generate a signal", expand_by_default=False):
+            self._generator = GeneratorForm(gui, self._open_spec)
         with gui.add_folder("How it was read"):
             self._report = gui.add_markdown("")
             with gui.add_folder("Read it otherwise", expand_by_default=False):

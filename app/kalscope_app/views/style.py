@@ -6,7 +6,7 @@ import viser
 
 RULES = """<style>
 table { border-collapse: collapse; }
-th, td { text-align: left; vertical-align: top; padding: 0 0.9em 0 0; }
+th, td { text-align: left; vertical-align: top; padding: 0 0.7em 0 0; }
 th:last-child, td:last-child { padding-right: 0; }
 th:not(:empty) { padding-bottom: 0.15em; }
 p + p, table + p, ul + p, p + table, p + ul { margin-top: 0.45em; }
