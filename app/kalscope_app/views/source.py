@@ -283,7 +283,8 @@ def read_upload(
 def report_text(recording: Recording) -> str:
     """How a recording was read, as short markdown; every piece from the file is escaped."""
     report = recording.report
-    lines = [f"{count(len(recording))} samples × {len(recording.names)} channels"]
+    channels = len(recording.names)
+    lines = [f"{count(len(recording))} samples × {channels} channel{'s' if channels > 1 else ''}"]
     if recording.sample_period:
         lines.append(f"one sample every {duration(recording.sample_period)}")
     else:
@@ -295,7 +296,7 @@ def report_text(recording: Recording) -> str:
         "comment lines": report.comments,
         "blank lines": report.blank,
     }
-    lines += [f"{count(number)} {what}" for what, number in counts.items() if number]
+    lines += [f"{what}: {count(number)}" for what, number in counts.items() if number]
     lines += [plain(note, 160) for note in report.notes]
     for issue in report.issues[:8]:
         where = f"line {issue.line}" + (f", {plain(issue.column, 30)}" if issue.column else "")
