@@ -129,7 +129,7 @@ class WindowFitter:
                 self._fitted[one] = canvas_of(one)
 
     def _measure_and_fill(self, client: viser.ClientHandle, hold: float, seen: list[Pixels]) -> bool:
-        """One attempt, with sizes that keep for `hold` s and go to `seen`; True if the canvas is as the window says."""
+        """One attempt, with sizes that keep for `hold` s, added to `seen`; True if the canvas is as it must be."""
         self._panels.set_right_width(FIRST_RIGHT_WIDTH)
         first, docked = settled(client, hold), self._panels.docked_width
         self._panels.set_right_width(FIRST_RIGHT_WIDTH + PROBE)
