@@ -101,7 +101,7 @@ class Dashboard:
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
             self._live = LiveView(gui, self.session, Jobs(self.tell), self.tell, folder)
-            self._source.build_report(gui)
+            self._source.build_rest(gui)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
             self._board = BoardView(gui, self.session, self._jobs, self.tell, lambda: self._live.connected)
@@ -118,7 +118,7 @@ class Dashboard:
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
             self._help = HelpView(gui, self._tour)
-            add_style(gui)
+        add_style(gui)  # outside of the tabs: a hidden one is not on the page
         with self._panels.charts:
             self._window = WindowView(gui, self.session)
             self.signal = SignalView(gui)

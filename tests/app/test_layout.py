@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from kalscope_app.views.fitting import resized
+from kalscope_app.views.fitting import is_phone, resized, same_shape
 from kalscope_app.views.layout import (
     CANVAS_WIDTH,
     FIRST_RIGHT_WIDTH,
@@ -91,3 +91,20 @@ def test_a_canvas_that_does_not_give_way_tells_nothing(first, second):
 )
 def test_only_a_new_window_size_is_news(before, now, news):
     assert resized(before, now) is news
+
+
+def test_a_phone_is_told_by_two_attempts_that_agree():
+    phone = (390, 844)
+    assert is_phone([phone] * 4)
+    assert is_phone([phone, phone, (312, 675), phone])  # viser's own scaling keeps the shape
+    assert not is_phone([phone] * 3)
+    assert not is_phone([(844, 390)] * 4)
+    slow = [(515, 720), (515, 720), (515, 720), (395, 720)]  # 1280 px wide: the answer comes at last
+    assert not is_phone(slow)
+    assert not is_phone([(0, 0)] * 4)
+
+
+def test_a_late_answer_of_a_slow_page_has_another_shape():
+    assert same_shape((390, 844), (195, 422))
+    assert not same_shape((515, 720), (395, 720))
+    assert not same_shape((0, 0), (0, 0))

@@ -105,7 +105,7 @@ def table(checks: Checks) -> str:
 
 def chance(p: float) -> str:
     """A p value as a person reads it."""
-    return "p < 1e-6" if p < 1e-6 else f"p = {number(p, 2)}"
+    return "p\u00a0<\u00a01e\u20116" if p < 1e-6 else f"p\u00a0=\u00a0{number(p, 2)}"
 
 
 def _band(d: Diagnostics) -> str:

@@ -20,6 +20,9 @@ PATIENCE = 1.5
 ATTEMPTS = 5
 """Measurements at most; each checks itself."""
 
+PHONE_REPORTS = 4
+"""Reports that must agree before a window counts as a phone's: two attempts."""
+
 Pixels = tuple[int, int]
 
 
@@ -40,6 +43,7 @@ class WindowFitter:
         self._aim = aim
         self._busy = False
         self._fitted: dict[viser.ClientHandle, Pixels | None] = {}
+        self._unmeasured: set[viser.ClientHandle] = set()
         self._window: tuple[float, float] | None = None
         self._map_shown = True
         self._waiting: queue.SimpleQueue[viser.ClientHandle | None] = queue.SimpleQueue()
@@ -55,6 +59,7 @@ class WindowFitter:
     def detach(self, client: viser.ClientHandle) -> None:
         """Forget a browser that has gone."""
         self._fitted.pop(client, None)
+        self._unmeasured.discard(client)
 
     def set_map_shown(self, shown: bool) -> None:
         """Give the map its room in the window that was measured last, or give that room to the charts."""
@@ -71,8 +76,11 @@ class WindowFitter:
             self._aim(client)
 
     def _needs_fit(self, client: viser.ClientHandle) -> bool:
-        known = self._fitted.get(client, (0, 0))
-        return known is None or resized(known, canvas_of(client))
+        known, now = self._fitted.get(client, (0, 0)), canvas_of(client)
+        if known is None or resized(known, now):
+            return True
+        # Where nothing could be measured, a width alone is a late answer of a slow page, not a divider dragged.
+        return client in self._unmeasured and not same_shape(known, now)
 
     def _run(self) -> None:
         while True:
@@ -104,24 +112,31 @@ class WindowFitter:
 
     def _fit(self, client: viser.ClientHandle) -> None:
         """Measure and fill; then remember what every browser's canvas has become by that."""
+        seen: list[Pixels] = []
+        self._unmeasured.add(client)
         for attempt in range(ATTEMPTS):  # the first may meet a page that has not docked its panels yet
             # A page without a graphics card reports late: each attempt is more patient than the one before.
-            if client not in self._fitted or self._measure_and_fill(client, SETTLED * (1 + attempt)):
+            if client not in self._fitted or self._measure_and_fill(client, SETTLED * (1 + attempt), seen):
+                self._unmeasured.discard(client)
                 break
+            if is_phone(seen):
+                self._set_portrait(client, seen[-1][0] / seen[-1][1])
+                break
+        else:
+            self._set_portrait(client, None)
         for one in tuple(self._fitted):
             if one in self._fitted:
                 self._fitted[one] = canvas_of(one)
 
-    def _measure_and_fill(self, client: viser.ClientHandle, hold: float) -> bool:
-        """One attempt, with sizes that keep for `hold` s; True if the canvas is then as the window says."""
+    def _measure_and_fill(self, client: viser.ClientHandle, hold: float, seen: list[Pixels]) -> bool:
+        """One attempt, with sizes that keep for `hold` s, added to `seen`; True if the canvas is as it must be."""
         self._panels.set_right_width(FIRST_RIGHT_WIDTH)
         first, docked = settled(client, hold), self._panels.docked_width
         self._panels.set_right_width(FIRST_RIGHT_WIDTH + PROBE)
         second = settled(client, hold, unlike=first)
+        seen += [first, second]
         window = window_size(first, second, docked=docked, more=PROBE)
         if window is None:
-            upright = 0 < second[0] < 0.8 * second[1]
-            self._set_portrait(client, second[0] / second[1] if upright else None)
             return False
         self._set_portrait(client, None)
         self._window = window
@@ -137,6 +152,22 @@ def resized(before: Pixels, now: Pixels) -> bool:
     if min(*before, *now) <= 0 or before[1] == now[1]:
         return False
     return abs(now[0] / now[1] - before[0] / before[1]) > 0.01 * before[0] / before[1]
+
+
+def same_shape(one: Pixels, other: Pixels) -> bool:
+    """Whether two canvas reports have the same width : height, to within 2 %; viser scales both sides together."""
+    return min(*one, *other) > 0 and abs(one[0] * other[1] / (one[1] * other[0]) - 1.0) <= 0.02
+
+
+def is_phone(seen: list[Pixels]) -> bool:
+    """Whether the last reports, taken at two panel widths in turn, are an upright phone's, which docks nothing.
+
+    One pair says too little: a slow page in a wide window answers late, and its canvas too is higher than wide
+    while the panels stand beside it.
+    """
+    last = seen[-PHONE_REPORTS:]
+    upright = len(last) == PHONE_REPORTS and all(0 < width < 0.8 * height for width, height in last)
+    return upright and all(same_shape(last[0], size) for size in last)
 
 
 def canvas_of(client: viser.ClientHandle) -> Pixels:

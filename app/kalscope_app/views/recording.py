@@ -55,12 +55,12 @@ class RecordingView:
         self._jobs.run(self._end)
 
     def _start(self, name: str) -> None:
+        path = check_inside(name, self._folder)
+        if path.suffix != ".csv" or any(part.startswith(".") for part in Path(name).parts if part != "."):
+            raise BadSetting(f"the recording must be named like recording.csv (got {name!r:.200})")
         source = self._connected()
         if source is None:
             raise BadSetting("a board must be connected before its lines are recorded (got none)")
-        path = check_inside(name, self._folder)
-        if path.suffix != ".csv" or path.name.startswith("."):
-            raise BadSetting(f"the recording must be named like recording.csv (got {name!r})")
         try:
             recorder = source.record(path)
         except BadFile:

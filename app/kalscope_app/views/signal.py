@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +58,15 @@ DARK = Palette(
 LIVE_CONTROLS_HEIGHT = 44
 """Height in px that the controls of a live record take from the chart below them."""
 
+LINE_HEIGHT = 20
+"""Height of one line of the heading, px."""
+
+LETTER_WIDTH = 7.0
+"""Mean width of a letter of the heading, px; a little more than it is."""
+
+LONGEST_LABEL = 16
+"""Letters that fit beside the innovation at 720 px of height."""
+
 
 class SignalView:
     """Three charts, one below the other; the first two share their zoom."""
@@ -64,6 +74,7 @@ class SignalView:
     def __init__(self, gui: viser.GuiApi) -> None:
         self._sizes: Sizes | None = None
         self._live = False
+        self._lines = 1
         self._heading = gui.add_markdown("")
         self.signal = Chart(gui, 430, sync="kalscope-time")
         self.innovation = Chart(gui, 200, sync="kalscope-time")
@@ -72,25 +83,32 @@ class SignalView:
     def set_heights(self, sizes: Sizes) -> None:
         """Heights of the three charts."""
         self._sizes = sizes
-        self.signal.handle.height = sizes.signal_height - (LIVE_CONTROLS_HEIGHT if self._live else 0)
+        self._lines = self._lines_of(self._heading.content)
+        more = LINE_HEIGHT * (self._lines - 1) + (LIVE_CONTROLS_HEIGHT if self._live else 0)
+        self.signal.handle.height = max(120, sizes.signal_height - more)
         self.innovation.handle.height = sizes.innovation_height
         self.gain.handle.height = sizes.gain_height
 
     def show(self, frame: Frame) -> None:
         """Draw the frame."""
         palette = DARK if frame.state.dark else LIGHT
-        live = frame.state.live is not None
-        if live != self._live:
-            self._live = live
+        heading = heading_of(frame)
+        live, lines = frame.state.live is not None, self._lines_of(heading)
+        if (live, lines) != (self._live, self._lines):
+            self._live, self._lines = live, lines
             if self._sizes is not None:
                 self.set_heights(self._sizes)
-        heading = heading_of(frame)
         if self._heading.content != heading:
             self._heading.content = heading
         clock = time_axis(frame)
         self._show_signal(frame, palette, clock)
         self._show_innovation(frame, palette, clock)
         self._show_gain(frame, palette)
+
+    def _lines_of(self, heading: str) -> int:
+        """How many lines the heading takes in the panel; marks that are not seen are not counted."""
+        letters = len(re.sub(r"[\\*]", "", heading))
+        return 1 if self._sizes is None else math.ceil(letters * LETTER_WIDTH / (self._sizes.right_width - 30))
 
     def _show_signal(self, frame: Frame, palette: Palette, clock: Scale) -> None:
         shown, state = frame.shown, frame.state
@@ -126,7 +144,8 @@ class SignalView:
         ]
         band = {"series": (2, 1), "fill": palette.innovation_band}
         label = scale.label("innovation")
-        self._draw(self.innovation, frame, clock, scale, lines, label if len(label) < 20 else "innovation", band)
+        label = label if len(label) <= LONGEST_LABEL else "innovation"  # the unit is that of the chart above
+        self._draw(self.innovation, frame, clock, scale, lines, label, band)
 
     def _draw(
         self, chart: Chart, frame: Frame, clock: Scale, scale: Scale, lines: list[Line], label: str, band: object
@@ -197,11 +216,9 @@ def heading_of(frame: Frame) -> str:
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
     if shown.decimated:
-        parts.append(
-            f"drawn: {count(len(shown.indices))} of {count(shown.last - shown.first)} points; numbers use all"
-        )
+        parts.append(f"drawn: {count(len(shown.indices))} of {count(shown.last - shown.first)}, numbers use all")
     if math.isfinite(frame.board_difference):
-        parts.append(f"largest difference from the board's own filter: {number(frame.board_difference)}")
+        parts.append(f"the board's own filter differs by up to {number(frame.board_difference)}")
     if frame.status is not None:
         parts.append(f"**{plain(frame.status.word, 120)}**")
         parts += [plain(frame.status.hint, 160)] if frame.status.hint else []
@@ -210,7 +227,7 @@ def heading_of(frame: Frame) -> str:
             parts.append(f"recording to **{plain(recording.name)}**: {count(recording.counts.written)} lines")
             parts += [f"**{plain(text, 160)}**" for text in (recording.trouble, recording.warning) if text]
     if starts_wild(frame):
-        parts.append("the innovation is cut off during the start")
+        parts.append("innovation cut off at the start")
     return " · ".join(parts)
 
 

@@ -75,8 +75,6 @@ class SourceView:
                 self._period = gui.add_text(
                     "sample period (s)", "", hint="Time between two samples, for a file that has no time. Enter."
                 )
-        with gui.add_folder("Generate a signal", expand_by_default=False):
-            self._generator = GeneratorForm(gui, self._open_spec)
         self._report: viser.GuiMarkdownHandle | None = None
         self._sample.on_update(self._on_sample)
         self._experiment.on_update(self._on_experiment)
@@ -85,8 +83,10 @@ class SourceView:
         self._cancel.on_click(self._on_cancel)
         form.on_submit(self._on_period)
 
-    def build_report(self, gui: viser.GuiApi) -> None:
-        """The lower part: how the file was read, and how else it can be."""
+    def build_rest(self, gui: viser.GuiApi) -> None:
+        """The lower part: the generator, and how the file was read and how else it can be."""
+        with gui.add_folder("Generate a signal", expand_by_default=False):
+            self._generator = GeneratorForm(gui, self._open_spec)
         with gui.add_folder("How it was read"):
             self._report = gui.add_markdown("")
             with gui.add_folder("Read it otherwise", expand_by_default=False):
@@ -284,7 +284,8 @@ def read_upload(
 def report_text(recording: Recording) -> str:
     """How a recording was read, as short markdown; every piece from the file is escaped."""
     report = recording.report
-    lines = [f"{count(len(recording))} samples × {len(recording.names)} channels"]
+    channels = len(recording.names)
+    lines = [f"{count(len(recording))} samples × {channels} channel{'s' if channels > 1 else ''}"]
     if recording.sample_period:
         lines.append(f"one sample every {duration(recording.sample_period)}")
     else:
@@ -296,7 +297,7 @@ def report_text(recording: Recording) -> str:
         "comment lines": report.comments,
         "blank lines": report.blank,
     }
-    lines += [f"{count(number)} {what}" for what, number in counts.items() if number]
+    lines += [f"{what}: {count(number)}" for what, number in counts.items() if number]
     lines += [plain(note, 160) for note in report.notes]
     for issue in report.issues[:8]:
         where = f"line {issue.line}" + (f", {plain(issue.column, 30)}" if issue.column else "")

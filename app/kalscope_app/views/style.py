@@ -6,10 +6,10 @@ import viser
 
 RULES = """<style>
 table { border-collapse: collapse; }
-th, td { text-align: left; vertical-align: top; padding: 0 0.9em 0 0; }
+th, td { text-align: left; vertical-align: top; padding: 0 0.7em 0 0; }
 th:last-child, td:last-child { padding-right: 0; }
 th:not(:empty) { padding-bottom: 0.15em; }
-p + p, table + p, ul + p, p + table, p + ul { margin-top: 0.45em; }
+:is(p, table, ul) + :is(p, table, ul) { margin-top: 0.45em !important; }
 .mantine-ScrollArea-scrollbar[data-orientation="vertical"] { width: 6px; }
 </style>"""
 """viser's markdown has no padding in its tables, centres their heads, and sets paragraphs without any space."""
