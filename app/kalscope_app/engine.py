@@ -18,6 +18,7 @@ from kalscope_app.curves import Curves
 from kalscope_app.filter_runs import FilterRuns
 from kalscope_app.frame import Frame, Shown, choose_shown, compute_frame
 from kalscope_app.live import live_window, studied
+from kalscope_app.record_facts import RecordFacts
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.studies import Studies
@@ -71,7 +72,7 @@ class Engine:
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
         self._shown_for: tuple[object, ...] = ()
         self._shown: Shown | None = None
-        self._runs = FilterRuns()
+        self._runs, self._facts = FilterRuns(), RecordFacts()
         self._frame: Frame | None = None
         self._frame_at = self._study_at = -math.inf
         self._curves = Curves()
@@ -143,6 +144,6 @@ class Engine:
             a is b if i == 0 else a == b for i, (a, b) in enumerate(zip(asked, self._shown_for, strict=True))
         )
         if self._shown is None or not same:
-            self._shown = choose_shown(*asked)
+            self._shown = choose_shown(*asked, self._facts.of(state))
             self._shown_for = asked
         return self._shown

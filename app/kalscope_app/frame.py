@@ -16,6 +16,7 @@ from kalscope.sources.live import LiveStatus
 from kalscope.steady_state import SteadyState, ratio_for, steady_state
 from kalscope_app.charts import POINT_LIMIT, choose_indices
 from kalscope_app.filter_runs import FilterRuns
+from kalscope_app.record_facts import Facts, facts_of
 from kalscope_app.state import State
 
 Array = NDArray[np.float64]
@@ -45,6 +46,8 @@ class Shown:
     """The noise-free signal there, where it is known, shape (m,)."""
     missing: int
     """Missing samples of the channel, drawn or not."""
+    reach: tuple[float, float]
+    """First and last moment of the recording, s."""
 
     @property
     def decimated(self) -> bool:
@@ -166,13 +169,24 @@ def _as_if_settled(gain: float) -> FilterParams:
 
 
 def choose_shown(
-    recording: Recording, channel: str, window: tuple[float, float] | None, limit: int = POINT_LIMIT
+    recording: Recording,
+    channel: str,
+    window: tuple[float, float] | None,
+    limit: int = POINT_LIMIT,
+    facts: Facts | None = None,
 ) -> Shown:
-    """The samples to draw of one channel in a window (s, both ends inside); always at least two if there are."""
+    """The samples to draw of one channel in a window (s, both ends inside); always at least two if there are.
+
+    Args:
+        recording: what is open.
+        channel: what is drawn of it.
+        window: first and last moment, s; None = all of it.
+        limit: most points a line may have.
+        facts: what is known of recording and channel already; None = they are looked through.
+    """
     n = len(recording)
-    clock = recording.time
-    if np.any(clock[1:] < clock[:-1]):
-        clock = np.maximum.accumulate(clock)
+    facts = facts or facts_of(recording, channel)
+    clock = facts.clock(recording)
     first, last = 0, n
     if window is not None:
         first = max(0, min(int(np.searchsorted(clock, window[0], side="left")), n - 2))
@@ -188,7 +202,8 @@ def choose_shown(
         time=clock[at],
         raw=z[at],
         truth=None if truth is None else truth[at],
-        missing=int(np.isnan(z).sum()),
+        missing=facts.missing,
+        reach=(float(clock[0]), float(clock[-1])),
     )
 
 

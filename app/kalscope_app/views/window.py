@@ -80,10 +80,10 @@ class WindowView:
         """Follow the frame unless the range has moved since."""
         self._show_live(frame.state.live)
         recording = frame.state.recording
-        begin, end = float(recording.time.min()), float(recording.time.max())
         if moves_too_often(frame, time.monotonic() - self._moved_at):
             return
         self._moved_at = time.monotonic()
+        begin, end = frame.shown.reach
         self._scale = time_scale_for(end - begin, recording.sample_period)
         low, high = begin * self._scale.factor, end * self._scale.factor
         high = high if high > low else low + 1.0

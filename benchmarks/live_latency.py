@@ -1,0 +1,142 @@
+"""A live board in a real Chromium: from a byte written to the chart drawn, and how often it is drawn anew.
+
+The board's lines bear their number, and the drawn value of the newest one tells it back (`numbered_board.py`), so the
+lag is that of every line: from its writing into the pseudo-terminal to the end of the first draw that shows it or
+a later one, by one clock. First with a window of 10 s, then with all once 100,000 samples are there.
+
+    python benchmarks/live_latency.py [--json] [--seconds 30] [--rate 1000] [--channels 3] [--least 100000]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from dashboard_page import Program, choose, chromium, dashboard_page
+from numbered_board import NumberedBoard
+from playwright.sync_api import Page
+from soak import cpu_seconds, rss_mb
+from starved import Probe
+from watch_draws import DrawWatch
+
+SETTLE = 3.0
+"""Seconds after a change of the window that do not count."""
+REDRAWS = 15.0
+"""The promise: redraws a second."""
+MACHINE = "/proc/stat"
+
+
+def busy_seconds() -> float:
+    """Processor time that the whole machine has used so far, s."""
+    fields = [int(word) for word in Path(MACHINE).read_text().split("\n", 1)[0].split()[1:]]
+    return (sum(fields) - fields[3] - fields[4]) / os.sysconf("SC_CLK_TCK")
+
+
+def children_cpu(pid: int) -> dict[str, float]:
+    """Processor time so far of the browser's processes, by what they are, s."""
+    found: dict[str, float] = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and _descends(int(entry.name), pid):
+            kind = _kind_of(int(entry.name))
+            found[kind] = found.get(kind, 0.0) + cpu_seconds(int(entry.name))
+    return found
+
+
+def _descends(pid: int, ancestor: int) -> bool:
+    try:
+        while pid > 1:
+            pid = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+            if pid == ancestor:
+                return True
+    except (OSError, IndexError):
+        pass  # it has ended
+    return False
+
+
+def _kind_of(pid: int) -> str:
+    command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+    kind = next((word[7:].decode() for word in command if word.startswith(b"--type=")), "main")
+    return f"chromium {kind}" if b"chrom" in command[0] else "driver"
+
+
+def watched(page: Page, draws: DrawWatch, board: NumberedBoard, pid: int, window: str, seconds: float):
+    """One row: how the chart keeps up with one window."""
+    choose(page, "shows the last", window)
+    page.wait_for_timeout(1000.0 * SETTLE)
+    draws.take(board)
+    begin, cpu, machine, browser = time.monotonic(), cpu_seconds(pid), busy_seconds(), children_cpu(os.getpid())
+    with Probe() as probe:
+        page.wait_for_timeout(1000.0 * seconds)
+        late = probe.latest_since(begin)
+    taken, lasted = draws.take(board), time.monotonic() - begin
+    after = children_cpu(os.getpid())
+    return {
+        "window": window,
+        "samples": board.sent,
+        "redraws_per_s": taken.per_second,
+        "longest_between_ms": 1000.0 * taken.longest_between,
+        "lag_median_ms": 1000.0 * float(np.median(taken.lag)),
+        "lag_p95_ms": 1000.0 * float(np.percentile(taken.lag, 95)),
+        "program_cpu_percent": 100.0 * (cpu_seconds(pid) - cpu) / lasted,
+        "browser_cpu_percent": {
+            kind: round(100.0 * (spent - browser.get(kind, 0.0)) / lasted, 1)
+            for kind, spent in after.items()
+            if kind.startswith("chromium")
+        },
+        "machine_cpu_percent": 100.0 * (busy_seconds() - machine) / lasted,
+        "cores": os.cpu_count(),
+        "load": os.getloadavg()[0],
+        "probe_late_ms": 1000.0 * late,
+        "rss_mb": rss_mb(pid),
+    }
+
+
+def measure(board: NumberedBoard, seconds: float, least: int) -> dict[str, object]:
+    """Both windows on one page."""
+    with board, chromium() as browser, Program(f"serial:{board.port}@115200") as program:
+        board.start()
+        with dashboard_page(browser, program.url, live=True) as page:
+            draws, pid = DrawWatch(page), program.process.pid
+            rows = [watched(page, draws, board, pid, "10 s", seconds)]
+            while board.sent < least:
+                page.wait_for_timeout(500)
+            rows.append(watched(page, draws, board, pid, "all", seconds))
+        return {
+            "rate": board.rate,
+            "channels": board.channels,
+            "clock_error_ms": 1000.0 * draws.clock_error,
+            "longest_write_ms": 1000.0 * board.longest_write,
+            "rows": rows,
+        }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--seconds", type=float, default=30.0, help="for each window")
+    parser.add_argument("--rate", type=float, default=1000.0, help="lines a second")
+    parser.add_argument("--channels", type=int, default=3)
+    parser.add_argument("--least", type=int, default=100_000, help="samples that are there for the window of all")
+    options = parser.parse_args()
+    if options.channels < 2:
+        parser.error("--channels must be at least 2: the wave and the number")
+    longest = options.least / options.rate + 2.0 * options.seconds + 300.0
+    board = NumberedBoard(options.rate, options.channels, longest)
+    found = measure(board, options.seconds, options.least)
+    rows = found["rows"]
+    if options.json:
+        print(json.dumps(found, indent=1))
+    else:
+        for one in rows:
+            print(*(f"{n:20} {v:.4g}" if isinstance(v, float) else f"{n:20} {v}" for n, v in one.items()), sep="\n")
+            print()
+    sys.exit(0 if min(one["redraws_per_s"] for one in rows) >= REDRAWS else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""How long a program was kept from the processor: what is late on a busy machine is not always its own fault."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from contextlib import suppress
+from multiprocessing.sharedctypes import RawArray
+from pathlib import Path
+
+import numpy as np
+
+NAP = 0.005
+"""Seconds between two wake-ups of the probe."""
+KEPT = 4096
+"""Wake-ups that are remembered: 20 s."""
+
+
+class Probe:
+    """A process that only sleeps, and notes how late it was woken; use it in a `with`."""
+
+    def __init__(self) -> None:
+        self._late = RawArray("d", 2 * KEPT)
+        self._process = multiprocessing.get_context("fork").Process(target=self._run, daemon=True)
+
+    def __enter__(self) -> Probe:
+        self._process.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.join()
+
+    def latest_since(self, since: float) -> float:
+        """Longest time in s by which it was woken too late, from a monotonic moment on."""
+        woken, late = np.frombuffer(self._late).reshape(KEPT, 2).T
+        return float(late[woken >= since].max(initial=0.0))
+
+    def _run(self) -> None:
+        table, i = np.frombuffer(self._late).reshape(KEPT, 2), 0
+        while True:
+            due = time.monotonic() + NAP
+            time.sleep(NAP)
+            now = time.monotonic()
+            table[i] = now, now - due
+            i = (i + 1) % KEPT
+
+
+def waited(pid: int) -> dict[str, float]:
+    """Seconds that each thread of a process was ready to run and had no processor; {} where that is not told.
+
+    Linux tells it. A wait that has not ended is not in it.
+    """
+    found = {}
+    with suppress(OSError):
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            with suppress(OSError, IndexError):
+                found[task.name] = int((task / "schedstat").read_text().split()[1]) / 1e9
+    return found
