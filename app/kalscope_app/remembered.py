@@ -12,6 +12,9 @@ from kalscope.atomic import write_atomic
 FOLDER_VARIABLE = "KALSCOPE_CONFIG_DIR"
 """Environment variable that names another folder than the system's."""
 
+LARGEST = 65_536
+"""Bytes of the file that are read at most."""
+
 HEADER = "# What Kalscope remembers. It may be deleted: the tour is then shown again.\n"
 
 
@@ -38,8 +41,11 @@ class Remembered:
     def tour_seen(self) -> bool:
         """Whether the person has asked not to see the tour again."""
         try:
-            return tomllib.loads(self.path.read_text(encoding="utf-8")).get("tour_seen") is True
-        except (OSError, ValueError):
+            if not self.path.is_file():  # a pipe or a device would be read for ever
+                return False
+            with self.path.open("rb") as file:
+                return tomllib.loads(file.read(LARGEST).decode()).get("tour_seen") is True
+        except (OSError, ValueError, RecursionError):
             return False
 
     def forget_tour(self) -> None:

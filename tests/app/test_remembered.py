@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -52,3 +53,17 @@ def test_the_tour_has_at_most_five_short_steps():
 
 def test_the_card_names_every_key():
     assert all(f"| {what} | {does} |" in card() for what, does in KEYS)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes and devices have no names there")
+@pytest.mark.parametrize(
+    "make", [getattr(os, "mkfifo", None), lambda path: os.symlink("/dev/zero", path)], ids=["pipe", "device"]
+)
+def test_what_never_ends_counts_as_empty(tmp_path, make):
+    make(tmp_path / "settings.toml")
+    assert not Remembered(tmp_path).tour_seen
+
+
+def test_brackets_without_end_count_as_empty(tmp_path):
+    (tmp_path / "settings.toml").write_text("a = " + "[" * 60_000)
+    assert not Remembered(tmp_path).tour_seen
