@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from kalscope_app.views.fitting import is_phone, resized, same_shape
+from kalscope_app.views.fitting import is_upright, resized, same_shape
 from kalscope_app.views.layout import (
     CANVAS_WIDTH,
     FIRST_RIGHT_WIDTH,
@@ -93,15 +93,11 @@ def test_only_a_new_window_size_is_news(before, now, news):
     assert resized(before, now) is news
 
 
-def test_a_phone_is_told_by_two_attempts_that_agree():
-    phone = (390, 844)
-    assert is_phone([phone] * 4)
-    assert is_phone([phone, phone, (312, 675), phone])  # viser's own scaling keeps the shape
-    assert not is_phone([phone] * 3)
-    assert not is_phone([(844, 390)] * 4)
-    slow = [(515, 720), (515, 720), (515, 720), (395, 720)]  # 1280 px wide: the answer comes at last
-    assert not is_phone(slow)
-    assert not is_phone([(0, 0)] * 4)
+def test_only_a_canvas_that_is_clearly_higher_than_wide_is_upright():
+    assert is_upright((390, 844))
+    assert not is_upright((844, 390))
+    assert not is_upright((800, 900))
+    assert not is_upright((0, 0))
 
 
 def test_a_late_answer_of_a_slow_page_has_another_shape():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 
 import viser
@@ -20,8 +21,11 @@ PATIENCE = 1.5
 ATTEMPTS = 5
 """Measurements at most; each checks itself."""
 
-PHONE_REPORTS = 4
-"""Reports that must agree before a window counts as a phone's: two attempts."""
+ANSWER = 15.0
+"""Seconds to wait at most for a page to answer a moved camera."""
+
+HAIR = 0.01
+"""How far a camera is moved to make a page report."""
 
 Pixels = tuple[int, int]
 
@@ -44,6 +48,7 @@ class WindowFitter:
         self._busy = False
         self._fitted: dict[viser.ClientHandle, Pixels | None] = {}
         self._unmeasured: set[viser.ClientHandle] = set()
+        self._reports: Counter[viser.ClientHandle] = Counter()
         self._window: tuple[float, float] | None = None
         self._map_shown = True
         self._waiting: queue.SimpleQueue[viser.ClientHandle | None] = queue.SimpleQueue()
@@ -60,6 +65,7 @@ class WindowFitter:
         """Forget a browser that has gone."""
         self._fitted.pop(client, None)
         self._unmeasured.discard(client)
+        self._reports.pop(client, None)
 
     def set_map_shown(self, shown: bool) -> None:
         """Give the map its room in the window that was measured last, or give that room to the charts."""
@@ -68,6 +74,7 @@ class WindowFitter:
             self._waiting.put(None)
 
     def _on_camera(self, client: viser.ClientHandle) -> None:
+        self._reports[client] += 1
         if self._busy:
             return
         if self._needs_fit(client) and self._waiting.empty():
@@ -112,15 +119,10 @@ class WindowFitter:
 
     def _fit(self, client: viser.ClientHandle) -> None:
         """Measure and fill; then remember what every browser's canvas has become by that."""
-        seen: list[Pixels] = []
         self._unmeasured.add(client)
         for attempt in range(ATTEMPTS):  # the first may meet a page that has not docked its panels yet
             # A page without a graphics card reports late: each attempt is more patient than the one before.
-            if client not in self._fitted or self._measure_and_fill(client, SETTLED * (1 + attempt), seen):
-                self._unmeasured.discard(client)
-                break
-            if is_phone(seen):
-                self._set_portrait(client, seen[-1][0] / seen[-1][1])
+            if client not in self._fitted or self._measure_and_fill(client, SETTLED * (1 + attempt)):
                 break
         else:
             self._set_portrait(client, None)
@@ -128,20 +130,54 @@ class WindowFitter:
             if one in self._fitted:
                 self._fitted[one] = canvas_of(one)
 
-    def _measure_and_fill(self, client: viser.ClientHandle, hold: float, seen: list[Pixels]) -> bool:
-        """One attempt, with sizes that keep for `hold` s, added to `seen`; True if the canvas is as it must be."""
-        self._panels.set_right_width(FIRST_RIGHT_WIDTH)
-        first, docked = settled(client, hold), self._panels.docked_width
-        self._panels.set_right_width(FIRST_RIGHT_WIDTH + PROBE)
-        second = settled(client, hold, unlike=first)
-        seen += [first, second]
+    def _measure_and_fill(self, client: viser.ClientHandle, hold: float) -> bool:
+        """One attempt, with sizes that keep for `hold` s; True if the canvas is then as the window says."""
+        first, docked = self._canvas_beside(client, FIRST_RIGHT_WIDTH, hold), self._panels.docked_width
+        second = self._canvas_beside(client, FIRST_RIGHT_WIDTH + PROBE, hold, unlike=first)
         window = window_size(first, second, docked=docked, more=PROBE)
         if window is None:
-            return False
+            return self._is_phone(client, first, second)
         self._set_portrait(client, None)
         self._window = window
         sizes = self._fill(window)
-        return reaches(client, sizes.canvas_width / window[1], PATIENCE + 4.0 * hold)
+        if not reaches(client, sizes.canvas_width / window[1], PATIENCE + 4.0 * hold):
+            return False
+        self._unmeasured.discard(client)
+        return True
+
+    def _canvas_beside(
+        self, client: viser.ClientHandle, width: int, hold: float, unlike: Pixels | None = None
+    ) -> Pixels:
+        """The settled canvas beside a chart panel of this width, px; a second attempt asks the page for it."""
+        self._panels.set_right_width(width)
+        if hold > SETTLED:
+            self._answers(client)
+        return settled(client, hold, unlike)
+
+    def _is_phone(self, client: viser.ClientHandle, first: Pixels, second: Pixels) -> bool:
+        """Whether an upright canvas keeps its shape beside any panel: then the signal is drawn into it.
+
+        A slow page in a wide window looks the same until it answers. So it counts only if the page, asked again
+        after the panel has become narrow, still has that shape.
+        """
+        if not (is_upright(second) and same_shape(first, second)):
+            return False
+        self._panels.set_right_width(FIRST_RIGHT_WIDTH)
+        if not (self._answers(client) and self._answers(client)):
+            return False
+        if not same_shape(second, settled(client, SETTLED)):
+            return False
+        self._set_portrait(client, second[0] / second[1])
+        return True
+
+    def _answers(self, client: viser.ClientHandle) -> bool:
+        """Move the camera by a hair and wait until the page says where it is, and so how large it is."""
+        before, end = self._reports[client], time.monotonic() + ANSWER
+        x, y, z = client.camera.position
+        client.camera.position = (x + HAIR, y, z)
+        while client in self._fitted and self._reports[client] == before and time.monotonic() < end:
+            time.sleep(0.03)
+        return self._reports[client] != before
 
 
 def resized(before: Pixels, now: Pixels) -> bool:
@@ -159,15 +195,9 @@ def same_shape(one: Pixels, other: Pixels) -> bool:
     return min(*one, *other) > 0 and abs(one[0] * other[1] / (one[1] * other[0]) - 1.0) <= 0.02
 
 
-def is_phone(seen: list[Pixels]) -> bool:
-    """Whether the last reports, taken at two panel widths in turn, are an upright phone's, which docks nothing.
-
-    One pair says too little: a slow page in a wide window answers late, and its canvas too is higher than wide
-    while the panels stand beside it.
-    """
-    last = seen[-PHONE_REPORTS:]
-    upright = len(last) == PHONE_REPORTS and all(0 < width < 0.8 * height for width, height in last)
-    return upright and all(same_shape(last[0], size) for size in last)
+def is_upright(size: Pixels) -> bool:
+    """Whether a canvas is clearly higher than wide."""
+    return 0 < size[0] < 0.8 * size[1]
 
 
 def canvas_of(client: viser.ClientHandle) -> Pixels:
