@@ -1,6 +1,6 @@
 """A live board in a real Chromium: from a byte written to the chart drawn, and how often it is drawn anew.
 
-The board's lines bear their number, and the drawn value of the newest one tells it back (`numbered_board.py`), so the
+The board's lines bear their number, and the drawn value of the newest one tells it back (`numbered_board.py`). The
 lag is that of every line: from its writing into the pseudo-terminal to the end of the first draw that shows it or
 a later one, by one clock. First with a window of 10 s, then with all once 100,000 samples are there.
 
@@ -15,6 +15,7 @@ import os
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from dashboard_page import Program, choose, chromium, dashboard_page
@@ -64,7 +65,9 @@ def _kind_of(pid: int) -> str:
     return f"chromium {kind}" if b"chrom" in command[0] else "driver"
 
 
-def watched(page: Page, draws: DrawWatch, board: NumberedBoard, pid: int, window: str, seconds: float):
+def watched(
+    page: Page, draws: DrawWatch, board: NumberedBoard, pid: int, window: str, seconds: float
+) -> dict[str, Any]:
     """One row: how the chart keeps up with one window."""
     choose(page, "shows the last", window)
     page.wait_for_timeout(1000.0 * SETTLE)
@@ -96,7 +99,7 @@ def watched(page: Page, draws: DrawWatch, board: NumberedBoard, pid: int, window
     }
 
 
-def measure(board: NumberedBoard, seconds: float, least: int) -> dict[str, object]:
+def measure(board: NumberedBoard, seconds: float, least: int) -> dict[str, Any]:
     """Both windows on one page."""
     with board, chromium() as browser, Program(f"serial:{board.port}@115200") as program:
         board.start()
