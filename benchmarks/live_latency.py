@@ -18,10 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from dashboard_page import Program, choose, chromium, dashboard_page
+from dashboard_page import Program, choose, chromium, cpu_seconds, dashboard_page, rss_mb
 from numbered_board import NumberedBoard
 from playwright.sync_api import Page
-from soak import cpu_seconds, rss_mb
 from starved import Probe
 from watch_draws import DrawWatch
 

@@ -17,10 +17,18 @@ import statistics
 import sys
 import time
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
-from dashboard_page import Program, choose, chromium, dashboard_page, slider, text_box
+from dashboard_page import (
+    Program,
+    choose,
+    chromium,
+    cpu_seconds,
+    dashboard_page,
+    rss_mb,
+    slider,
+    text_box,
+)
 from numbered_board import NumberedBoard, RecordedRows
 from playwright.sync_api import CDPSession, Page
 from watch_draws import DrawWatch
@@ -69,17 +77,6 @@ class Look:
     """Longest time since the start for which bytes waited for the reader, from the status on screen."""
     load: float
     """The machine's load average over the last minute."""
-
-
-def rss_mb(pid: int) -> float:
-    """Resident memory of a process, MB."""
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def cpu_seconds(pid: int) -> float:
-    """Processor time of a process so far, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def kept_mb(sent: int, channels: int) -> float:
