@@ -9,7 +9,7 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
   && command -v avr-gcc >/dev/null 2>&1 && test -d /usr/share/arduino/hardware/arduino/avr \
   && test -e /usr/include/simavr/sim_avr.h
 
-.PHONY: run test check bench system can-test clean
+.PHONY: run test check bench soak system can-test clean
 
 run: .venv/run.stamp
 	$(BIN)/kalscope
@@ -25,6 +25,11 @@ check: .venv/check.stamp
 bench: .venv/bench.stamp
 	$(BIN)/kalscope bench
 	for script in start_up slider_latency drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
+
+# Half an hour; MINUTES=2 for a look.
+MINUTES ?= 30
+soak: .venv/test.stamp
+	$(BIN)/python benchmarks/soak.py --minutes $(MINUTES)
 
 system:
 	apt-get update -qq

@@ -120,6 +120,17 @@ def dashboard_page(browser: Browser, url: str, *, live: bool = False) -> Iterato
         context.close()
 
 
+def rss_mb(pid: int) -> float:
+    """Resident memory of a process, MB."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def cpu_seconds(pid: int) -> float:
+    """Processor time of a process so far, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def wait_until_quiet(page: Page, milliseconds: int = 400) -> None:
     """Wait until the signal chart has kept its width, height and numbers for so long."""
     page.evaluate("() => { window.__quiet = null }")

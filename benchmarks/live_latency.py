@@ -1,6 +1,6 @@
 """A live board in a real Chromium: from a byte written to the chart drawn, and how often it is drawn anew.
 
-The board's lines bear their number, and the drawn value of the newest one tells it back (`numbered_board.py`), so the
+The board's lines bear their number, and the drawn value of the newest one tells it back (`numbered_board.py`). The
 lag is that of every line: from its writing into the pseudo-terminal to the end of the first draw that shows it or
 a later one, by one clock. First with a window of 10 s, then with all once 100,000 samples are there.
 
@@ -14,13 +14,14 @@ import json
 import os
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from dashboard_page import Program, choose, chromium, dashboard_page
+from dashboard_page import Program, choose, chromium, cpu_seconds, dashboard_page, rss_mb
 from numbered_board import NumberedBoard
 from playwright.sync_api import Page
-from soak import cpu_seconds, rss_mb
 from starved import Probe
 from watch_draws import DrawWatch
 
@@ -41,21 +42,17 @@ def children_cpu(pid: int) -> dict[str, float]:
     """Processor time so far of the browser's processes, by what they are, s."""
     found: dict[str, float] = {}
     for entry in Path("/proc").iterdir():
-        if entry.name.isdigit() and _descends(int(entry.name), pid):
-            kind = _kind_of(int(entry.name))
-            found[kind] = found.get(kind, 0.0) + cpu_seconds(int(entry.name))
+        with suppress(OSError, IndexError):  # it has ended
+            if entry.name.isdigit() and _descends(int(entry.name), pid):
+                kind = _kind_of(int(entry.name))
+                found[kind] = found.get(kind, 0.0) + cpu_seconds(int(entry.name))
     return found
 
 
 def _descends(pid: int, ancestor: int) -> bool:
-    try:
-        while pid > 1:
-            pid = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
-            if pid == ancestor:
-                return True
-    except (OSError, IndexError):
-        pass  # it has ended
-    return False
+    while pid > 1 and pid != ancestor:
+        pid = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+    return pid == ancestor
 
 
 def _kind_of(pid: int) -> str:
@@ -64,15 +61,16 @@ def _kind_of(pid: int) -> str:
     return f"chromium {kind}" if b"chrom" in command[0] else "driver"
 
 
-def watched(page: Page, draws: DrawWatch, board: NumberedBoard, pid: int, window: str, seconds: float):
+def watched(
+    page: Page, draws: DrawWatch, board: NumberedBoard, probe: Probe, pid: int, window: str, seconds: float
+) -> dict[str, Any]:
     """One row: how the chart keeps up with one window."""
     choose(page, "shows the last", window)
     page.wait_for_timeout(1000.0 * SETTLE)
     draws.take(board)
     begin, cpu, machine, browser = time.monotonic(), cpu_seconds(pid), busy_seconds(), children_cpu(os.getpid())
-    with Probe() as probe:
-        page.wait_for_timeout(1000.0 * seconds)
-        late = probe.latest_since(begin)
+    page.wait_for_timeout(1000.0 * seconds)
+    late = probe.latest_since(begin)
     taken, lasted = draws.take(board), time.monotonic() - begin
     after = children_cpu(os.getpid())
     return {
@@ -96,16 +94,16 @@ def watched(page: Page, draws: DrawWatch, board: NumberedBoard, pid: int, window
     }
 
 
-def measure(board: NumberedBoard, seconds: float, least: int) -> dict[str, object]:
+def measure(board: NumberedBoard, seconds: float, least: int) -> dict[str, Any]:
     """Both windows on one page."""
-    with board, chromium() as browser, Program(f"serial:{board.port}@115200") as program:
+    with board, Probe() as probe, chromium() as browser, Program(f"serial:{board.port}@115200") as program:
         board.start()
         with dashboard_page(browser, program.url, live=True) as page:
             draws, pid = DrawWatch(page), program.process.pid
-            rows = [watched(page, draws, board, pid, "10 s", seconds)]
+            rows = [watched(page, draws, board, probe, pid, "10 s", seconds)]
             while board.sent < least:
                 page.wait_for_timeout(500)
-            rows.append(watched(page, draws, board, pid, "all", seconds))
+            rows.append(watched(page, draws, board, probe, pid, "all", seconds))
         return {
             "rate": board.rate,
             "channels": board.channels,

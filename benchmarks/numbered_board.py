@@ -56,12 +56,13 @@ class NumberedBoard:
         self.port = os.ttyname(self._slave)
         most = round(rate * longest)
         self._written = RawArray("d", most)
-        self._sent, self._end = RawValue("q", 0), RawValue("b", 0)
+        self._sent, self._go, self._end = RawValue("q", 0), RawValue("b", 0), RawValue("b", 0)
         self._longest_write = RawValue("d", 0.0)
         context = multiprocessing.get_context("fork")
         self._process = context.Process(target=self._run, args=(most,), daemon=True)
 
     def __enter__(self) -> NumberedBoard:
+        self._process.start()  # before any browser: a fork of its pipes would keep it from ending
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -71,7 +72,7 @@ class NumberedBoard:
 
     def start(self) -> None:
         """Begin to send."""
-        self._process.start()
+        self._go.value = 1
 
     def stop(self) -> int:
         """End; the number of lines that were sent, the last one whole."""
@@ -97,6 +98,8 @@ class NumberedBoard:
 
     def _run(self, most: int) -> None:
         names = ",".join(["wave", "number", *(f"times{j}" for j in range(2, self.channels))])
+        while not self._go.value and not self._end.value:
+            time.sleep(TICK)
         os.write(self._master, f"# numbered lines\n{names}\n".encode())
         written, begin, sent = np.frombuffer(self._written), time.monotonic(), 0
         while sent < most and not self._end.value:

@@ -17,12 +17,21 @@ import statistics
 import sys
 import time
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
-from dashboard_page import Program, choose, chromium, dashboard_page, slider, text_box
+from dashboard_page import (
+    Program,
+    choose,
+    chromium,
+    cpu_seconds,
+    dashboard_page,
+    rss_mb,
+    slider,
+    text_box,
+)
 from numbered_board import NumberedBoard, RecordedRows
 from playwright.sync_api import CDPSession, Page
+from starved import Probe
 from watch_draws import DrawWatch
 
 KEPT = 1_000_000
@@ -67,19 +76,10 @@ class Look:
     """Lines wrong or missing in the recording so far."""
     longest_pause_ms: float
     """Longest time since the start for which bytes waited for the reader, from the status on screen."""
+    starved_ms: float
+    """How late the machine woke a process that only sleeps, at most, in this interval."""
     load: float
     """The machine's load average over the last minute."""
-
-
-def rss_mb(pid: int) -> float:
-    """Resident memory of a process, MB."""
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def cpu_seconds(pid: int) -> float:
-    """Processor time of a process so far, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def kept_mb(sent: int, channels: int) -> float:
@@ -133,13 +133,13 @@ def move_until(page: Page, end: float, moved: int) -> int:
 class Watch:
     """Looks at the program, its page and its recording, each time at what has happened since the last."""
 
-    def __init__(self, program: Program, page: Page, board: NumberedBoard) -> None:
+    def __init__(self, program: Program, page: Page, board: NumberedBoard, probe: Probe) -> None:
         self._pid, self._page, self._board = program.process.pid, page, board
         self.rows, self.draws = RecordedRows(program.folder / RECORDING), DrawWatch(page)
         self._devtools = page.context.new_cdp_session(page)
         self._devtools.send("Performance.enable")
         self.begin = self.at = time.monotonic()
-        self._cpu = cpu_seconds(self._pid)
+        self._cpu, self._probe = cpu_seconds(self._pid), probe
 
     def look(self) -> Look:
         """One line of the table."""
@@ -156,6 +156,7 @@ class Watch:
             cpu_percent=100.0 * (cpu - self._cpu) / (now - self.at),
             lost=self.rows.wrong,
             longest_pause_ms=longest_pause_ms(self._page),
+            starved_ms=1000.0 * self._probe.latest_since(self.at),
             load=os.getloadavg()[0],
         )
         self._cpu, self.at = cpu, now
@@ -167,6 +168,7 @@ def soak(minutes: float, board: NumberedBoard, every: float, window: str, tell: 
     looks: list[Look] = []
     with (
         board,
+        Probe() as probe,
         chromium() as browser,
         Program(f"serial:{board.port}@115200") as program,
     ):
@@ -175,7 +177,7 @@ def soak(minutes: float, board: NumberedBoard, every: float, window: str, tell: 
             begin_recording(page)
             page.get_by_role("tab", name="Tune", exact=True).click()
             choose(page, "shows the last", window)
-            watch, moved = Watch(program, page, board), 0
+            watch, moved = Watch(program, page, board, probe), 0
             while watch.at - watch.begin < 60.0 * minutes:
                 moved = move_until(page, watch.at + every, moved)
                 looks.append(watch.look())
@@ -209,10 +211,14 @@ def finish(program: Program, rows: RecordedRows, sent: int) -> int:
 
 
 def judged(looks: list[Look]) -> dict[str, object]:
-    """What the looks say about memory and lag."""
+    """What the looks say about memory and lag; on a machine with more to do than cores, lag counts by its load."""
     start, end = looks[min(int(SETTLED * len(looks)), len(looks) - 1)], looks[-1]
     third = max(len(looks) // 3, 1)
     first, last = (statistics.median(one.lag_ms for one in part) for part in (looks[:third], looks[-third:]))
+    calm = [
+        statistics.median(one.lag_ms / max(one.load / (os.cpu_count() or 1), 1.0) for one in part)
+        for part in (looks[:third], looks[-third:])
+    ]
     unexplained = (end.rss_mb - start.rss_mb) - (end.kept_mb - start.kept_mb)
     return {
         "rss_start_mb": start.rss_mb,
@@ -223,12 +229,14 @@ def judged(looks: list[Look]) -> dict[str, object]:
         "heap_growth_mb": end.heap_mb - start.heap_mb,
         "lag_first_third_ms": first,
         "lag_last_third_ms": last,
+        "lag_by_load_first_third_ms": calm[0],
+        "lag_by_load_last_third_ms": calm[1],
         "memory_flat": unexplained <= MEMORY_MB and end.heap_mb - start.heap_mb <= HEAP_MB,
-        "lag_flat": last <= LAG_RATIO * first,
+        "lag_flat": last <= LAG_RATIO * first or calm[1] <= LAG_RATIO * calm[0],
     }
 
 
-HEAD = "  min   RSS MB  kept MB  heap MB  lag ms   p95  redraws/s  CPU %  lost  pause ms  load"
+HEAD = "  min   RSS MB  kept MB  heap MB  lag ms   p95  redraws/s  CPU %  lost  pause ms  starved ms  load"
 
 
 def row(look: Look) -> str:
@@ -236,7 +244,7 @@ def row(look: Look) -> str:
     return (
         f"{look.minute:5.1f} {look.rss_mb:8.0f} {look.kept_mb:8.1f} {look.heap_mb:8.1f} {look.lag_ms:7.0f}"
         f" {look.lag_p95_ms:5.0f} {look.redraws_per_s:10.1f} {look.cpu_percent:6.0f} {look.lost:5}"
-        f" {look.longest_pause_ms:9.0f} {look.load:5.1f}"
+        f" {look.longest_pause_ms:9.0f} {look.starved_ms:11.0f} {look.load:5.1f}"
     )
 
 

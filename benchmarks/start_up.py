@@ -10,47 +10,58 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import statistics
 import subprocess
 import sys
 import time
 import urllib.request
 
-from dashboard_page import Program
+from dashboard_page import Program, cpu_seconds
 
 
-def run_python(code: str) -> float:
-    """Seconds of a Python process that runs `code`."""
-    start = time.perf_counter()
+def run_python(code: str) -> tuple[float, float]:
+    """Seconds of a Python process that runs `code`, by the clock and of the processor."""
+    start, before = time.perf_counter(), os.times()
     subprocess.run([sys.executable, "-c", code], check=True)
-    return time.perf_counter() - start
+    lasted, after = time.perf_counter() - start, os.times()
+    spent = after.children_user + after.children_system - before.children_user - before.children_system
+    return lasted, spent
 
 
-def open_dashboard() -> tuple[float, float]:
-    """Seconds from the start of the process to the printed link, and to the page behind it."""
+def open_dashboard() -> tuple[float, float, float]:
+    """Seconds from the start of the process to the printed link and to the page behind it; processor time."""
     start = time.perf_counter()
     with Program("demo") as program:
-        link = time.perf_counter() - start
+        link, spent = time.perf_counter() - start, cpu_seconds(program.process.pid)
         with urllib.request.urlopen(program.url, timeout=30.0) as answer:
             page = answer.read()
         answered = time.perf_counter() - start
     if b"<html" not in page.lower():
         raise RuntimeError(f"the link must lead to a page (got {page[:80]!r})")
-    return link, answered
+    return link, answered, spent
 
 
 def measure(runs: int) -> dict[str, dict[str, float]]:
-    """Median, fastest and slowest of each, s."""
-    times: dict[str, list[float]] = {"python -c pass": [], "import kalscope": [], "link": [], "page": []}
+    """Median, fastest and slowest of each, s; and the median of its processor time, which a busy machine leaves."""
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in NAMES}
     for turn in range(runs + 1):
         bare, imported = run_python("pass"), run_python("import kalscope")
-        link, page = open_dashboard()
+        link, page, spent = open_dashboard()
         if turn > 0:
-            for taken, seconds in zip(times.values(), (bare, imported, link, page), strict=True):
-                taken.append(seconds)
+            for taken, pair in zip(times.values(), (bare, imported, (link, spent), (page, spent)), strict=True):
+                taken.append(pair)
+    return {name: summary([wall for wall, _ in taken], [cpu for _, cpu in taken]) for name, taken in times.items()}
+
+
+def summary(walls: list[float], cpus: list[float]) -> dict[str, float]:
+    """One row."""
     return {
-        name: {"median_s": statistics.median(taken), "least_s": min(taken), "most_s": max(taken), "runs": runs}
-        for name, taken in times.items()
+        "median_s": statistics.median(walls),
+        "least_s": min(walls),
+        "most_s": max(walls),
+        "cpu_median_s": statistics.median(cpus),
+        "runs": len(walls),
     }
 
 
@@ -71,9 +82,10 @@ def main() -> None:
     if options.json:
         print(json.dumps(rows, indent=1))
         return
-    print(f"{'':<34}  median s  least s   most s")
+    print(f"{'':<34}  median s  least s   most s  processor s")
     for name, row in rows.items():
-        print(f"{NAMES[name]:<34}  {row['median_s']:>8.3f} {row['least_s']:>8.3f} {row['most_s']:>8.3f}")
+        times = f"{row['median_s']:>8.3f} {row['least_s']:>8.3f} {row['most_s']:>8.3f}"
+        print(f"{NAMES[name]:<34}  {times} {row['cpu_median_s']:>12.3f}")
 
 
 if __name__ == "__main__":

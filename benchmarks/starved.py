@@ -12,8 +12,8 @@ import numpy as np
 
 NAP = 0.005
 """Seconds between two wake-ups of the probe."""
-KEPT = 4096
-"""Wake-ups that are remembered: 20 s."""
+KEPT = 1 << 15
+"""Wake-ups that are remembered: 160 s."""
 
 
 class Probe:

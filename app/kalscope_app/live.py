@@ -192,7 +192,8 @@ def at_rest(state: State) -> State:
     """The state as the history keeps it: without the samples, which are the feed's."""
     if state.live is None or state.live.snapshot is None:
         return state
-    stub = _part(state.recording, 0, 2)
+    few = _part(state.recording, 0, 2)
+    stub = replace(few, time=few.time.copy(), values=few.values.copy())  # a view would keep all that it is of
     return replace(state, recording=stub, live=replace(state.live, snapshot=None, paused=False))
 
 

@@ -230,6 +230,17 @@ def test_at_rest_holds_no_samples_of_a_board(board):
     assert at_rest(plain) is plain
 
 
+def test_at_rest_keeps_no_array_of_a_board_alive(board):
+    state = opened_live(board.send(200), "x")
+    rested = at_rest(state)
+    for kept, of in (
+        (rested.recording.time, state.recording.time),
+        (rested.recording.values, state.recording.values),
+    ):
+        assert not np.shares_memory(kept, of)
+        np.testing.assert_array_equal(kept, of[:2])
+
+
 def test_studies_of_a_board_look_at_its_newest_samples(board):
     state = opened_live(board.send(STUDIED + 500), "x")
     assert studied(state).recording.values[-1, 0] == board.values[-1, 0]
