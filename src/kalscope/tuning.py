@@ -265,8 +265,8 @@ def _plain(tuning: Tuning) -> dict[str, Any]:
         }
         for channel in tuning.channels
     ]
-    head = {"tool": clean(tuning.tool), "date": clean(tuning.date), "selected": clean(tuning.selected)}
-    return {"format": FORMAT, **head, "source": source, "channel": channels}
+    head = {"format": FORMAT, "tool": clean(tuning.tool), "date": clean(tuning.date)}
+    return {**head, "selected": clean(tuning.selected), "source": source, "channel": channels}
 
 
 def _channel(entry: object, number: int) -> ChannelTuning:

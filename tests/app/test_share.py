@@ -27,7 +27,7 @@ def reopen(monkeypatch):
     def run(line):
         seen = []
 
-        def caught(_guarded, state, _folder):
+        def caught(_guarded, state, *_):
             seen.append(state)
             raise Stopped
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-PATIENCE = 15.0
+PATIENCE = 60.0
 
 
 def wait_for(condition, what="the condition"):

@@ -14,7 +14,8 @@ from kalscope_app.comparing import Compared
 from kalscope_app.session import Session
 from kalscope_app.state import State
 from kalscope_app.views.layout import Sizes
-from kalscope_app.views.signal import DARK, LIGHT, Line, axes, gappy, line, short, time_label
+from kalscope_app.views.signal import DARK, LIGHT, Line, axes, gappy, line, short
+from kalscope_app.views.time_axis import time_label
 from kalscope_app.views.words import count, lag_text, noise_text, number, plain
 
 NAMES: tuple[str, ...] = (

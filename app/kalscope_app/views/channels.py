@@ -14,7 +14,8 @@ from kalscope_app.frame import Frame
 from kalscope_app.overview import HALF_LANE, LIMIT, Lane, Overview
 from kalscope_app.session import Session
 from kalscope_app.state import State
-from kalscope_app.views.signal import DARK, LIGHT, Palette, axes, line, time_label
+from kalscope_app.views.signal import DARK, LIGHT, Palette, axes, line
+from kalscope_app.views.time_axis import time_label
 from kalscope_app.views.words import count, lag_text, noise_text, number, plain
 
 ONE = "This recording has one channel. A recording with several shows them here side by side."

@@ -8,7 +8,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from kalscope_app.charts import Array, drawable, scale_for
 from kalscope_app.frame import Frame
-from kalscope_app.views.signal import DARK, LIGHT, Palette, time_axis
+from kalscope_app.views.signal import DARK, LIGHT, Palette
+from kalscope_app.views.time_axis import time_axis
 from kalscope_app.views.words import duration, number
 
 WIDTH = 780
