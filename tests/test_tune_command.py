@@ -308,7 +308,7 @@ def test_the_recording_is_never_written_over(log: Path, capsys: Captured) -> Non
 USER_ERRORS: list[tuple[list[str], str]] = [
     ([], "Missing argument 'SOURCE'"),
     (["missing.csv"], "missing.csv"),
-    (["serial:COM3@9600"], "a live source"),
+    (["serial:COM3@9600"], "a board that streams"),
     (["demo", "--channel", "zz"], "channel must be one of flex (got 'zz')"),
     (["demo", "--channel", "flex", "--all"], "--all must stand without --channel"),
     (["demo", "--method", "magic"], "method must be one of ml"),

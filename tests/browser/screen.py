@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from kalscope_app.remembered import FOLDER_VARIABLE, Remembered
+from kalscope_app.views.layout import sizes_for
 
 ARTEFACTS = Path(__file__).parents[1] / "artefacts"
 KNOWN_PAGE_ERROR = "'unsafe-eval' is not an allowed source"
@@ -19,6 +20,10 @@ KNOWN_PAGE_ERROR = "'unsafe-eval' is not an allowed source"
 
 FIND = """(label) => Object.values(window.__viserTestpoints?.uplots ?? {}).map(entry => entry.chart)
     .find(chart => chart.series.some(series => series.label === label))"""
+
+CHART_WIDTH = "() => document.querySelector('.uplot').getBoundingClientRect().width"
+CHART_MARGIN = 35
+"""What the chart panel is wider than its charts, px."""
 
 
 class Program:
@@ -67,6 +72,12 @@ class Screen:
 
     def wait(self, condition, argument=None):
         self.page.wait_for_function(condition, arg=argument)
+
+    def wait_for_fit(self, width=1600):
+        """Until the chart panel has grown to a window of this width."""
+        self.wait(
+            f"(width) => Math.abs(({CHART_WIDTH})() - width) < 60", sizes_for(width, 900).right_width - CHART_MARGIN
+        )
 
     def line(self, label):
         """Values that are drawn under a label, and their x."""

@@ -31,7 +31,7 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(screen):
     params = starting_params(z)
     found = {match: compare_alternatives(z, params, match=match) for match in ("lag", "noise")}
 
-    screen.wait("() => document.querySelector('.uplot').getBoundingClientRect().width > 1600 - 345 - 120 - 60")
+    screen.wait_for_fit()
     screen.tab("Compare")
     screen.wait_for_line("yours", found["lag"].present.curve)
     screen.wait_for_line("Moving average", found["lag"].others[0].curve)

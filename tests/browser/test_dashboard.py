@@ -13,16 +13,10 @@ from screen import FIND, Program, Screen
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params
 from kalscope.experiments import list_experiments, open_experiment, run_filter
-from kalscope_app.views.layout import sizes_for
 from kalscope_app.views.source import experiment_label
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo").values[:, 0]
-
-
-def charts_at(width):
-    """Width of the chart panel in a window of this width beside the tuning map."""
-    return sizes_for(width, 900).right_width
 
 
 def filtered(z, **params):
@@ -59,13 +53,13 @@ def test_first_look_shows_the_demo_filtered_at_its_starting_values(start):
     assert np.allclose(high, result.x + 2 * np.sqrt(result.p), rtol=1e-12)
     for words in ("lag on a ramp", "190 ms", "13.0 dB", "0.796 Hz", "0.0951", "46.1 samples"):
         assert screen.page.get_by_text(words).first.is_visible()
-    screen.wait(f"() => document.querySelector('.uplot').getBoundingClientRect().width > {charts_at(1600)} - 60")
+    screen.wait_for_fit()
     screen.shot("first-look")
 
 
 def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_never_the_zoom(start):
     screen = start("demo")
-    screen.wait("() => document.querySelector('.uplot').getBoundingClientRect().width > 1600 - 345 - 120 - 60")
+    screen.wait_for_fit()
     over = screen.page.locator(".u-over").first.bounding_box()
     y = over["y"] + over["height"] / 2
     screen.page.mouse.move(over["x"] + 0.25 * over["width"], y)
@@ -288,10 +282,7 @@ def test_every_window_and_theme_is_filled_without_sideways_scrolling(start, widt
         screen.wait("() => document.documentElement.getAttribute('data-mantine-color-scheme') === 'dark'")
         screen.tab("Tune")
     if width > 576:  # the chart panel has grown to the window
-        screen.wait(
-            "(width) => document.querySelector('.uplot').getBoundingClientRect().width > width - 60",
-            charts_at(width),
-        )
+        screen.wait_for_fit(width)
     assert screen.page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
     screen.shot(f"{width}x{height}-{theme}")
 
@@ -339,14 +330,13 @@ def test_a_record_without_visible_noise_gets_a_verdict_and_no_parameters(start, 
 
 def test_a_second_window_of_another_size_is_filled_too(start, browser):
     first = start("demo", width=1600, height=900)
-    chart_width = "() => document.querySelector('.uplot').getBoundingClientRect().width"
-    first.wait(f"() => ({chart_width})() > {charts_at(1600)} - 60")
+    first.wait_for_fit(1600)
     first.page.set_viewport_size({"width": 1280, "height": 720})
-    first.wait(f"() => Math.abs(({chart_width})() - ({charts_at(1280)} - 35)) < 30")
+    first.wait_for_fit(1280)
     first.context.close()
     second = Screen(browser, first.url, width=1600, height=900)
     try:
-        second.wait(f"() => ({chart_width})() > {charts_at(1600)} - 60")
+        second.wait_for_fit(1600)
     finally:
         second.close()
 

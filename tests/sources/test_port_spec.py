@@ -75,7 +75,7 @@ def test_a_port_streams_and_a_file_is_finished(spec, live):
 
 @pytest.mark.parametrize("spec", LIVE)
 def test_a_live_source_is_no_finished_recording(spec):
-    with pytest.raises(BadSetting, match="live source"):
+    with pytest.raises(BadSetting, match="a board that streams"):
         open_source(spec)
 
 
