@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import viser
 import websockets.asyncio.server
+from attack_table import UPGRADE, exchange
 from viser import _messages as messages
 from viser.infra import _infra
 from websockets.datastructures import Headers
@@ -27,8 +28,6 @@ TOKEN = "T0ken-T0ken_T0ken"
 PATIENCE = 10.0
 """Seconds that a test waits for something that must come; nothing waits that long when all is well."""
 
-UPGRADE = "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
-
 
 @pytest.fixture(scope="module")
 def shared() -> Iterator[GuardedServer]:
@@ -39,18 +38,6 @@ def shared() -> Iterator[GuardedServer]:
 
 def cookie(port: int) -> str:
     return f"kalscope_{port}={TOKEN}"
-
-
-def exchange(port: int, request: str, address: str = "127.0.0.1") -> bytes:
-    """What the server answers to these very bytes (latin-1), until it closes or has opened a websocket."""
-    with socket.create_connection((address, port), timeout=PATIENCE) as raw:
-        raw.sendall(request.encode("latin-1"))
-        answer = b""
-        while chunk := raw.recv(65536):
-            answer += chunk
-            if answer.startswith(b"HTTP/1.1 101") and b"\r\n\r\n" in answer:
-                break
-    return answer
 
 
 def status_of(answer: bytes) -> int:

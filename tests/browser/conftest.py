@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import pytest
+from screen import Program, Screen
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -41,6 +43,23 @@ def browser() -> Iterator[Browser]:
         chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
         yield chromium
         chromium.close()
+
+
+@pytest.fixture
+def start(browser: Browser, tmp_path: Path) -> Iterator[Callable[..., Screen]]:
+    """Start the program with arguments and open a page on it."""
+    running: list[Program | Screen] = []
+
+    def begin(*arguments: object, **size: int) -> Screen:
+        program = Program(*arguments, cwd=tmp_path)
+        running.append(program)
+        screen = Screen(browser, program.url, **size)
+        running.append(screen)
+        return screen
+
+    yield begin
+    for thing in reversed(running):
+        thing.close() if isinstance(thing, Screen) else thing.stop()
 
 
 def not_here(reason: str) -> NoReturn:

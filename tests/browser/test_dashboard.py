@@ -9,7 +9,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from screen import FIND, Program, Screen
+from screen import FIND, Screen
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params
 from kalscope.experiments import list_experiments, open_experiment, run_filter
@@ -22,23 +22,6 @@ DEMO = open_source("demo").values[:, 0]
 def filtered(z, **params):
     start = starting_params(z)
     return kalman_filter(z, FilterParams(**{"q": start.q, "r": start.r, **params})).x
-
-
-@pytest.fixture
-def start(browser, tmp_path):
-    """Start the program with arguments and open a page on it."""
-    running = []
-
-    def begin(*arguments, **size):
-        program = Program(*arguments, cwd=tmp_path)
-        running.append(program)
-        screen = Screen(browser, program.url, **size)
-        running.append(screen)
-        return screen
-
-    yield begin
-    for thing in reversed(running):
-        thing.close() if isinstance(thing, Screen) else thing.stop()
 
 
 def test_first_look_shows_the_demo_filtered_at_its_starting_values(start):

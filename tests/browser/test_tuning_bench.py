@@ -7,30 +7,13 @@ import shlex
 
 import numpy as np
 import pytest
-from screen import FIND, Program, Screen
+from screen import FIND
 
 from kalscope import FilterParams, denoise, kalman_filter, open_source, starting_params
 from kalscope_app.overview import HALF_LANE
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo").values[:, 0]
-
-
-@pytest.fixture
-def start(browser, tmp_path):
-    """Start the program with arguments and open a page on it."""
-    running = []
-
-    def begin(*arguments, **size):
-        program = Program(*arguments, cwd=tmp_path)
-        running.append(program)
-        screen = Screen(browser, program.url, **size)
-        running.append(screen)
-        return screen
-
-    yield begin
-    for thing in reversed(running):
-        thing.close() if isinstance(thing, Screen) else thing.stop()
 
 
 def filtered(z, **params):

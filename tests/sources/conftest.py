@@ -6,6 +6,8 @@ import time
 
 import pytest
 
+from kalscope.sources.live import LiveSource
+
 PATIENCE = 60.0
 
 
@@ -56,6 +58,14 @@ def board(tmp_path):
     board = FakeBoard(tmp_path / "ttyBOARD")
     yield board
     board.unplug()
+
+
+@pytest.fixture
+def live(board):
+    live = LiveSource(board.link)
+    live.start(require=True)
+    yield live
+    live.close()
 
 
 @pytest.fixture(name="wait_for")

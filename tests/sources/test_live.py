@@ -16,14 +16,6 @@ from kalscope.sources.recorder_counts import RecorderCounts
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
 
-@pytest.fixture
-def live(board):
-    live = LiveSource(board.link)
-    live.start(require=True)
-    yield live
-    live.close()
-
-
 def lines(begin, end):
     return b"".join(b"%d,%d\r\n" % (i, -i) for i in range(begin, end))
 

@@ -9,17 +9,8 @@ import pytest
 import serial
 
 from kalscope.sources import read_recording
-from kalscope.sources.live import LiveSource
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
-
-
-@pytest.fixture
-def live(board):
-    live = LiveSource(board.link)
-    live.start(require=True)
-    yield live
-    live.close()
 
 
 def numbered(begin, end):

@@ -206,6 +206,7 @@ def status_text(status: LiveStatus) -> str:
         f"{count(status.received)} lines = {count(status.accepted)} read + {count(status.rejected)} rejected"
         f" + {count(status.dropped)} dropped",
         f"{count(status.reconnects)} reconnects",
+        f"longest wait of the port to be read: {duration(status.longest_pause)}",
     ]
     if status.left_memory:
         lines.append(f"{count(status.left_memory)} older samples have left memory")

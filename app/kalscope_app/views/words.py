@@ -5,15 +5,9 @@ from __future__ import annotations
 import math
 import re
 
-DURATIONS = (
-    ("µs", 1e-6),
-    ("ms", 1e-3),
-    ("s", 1.0),
-    ("min", 60.0),
-    ("h", 3600.0),
-    ("days", 86400.0),
-    ("years", 31557600.0),
-)
+from kalscope_app.charts import TIME_UNITS
+
+DURATIONS = (("µs", 1e-6), *TIME_UNITS)
 
 
 def number(value: float, digits: int = 3) -> str:
