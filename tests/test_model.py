@@ -74,6 +74,15 @@ def test_tuning_starts_at_half_the_variance_of_the_differences():
     assert (params.p0, params.x0) == (None, None)
 
 
+@pytest.mark.parametrize("z", [np.arange(100) * 0.1 + 3, 5e6 - 0.3 * np.arange(500), [1.0, 2.0, 3.0]])
+def test_an_even_ramp_starts_at_half_the_square_of_its_step_not_at_its_rounding(z):
+    assert starting_params(z).r == pytest.approx((z[1] - z[0]) ** 2 / 2)
+
+
+def test_what_wobbles_in_its_last_bit_stands_still():
+    assert starting_params([3.3, math.nextafter(3.3, 4)] * 9).r == pytest.approx(0.0033**2)
+
+
 @pytest.mark.parametrize("scale", [1e-140, 1e-9, 1.0, 1e9, 1e140])
 def test_the_start_follows_the_unit_of_the_signal(scale):
     z = np.array([1.0, 3.0, 2.0, 5.0, 4.0])

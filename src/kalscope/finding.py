@@ -23,7 +23,7 @@ from kalscope.estimation import (
     params_for_specification,
 )
 from kalscope.likelihood import Array
-from kalscope.model import LARGEST, FilterParams, starting_params
+from kalscope.model import LARGEST, FilterParams, goes_evenly, starting_params
 
 METHOD_WORDS = {
     "ml": "maximum likelihood",
@@ -36,12 +36,6 @@ METHOD_WORDS = {
 
 WISHES = ("lag_s", "lag_samples", "cutoff_hz", "noise_reduction_db", "gain")
 """What fixes λ, as `ratio_for` names it."""
-
-_EVEN = 1e-9
-"""Steps that differ by a smaller share are the same step."""
-
-_ROUNDING = 1e-15
-"""Steps, relative to the largest sample, that differ by less differ by rounding."""
 
 
 @dataclass(frozen=True)
@@ -212,20 +206,13 @@ def _noise_for_wish(
     r = float(starting_params(z).r)
     if not still_or_silent(z):
         return r, f"r = var(Δz)/2, because the record gives no better; {band}"
-    finite = z[np.isfinite(z)]
-    step = 0.0 if len(finite) < 2 else abs(float(finite[-1] - finite[0])) / (len(finite) - 1)
-    r = min(max(r, 0.5 * step * step), LARGEST)  # of an even ramp var(Δz) is the rounding of its steps
     return r, f"r = {r:.4g} is no more than a placeholder, because the record shows no noise; {band}"
 
 
 def still_or_silent(z: Array) -> bool:
     """Whether the samples z, shape (n,), show no noise at all: fewer than three, all equal, or an even ramp."""
     finite = z[np.isfinite(z)]
-    size = float(np.abs(finite).max(initial=0.0))
-    if len(finite) < 3 or size == 0.0:
-        return True
-    steps = np.diff(finite / size)
-    return float(np.ptp(steps)) <= _EVEN * float(np.abs(steps).max()) + _ROUNDING
+    return len(finite) < 3 or goes_evenly(finite)
 
 
 def _wish_words(name: str, value: float) -> str:
