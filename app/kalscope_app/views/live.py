@@ -81,8 +81,14 @@ class LiveView:
         self._look_for_ports()
 
     def adopt(self, source: LiveSource) -> None:
-        """Connect a source that the command line has named."""
+        """Connect a source that the command line has named, and name it here."""
         self._source = source
+        spec, rate = source.spec, str(source.spec.baud)
+        listed = [label for label, device in self._devices.items() if device == spec.url]
+        self._port.value = listed[0] if listed else TYPED
+        self._typed.value, self._typed.visible = spec.url, not listed
+        self._baud.value = rate if rate in self._baud.options else OTHER_RATE
+        self._rate.value, self._rate.visible = rate, rate not in self._baud.options
         source.start()
 
     @property
@@ -196,7 +202,7 @@ class LiveView:
 
 def status_text(status: LiveStatus) -> str:
     """How the line is, as markdown; what came from outside is escaped."""
-    lines = [f"**{plain(status.word, 200)}**"]
+    lines = [f"**{plain(status.word, 200)}**: {plain(status.port, 200)}"]
     spread = "" if status.jitter is None else f" ± {duration(status.jitter)}"
     if status.hint:
         lines.append(plain(status.hint, 300))
@@ -205,7 +211,7 @@ def status_text(status: LiveStatus) -> str:
         *([f"one sample every {duration(status.period)}{spread}"] if status.period else []),
         f"{count(status.received)} lines = {count(status.accepted)} read + {count(status.rejected)} rejected"
         f" + {count(status.dropped)} dropped",
-        f"{count(status.reconnects)} reconnects",
+        f"connected again {count(status.reconnects)} ×",
         f"longest wait of the port to be read: {duration(status.longest_pause)}",
     ]
     if status.left_memory:
