@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -147,6 +148,9 @@ def test_the_words_name_the_minimum_of_model_and_recording():
     walk = allan_deviation(np.cumsum(RNG.normal(size=n)), FilterParams(q=1.0, r=0.0)).message
     assert "does not help at all" in walk
     assert "averaging never helps" in walk
+    assert "stands still" in allan_deviation(np.full(500, 5.0), FilterParams(q=1.0, r=1.0)).message
+    swing = np.sin(np.arange(n) * 2 * np.pi / 60) + 0.001 * RNG.normal(size=n)
+    assert re.search(r"over less than \d+ samples does not help", allan_deviation(swing, PARAMS).message)
 
 
 def test_a_period_is_not_taken_for_a_minimum():

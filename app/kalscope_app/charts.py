@@ -202,6 +202,25 @@ def log_scale_for(values: Array, unit: str) -> Scale:
     return Scale(10.0**-power, f"1e{power} {unit}".strip())
 
 
+def log_time_scale(times: Array) -> Scale:
+    """Unit of a logarithmic axis of ascending times > 0, s: seconds up to ten minutes, else what fits the middle."""
+    if not len(times) or times[-1] < 600.0:
+        return log_scale_for(times, "s")
+    middle = math.sqrt(float(times[0]) * float(times[-1]))
+    unit, length = next((one for one in reversed(TIME_UNITS) if one[1] <= middle), TIME_UNITS[0])
+    return Scale(1.0 / length, unit)
+
+
+def log_rate_scale(rates: Array) -> Scale:
+    """Unit of a logarithmic axis of frequencies > 0, cycles a sample: so many samples that 0.001 is the lowest."""
+    lowest = float(rates[rates > 0.0].min(initial=1.0)) if len(rates) else 1.0
+    if lowest >= 0.001:
+        return Scale(1.0, "cycles/sample")
+    power = -3 * math.floor(math.log10(lowest) / 3) - 3
+    samples = "1,000" if power == 3 else f"1e{power}"
+    return Scale(10.0**power, f"cycles per {samples} samples")
+
+
 def log_ticks(low: float, high: float, room: int = 9) -> tuple[float, ...]:
     """Round values from low to high, > 0, for a logarithmic axis: decades, with 2 and 5 between if few."""
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))

@@ -44,7 +44,7 @@ def _pages(policy: Policy) -> tuple[Attempt, ...]:
     own = (("Host", f"127.0.0.1:{policy.port}"),)
     cookie = (("Cookie", f"{policy.cookie_name}={policy.token}"),)
     return (
-        Attempt("a page without the cookie (H1)", "/", own, 403),
+        Attempt("a page without the cookie (H1)", policy.home, own, 403),
         Attempt("a page under a foreign name (H2)", "/", (("Host", FOREIGN), *cookie), 403),
         Attempt("a page under a name like ours (H3)", "/", (("Host", "127.0.0.1.nip.io"), *cookie), 403),
         Attempt("a page without a Host (H4)", "/", cookie, 403),
@@ -54,7 +54,7 @@ def _pages(policy: Policy) -> tuple[Attempt, ...]:
         Attempt("a page told to connect elsewhere (H9)", f"/?websocket=ws://{FOREIGN}", (*own, *cookie), 403),
         Attempt("a page told to play a foreign film (H10)", f"/?playbackPath=//{FOREIGN}/x", (*own, *cookie), 403),
         Attempt("a file outside the page's folder (H11)", "/%2e%2e/%2e%2e/_viser.py", (*own, *cookie), 404),
-        Attempt("the user's own page (H8)", "/", (*own, *cookie), 200),
+        Attempt("the user's own page (H8)", policy.home, (*own, *cookie), 200),
     )
 
 
@@ -70,7 +70,7 @@ def _sockets(policy: Policy) -> tuple[Attempt, ...]:
             *((("Origin", origin),) if origin is not None else ()),
             *((("Cookie", f"{policy.cookie_name}={policy.token}"),) if has_cookie else ()),
         )
-        return Attempt(what, "/", headers, expected)
+        return Attempt(what, policy.home, headers, expected)
 
     return (
         attempt("a socket of no page (W1)", None, 403),

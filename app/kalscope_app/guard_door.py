@@ -42,6 +42,7 @@ class Door:
     def answer(self, viser_answer: Callable[..., Any], connection: ServerConnection, request: Request) -> Any:
         """The `process_request` of websockets: None goes on to the websocket handshake."""
         try:
+            request.path = rules.below_home(self._policy, request.path)
             ask = _ask_of(request)
             answer = rules.decide(self._policy, ask)
             if isinstance(answer, rules.Allow) and ask.is_upgrade and not self.is_open:
@@ -51,7 +52,7 @@ class Door:
         except Exception:
             answer = rules.Refuse(400, "This request could not be understood.")
         if isinstance(answer, rules.SetCookie):
-            return _small_page(200, pages.link_page(), {"Set-Cookie": answer.cookie})
+            return _small_page(200, pages.link_page(self._policy.home), {"Set-Cookie": answer.cookie})
         # Without the query: it may hold the token, under a wrong name or path.
         _log.info("refused %r: %s", request.path.partition("?")[0], answer.words)
         return _small_page(answer.status, pages.refusal_page(self._policy, answer))

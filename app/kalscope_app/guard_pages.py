@@ -12,12 +12,17 @@ from kalscope_app.guard_rules import Policy, Refuse
 OPEN_THE_LINK = "Open the link printed in the terminal"
 
 WITHOUT_WEBGL = "/without-webgl"
-"""The path of the page for a browser that cannot show the dashboard."""
+"""The page for a browser that cannot show the dashboard, below the dashboard's own path."""
 
-_GO_ON = "location.replace('/')"
+_GO_ON = "location.replace(document.querySelector('a').href)"
 
-_TEST_WEBGL = f'if (!document.createElement("canvas").getContext("webgl2")) location.replace("{WITHOUT_WEBGL}");'
+_TEST_WEBGL = f'if (!document.createElement("canvas").getContext("webgl2")) location.replace(".{WITHOUT_WEBGL}");'
 """viser builds its widgets in the loop that draws its scene: without WebGL 2 its page stays blank."""
+
+_KEEP_ADDRESS = (
+    "{ const replace = history.replaceState; history.replaceState = (state) => replace.call(history, state, ''); }"
+)
+"""Below a path viser appends ?websocket=… to the page's address, which the door would refuse after a reload."""
 
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
@@ -43,22 +48,22 @@ def refusal_page(policy: Policy, refusal: Refuse) -> str:
         title=OPEN_THE_LINK,
         body=f"<p>{html.escape(refusal.words)}</p><p class=dim>When Kalscope starts it prints a line like "
         f"<br><code>Kalscope: http://127.0.0.1:{policy.port}/?token=…</code><br>"
-        "Open that address once in this browser. Afterwards the address without the token is enough.</p>",
+        "Open that address once in this browser. Afterwards the page that it leads to may be bookmarked.</p>",
     )
 
 
-def link_page() -> str:
-    """The page behind the printed link.
+def link_page(home: str = "/") -> str:
+    """The page behind the printed link; `home` is the path of the dashboard.
 
     It goes on by script: a browser that follows another site's link to us would not send a Strict cookie
     along a redirect.
     """
-    body = f'<p><a href="/">Go on to the dashboard</a></p><script>{_GO_ON}</script>'
+    body = f'<p><a href="{home}">Go on to the dashboard</a></p><script>{_GO_ON}</script>'
     return _PAGE.format(title="Opening Kalscope…", body=body)
 
 
 def dashboard_page(stock: str) -> str:
-    """The page of viser, with our name and a test for WebGL before anything else runs.
+    """The page of viser, with our name, and what must run before anything else of it.
 
     Raises:
         ValueError: the page is not the known one.
@@ -66,7 +71,9 @@ def dashboard_page(stock: str) -> str:
     head, title = "<head>", "<title>Viser</title>"
     if stock.count(head) != 1 or stock.count(title) != 1:
         raise ValueError("viser's page has another head")
-    return stock.replace(title, "<title>Kalscope</title>").replace(head, f"{head}<script>{_TEST_WEBGL}</script>")
+    return stock.replace(title, "<title>Kalscope</title>").replace(
+        head, f"{head}<script>{_TEST_WEBGL}{_KEEP_ADDRESS}</script>"
+    )
 
 
 def without_webgl_page() -> str:
@@ -82,7 +89,7 @@ the browser. <code>chrome://gpu</code> tells what is missing.</li>
 <li><b>Safari:</b> WebGL is off in Lockdown Mode; allow it for this address.</li>
 <li><b>A virtual machine or remote desktop without a graphics card:</b> start Chrome with
 <code>--enable-unsafe-swiftshader</code>.</li></ul>
-<p><a href="/">Try again</a></p>
+<p><a href="./">Try again</a></p>
 <p class=dim>Nothing else needs a browser: <code>kalscope tune FILE</code> finds q and r,
 <code>kalscope filter FILE</code> filters.</p>"""
 

@@ -8,6 +8,7 @@ makes it load foreign code (`?websocket=`, `?playbackPath=`).
 
 from __future__ import annotations
 
+import hashlib
 import hmac
 import ipaddress
 import re
@@ -26,7 +27,7 @@ class Policy:
     """What the server was told when it started."""
 
     port: int
-    """The port we listen on. It names the cookie, because browsers do not separate cookies by port."""
+    """The port we listen on. It names the cookie, so that two dashboards do not overwrite each other's."""
     token: str
     """The secret of the printed link: 16 to 128 of A–Z a–z 0–9 _ -."""
     extra_hosts: frozenset[str] = frozenset()
@@ -46,6 +47,15 @@ class Policy:
     def cookie_name(self) -> str:
         """The name under which the browser keeps the token."""
         return f"kalscope_{self.port}"
+
+    @property
+    def home(self) -> str:
+        """The path of the dashboard, "/…/", which the cookie is bound to.
+
+        Browsers hand a cookie to every port of a machine, so to servers of other users too; to none, though,
+        that does not know the path. It follows from the token, so that open tabs survive a restart.
+        """
+        return f"/{hmac.new(self.token.encode(), b'home', hashlib.sha256).hexdigest()[:24]}/"
 
     def origin_of(self, host: str) -> str:
         """The origin of our own pages for a browser that calls us by this Host header."""
@@ -100,7 +110,7 @@ class Allow:
 
 @dataclass(frozen=True)
 class SetCookie:
-    """The link was right: answer with the small page that keeps the token and goes on to `/`."""
+    """The link was right: answer with the small page that keeps the token and goes on to `Policy.home`."""
 
     cookie: str
     """The value of the Set-Cookie header."""
@@ -114,6 +124,15 @@ class Refuse:
     """The HTTP status."""
     words: str
     """What the person in front of the browser should know, in one or two sentences."""
+
+
+def below_home(policy: Policy, target: str) -> str:
+    """A request target as viser knows it: without the path of the dashboard.
+
+    viser's page asks for its socket without the last "/".
+    """
+    home = policy.home
+    return target[len(home) - 1 :] or "/" if f"{target}/".startswith(home) else target
 
 
 def decide(policy: Policy, ask: Ask) -> Allow | Refuse | SetCookie:
@@ -185,9 +204,11 @@ def _answer_to_query(policy: Policy, ask: Ask, path: str, query: str) -> Refuse 
         return Refuse(403, "Kalscope takes nothing after the address but its own link.")
     if not hmac.compare_digest(match[1], policy.token):
         return Refuse(403, "This link is not, or no longer, the right one.")
-    # Strict: no page of another site can make the browser send it.
+    # Strict: no page of another site can make the browser send it. A path without its last "/" holds for both.
     secure = "; Secure" if policy.is_behind(ask.hosts[0]) else ""
-    return SetCookie(f"{policy.cookie_name}={policy.token}; HttpOnly; SameSite=Strict; Path=/{secure}")
+    return SetCookie(
+        f"{policy.cookie_name}={policy.token}; HttpOnly; SameSite=Strict; Path={policy.home.rstrip('/')}{secure}"
+    )
 
 
 def _has_cookie(policy: Policy, headers: tuple[str, ...]) -> bool:

@@ -19,7 +19,7 @@ def pin_present(state: State) -> State:
         raise BadSetting("a setting must be one of q and r to be pinned (got the second paper's filter)")
     same = next((one for one in state.variants if one.tuning.params == state.params), None)
     if same is not None:
-        return replace(state, note=f"This setting is pinned already, as {same.name}.")
+        raise BadSetting(f"a setting must differ from those that are pinned (got that of {same.name})")
     return replace(state, pins=(*state.pins, pinned(state.tuning, state.variants)), note="")
 
 

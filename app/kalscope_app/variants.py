@@ -15,6 +15,9 @@ LIMIT = 8
 LONGEST_NAME = 20
 """Letters of a name that fit into a legend."""
 
+DRAWN_NAMES = frozenset({"now", "raw", "filtered", "truth", "best offline", "board's own", "−2√p", "+2√p"})
+"""What the chart and the table call their own lines."""
+
 RGB = tuple[int, int, int]
 
 LIGHT: tuple[RGB, ...] = (
@@ -93,11 +96,13 @@ def checked_name(name: str, others: Iterable[str]) -> str:
     """A name as it is kept, without blanks around it.
 
     Raises:
-        BadSetting: it is empty, too long, not printable, or one of the others'.
+        BadSetting: it is empty, too long, not printable, that of a line drawn anyway, or one of the others'.
     """
     bare = " ".join(name.split())
     if not bare or len(bare) > LONGEST_NAME or not bare.isprintable():
         raise BadSetting(f"a variant's name must have 1 to {LONGEST_NAME} letters (got {name[:40]!r})")
+    if bare in DRAWN_NAMES:
+        raise BadSetting(f"a variant's name must not be one of the chart's own lines (got {bare!r})")
     if bare in set(others):
         raise BadSetting(f"a variant's name must be a new one (got {bare!r}, which another has)")
     return bare

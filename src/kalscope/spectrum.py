@@ -280,8 +280,13 @@ def _allan_words(
             f"By the model averaging longer than {length(best)} does not help: {least:.3g} is the least it reaches."
         )
     at = first_minimum(deviation, spread)
-    if at == len(size) - 1:
+    if not deviation.any():
+        seen = "This recording stands still: there is nothing that averaging could take off."
+    elif at == len(size) - 1:
         seen = f"In this recording it still helps at {length(float(size[-1]))}, the longest that it can tell."
+    elif at == 0 and float(deviation.min()) < float(deviation[0]):
+        helps = length(float(size[int(np.argmax(deviation < deviation[0]))]))
+        seen = f"In this recording averaging over less than {helps} does not help: the signal swings."
     elif at == 0:
         seen = "In this recording averaging never helps: its movement outweighs its noise from the first sample on."
     else:

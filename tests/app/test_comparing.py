@@ -11,7 +11,7 @@ from kalscope import FilterParams, Recording, open_source
 from kalscope.alternatives import Difference, compare_alternatives
 from kalscope.experiments import GeneralizedParams
 from kalscope_app.changes import set_match, set_rival, set_window
-from kalscope_app.charts import log_scale_for, log_ticks
+from kalscope_app.charts import log_rate_scale, log_scale_for, log_ticks, log_time_scale
 from kalscope_app.comparing import AlternativesStudy, compute_allan, compute_spectra, log_binned
 from kalscope_app.state import opened
 from kalscope_app.views.alternatives import ALL, COLOURS, NAMES, against, text_of
@@ -154,6 +154,36 @@ def test_ticks_are_round_and_inside(low, high, ticks):
     assert log_ticks(low, high) == pytest.approx(ticks)
     across, up = log_axes(np.array([low, high]), (low, high), "y")
     assert len(across["values"]) == len(across["splits"]) == len(up["values"]) == len(ticks)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "factor", "unit"),
+    [
+        (0.01, 5.0, 1.0, "s"),
+        (1e-4, 0.5, 1e6, "µs"),
+        (1.0, 20_000.0, 1 / 60, "min"),
+        (604_800.0, 3e8, 1 / 86_400, "days"),
+        (60.0, 601.0, 1 / 60, "min"),
+    ],
+)
+def test_a_logarithmic_axis_of_times_has_the_unit_of_its_middle(first, last, factor, unit):
+    scale = log_time_scale(np.array([first, last]))
+    assert (scale.factor, scale.unit) == (pytest.approx(factor), unit)
+
+
+@pytest.mark.parametrize(
+    ("lowest", "factor", "unit"),
+    [
+        (0.002, 1.0, "cycles/sample"),
+        (1e-4, 1e3, "cycles per 1,000 samples"),
+        (5e-6, 1e3, "cycles per 1,000 samples"),
+        (2e-7, 1e6, "cycles per 1e6 samples"),
+    ],
+)
+def test_slow_waves_are_counted_in_more_samples(lowest, factor, unit):
+    scale = log_rate_scale(np.array([lowest, 0.5]))
+    assert (scale.factor, scale.unit) == (pytest.approx(factor), unit)
+    assert lowest * scale.factor >= 0.001
 
 
 def test_a_logarithmic_chart_is_given_positive_numbers_only():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import string
 
 import pytest
@@ -29,6 +30,7 @@ from kalscope_app.guard_rules import (
     Refuse,
     SetCookie,
     behind_of,
+    below_home,
     decide,
     host_allowed,
 )
@@ -215,8 +217,40 @@ def test_without_the_option_the_proxy_is_nobody():
 
 def test_the_cookie_of_https_is_sent_by_https_only():
     link = page(target=f"/?token={TOKEN}", cookies=(), hosts=("lab.example:8443",))
-    assert decide(BEHIND, link) == SetCookie(f"kalscope_8080={TOKEN}; HttpOnly; SameSite=Strict; Path=/; Secure")
+    assert decide(BEHIND, link) == SetCookie(
+        f"kalscope_8080={TOKEN}; HttpOnly; SameSite=Strict; Path={POLICY.home[:-1]}; Secure"
+    )
     assert "wss://lab.example:8443 " in dashboard_csp((), BEHIND.origin_of("lab.example:8443"))
+
+
+# --- the path of the dashboard ----------------------------------------------------------------------------
+
+
+def test_the_path_follows_from_the_token_and_does_not_tell_it():
+    assert POLICY.home == Policy(9999, TOKEN).home
+    assert POLICY.home != Policy(8080, TOKEN + "x").home
+    assert re.fullmatch(r"/[0-9a-f]{24}/", POLICY.home)
+
+
+@pytest.mark.parametrize(
+    ("asked", "known"),
+    [
+        ("", "/"),  # the websocket of viser's page
+        ("/", "/"),
+        ("/without-webgl", "/without-webgl"),
+        ("/?token=x", "/?token=x"),
+        ("/a/../b", "/a/../b"),
+    ],
+)
+def test_below_the_path_everything_is_as_viser_knows_it(asked, known):
+    assert below_home(POLICY, POLICY.home[:-1] + asked) == known
+
+
+@pytest.mark.parametrize(
+    "target", ["/", "/?token=x", "/0123/", "", "x", POLICY.home[:-1] + "x", POLICY.home[:-1] + "?x"]
+)
+def test_any_other_path_stays_what_it_is(target):
+    assert below_home(POLICY, target) == target
 
 
 # --- the link ---------------------------------------------------------------------------------------------
@@ -225,7 +259,7 @@ def test_the_cookie_of_https_is_sent_by_https_only():
 @pytest.mark.parametrize("cookies", [(), (COOKIE,), ("kalscope_8080=old",)])
 def test_the_printed_link_sets_the_cookie(cookies):
     answer = decide(POLICY, page(target=f"/?token={TOKEN}", cookies=cookies))
-    assert answer == SetCookie(f"kalscope_8080={TOKEN}; HttpOnly; SameSite=Strict; Path=/")
+    assert answer == SetCookie(f"kalscope_8080={TOKEN}; HttpOnly; SameSite=Strict; Path={POLICY.home[:-1]}")
 
 
 def test_the_printed_link_does_not_work_under_a_foreign_name():
@@ -305,7 +339,8 @@ def test_the_refusal_page_says_what_to_do_and_escapes():
 
 def test_the_link_page_goes_on_and_only_its_own_script_may_run():
     (own_hash,) = inline_script_hashes(link_page())
-    assert "location.replace('/')" in link_page()
+    assert '<a href="/over-there/">' in link_page("/over-there/")
+    assert own_hash in inline_script_hashes(link_page("/over-there/"))
     assert f"script-src {own_hash};" in small_page_csp()
 
 
@@ -321,7 +356,7 @@ def test_the_dashboard_page_tests_for_webgl_before_viser_runs():
 
 def test_the_page_without_webgl_says_what_and_how():
     shown = without_webgl_page()
-    for word in ("WebGL", "Chrome", "Firefox", "Safari", 'href="/"', "kalscope tune"):
+    for word in ("WebGL", "Chrome", "Firefox", "Safari", 'href="./"', "kalscope tune"):
         assert word in shown
     assert "<script" not in shown
 

@@ -25,6 +25,7 @@ from kalscope_app import guard_door, guard_rules
 from kalscope_app.guard import GuardedServer, GuardFailed, guarded_server
 
 TOKEN = "T0ken-T0ken_T0ken"
+HOME = guard_rules.Policy(8080, TOKEN).home
 PATIENCE = 10.0
 """Seconds that a test waits for something that must come; nothing waits that long when all is well."""
 
@@ -110,7 +111,7 @@ def test_the_link_gives_a_strict_cookie_that_opens_the_page(shared):
     assert shared.url == f"http://127.0.0.1:{shared.port}/?token={TOKEN}"
     link = headers_of(get(shared.port, f"/?token={TOKEN}"))
     given, *attributes = link["set-cookie"].split("; ")
-    assert set(attributes) == {"HttpOnly", "SameSite=Strict", "Path=/"}
+    assert set(attributes) == {"HttpOnly", "SameSite=Strict", f"Path={HOME[:-1]}"}
     assert b'<div id="root">' in get(shared.port, extra=f"Cookie: {given}\r\n")
 
 

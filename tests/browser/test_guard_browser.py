@@ -14,6 +14,7 @@ import viser
 from conftest import CHROMIUM, FLAGS
 
 from kalscope_app.guard import GuardedServer, guarded_server
+from kalscope_app.guard_rules import Policy
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
@@ -49,9 +50,11 @@ def visitor(browser: Browser) -> Iterator[BrowserContext]:
 def hostile() -> Iterator[SimpleNamespace]:
     """Another program of this machine that serves pages: same site, so even Strict cookies go along."""
     pages: dict[str, str] = {}
+    cookies: list[str] = []
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
+            cookies.extend(self.headers.get_all("Cookie") or ())
             body = pages.get(self.path, "").encode()
             self.send_response(200)
             self.send_header("Content-Type", "text/html")
@@ -65,13 +68,13 @@ def hostile() -> Iterator[SimpleNamespace]:
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
-        yield SimpleNamespace(pages=pages, port=server.server_port)
+        yield SimpleNamespace(pages=pages, port=server.server_port, cookies=cookies)
         server.shutdown()
         thread.join()
 
 
 def home(running: GuardedServer) -> str:
-    return f"http://127.0.0.1:{running.port}/"
+    return f"http://127.0.0.1:{running.port}{Policy(running.port, running.token).home}"
 
 
 def complaints_of(page: Page) -> list[str]:
@@ -114,7 +117,18 @@ def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites(dashboard, visito
     assert page.evaluate("document.cookie") == ""
 
 
-def test_a_reload_and_the_bare_address_keep_the_user_in(dashboard, visitor):
+def test_another_server_of_this_machine_is_not_handed_the_cookie(dashboard, visitor, hostile):
+    """Browsers do not keep cookies of one port from another: its path does."""
+    page = log_in(visitor, dashboard.running)
+    hostile.pages["/"] = "<img src='/d/'><script>fetch('/x/y/', {credentials: 'include'})</script>hello"
+    page.goto(f"http://127.0.0.1:{hostile.port}/")
+    page.get_by_text("hello").wait_for()
+    page.goto(home(dashboard.running))
+    page.get_by_text(LABEL).wait_for()
+    assert hostile.cookies == []
+
+
+def test_a_reload_and_the_address_without_the_token_keep_the_user_in(dashboard, visitor):
     page = log_in(visitor, dashboard.running)
     page.reload()
     page.get_by_text(LABEL).wait_for()
@@ -239,7 +253,7 @@ def opening_a_socket(page: Page, running: GuardedServer, name: str = "127.0.0.1"
             socket.onopen = () => resolve("opened");
             socket.onerror = () => resolve("refused");
         })""",
-        [f"ws://{name}:{running.port}/", f"viser-v{viser.__version__}"],
+        [home(running).replace("http://127.0.0.1", f"ws://{name}"), f"viser-v{viser.__version__}"],
     )
 
 

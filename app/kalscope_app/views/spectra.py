@@ -7,7 +7,16 @@ import math
 import numpy as np
 import viser
 
-from kalscope_app.charts import Array, Chart, Layout, Scale, log_scale_for, log_ticks
+from kalscope_app.charts import (
+    Array,
+    Chart,
+    Layout,
+    Scale,
+    log_rate_scale,
+    log_scale_for,
+    log_ticks,
+    log_time_scale,
+)
 from kalscope_app.comparing import Allan, Spectra
 from kalscope_app.views.layout import Sizes
 from kalscope_app.views.signal import DARK, LIGHT, Palette, axes, line
@@ -45,7 +54,9 @@ class SpectrumView:
         palette = DARK if spectra.state.dark else LIGHT
         self._text.content = f"**{cutoff_words(spectra)}**"
         self._note.content = spectra.found.note
-        hertz = log_scale_for(spectra.frequency, "Hz" if spectra.found.in_hertz else "cycles/sample")
+        hertz = (
+            log_scale_for(spectra.frequency, "Hz") if spectra.found.in_hertz else log_rate_scale(spectra.frequency)
+        )
         self._draw_density(spectra, palette, hertz)
         self._draw_response(spectra, palette, hertz)
 
@@ -112,7 +123,7 @@ class AllanView:
             "(√r at one sample), and rises once the signal moves away in the meantime. Where the model’s line "
             "leaves the recording’s, q or r does not fit."
         )
-        clock = log_scale_for(found.tau, "s" if found.in_seconds else "samples")
+        clock = log_time_scale(found.tau) if found.in_seconds else log_scale_for(found.tau, "samples")
         low, high, ys = floored((found.deviation, found.model))
         scale = log_scale_for(np.array([low]), plain_unit(allan.state.tuning.unit))
         inside = found.size[0] <= found.best_size <= found.size[-1]  # beyond, the model is still falling
