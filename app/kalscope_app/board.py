@@ -27,6 +27,8 @@ class Sent:
     """The live record that it belongs to."""
     channel: str
     """The channel that was tuned."""
+    filtered: str
+    """The channel in which the board sends what its filter makes of it."""
     asked: FilterParams
     """What was on screen when it was sent."""
     params: Float32Params
@@ -35,21 +37,45 @@ class Sent:
     """Number of the first sample after the board was asked to start anew, counted since it began to send."""
 
 
-def board_number(names: tuple[str, ...], channel: str) -> int | None:
-    """Which filter of the board a channel is, from 1; None = its only one.
+@dataclass(frozen=True)
+class BoardFilter:
+    """One filter of a board."""
+
+    number: int | None
+    """Its place among the board's, from 1; None = the only one."""
+    filtered: str
+    """The channel in which the board sends what it makes of the measured one."""
+
+
+def board_filter(names: tuple[str, ...], channel: str, filters: int = 0) -> BoardFilter:
+    """Which filter of the board a channel belongs to.
+
+    Args:
+        names: All that the board sends.
+        channel: What is on screen.
+        filters: How many filters the board says it has. It tells names only when it starts: of one that ran already
+            the columns have none, and are measured, filtered, measured, filtered …
 
     Raises:
         BadSetting: the board sends no filtered value beside this channel.
     """
     if channel == "raw" and "filtered" in names:
-        return None
-    filtered = [name for name in names if f"{name}_filtered" in names]
-    if channel not in filtered:
-        raise BadSetting(
-            "the board must run the exported sketch, which sends raw,filtered or NAME,NAME_filtered "
-            f"(got {', '.join(names)[:100]} with {channel[:40]} on screen)"
-        )
-    return filtered.index(channel) + 1
+        return BoardFilter(None, "filtered")
+    measured = [name for name in names if f"{name}_filtered" in names]
+    if channel in measured:
+        return BoardFilter(measured.index(channel) + 1, f"{channel}_filtered")
+    if is_unnamed(names) and len(names) == 2 * filters and channel in names[::2]:
+        at = names.index(channel)
+        return BoardFilter(None if filters == 1 else at // 2 + 1, names[at + 1])
+    raise BadSetting(
+        "the board must run the exported sketch, which sends raw,filtered or NAME,NAME_filtered "
+        f"(got {', '.join(names)[:100]} with {channel[:40]} on screen)"
+    )
+
+
+def is_unnamed(names: tuple[str, ...]) -> bool:
+    """Whether the board has not said what its columns are called."""
+    return names == tuple(f"value {i + 1}" for i in range(len(names)))
 
 
 def send_setting(state: State, source: LiveSource) -> Sent:
@@ -61,19 +87,22 @@ def send_setting(state: State, source: LiveSource) -> Sent:
     """
     state.check_five_lines([state.channel])
     wanted = float32_params(state.params)
-    lines = commands(wanted, board_number(state.recording.names, state.channel))
+    names = state.recording.names
+    filters = len(_answers(source, "?")) if is_unnamed(names) and len(names) > 1 else 0
+    its = board_filter(names, state.channel, filters)
+    lines = commands(wanted, its.number)
     answer: BoardAnswer | None = None
     row = 0
     for line in lines:
         row = _rows(source.snapshot())
-        answer = _answer(source, line)
+        answer = _answers(source, line)[-1]
     assert answer is not None
     # x0 and gate stay those of the export; the settled gain belonged to the values before.
     taken = replace(wanted, q=answer.q, r=answer.r, p0=answer.p0, settled_gain=np.float32(0.0))
-    return Sent(state.record_key, state.channel, state.params, taken, row)
+    return Sent(state.record_key, state.channel, its.filtered, state.params, taken, row)
 
 
-def _answer(source: LiveSource, line: str) -> BoardAnswer:
+def _answers(source: LiveSource, line: str) -> list[BoardAnswer]:
     replies = source.send(line)
     for reply in replies:
         if is_refusal(reply):
@@ -81,7 +110,7 @@ def _answer(source: LiveSource, line: str) -> BoardAnswer:
     answers = [answer for answer in map(read_answer, replies) if answer is not None]
     if not answers:
         raise BadDevice(f"the board must answer {line!r} with the values it uses (got {replies[0][:100]!r})")
-    return answers[-1]
+    return answers
 
 
 def _rows(snapshot: Snapshot | None) -> int:
@@ -89,18 +118,24 @@ def _rows(snapshot: Snapshot | None) -> int:
 
 
 def set_sent(sent: Sent | None) -> Callable[[State], State]:
-    """The board has taken a setting; None: what it uses is not known."""
-    return lambda state: replace(state, sent=sent)
+    """The board has taken a setting, and its curve is drawn; None: what it uses is not known."""
+
+    def change(state: State) -> State:
+        if sent is not None and state.board is None and sent.filtered in state.recording.names:
+            state = replace(state, board_choice=sent.filtered)
+        return replace(state, sent=sent)
+
+    return change
 
 
 def compare_with_board(state: State) -> BoardCheck | None:
     """The board's rows since it took the setting beside ours; None where there are none to compare."""
-    sent, board = state.sent, state.board
+    sent = state.sent
     snapshot = state.live.snapshot if state.live is not None else None
-    if sent is None or board is None or snapshot is None:
+    if sent is None or snapshot is None:
         return None
     if (sent.record, sent.channel) != (state.record_key, state.channel) or snapshot.first > sent.row:
         return None
     rows = slice(sent.row - snapshot.first, None)
     recording = snapshot.recording
-    return check_board(recording.channel(sent.channel)[rows], recording.channel(board)[rows], sent.params)
+    return check_board(recording.channel(sent.channel)[rows], recording.channel(sent.filtered)[rows], sent.params)

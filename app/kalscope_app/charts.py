@@ -203,7 +203,7 @@ def log_scale_for(values: Array, unit: str) -> Scale:
 
 
 def log_time_scale(times: Array) -> Scale:
-    """Unit of a logarithmic axis of ascending times > 0, s: seconds up to ten minutes, else what fits the middle."""
+    """Unit of a logarithmic axis of ascending times > 0, s: seconds up to ten minutes, else as fits the middle."""
     if not len(times) or times[-1] < 600.0:
         return log_scale_for(times, "s")
     middle = math.sqrt(float(times[0]) * float(times[-1]))

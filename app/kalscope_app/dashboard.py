@@ -76,7 +76,7 @@ class Dashboard:
             Study(study(MapMaker()), self._map.show),
             self._study(compared, self._board.show_check),
             self._study(compute_checks, self._checks.show),
-            self._study(limits_text, self._code.show_limits),
+            self._study(lambda state: limits_text(state, self._code.choice), self._code.show_limits),
             self._study(Overviews().compute, self._channels.show_overview),
             self._study(compute_spectra, self._spectrum.show),
             self._study(compute_allan, self._allan.show),

@@ -53,8 +53,9 @@ class Door:
             answer = rules.Refuse(400, "This request could not be understood.")
         if isinstance(answer, rules.SetCookie):
             return _small_page(200, pages.link_page(self._policy.home), {"Set-Cookie": answer.cookie})
-        # Without the query: it may hold the token, under a wrong name or path.
-        _log.info("refused %r: %s", request.path.partition("?")[0], answer.words)
+        if self.is_open:  # before that it is the self-test that is refused
+            # Without the query: it may hold the token, under a wrong name or path.
+            _log.info("refused %r: %s", request.path.partition("?")[0], answer.words)
         return _small_page(answer.status, pages.refusal_page(self._policy, answer))
 
     def _own_page(self, ask: rules.Ask, request: Request) -> Response | None:

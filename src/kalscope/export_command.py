@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,8 +16,9 @@ if TYPE_CHECKING:
 CHOICES = "arduino, c, python, matlab, json, ros2, platformio, esphome, bachagas, kalmanjs"
 """The targets that write something; said here too, so that --help need not import the filter."""
 
-SMALL_BOARDS = ("arduino", "platformio")
-"""Targets that compute in float32 on a processor without a floating-point unit."""
+
+UNO_COUNTS = 1023.0
+"""Largest value of analogRead() on an Uno: the signal, where none is known."""
 
 
 def export_command(
@@ -50,7 +52,7 @@ def export_command(
         tuned = carried_over(tuned, cli._number("--sample-period", sample_period))
     recording = None if vectors is None else open_source(vectors)
     files = export_tuning(tuned, target, channel=channel, vectors=recording)
-    for message in limits_of(tuned, channel) if target in SMALL_BOARDS else ():
+    for message in limits_of(tuned, channel, target):
         cli._say(f"note: {message}")
     if output is None:
         (main, text), *others = files.items()
@@ -62,18 +64,33 @@ def export_command(
     cli._write((f"{path}\n" for path in written), None)
 
 
-def limits_of(tuning: Tuning, channel: str | None) -> list[str]:
-    """What differs on a small board that computes in float32, a sentence each, for signals up to 1023 counts."""
-    from kalscope.export.device_limits import device_limits
+def limits_of(
+    tuning: Tuning, channel: str | None, target: str, level: Callable[[str], float] = lambda _: UNO_COUNTS
+) -> list[str]:
+    """What differs where a target computes in float32, a sentence each.
+
+    Args:
+        tuning: What is exported.
+        channel: Of it only this one; None = all.
+        target: A name of `kalscope.export.TARGETS`.
+        level: Largest size of the signal of a channel, unit, by its name.
+    """
+    from kalscope.export.device_limits import FLOAT32_TARGETS, device_limits
+
+    if target not in FLOAT32_TARGETS:
+        return []
 
     chosen = tuning.channels if channel is None else (tuning.channel(channel),)
     said = [
         limit.message
         for one in chosen
         for limit in device_limits(
-            one.params, level=1023.0, sample_period=tuning.sample_period, channels=len(chosen)
+            one.params,
+            level=level(one.name),
+            sample_period=tuning.sample_period,
+            channels=len(chosen),
+            constant_gain=FLOAT32_TARGETS[target],
         )
-        if limit.kind != "refused"  # the export itself says that
     ]
     return list(dict.fromkeys(said))
 

@@ -13,7 +13,7 @@ from kalscope import BadSetting, Recording
 from kalscope.errors import BadDevice
 from kalscope.export.float32 import Float32Params, filter_float32
 from kalscope.sources.live import Snapshot
-from kalscope_app.board import Sent, board_number, send_setting
+from kalscope_app.board import BoardFilter, Sent, board_filter, send_setting
 from kalscope_app.live import Live
 from kalscope_app.session import Session
 from kalscope_app.state import State, opened, opened_experiment
@@ -52,16 +52,33 @@ def state() -> State:
     snapshot = Snapshot(recording=recording, generation=1, version=1, first=0)
     live = Live(feed=Board(), snapshot=snapshot, settled=True)  # pyright: ignore[reportArgumentType]
     state = replace(opened(recording), live=live).with_tuning(q=0.037, r=11.3)
-    return replace(state, sent=Sent(state.record_key, "raw", state.params, used, 0))
+    return replace(state, sent=Sent(state.record_key, "raw", "filtered", state.params, used, 0))
 
 
 def test_a_channel_is_known_by_its_place_among_the_filtered_ones():
-    assert board_number(("raw", "filtered"), "raw") is None
+    assert board_filter(("raw", "filtered"), "raw") == BoardFilter(None, "filtered")
     names = ("t", "light", "light_filtered", "temp", "temp_filtered")
-    assert [board_number(names, name) for name in ("light", "temp")] == [1, 2]
+    assert [board_filter(names, name).number for name in ("light", "temp")] == [1, 2]
     for sent, channel in ((("A0", "A1"), "A0"), (names, "t"), (names, "light_filtered")):
         with pytest.raises(BadSetting, match="must run the exported sketch"):
-            board_number(sent, channel)
+            board_filter(sent, channel)
+
+
+UNNAMED = ("value 1", "value 2", "value 3", "value 4")
+
+
+def test_a_board_that_told_its_names_before_we_listened_is_known_by_the_order_of_its_columns():
+    assert board_filter(UNNAMED[:2], "value 1", 1) == BoardFilter(None, "value 2")
+    assert board_filter(UNNAMED, "value 1", 2) == BoardFilter(1, "value 2")
+    assert board_filter(UNNAMED, "value 3", 2) == BoardFilter(2, "value 4")
+    for names, channel, filters in (
+        (UNNAMED, "value 2", 2),  # a filtered one
+        (UNNAMED, "value 1", 1),  # the board says that it has one filter: what are the others?
+        (UNNAMED, "value 1", 0),
+        (UNNAMED[:3], "value 1", 1),
+    ):
+        with pytest.raises(BadSetting, match="must run the exported sketch"):
+            board_filter(names, channel, filters)
 
 
 def test_what_the_board_says_it_uses_is_what_counts(state):

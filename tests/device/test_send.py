@@ -13,7 +13,7 @@ from kalscope.export.board_check import check_board
 from kalscope.export.float32 import float32_params
 from kalscope.sources.live import LiveSource
 from kalscope.tuning import ChannelTuning, Tuning
-from kalscope_app.board import compare_with_board, send_setting
+from kalscope_app.board import compare_with_board, send_setting, set_sent
 from kalscope_app.live import opened_live, refreshed
 
 pytestmark = pytest.mark.device
@@ -28,6 +28,26 @@ def grown(state, condition):
         time.sleep(0.05)
         state = refreshed(state)
     return state
+
+
+def test_a_board_that_runs_already_can_be_sent_to_though_it_has_told_no_names(start_board, workshop, tmp_path):
+    tuning = Tuning((ChannelTuning("light", "counts", 0.5, 20.0),), sample_period=0.005)
+    for name, text in export_tuning(tuning, "arduino").items():
+        (tmp_path / name).write_text(text)
+    firmware = workshop.sketch(tmp_path / "kalscope_filter.ino", include=[tmp_path])
+    board = start_board(firmware, np.random.default_rng(8).integers(300, 700, 4000))
+    time.sleep(1.0)  # its header has gone before anybody listens
+    with LiveSource(board.port) as source:
+        state = grown(opened_live(source, "board"), lambda state: len(state.recording) > 150)
+        assert state.recording.names == ("value 1", "value 2")
+        state = state.with_tuning(q=0.037, r=11.3)
+        state = set_sent(send_setting(state, source))(state)
+        assert state.board == "value 2"
+        rows = state.sent.row + 200
+        state = grown(state, lambda state: len(state.recording) > rows)
+    check = compare_with_board(state)
+    assert check.rows > 150
+    assert check.different == 0
 
 
 def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(start_board, workshop, tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kalscope.export.board_check import check_board, find_restart
+from kalscope.export.board_check import check_board, find_restarts
 from kalscope.export.float32 import Float32Params, filter_float32
 
 PARAMS = Float32Params(np.float32(0.01), np.float32(4.0))
@@ -21,7 +21,7 @@ def rows():
 
 def test_from_the_restart_on_an_equal_board_is_equal(rows):
     raw, board = rows
-    assert find_restart(raw, board, PARAMS) == 100
+    assert find_restarts(raw, board, PARAMS)[0] == 100
     check = check_board(raw, board, PARAMS)
     assert (check.rows, check.different, check.largest_steps, check.largest) == (400, 0, 0, 0.0)
 
@@ -47,8 +47,21 @@ def test_a_restart_from_a_given_estimate_is_found_too(rows):
     raw, board = rows
     params = Float32Params(np.float32(0.01), np.float32(4.0), np.float32(2.0), np.float32(500.0))
     board = np.concatenate([board[:100], filter_float32(raw[100:], params)])
-    assert find_restart(raw, board, params) == 100
+    assert find_restarts(raw, board, params)[0] == 100
     assert check_board(raw, board, params).different == 0
+
+
+@pytest.mark.parametrize("resting", [0, 1, 8, 200])
+def test_a_restart_while_the_input_rests_is_found_where_it_was(resting):
+    """The old filter has come to rest on the input: each of its rows looks like a start."""
+    old, new = Float32Params(np.float32(1.0), np.float32(1.0)), Float32Params(np.float32(1e-4), np.float32(1.0))
+    rest, later = np.full(200 + resting, 512.0), np.concatenate([np.full(20, 512.0), 512 + np.arange(400.0) % 300])
+    board = np.concatenate([filter_float32(rest, old)[200:], filter_float32(later, new)])
+    check = check_board(np.concatenate([rest[200:], later]), board, new)
+    assert check.different == 0
+    assert check.rows >= len(later)
+    board[-1] += 1.0
+    assert check_board(np.concatenate([rest[200:], later]), board, new).different == 1
 
 
 def test_without_a_restart_there_is_nothing_to_compare(rows):

@@ -90,3 +90,18 @@ def test_ports_are_listed_by_name_with_what_the_system_says(monkeypatch):
     ]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
     assert list_ports() == (PortInfo("COM9", "Uno", "75", "A", (0x2341, 0x43)), PortInfo("COM10", "", ""))
+
+
+@pytest.mark.parametrize(
+    "text", ["socket://host", "rfc2217://host", "socket://:3333", "socket://host:", "socket://a:b"]
+)
+def test_an_address_names_host_and_port(text):
+    with pytest.raises(BadSetting, match="an address must be socket://host:port"):
+        port_of(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["socket://[::1]:3333", "SOCKET://raspberry.local:1", "rfc2217://h:4000?ign_set_control"]
+)
+def test_an_address_may_be_of_any_kind(text):
+    assert port_of(text).is_url

@@ -8,6 +8,7 @@ from typing import Any
 import viser
 
 from kalscope.errors import BadSetting
+from kalscope.export.float32 import float32_params
 from kalscope.sources.live import LiveSource
 from kalscope_app.board import Sent, compare_with_board, send_setting, set_sent
 from kalscope_app.frame import Frame
@@ -79,6 +80,8 @@ def compared(state: State) -> str:
             f"{count(check.largest_steps)} steps of float32 ({number(check.largest)}). A board that was reset has "
             "the values of its export again: then send once more."
         )
+    if float32_params(sent.asked).settled_gain > 0.0:
+        text += " The board's gain stays larger than on screen: for so small a q/r only the export goes on with it."
     if state.params != sent.asked:
         text += " What is on screen now has not been sent."
     return text

@@ -6,6 +6,7 @@ import io
 import re
 import zipfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,9 @@ import viser
 
 from kalscope.atomic import check_inside
 from kalscope.errors import BadSetting
-from kalscope.export import TARGETS, export_tuning
-from kalscope.export.device_limits import device_limits
-from kalscope.export_command import write_files
+from kalscope.export import TARGETS, carried_over, export_tuning
+from kalscope.export_command import limits_of, write_files
+from kalscope.tuning import Tuning
 from kalscope_app.changes import parse_number
 from kalscope_app.frame import Frame
 from kalscope_app.jobs import Jobs
@@ -37,6 +38,18 @@ GAPS = (
     "On screen gaps in time count; code and test vectors take one period a sample. Where samples are missing, "
     "give the device's filter a NaN for each."
 )
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is to be exported, as the person chose it."""
+
+    target: str = "arduino"
+    """A name of `kalscope.export.TARGETS`."""
+    all_channels: bool = False
+    """Not only the channel on screen."""
+    period: str = ""
+    """Sample period of the device as it was typed, s; empty = that of the recording."""
 
 
 class CodeView:
@@ -68,6 +81,8 @@ class CodeView:
             save = gui.add_button("Save to the folder", hint="Files that are there already are not replaced.")
             download = gui.add_button("Download", hint="One file, or a zip of all.")
         self._target.on_update(self._on_target)
+        self._channels.on_update(self._on_choice)
+        self._period.on_update(self._on_choice)
         look.on_click(self._on_look)
         save.on_click(self._on_save)
         download.on_click(self._on_download)
@@ -75,6 +90,15 @@ class CodeView:
     async def _on_target(self, _event: viser.GuiEvent[Any]) -> None:
         name = TITLES.get(self._target.value)
         self._what.content = "" if name is None else TARGETS[name].what
+        await self._on_choice(_event)
+
+    async def _on_choice(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.ask(lambda state: self._jobs.run(lambda: self.show_limits(limits_text(state, self.choice))))
+
+    @property
+    def choice(self) -> Choice:
+        """What is chosen now."""
+        return Choice(TITLES.get(self._target.value, ""), self._channels.value == ALL, self._period.value)
 
     async def _on_look(self, event: viser.GuiEvent[Any]) -> None:
         client = event.client
@@ -101,16 +125,15 @@ class CodeView:
 
     def _with_files(self, client: viser.ClientHandle, use: Callable[[str, dict[str, str]], None]) -> None:
         """Make the files of the state on screen, as a job, and hand them on; or say why there are none."""
-        target, period = TITLES.get(self._target.value, ""), self._period.value
-        all_channels, vectors = self._channels.value == ALL, self._vectors.value
+        choice, vectors = self.choice, self._vectors.value
 
         def work(state: State) -> None:
             try:
-                files = files_of(state, target, all_channels=all_channels, vectors=vectors, period=period)
+                files = files_of(state, choice, vectors=vectors)
             except BadSetting as error:
                 show_refusal(client, str(error))
             else:
-                use(target, files)
+                use(choice.target, files)
 
         self._session.ask(lambda state: self._jobs.run(lambda: work(state)))
 
@@ -127,42 +150,46 @@ class CodeView:
             self._limits.visible = bool(text)
 
 
-def limits_text(state: State) -> str:
-    """What differs from the screen, as markdown, for the channel on it; "" where nothing does. A study."""
+def limits_text(state: State, choice: Choice = Choice()) -> str:
+    """What will differ from the screen, as markdown; "" where nothing does. A study."""
     if state.rule is not None:
         return "The second paper's filter is on screen, and there is no code for it: choose *q and r* under Tune."
-    z = state.recording.channel(state.channel)
-    level = float(np.abs(z[np.isfinite(z)]).max(initial=0.0)) or 1.0
-    limits = device_limits(state.params, level=level, sample_period=state.recording.sample_period)
-    lines = [f"On a small board: {plain(limit.message, 400)}" for limit in limits]
+
+    def level(name: str) -> float:
+        z = state.recording.channel(name)
+        return float(np.abs(z[np.isfinite(z)]).max(initial=0.0)) or 1.0
+
+    try:
+        limits = limits_of(*chosen(state, choice), choice.target, level)
+    except BadSetting as error:
+        limits = [str(error)]
+    lines = [f"On a small board: {plain(limit, 400)}" for limit in limits]
     if state.dt is not None and np.any(np.abs(state.dt - 1.0) > UNEVEN):
         lines.append(GAPS)
     return "\n".join(f"- {line}" for line in lines)
 
 
-def files_of(
-    state: State, target: str, *, all_channels: bool = False, vectors: bool = False, period: str = ""
-) -> dict[str, str]:
-    """The files of a target for what is on screen, by name.
-
-    Args:
-        state: What is on screen.
-        target: A name of `kalscope.export.TARGETS`.
-        all_channels: Not only the channel on screen.
-        vectors: With the test vectors.
-        period: Sample period of the device as it was typed, s; empty = that of the recording.
+def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str, str]:
+    """The files of a choice for what is on screen, by name; with the test vectors if wished.
 
     Raises:
         BadSetting: As `export_tuning`, and where a channel has the second paper's filter.
     """
-    state.check_five_lines(state.recording.names if all_channels else [state.channel])
-    return export_tuning(
-        state.as_tuning(),
-        target,
-        channel=None if all_channels else state.channel,
-        vectors=state.recording if vectors else None,
-        sample_period=parse_number("period", period) if period.strip() else None,
-    )
+    tuning, channel = chosen(state, choice)
+    return export_tuning(tuning, choice.target, channel=channel, vectors=state.recording if vectors else None)
+
+
+def chosen(state: State, choice: Choice) -> tuple[Tuning, str | None]:
+    """The tuning of the device, and which of its channels is meant; None = all.
+
+    Raises:
+        BadSetting: The period is none, or a channel has the second paper's filter.
+    """
+    state.check_five_lines(state.recording.names if choice.all_channels else [state.channel])
+    tuning = state.as_tuning()
+    if choice.period.strip():
+        tuning = carried_over(tuning, parse_number("period", choice.period))
+    return tuning, None if choice.all_channels else state.channel
 
 
 def send_files(client: viser.ClientHandle, target: str, files: dict[str, str]) -> None:

@@ -43,6 +43,7 @@ class TuningMapView:
         self._state: State | None = None
         self._plate: Plate | None = None
         self._frame = frame_for(*self._size, self._map.q, self._map.r)
+        # Browsers whose camera looks straight at the map; what others point at is not what they see.
         self._aimed = WeakKeyDictionary[viser.ClientHandle, tuple[float, ...]]()
         self._portraits: set[viser.ClientHandle] = set()
         self._drags, self._offset, self._moved = 0, (0.0, 0.0), 0.0
@@ -97,7 +98,7 @@ class TuningMapView:
 
     async def _on_drag(self, event: viser.SceneNodeDragEvent[Any]) -> None:
         frame, state = self._frame, self._state
-        if state is None or not self._map.colour:
+        if state is None or not self._map.colour or event.client not in self._aimed:
             return
         pixel = frame.of_scene(event.end_position[:2])
         if event.phase == "start":
@@ -108,7 +109,7 @@ class TuningMapView:
 
     async def _on_click(self, event: viser.SceneNodePointerEvent[Any]) -> None:
         frame, place = self._frame, hit(event.ray_origin, event.ray_direction)
-        if place is None or self._state is None or not self._map.colour:
+        if place is None or self._state is None or not self._map.colour or event.client not in self._aimed:
             return
         x, y = frame.of_scene(place)
         if frame.inside((x, y)):

@@ -10,7 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.export.float32 import Float32Params, filter_float32
 
 LONGEST_WAIT = 2000
-"""Rows in which a restart from a given x0 is looked for: a board obeys within a few."""
+"""Rows in which a restart is looked for: a board obeys within a few."""
+
+MOST_TRIED = 256
+"""Rows that look like a restart and are tried at most: while the input rests and the old filter has come to rest
+on it, every row looks like one."""
 
 
 @dataclass(frozen=True)
@@ -34,16 +38,24 @@ def check_board(raw: ArrayLike, board: ArrayLike, params: Float32Params) -> Boar
         raw: What the board measured, shape (n,), unit; NaN where missing.
         board: What its filter made of it, shape (n,), unit.
         params: The values that it answered to have in use. Its filter was started anew: the comparison begins at
-            the first row whose filtered value is that of a start.
+            a row whose filtered value is that of a start, of several the one with the fewest differences after it.
 
     Returns:
         None where no restart is among the rows.
     """
     z, x = np.asarray(raw, dtype=np.float32), np.asarray(board, dtype=np.float32)
-    first = find_restart(z, x, params)
-    if first is None:
-        return None
-    ours, theirs = filter_float32(z[first:], params), x[first:]
+    best: BoardCheck | None = None
+    for first in find_restarts(z, x, params)[:MOST_TRIED]:
+        check = _compared(z[first:], x[first:], params)
+        if best is None or check.different < best.different:
+            best = check
+        if check.different == 0:
+            break
+    return best
+
+
+def _compared(z: NDArray[np.float32], x: NDArray[np.float32], params: Float32Params) -> BoardCheck:
+    ours, theirs = filter_float32(z, params), x
     sent = np.isfinite(theirs) & np.isfinite(ours)
     ours, theirs = ours[sent], theirs[sent]
     steps = np.abs(_ordered(ours) - _ordered(theirs))
@@ -56,16 +68,16 @@ def check_board(raw: ArrayLike, board: ArrayLike, params: Float32Params) -> Boar
     )
 
 
-def find_restart(raw: NDArray[np.float32], board: NDArray[np.float32], params: Float32Params) -> int | None:
-    """The first row whose filtered value is that of a filter's first row; None where there is none."""
+def find_restarts(raw: NDArray[np.float32], board: NDArray[np.float32], params: Float32Params) -> list[int]:
+    """The rows whose filtered value is that of a filter's first row, in their order."""
+    begins = np.zeros(len(raw), dtype=bool)
     if np.isnan(params.x0):
         begins = raw == board
     else:
-        begins = np.zeros(len(raw), dtype=bool)
         for i in range(min(len(raw), LONGEST_WAIT)):
             begins[i] = filter_float32(raw[i : i + 1], params)[0] == board[i]
     same = np.flatnonzero(begins)
-    return int(same[0]) if len(same) else None
+    return same[: np.searchsorted(same, same[0] + LONGEST_WAIT)].tolist() if len(same) else []
 
 
 def _ordered(values: NDArray[np.float32]) -> NDArray[np.int64]:

@@ -23,6 +23,10 @@ UNO_READ_US = 112
 """Time of one analogRead() on an Uno, µs."""
 
 
+FLOAT32_TARGETS = {"arduino": True, "platformio": False, "esphome": False, "bachagas": False}
+"""Targets that compute in float32, at least on an AVR board; and whether they go on with a constant gain."""
+
+
 @dataclass(frozen=True)
 class DeviceLimit:
     """One thing that differs on the board."""
@@ -35,7 +39,12 @@ class DeviceLimit:
 
 
 def device_limits(
-    params: FilterParams, *, level: float, sample_period: float | None = None, channels: int = 1
+    params: FilterParams,
+    *,
+    level: float,
+    sample_period: float | None = None,
+    channels: int = 1,
+    constant_gain: bool = True,
 ) -> tuple[DeviceLimit, ...]:
     """What is to be said before this filter goes to a board that computes in float32.
 
@@ -44,6 +53,8 @@ def device_limits(
         level: Largest size of the signal, unit, > 0: 1023 for counts of an Uno.
         sample_period: s; None = not known, then nothing is said of time.
         channels: How many such filters the board runs.
+        constant_gain: Whether the target goes on with a constant gain where float32 does not settle, as our own
+            code for boards does.
 
     Returns:
         The limits that apply, none where the board runs the filter as shown.
@@ -59,7 +70,7 @@ def device_limits(
         raise BadSetting(f"params must be those of one channel (got {params.channels} channels)")
     found = [_refused(params)]
     if found == [None]:
-        found = [_gain(params), _estimate(params, level)]
+        found = [_gain(params, constant_gain=constant_gain), _estimate(params, level)]
     return tuple(limit for limit in (*found, _time(sample_period, channels)) if limit is not None)
 
 
@@ -71,14 +82,19 @@ def _refused(params: FilterParams) -> DeviceLimit | None:
     return None
 
 
-def _gain(params: FilterParams) -> DeviceLimit | None:
+def _gain(params: FilterParams, *, constant_gain: bool) -> DeviceLimit | None:
     gain = _settled(params)[0]
     if not 0.0 < gain < STALLING_GAIN:
         return None
+    if constant_gain:
+        then = (
+            f"The exported code then goes on with exactly this gain, some {1.0 / gain:.2g} samples after the start."
+        )
+    else:
+        then = "This target has no constant gain to go on with: use the code for arduino or c, or a larger q/r."
     return DeviceLimit(
         "gain",
-        f"float32 cannot settle to a gain as small as {gain:.3g}: its variance stops changing too early. The "
-        f"exported code then goes on with exactly this gain, some {1.0 / gain:.2g} samples after the start.",
+        f"float32 cannot settle to a gain as small as {gain:.3g}: its variance stops changing too early. {then}",
     )
 
 

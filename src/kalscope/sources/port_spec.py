@@ -14,6 +14,8 @@ FASTEST_BAUD = 20_000_000
 _URL_SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
 """Schemes of pyserial's URLs."""
 
+_NETWORK = re.compile(r"(?:socket|rfc2217)://", re.IGNORECASE)
+_HOST_PORT = re.compile(r"\w+://(?:\[[0-9A-Fa-f:.]+\]|[^/:?@\s]+):[0-9]{1,5}(?:[/?].*)?", re.IGNORECASE)
 _URL = re.compile(rf"(?:{'|'.join(_URL_SCHEMES)})://.+", re.IGNORECASE | re.DOTALL)
 _DEVICE = re.compile(r"(?:\\\\\.\\)?COM[0-9]+|/dev/(?:tty|cu|pts/|serial/|rfcomm).*", re.IGNORECASE | re.DOTALL)
 _BAUD = re.compile(r"(.*)@([^@/\\]*)", re.DOTALL)
@@ -50,6 +52,10 @@ class PortSpec:
     def __post_init__(self) -> None:
         if not self.url.strip() or "\x00" in self.url:
             raise BadSetting(f"port must be a path such as /dev/ttyACM0 or COM3, or a URL (got {self.url!r})")
+        if _NETWORK.match(self.url) and not _HOST_PORT.fullmatch(self.url):
+            raise BadSetting(
+                f"an address must be socket://host:port or rfc2217://host:port (got {self.url!r:.100})"
+            )
         if isinstance(self.baud, bool) or not isinstance(self.baud, int) or not 1 <= self.baud <= FASTEST_BAUD:
             raise BadSetting(f"baud rate must be a whole number from 1 to {FASTEST_BAUD} (got {self.baud!r})")
 
