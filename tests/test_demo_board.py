@@ -11,7 +11,7 @@ import pytest
 
 from kalscope import BadDevice, BadSetting, Recording, cli, synthesize
 from kalscope.board_wires import PtyWire, SocketWire
-from kalscope.demo_board import Board, BoardLines
+from kalscope.demo_board import BOOT, Board, BoardLines
 from kalscope.sources.line_parser import LineParser
 from kalscope.sources.live import LiveSource
 
@@ -101,14 +101,16 @@ class Wire:
 def test_a_board_begins_anew_whenever_the_port_is_opened():
     wire, now = Wire(), [5.0]
     board = Board(BoardLines(TWO, form="csv"), wire, lambda: now[0])
-    board.step()
     start = b"# kalscope demo-board\r\na,b[mV]\r\n1,2\r\n"
-    assert wire.sent == start
-    wire.open = False
-    board.step()
-    wire.open, wire.sent, now[0] = True, b"", 9.0
-    board.step()
-    assert wire.sent == start
+    for opened in (5.0, 9.0):
+        wire.open, wire.sent, now[0] = True, b"", opened
+        assert board.step() == pytest.approx(BOOT)
+        assert wire.sent == b""  # whoever opens a port may still throw away what is there
+        now[0] += BOOT + 1e-9
+        board.step()
+        assert wire.sent == start
+        wire.open = False
+        board.step()
 
 
 def test_a_board_whose_lines_nobody_fetches_drops_whole_lines():
@@ -126,8 +128,10 @@ def test_a_board_whose_lines_nobody_fetches_drops_whole_lines():
 
 
 def test_what_is_sent_to_the_board_is_answered_with_a_hash():
-    wire = Wire()
-    board = Board(BoardLines(TWO), wire)
+    wire, now = Wire(), [0.0]
+    board = Board(BoardLines(TWO), wire, lambda: now[0])
+    board.step()
+    now[0] = 1.0
     board.step()
     wire.coming = b"q0.0"
     board.step()

@@ -110,6 +110,11 @@ def _with_checksum(line: str) -> bytes:
     return f"{line}*{reduce(int.__xor__, line.encode(), 0):02X}\r\n".encode()
 
 
+BOOT = 0.05
+"""Seconds from the opening of the port to the first line: whoever opens it throws away what is there by then, as
+pyserial does. A real board takes longer to start."""
+
+
 class Board:
     """Sends the lines while somebody listens; begins anew whenever the port is opened, as an Arduino does."""
 
@@ -117,6 +122,7 @@ class Board:
         self.lines, self._wire, self._clock = lines, wire, clock
         self.dropped = 0
         """Lines that nobody fetched in time."""
+        self._opened: float | None = None
         self._started: float | None = None
         self._sent = 0
         self._pending = bytearray()
@@ -125,9 +131,12 @@ class Board:
     def step(self) -> float:
         """Do what is due; seconds until there is more to do."""
         if not self._wire.connected():
-            self._started = None
+            self._started = self._opened = None
             return _LONGEST_SLEEP
         now = self._clock()
+        self._opened = now if self._opened is None else self._opened
+        if now - self._opened < BOOT:
+            return BOOT - (now - self._opened)
         if self._started is None:
             self._started, self._sent = now, 0
             self._pending[:] = b"# kalscope demo-board\r\n" + self.lines.header

@@ -246,12 +246,8 @@ def loads(text: str) -> Tuning:
 
 def _plain(tuning: Tuning) -> dict[str, Any]:
     """The tuning as the tables of the file; None is a key that is absent."""
-    source = {
-        "name": clean(tuning.source_name),
-        "spec": clean(tuning.source),
-        "sha256": clean(tuning.sha256),
-        "sample_period": tuning.sample_period,
-    }
+    name, spec, sha256 = (clean(text) for text in (tuning.source_name, tuning.source, tuning.sha256))
+    source = {"name": name, "spec": spec, "sha256": sha256, "sample_period": tuning.sample_period}
     channels = [
         {
             "name": clean(channel.name),
