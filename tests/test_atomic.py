@@ -135,8 +135,9 @@ def test_a_write_protected_file_is_refused(tmp_path: Path, monkeypatch: pytest.M
 
 @pytest.mark.parametrize("path", ["missing/a.toml", "."])
 def test_a_missing_folder_and_a_folder_are_oserrors(tmp_path: Path, path: str) -> None:
-    with pytest.raises(OSError, match=r"No such file|Is a directory|Permission denied"):
+    with pytest.raises(OSError, match=r"No such file|Is a directory|Permission denied") as refused:
         write_atomic(tmp_path / path, b"")
+    assert str(refused.value).endswith(repr(str(tmp_path / path)))
 
 
 def test_the_longest_names_still_have_room_for_a_temporary_one(tmp_path: Path) -> None:

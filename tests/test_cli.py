@@ -309,6 +309,26 @@ def test_unreadable_lines_are_missing_samples_answered_by_an_empty_line(
     assert bad == [f"kalscope: line {n}" for n in (2, 3, 4, 5, 6, 9)]
 
 
+def test_a_remark_on_stdin_is_no_sample(feed: Callable[[bytes], None], capsys: Captured) -> None:
+    feed(b"1\n# q 0.1\n2\n// ready\n5\n")
+    assert run(["filter", "-", "--q", "1", "--r", "1"]) == 0
+    out, err = capsys.readouterr()
+    x = kalman_filter([1, 2, 5], FilterParams(1.0, 1.0)).x
+    assert out.split("\n") == ["1.0", "", repr(x[1].item()), "", repr(x[2].item()), ""]
+    assert err == ""
+
+
+def test_a_sample_period_that_overrules_the_time_of_the_file_is_said(tmp_path: Path, capsys: Captured) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("time,a\n" + "".join(f"{i / 100},{i % 7}\n" for i in range(50)))
+    assert run(["filter", str(log), "--q", "1", "--r", "1", "--sample-period", "0.5"]) == 0
+    assert "sample period is taken as 0.5 s; by its time it would be 0.01 s" in capsys.readouterr().err
+    assert run(["filter", str(log), "--q", "1", "--r", "1", "--sample-period", "0.01"]) == 0
+    assert capsys.readouterr().err == ""
+    assert run(["tune", str(log), "--sample-period", "0.5"]) == 0
+    assert "by its time it would be 0.01 s" in capsys.readouterr().err
+
+
 def test_channels_of_a_line_are_filtered_side_by_side(
     feed: Callable[[bytes], None], config: Path, capsys: Captured
 ) -> None:

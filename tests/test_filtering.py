@@ -340,6 +340,13 @@ def test_the_gate_cannot_lock_out_a_step():
     assert result.k[50 + GATE_LIMIT] > 0.0
 
 
+def test_a_masked_sample_is_missing():
+    masked = np.ma.array([1, 2, 5], mask=[False, True, False])
+    np.testing.assert_array_equal(
+        kalman_filter(masked, FilterParams(1, 1)).x, kalman_filter([1, math.nan, 5], FilterParams(1, 1)).x
+    )
+
+
 # --- what is refused ------------------------------------------------------------------------------------
 
 
@@ -353,6 +360,7 @@ def test_the_gate_cannot_lock_out_a_step():
         (lambda: denoise([1.0] * 99 + [-math.inf], FilterParams(1, 1)), "(got -inf at sample 99)"),
         (lambda: kalman_filter([[[1.0]]], FilterParams(1, 1)), "shape (n,) or (n, channels) (got (1, 1, 1))"),
         (lambda: kalman_filter(["a"], FilterParams(1, 1)), "z must be an array of numbers"),
+        (lambda: denoise(np.array([1.0 + 2.0j]), FilterParams(1, 1)), "z must be an array of real numbers"),
         (lambda: kalman_filter([1.0, 2.0], FilterParams(1, 1), dt=[1.0]), "shape (2,) (got (1,))"),
         (lambda: kalman_filter([1.0, 2.0], FilterParams(1, 1), dt=[1.0, -1.0]), "not negative"),
         (lambda: kalman_filter([1.0], FilterParams([1, 1], 1)), "they hold 2 channels (got z with 1)"),

@@ -161,6 +161,28 @@ def test_a_board_that_goes_away_ends_it_where_that_was_asked_for(tmp_path):
     assert path.read_text().splitlines()[-1].startswith("# end: ")
 
 
+def test_lines_that_the_disk_refused_end_in_status_1(tmp_path):
+    """The same kill-safe recorder, held to a file size that the disk would otherwise set."""
+    path = tmp_path / "run.csv"
+    limit = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+    limit += " resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096));"
+    with Board(2000) as board:
+        run = f"{limit} from kalscope.cli import run; raise SystemExit(run())"
+        argv = [sys.executable, "-c", run, "record", board.port, "-o", str(path), "--seconds", "3"]
+        done = subprocess.run(argv, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1, done.stderr
+    assert int(ACCOUNT.search(done.stdout)[4]) > 0
+    assert path.read_bytes().endswith(b"\n")
+
+
+@pytest.mark.parametrize("output", ["", ".", "/"])
+def test_a_recording_must_have_a_name(output):
+    argv = [sys.executable, "-m", "kalscope.cli", "record", "/dev/none", "-o", output]
+    done = subprocess.run(argv, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "a recording must be a file" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("port", "options", "says"),
     [

@@ -40,7 +40,7 @@ def open_dashboard(
         list[str] | None, typer.Option(help="Name by which a browser may call this machine, for --host 0.0.0.0.")
     ] = None,
     sample_period: Annotated[
-        float | None, typer.Option(help="Time between two samples in s, for a file that has no time.")
+        float | None, typer.Option(help="Time between two samples in s; overrules that of the file.")
     ] = None,
     delimiter: Delimiter = None,
     time_column: TimeColumnChoice = None,

@@ -14,9 +14,13 @@ Array = NDArray[np.float64]
 
 
 def columns_of(z: ArrayLike) -> tuple[Array, tuple[int, ...]]:
-    """Z as contiguous rows, one a channel (a view where it can be), and z's own shape."""
+    """Z as contiguous rows, one a channel (a view where it can be), and z's own shape; what is masked is NaN."""
+    if isinstance(z, np.ndarray) and np.iscomplexobj(z):  # asarray would drop the imaginary part
+        raise BadSetting("z must be an array of real numbers (got complex ones)")
     try:
         array = np.asarray(z, dtype=np.float64)
+        if isinstance(z, np.ma.MaskedArray):
+            array = np.where(np.ma.getmaskarray(z), np.nan, array)
     except (TypeError, ValueError):
         raise BadSetting("z must be an array of numbers (got something else)") from None
     if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):

@@ -68,8 +68,10 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
             with open(target, "wb") as file:  # a folder raises IsADirectoryError here
                 yield file
     except OSError as error:
-        error.filename, error.filename2 = os.fspath(path), None  # the one that the caller knows
-        raise
+        # The caller knows this name only. A filename2 of None would be told as "-> None".
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from None
 
 
 def check_inside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -> Path:

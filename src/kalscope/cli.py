@@ -124,7 +124,7 @@ def filter_command(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file.")
     ] = None,
     sample_period: Annotated[
-        str | None, _number_option("--sample-period", "Sample period in s, where SOURCE says none.")
+        str | None, _number_option("--sample-period", "Sample period in s; overrules that of SOURCE.")
     ] = None,
     delimiter: Delimiter = None,
     time_column: TimeColumnChoice = None,
@@ -138,6 +138,8 @@ def filter_command(
     """Filter a recording: a CSV of time, raw and filtered signal and variance.
 
     --q, --r, --p0, --x0 and --gate outrank --config. With none of them q and r are guessed from the signal.
+    With "-" each line on stdin is answered by one line on stdout: empty for a missing sample, which the filter
+    predicts over, and for a remark (# % //), which is no sample.
     """
     from kalscope.filter_choice import params_for, params_for_stdin
 
@@ -162,10 +164,12 @@ def filter_command(
         recording = open_source(source, options, sample_period=period, progress=progress)
     params, notes = params_for(recording, config, given, channel)
     _write(filtered_csv_chunks(recording, params), output)
-    if report:
-        from kalscope.sources.account import account
+    from kalscope.sources.account import account, overruled
 
+    if report:
         sys.stderr.write(account(recording))
+    if period is not None:
+        notes = [*filter(None, [overruled(recording)]), *notes]
     for note in notes:  # last, so that an error is the only line
         _say(f"note: {note}")
 

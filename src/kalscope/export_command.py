@@ -11,6 +11,7 @@ import typer
 from kalscope.errors import BadSetting
 
 if TYPE_CHECKING:
+    from kalscope.recording import Recording
     from kalscope.tuning import Tuning
 
 CHOICES = "arduino, c, python, matlab, json, ros2, platformio, esphome, bachagas, kalmanjs"
@@ -52,7 +53,7 @@ def export_command(
         tuned = carried_over(tuned, cli._number("--sample-period", sample_period))
     recording = None if vectors is None else open_source(vectors)
     files = export_tuning(tuned, target, channel=channel, vectors=recording)
-    for message in limits_of(tuned, channel, target):
+    for message in [*_other_rate(recording, tuned), *limits_of(tuned, channel, target)]:
         cli._say(f"note: {message}")
     if output is None:
         (main, text), *others = files.items()
@@ -62,6 +63,19 @@ def export_command(
         return
     written = write_files(files, output, force=force)
     cli._write((f"{path}\n" for path in written), None)
+
+
+def _other_rate(vectors: Recording | None, tuning: Tuning) -> list[str]:
+    """A sentence where the test vectors come from a recording of another sample period."""
+    from kalscope.tuning import same_period
+
+    period = None if vectors is None else vectors.sample_period
+    if period is None or tuning.sample_period is None or same_period(period, tuning.sample_period):
+        return []
+    return [
+        f"the test vectors filter one row a step as the device will; their rows are {period:.6g} s apart, the"
+        f" tuning is for {tuning.sample_period:.6g} s"
+    ]
 
 
 def limits_of(

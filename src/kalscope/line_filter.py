@@ -7,14 +7,15 @@ from collections.abc import Sequence
 
 from kalscope.filtering import KalmanFilter
 from kalscope.model import FilterParams
-from kalscope.sources.line_parser import parse_number
+from kalscope.sources.line_parser import is_comment, parse_number
 
 
 class LineFilter:
     """Answers each line of comma-separated channels with the filtered values, in the same order.
 
     A cell without a number (empty, "nan") is a missing sample: its channel predicts, its answer is empty. A
-    line that cannot be read is a missing sample of all channels.
+    line that cannot be read is a missing sample of all channels; a remark (# % //) is no sample, and its
+    answer is empty.
     """
 
     def __init__(self, params: FilterParams | Sequence[FilterParams]) -> None:
@@ -39,6 +40,8 @@ class LineFilter:
         """
         self._line += 1
         text = line.strip().lstrip("\ufeff")  # PowerShell begins a pipe with a BOM
+        if is_comment(text):
+            return "", ""
         if not text:
             return self._miss(), ""
         values = [parse_number(cell.strip()) for cell in text.split(",")]

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from kalscope.sources.live import LiveSource, LiveStatus
     from kalscope.sources.recorder import Recorder
 
+LOST = 1
+"""Exit status where the disk did not take all lines."""
 LOOK_S = 0.1
 """Pause between two looks at the recording, s."""
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
@@ -49,7 +51,8 @@ def record_command(
 ) -> None:
     """Record a board: FILE.csv with every line as it came, FILE.rejects with what is no data.
 
-    Ctrl+C, SIGTERM and SIGHUP end the recording with its account as a last comment, status 0.
+    Ctrl+C, SIGTERM and SIGHUP end the recording with its account as a last comment: status 0, or 1 where the
+    disk did not take all lines.
     """
     from kalscope.sources.live import LiveSource
     from kalscope.sources.port_spec import port_of
@@ -69,6 +72,8 @@ def record_command(
     said = summary(recorder)
     with suppress(OSError):  # the terminal may be gone: the recording is whole all the same
         print(said, flush=True)
+    if recorder.counts.unwritable:
+        raise typer.Exit(LOST)
     if went_away:
         raise BadDevice(f"{spec.text} must stay connected with --no-reconnect (got: {went_away})")
 

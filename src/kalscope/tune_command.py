@@ -66,7 +66,7 @@ def tune_command(
     bandwidth_hz: Annotated[str | None, _number("--bandwidth-hz", "Noise bandwidth for --density, Hz.")] = None,
     r: Annotated[str | None, _number("--r", "Known measurement-noise variance, unit²; q is estimated.")] = None,
     sample_period: Annotated[
-        str | None, _number("--sample-period", "Sample period in s, where SOURCE says none.")
+        str | None, _number("--sample-period", "Sample period in s; overrules that of SOURCE.")
     ] = None,
     delimiter: Delimiter = None,
     time_column: TimeColumnChoice = None,
@@ -111,6 +111,7 @@ def _tune(
     from kalscope import cli
     from kalscope.progress_line import ProgressLine
     from kalscope.sources import open_source
+    from kalscope.sources.account import overruled
     from kalscope.tune_answer import answer_for
     from kalscope.tuning import save_tuning
 
@@ -121,12 +122,13 @@ def _tune(
     with ProgressLine(sys.stderr) as line:
         for i, name in enumerate(names):
             answers.append(answer_for(recording, name, wanted, line.part(name, i, len(names))))
-    notes: list[str] = []
+    notes = [overruled(recording)] if "--sample-period" in given else []
     if output is not None:
-        tuning, notes = _tuning(recording, answers, output)
+        tuning, more = _tuning(recording, answers, output)
+        notes += more
         save_tuning(tuning, output)
     cli._write(iter([_json(recording, answers, every) if as_json else _text(recording, answers)]), None)
-    for note in notes:
+    for note in filter(None, notes):
         cli._say(f"note: {note}")
 
 

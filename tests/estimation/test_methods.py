@@ -262,3 +262,17 @@ def test_a_long_fit_can_be_cancelled():
 def test_bad_settings_are_refused(z, options):
     with pytest.raises(BadSetting):
         estimate(z, **options)
+
+
+def test_a_method_that_misses_what_the_record_shows_does_not_blame_the_record():
+    rng = np.random.default_rng(0)
+    z = np.cumsum(0.1 * rng.standard_normal(2000)) + rng.standard_normal(2000)
+    blind = estimate(z, "moments")
+    assert blind.verdict == "no_movement"
+    assert blind.ratio_interval[0] > 0.0
+    assert "more about the method than about the record" in blind.message
+
+
+@pytest.mark.parametrize(("z", "n"), [([], 0), ([math.nan] * 10, 0), ([1.0, math.nan], 1), ([1.0, 2.0, 3.0], 3)])
+def test_too_few_readings_are_counted(z, n):
+    assert f"({n})" in estimate(z).message

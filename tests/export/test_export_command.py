@@ -81,6 +81,14 @@ def test_vectors_of_a_recording_come_along(tuning_file, tmp_path):
     assert len(rows) == 51
 
 
+def test_vectors_of_another_sample_period_are_said(tuning_file, tmp_path, capfd):
+    recording = tmp_path / "r.csv"
+    recording.write_text("time,raw\n" + "".join(f"{i / 10},{i % 7}\n" for i in range(50)))
+    command = ["export", str(tuning_file), "--to", "json", "-o", str(tmp_path / "out"), "--channel", "raw"]
+    assert cli.run([*command, "--vectors", str(recording)]) == 0
+    assert "their rows are 0.1 s apart, the tuning is for 0.01 s" in capfd.readouterr().err
+
+
 def test_files_that_are_there_stay_unless_forced(tuning_file, tmp_path, capfd):
     out = tmp_path / "out"
     out.mkdir()

@@ -19,7 +19,7 @@ import pytest
 import yaml
 from ruamel.yaml import YAML
 
-from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, steady_state
+from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, kalman_filter, steady_state
 from kalscope.export import TARGETS
 from kalscope.export.float32 import filter_float32
 
@@ -105,6 +105,16 @@ def test_a_matlab_script_runs_without_samples(shared, tmp_path):
     write(export_tuning(shared.tuning, "matlab", channel="diffuse"), tmp_path)
     script = "no_plot = true; kalman_diffuse; printf('%d %d', numel(buff_xk), any(isnan(buff_xk)));"
     assert run("octave-cli", "--norc", "--quiet", "--eval", script, cwd=tmp_path).split() == ["100", "0"]
+
+
+@needs("octave-cli")
+def test_a_matlab_script_takes_whole_counts_without_rounding_its_answers(shared, tmp_path):
+    write(export_tuning(shared.tuning, "matlab", channel="diffuse"), tmp_path)
+    z = [100, 103, 101, 106, 99]
+    script = f"no_plot = true; z = int16({z}); kalman_diffuse; printf('%.17g ', buff_xk);"
+    out = run("octave-cli", "--norc", "--quiet", "--eval", script, cwd=tmp_path).split()
+    expected = kalman_filter(z, shared.tuning.channel("diffuse").params).x
+    np.testing.assert_array_equal([float(word) for word in out], expected)
 
 
 def same_numbers(channel, q, r, p0, x0, gate):
@@ -207,6 +217,17 @@ def test_bachagas_is_the_same_filter_under_gcc(shared, tmp_path):
     numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*shared.x.shape, 2)
     np.testing.assert_array_equal(numbers[..., 0], shared.x)
     np.testing.assert_array_equal(numbers[..., 1], shared.k)
+
+
+@needs("g++")
+def test_bachagas_names_do_not_meet_its_own(tmp_path):
+    names = ("channel", "update", "温度", "filter", "state", "KALSCOPE_BACHAGAS_H")
+    tuning = Tuning(tuple(ChannelTuning(name, "", 0.1, 1.0) for name in names))
+    (text,) = export_tuning(tuning, "bachagas").values()
+    (tmp_path / "Kalman.h").write_text(BACHAGAS)
+    (tmp_path / "kalscope_bachagas.h").write_text(text)
+    (tmp_path / "main.cpp").write_text('#include "kalscope_bachagas.h"\n')
+    run("g++", "-std=c++11", "-c", "main.cpp", "-o", "main.o", cwd=tmp_path)
 
 
 @needs("gcc")

@@ -130,6 +130,7 @@ def test_the_names_stay_when_the_board_comes_back_with_or_without_its_header():
     [
         (b"temp,hum\n7,8\n9,10\n", ["temp", "hum"]),
         (b"temp,hum,dew\n7,8,9\n9,10,11\n", ["temp", "hum", "dew"]),
+        (b"Na,K\n7,8\n9,10\n", ["Na", "K"]),
         (b"u:7\nu:8\n", ["u"]),
     ],
 )

@@ -106,6 +106,22 @@ def test_names_may_stand_in_the_comment_above_the_data():
     assert [column.name for column in layout.columns] == ["time", "ax"]
 
 
+@pytest.mark.parametrize(
+    ("lines", "names"),
+    [
+        (["t,Na", "0.0,1", "0.1,2"], ["t", "Na"]),
+        (["K;Na;Cl", "1;2;3", "2;3;4"], ["K", "Na", "Cl"]),
+        (["# t Na", "0.0 1", "0.1 2"], ["t", "Na"]),
+        (["place,NA", "b,3", "c,4"], ["", "value 1"]),  # the text of a row whose sample is missing
+        (["NA,NA", "1,2", "2,3"], ["value 1", "value 2"]),
+    ],
+)
+def test_sodium_beside_other_names_is_a_name_and_na_in_a_row_a_missing_sample(lines, names):
+    layout = sniff(lines)
+    assert layout is not None
+    assert [column.name for column in layout.columns] == names
+
+
 def test_boot_text_above_the_header_is_passed_over():
     layout = sniff(["rst:0x1 (POWERON_RESET),boot:0x13", "ip 192.0.2.7", "t,a", "0.0,1", "0.1,2", "0.2,2"])
     assert layout is not None

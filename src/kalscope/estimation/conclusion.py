@@ -37,7 +37,7 @@ def each_channel(
     found: list[Estimate] = []
     for c, column in enumerate(columns):
         data = _informative(differences(column, steps))
-        verdict, message = _without_looking(data)
+        verdict, message = _without_looking(data, min(data.m + 1, int(np.isfinite(column).sum())))
         if verdict:
             found.append(_estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), verdict, message))
         else:
@@ -83,11 +83,11 @@ def _informative(data: Differences) -> Differences:
     return data if new.all() else Differences(data.d[new], data.gap[new], data.scale)
 
 
-def _without_looking(data: Differences) -> tuple[str, str]:
-    if data.m + 1 < words.MIN_SAMPLES:
-        return "too_few", words.too_few(data.m + 1)
+def _without_looking(data: Differences, n: int) -> tuple[str, str]:
+    if n < words.MIN_SAMPLES:
+        return "too_few", words.too_few(n)
     if not data.d.any():
-        return "constant", words.constant(data.m + 1)
+        return "constant", words.constant(n)
     return "", ""
 
 
@@ -102,9 +102,10 @@ def _judge(pair: Pair, peak: Peak) -> str:
 def _say(verdict: str, data: Differences, pair: Pair, peak: Peak) -> str:
     low, high = (exp(end) for end in peak.interval)
     if verdict == "no_noise":
-        return words.no_noise(data, (gain_of(low), gain_of(high)))
+        seen = high < math.inf
+        return words.blind("noise", low, high) if seen else words.no_noise(data, (gain_of(low), gain_of(high)))
     if verdict == "no_movement":
-        return words.no_movement(lag_of(high))
+        return words.blind("movement", low, high) if low > 0.0 else words.no_movement(lag_of(high))
     if verdict == "flat":
         return words.flat()
     if verdict == "not_converged":

@@ -72,6 +72,14 @@ def no_movement(lag_low: float) -> str:
     )
 
 
+def blind(kind: str, low: float, high: float) -> str:
+    """This method found none of `kind`, "noise" or "movement"; the likelihood excludes that there is none."""
+    return (
+        f"This method finds no {kind} here, but that says more about the method than about the record: by its "
+        f"likelihood the record allows only q/r from {low:.3g} to {high:.3g}. Take the maximum-likelihood pair."
+    )
+
+
 def flat() -> str:
     """Every λ from 0 to ∞ explains the record nearly as well."""
     return (

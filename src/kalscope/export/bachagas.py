@@ -15,7 +15,7 @@ _HEADER = """\
 // For Kalman.h of bachagas: kalman_init(q, r, p, initial value), then kalman_update, the same formula.
 // By itself that library lets one NaN spoil all that follows and starts at the value it is given;
 // kalscope_update() below adds missing samples (predict only), the start and the gate.
-// Call x = kalscope_update(&kalscope_NAME, z) once a sample. On an AVR board double is float32.
+// Call x = kalscope_update(&kalscope_filter_NAME, z) once a sample. On an AVR board double is float32.
 #ifndef KALSCOPE_BACHAGAS_H
 #define KALSCOPE_BACHAGAS_H
 
@@ -72,5 +72,5 @@ def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> str:
     init = f"kalman_init({number_text(channel.q)}, {number_text(channel.r)}, {p0}, {x0})"
     return (
         commented(about_channel(job, channel), "//")
-        + f"static kalscope_channel kalscope_{word} = {{{init}, {gate}, 0}};\n"
+        + f"static kalscope_channel kalscope_filter_{word} = {{{init}, {gate}, 0}};\n"
     )

@@ -26,7 +26,7 @@ buff_xk = NaN(size(z));
 buff_Kk = zeros(size(z));
 
 for kk = 1:numel(z)
-    zk = z(kk);
+    zk = double(z(kk));  % integers would round what follows
     Kk = 0;
     Pk = Pk + Q;
     if isnan(zk)

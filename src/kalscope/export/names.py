@@ -59,18 +59,21 @@ def identifier(name: str) -> str:
 
 
 def identifiers(names: Iterable[str]) -> tuple[str, ...]:
-    """An identifier for each name, in order, no two alike: the second "temp" becomes temp_2."""
+    """An identifier for each name, in order, no two alike: the second "temp" becomes temp_2.
+
+    Nor is one the other's `_filtered`, which is what sketches call the second column of a channel.
+    """
     taken: set[str] = set()
     last: dict[str, int] = {}
     chosen: list[str] = []
     for word in map(identifier, names):
         candidate, number = word, last.get(word, 1)
-        while candidate in taken:
+        while not taken.isdisjoint((candidate, f"{candidate}_filtered")):
             number += 1
             ending = f"_{number}"
             candidate = word[: IDENTIFIER_LENGTH - len(ending)].rstrip("_") + ending
         last[word] = number
-        taken.add(candidate)
+        taken.update((candidate, f"{candidate}_filtered"))
         chosen.append(candidate)
     return tuple(chosen)
 

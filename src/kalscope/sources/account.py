@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from kalscope.recording import Recording
 
 
@@ -40,6 +42,18 @@ def account(recording: Recording) -> str:
     if more > 0:
         lines.append(f"  and {more} more")
     return "".join(f"{_plain(line)}\n" for line in lines)
+
+
+def overruled(recording: Recording) -> str:
+    """A sentence where the sample period is not that of the recording's own time; "" where they agree to 1 %."""
+    steps = np.diff(recording.time)
+    steps = steps[steps > 0.0]
+    if recording.sample_period is None or not len(steps):
+        return ""
+    own = float(np.median(steps))
+    if abs(recording.sample_period - own) <= 0.01 * own:
+        return ""
+    return f"the sample period is taken as {recording.sample_period:.6g} s; by its time it would be {own:.6g} s"
 
 
 def _channels(recording: Recording) -> str:

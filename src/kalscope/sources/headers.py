@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from kalscope.sources.cells import MISSING, is_comment, is_number, parse_number, split_fields
 from kalscope.sources.columns import Cells, Column, are_units, bare_unit, named_column
 from kalscope.sources.line_format import LineFormat
-from kalscope.sources.tables import HeadLine, Table, only_text
+from kalscope.sources.tables import HeadLine, Table, are_names
 
 _COMMENT_NAME_LENGTH = 40
 _MARKS = {"\t": "tabs", " ": "blanks"}
@@ -37,13 +37,13 @@ def read_header(head: Sequence[str], lines: list[HeadLine], table: Table, wanted
         return Header(_unnamed(width), (), first, (table_note(form), "no header line, as was asked"))
     above = [line for line in lines if line.number < first]
     rows = [(line.number, tuple(split_fields(line.text, form.delimiter))) for line in reversed(above[-2:])]
-    fits = [only_text(cells, form.decimal) and _names_fit(cells, width) for _, cells in rows]
+    fits = [are_names(cells, table.rows[0][1], form.decimal) and _names_fit(cells, width) for _, cells in rows]
     if fits == [True, True] and len(rows[0][1]) == width and are_units(rows[0][1]):
         return _with_units(rows, table, first)
     if fits and fits[0]:
         return _named(rows[0], table, first)
     if wanted is None:
-        commented = _commented_header(head, form, width, first)
+        commented = _commented_header(head, table, first)
         if commented is not None:
             said = (table_note(form), f"names from comment line {commented[0]}")
             return Header(_columns(commented[1], width), (commented,), first, said)
@@ -96,14 +96,15 @@ def _names_fit(names: Cells, width: int) -> bool:
     return len(names) == width or (width > 2 and width - 1 <= len(names) <= 2 * width)
 
 
-def _commented_header(head: Sequence[str], form: LineFormat, width: int, first: int) -> tuple[int, Cells] | None:
+def _commented_header(head: Sequence[str], table: Table, first: int) -> tuple[int, Cells] | None:
     """The last comment above the data where it is a list of names, as `# time ax ay` of numpy.savetxt."""
     for number in range(first - 1, 0, -1):
         text = head[number - 1]
         if is_comment(text):
-            names = tuple(split_fields(text.strip(" \t").lstrip("#%/").strip(), form.delimiter))
-            listed = len(names) == width > 1 and all(map(_is_name, names))
-            return (number, names) if listed and only_text(names, form.decimal) else None
+            names = tuple(split_fields(text.strip(" \t").lstrip("#%/").strip(), table.form.delimiter))
+            listed = len(names) == table.width > 1 and all(map(_is_name, names))
+            named = listed and are_names(names, table.rows[0][1], table.form.decimal)
+            return (number, names) if named else None
     return None
 
 

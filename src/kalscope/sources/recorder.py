@@ -144,7 +144,7 @@ class Recorder:
         self._layout: Layout | None = None
         self._encode = None
         self._width = 0
-        self._taken = self._written = self._rejected = self._dropped = self._other = 0
+        self._taken = self._written = self._rejected = self._dropped = self._unwritable = self._other = 0
         self._room = RoomWatch(path.parent)
         self._lock = threading.Lock()
         self._closed = False
@@ -212,7 +212,7 @@ class Recorder:
             self._closed = True
             self._flush(at_once=True)
             for file in self._files():
-                self._dropped += file.give_up()
+                self._refused(file.give_up())
             self._publish()
             if not self._csv.trouble:
                 self._csv.put_note(f"# end: {self.counts}\n", self._clock())
@@ -256,7 +256,7 @@ class Recorder:
                 self._reject(host, at, event, (why,), 1)
                 return
             rows = "".join(self._encode(host, row) for row in event.rows)
-            self._dropped += not self._csv.put(rows.encode(), at, 1)
+            self._refused(not self._csv.put(rows.encode(), at, 1))
             if event.issues:  # of single cells: the row has empty cells there
                 self._reject(host, at, event, event.issues, 0)
         elif event.kind == "rejected":
@@ -270,7 +270,12 @@ class Recorder:
 
     def _reject(self, host: float, at: float, event: LineEvent, issues: Sequence[LineIssue], lines: int) -> None:
         if not self._rejects.put(host, at, self._wall - self._offset, event, issues, lines):
-            self._dropped += lines
+            self._refused(lines)
+
+    def _refused(self, lines: int) -> None:
+        """Lines that the disk did not take."""
+        self._dropped += lines
+        self._unwritable += lines
 
     def _flush(self, *, at_once: bool = False) -> None:
         now = self._clock()
@@ -287,7 +292,13 @@ class Recorder:
     def _publish(self) -> None:
         waiting = sum(file.waiting for file in self._files())
         self.counts = RecorderCounts(
-            self._taken - waiting, self._written, self._rejected, self._dropped, waiting, self._other
+            received=self._taken - waiting,
+            written=self._written,
+            rejected=self._rejected,
+            dropped=self._dropped,
+            unwritable=self._unwritable,
+            waiting=waiting,
+            other=self._other,
         )
         troubles = (getattr(file, name) for name in ("trouble", "sync_trouble") for file in self._files())
         self.trouble = next(filter(None, troubles), "")

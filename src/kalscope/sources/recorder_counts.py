@@ -17,6 +17,8 @@ class RecorderCounts:
     """Lines that are in NAME.rejects because they are no row."""
     dropped: int = 0
     """Lines that are in neither: lost before they were handed over, or while the disk was full for too long."""
+    unwritable: int = 0
+    """Of the dropped lines, those that the disk refused for too long."""
     waiting: int = 0
     """Lines in memory, because the disk refuses them just now; received when they reach it or are dropped."""
     other: int = 0
@@ -28,4 +30,4 @@ class RecorderCounts:
             f"received {self.received} lines = {self.written} written + {self.rejected} rejected"
             f" + {self.dropped} dropped"
         )
-        return told + (f"; {self.other} others" if self.other else "")
+        return told + (f"; {self.other} other{'s' * (self.other != 1)}" if self.other else "")

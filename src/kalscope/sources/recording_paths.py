@@ -53,6 +53,8 @@ def check_free(path: Path) -> None:
     Raises:
         BadFile: Nothing could be recorded under this name; a free one is proposed.
     """
+    if not path.name or path.is_dir():
+        raise BadFile(f"a recording must be a file (got {str(path)!r})")
     if path.suffix.lower() in (".rejects", ".torn"):
         raise BadFile(f"a recording must not end in .rejects or .torn (got {path.name!r})")
     if _is_taken(path):

@@ -85,6 +85,18 @@ def only_text(cells: Cells | list[str], decimal: str) -> bool:
     )
 
 
+def are_names(cells: Cells | list[str], below: Cells, decimal: str) -> bool:
+    """True for a header above the row `below`. One "Na" in it is sodium where another name is above a number."""
+    others = [cell for cell in cells if cell.lower() != "na"]
+    if len(others) == len(cells):
+        return only_text(cells, decimal)
+    is_above = any(
+        cell and cell.lower() != "na" and is_number(under, decimal)
+        for cell, under in zip(cells, below, strict=False)
+    )
+    return is_above and len(others) == len(cells) - 1 and only_text(others, decimal)
+
+
 def _likeness(cells: Cells, decimal: str) -> float:
     """Share of the cells that a data line may hold; 0 where none is a number."""
     numbers = sum(is_number(cell, decimal) for cell in cells)
@@ -164,4 +176,4 @@ def _header_fits(lines: list[HeadLine], table: Table) -> bool:
         return False
     cells = split_fields(above[-1].text, table.form.delimiter)
     whole = table.form.decimal != "," or not any("," in cell for cell in cells)
-    return whole and len(cells) == table.width and only_text(cells, table.form.decimal)
+    return whole and len(cells) == table.width and are_names(cells, table.rows[0][1], table.form.decimal)
