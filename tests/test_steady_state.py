@@ -115,8 +115,6 @@ def test_arrays_are_answered_channel_by_channel():
         ({"gain": -0.1}, "gain must be a finite number above 0 (got -0.1)"),
         ({"lag_samples": math.nan}, "lag_samples must be a finite number above 0 (got nan)"),
         ({"lag_s": 0.1}, "lag_s needs sample_period"),
-        ({"lag_samples": 1e200}, "lag_samples must belong to a q/r that a float can hold (got 1e+200)"),
-        ({"noise_reduction_db": 5000.0}, "noise_reduction_db must belong to a q/r"),
         (
             {"cutoff_hz": 30.0, "sample_period": T},
             "cutoff_hz must be at most half the sample rate, 25 Hz (got 30)",

@@ -87,6 +87,9 @@ def ratio_for(
         noise_reduction_db: white noise in to out, > 0 dB: with ρ = 10^(−dB/10), λ = 4ρ²/(1 − ρ²).
         sample_period: nominal sample period in s.
 
+    Returns:
+        λ; 0 where it is too small for a float, as for lags beyond 1e154 samples.
+
     Raises:
         BadSetting: no wish or several, one out of range, or a wish in s or Hz without a sample period.
     """
@@ -101,14 +104,7 @@ def ratio_for(
     if len(given) != 1:
         raise BadSetting(f"exactly one of {', '.join(wishes)} must be given (got {', '.join(given) or 'none'})")
     ((name, wish),) = given.items()
-    ratio = _ratio_of(name, _positive(name, wish), sample_period)
-    if not 0.0 < ratio < math.inf:
-        raise BadSetting(f"{name} must belong to a q/r that a float can hold (got {wish:g})")
-    return ratio
-
-
-def _ratio_of(name: str, value: float, sample_period: float | None) -> float:
-    """λ of one wish, > 0; it may round to 0."""
+    value = _positive(name, wish)
     if name == "gain":
         if value >= 1.0:
             raise BadSetting(f"gain must lie between 0 and 1 (got {value:g})")
@@ -122,7 +118,7 @@ def _ratio_of(name: str, value: float, sample_period: float | None) -> float:
         raise BadSetting(f"{name} needs sample_period, the time between two samples in s (got None)")
     period = _positive("sample_period", sample_period)
     if name == "lag_s":
-        return _ratio_of("lag_samples", value / period, None)
+        return ratio_for(lag_samples=value / period)
     if value * period > 0.5:
         raise BadSetting(f"cutoff_hz must be at most half the sample rate, {0.5 / period:g} Hz (got {value:g})")
     return 4.0 * math.sin(math.pi * value * period) ** 2

@@ -464,7 +464,7 @@ def test_what_waits_for_a_full_disk_is_bounded_and_the_rest_is_counted_as_droppe
         recorder.write([(clock.now, row(i, i))], layout)
         assert law_holds(recorder.counts)
     kept = int(recording_file.WAIT_S) + 1
-    assert recorder.counts == RecorderCounts(200 - kept + 1, 1, 0, 200 - kept, waiting=kept)
+    assert recorder.counts == RecorderCounts(200 - kept + 1, 1, 0, 200 - kept, 200 - kept, waiting=kept)
     disk.room = 1_000_000
     clock.now = STARTED + 201
     recorder.write([(clock.now, row(201, 201))], layout)
@@ -536,7 +536,7 @@ def test_closing_on_a_full_disk_counts_what_waited_as_dropped(tmp_path, monkeypa
     hand_over(recorder, b"1,2\n3,4\n")
     monkeypatch.setattr(recording_file.os, "write", FullDisk(5))
     hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
-    assert recorder.close() == RecorderCounts(4, 2, 0, 2)
+    assert recorder.close() == RecorderCounts(4, 2, 0, 2, 2)
     assert len(data_lines(tmp_path / "run.csv")) == 2
     assert "full" in recorder.trouble
 
