@@ -162,7 +162,7 @@ def test_a_board_that_goes_away_ends_it_where_that_was_asked_for(tmp_path):
 
 
 def test_lines_that_the_disk_refused_end_in_status_1(tmp_path):
-    """The same kill-safe recorder, held to a file size that the disk would otherwise set."""
+    """The limit on the size of a file stands for the disk that is full."""
     path = tmp_path / "run.csv"
     limit = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
     limit += " resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096));"

@@ -72,10 +72,10 @@ def record_command(
     said = summary(recorder)
     with suppress(OSError):  # the terminal may be gone: the recording is whole all the same
         print(said, flush=True)
-    if recorder.counts.unwritable:
-        raise typer.Exit(LOST)
     if went_away:
         raise BadDevice(f"{spec.text} must stay connected with --no-reconnect (got: {went_away})")
+    if recorder.counts.unwritable:
+        raise typer.Exit(LOST)
 
 
 class StatusLine:

@@ -229,7 +229,7 @@ class ListRecorder:
 
 
 def test_the_recorder_is_told_every_line_before_it_is_shown(board, live, wait_for):
-    recorder = live._recorder = ListRecorder()
+    recorder = live._slot._recorder = ListRecorder()
     board.say(b"x\na,b\n" + lines(0, 1000))
     wait_for(received(live, 1000))
     board.unplug()

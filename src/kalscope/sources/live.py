@@ -14,9 +14,12 @@ import math
 import os
 import threading
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from queue import Empty
 from typing import TYPE_CHECKING, Self
+
+import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.sources.clock import SYSTEM, Clock
@@ -26,6 +29,7 @@ from kalscope.sources.live_samples import LiveSamples, Snapshot
 from kalscope.sources.live_status import LineRate, LiveStatus, RecordingStatus, hint_of, recording_status
 from kalscope.sources.live_talk import LONGEST_COMMAND, Talk
 from kalscope.sources.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.recorder_slot import RecorderSlot
 from kalscope.sources.serial_port import Came, Lost, Opened, PortReader, PortSpec, Word, port_of
 
 if TYPE_CHECKING:
@@ -85,8 +89,7 @@ class LiveSource:
         self._asleep = clock.asleep()
         self._lost_at: float | None = None
         self._line_at = -math.inf  # when the last whole line had come: a read may bring only part of one
-        self._recorder: Recorder | None = None
-        self._recorder_lock = threading.Lock()
+        self._slot = RecorderSlot()
         self._talk = Talk(self._reader.write)
 
     def start(self, *, require: bool = False) -> None:
@@ -141,7 +144,7 @@ class LiveSource:
 
     def status(self) -> LiveStatus:
         """How it stands now."""
-        state, recorder = self._reader.state, self._recorder
+        state, recorder = self._reader.state, self._slot.recorder
         with self._lock:
             counts, time = replace(self._lines.counts), self._samples.time
             period, jitter, by_device = time.period, time.jitter, time.by_device
@@ -167,8 +170,8 @@ class LiveSource:
 
     @property
     def recorder(self) -> Recorder | None:
-        """The recorder that runs, or the last one that did not stop cleanly; None where none runs."""
-        return self._recorder
+        """The recorder that runs; None where none does."""
+        return self._slot.recorder
 
     def record(self, path: str | os.PathLike[str], *, resume: bool = False) -> Recorder:
         """Write what comes from now on to a new file, raw, before it is shown.
@@ -181,22 +184,12 @@ class LiveSource:
             BadSetting: a recording runs already.
             BadFile: the file cannot be written, or is there already; to resume: it is no recording.
         """
-        from kalscope.sources.recorder import Recorder
-
-        with self._recorder_lock:
-            if self._recorder is not None:
-                raise BadSetting("a recording must be stopped before the next begins (got one that runs)")
-            started, wall = self._clock.monotonic(), self._clock.wall()
-            begin = Recorder.resume if resume else Recorder
-            self._recorder = begin(Path(path), source=self.spec.text, started=started, wall=wall)
-            return self._recorder
+        started, wall = self._clock.monotonic(), self._clock.wall()
+        return self._slot.begin(Path(path), source=self.spec.text, started=started, wall=wall, resume=resume)
 
     def stop_recording(self) -> None:
         """End the recording and close its file; does nothing where none runs."""
-        with self._recorder_lock:
-            recorder, self._recorder = self._recorder, None
-            if recorder is not None:
-                recorder.close()
+        self._slot.end()
 
     def send(self, line: str, timeout: float = 2.0) -> tuple[str, ...]:
         """Send one line to the board and wait for its answer, the next line that begins with #.
@@ -219,7 +212,7 @@ class LiveSource:
             try:
                 item = self._reader.items.get(timeout=TICK)
             except Empty:
-                self._record([], self._layout)
+                self._slot.write([], self._layout)
                 self._rate.note(self._clock.monotonic(), self._lines.counts.received)
                 if stop.is_set():
                     return
@@ -239,7 +232,7 @@ class LiveSource:
         self._line_at = opened.at
         if self._lost_at is not None:
             self._samples.time.broke_off()
-            self._gap("unplug", opened.at - self._lost_at)
+            self._slot.gap("unplug", opened.at - self._lost_at)
             self._lost_at = None
 
     def _on_lost(self, lost: Lost) -> None:
@@ -259,42 +252,28 @@ class LiveSource:
         if not batch:
             return
         begin, self._line_at = max(self._line_at, came.begin - _PART_OF_A_LINE), came.end
-        step = (came.end - begin) / len(batch)
-        stamped = [(begin + (i + 1) * step, event) for i, (event, _) in enumerate(batch)]
-        start = 0
-        for i in range(1, len(batch) + 1):
-            if i == len(batch) or batch[i][1] is not batch[start][1]:
-                self._hand_on(stamped[start:i], batch[start][1])
-                start = i
+        moments = np.linspace(begin, came.end, len(batch) + 1)[1:].tolist()
+        stamped = [(at, event, layout) for at, (event, layout) in zip(moments, batch, strict=True)]
+        for _, run in groupby(stamped, key=lambda line: id(line[2])):
+            lines = list(run)
+            self._hand_on([(at, event) for at, event, _ in lines], lines[0][2])
 
     def _hand_on(self, stamped: list[tuple[float, LineEvent]], layout: Layout | None) -> None:
-        self._record(stamped, layout)
+        self._slot.write(stamped, layout)
         self._talk.hear(event for _, event in stamped)
         self._layout = layout
         if layout is not None:
             with self._lock:
                 self._samples.keep(stamped, layout)
 
-    def _record(self, stamped: list[tuple[float, LineEvent]], layout: Layout | None) -> None:
-        with self._recorder_lock:
-            if self._recorder is not None:
-                self._recorder.write(stamped, layout)
-
-    def _gap(self, kind: str, seconds: float) -> None:
-        with self._recorder_lock:
-            if self._recorder is not None:
-                self._recorder.gap(kind, seconds)
-
     def _tell_dropped(self) -> None:
         count, self._lines.untold = self._lines.untold, 0
         if count:
-            with self._recorder_lock:
-                if self._recorder is not None:
-                    self._recorder.drop(count)
+            self._slot.drop(count)
 
     def _look_for_sleep(self) -> None:
         asleep = self._clock.asleep()
         slept, self._asleep = asleep - self._asleep, asleep
         if slept > _SLEEP:
             self._samples.time.broke_off(slept)
-            self._gap("suspend", slept)
+            self._slot.gap("suspend", slept)

@@ -21,7 +21,7 @@ from kalscope.atomic import sync_folder
 from kalscope.recording import LineIssue
 from kalscope.sources.disk_room import RoomWatch
 from kalscope.sources.line_reader import LineEvent
-from kalscope.sources.recorder_counts import RecorderCounts
+from kalscope.sources.recorder_counts import RecorderCounts, Tally
 from kalscope.sources.recording_file import AppendFile, SyncThread
 from kalscope.sources.recording_format import escaped, header_line, preamble, restart_note, row_encoder
 from kalscope.sources.recording_paths import (
@@ -144,7 +144,7 @@ class Recorder:
         self._layout: Layout | None = None
         self._encode = None
         self._width = 0
-        self._taken = self._written = self._rejected = self._dropped = self._unwritable = self._other = 0
+        self._tally = Tally()
         self._room = RoomWatch(path.parent)
         self._lock = threading.Lock()
         self._closed = False
@@ -200,8 +200,8 @@ class Recorder:
         """Count lines that were lost before they could be handed over."""
         with self._lock:
             if not self._closed:
-                self._taken += count
-                self._dropped += count
+                self._tally.taken += count
+                self._tally.dropped += count
                 self._publish()
 
     def close(self) -> RecorderCounts:
@@ -212,7 +212,7 @@ class Recorder:
             self._closed = True
             self._flush(at_once=True)
             for file in self._files():
-                self._refused(file.give_up())
+                self._tally.refused(file.give_up())
             self._publish()
             if not self._csv.trouble:
                 self._csv.put_note(f"# end: {self.counts}\n", self._clock())
@@ -250,38 +250,33 @@ class Recorder:
     def _take(self, at: float, event: LineEvent) -> None:
         host = at - self._started + self._offset
         if event.kind == "row":
-            self._taken += 1
+            self._tally.taken += 1
             if self._encode is None or any(len(row) != self._width for row in event.rows):
                 why = LineIssue(event.number, f"must have {self._width} values, as the columns say", event.text)
                 self._reject(host, at, event, (why,), 1)
                 return
             rows = "".join(self._encode(host, row) for row in event.rows)
-            self._refused(not self._csv.put(rows.encode(), at, 1))
+            self._tally.refused(not self._csv.put(rows.encode(), at, 1))
             if event.issues:  # of single cells: the row has empty cells there
                 self._reject(host, at, event, event.issues, 0)
         elif event.kind == "rejected":
-            self._taken += 1
+            self._tally.taken += 1
             self._reject(host, at, event, event.issues, 1)
         else:
-            self._other += 1
+            self._tally.other += 1
             if event.kind != "blank":
                 why = LineIssue(event.number, f"is {_WHAT.get(event.kind, event.kind)}", event.text)
                 self._reject(host, at, event, (why,), 0)
 
     def _reject(self, host: float, at: float, event: LineEvent, issues: Sequence[LineIssue], lines: int) -> None:
         if not self._rejects.put(host, at, self._wall - self._offset, event, issues, lines):
-            self._refused(lines)
-
-    def _refused(self, lines: int) -> None:
-        """Lines that the disk did not take."""
-        self._dropped += lines
-        self._unwritable += lines
+            self._tally.refused(lines)
 
     def _flush(self, *, at_once: bool = False) -> None:
         now = self._clock()
         for file in (*self._older, self._csv):
-            self._written += file.flush(now, at_once=at_once)
-        self._rejected += self._rejects.file.flush(now, at_once=at_once)
+            self._tally.written += file.flush(now, at_once=at_once)
+        self._tally.rejected += self._rejects.file.flush(now, at_once=at_once)
         for file in [file for file in self._older if file.idle]:
             self._older.remove(file)
             file.close()
@@ -291,14 +286,6 @@ class Recorder:
 
     def _publish(self) -> None:
         waiting = sum(file.waiting for file in self._files())
-        self.counts = RecorderCounts(
-            received=self._taken - waiting,
-            written=self._written,
-            rejected=self._rejected,
-            dropped=self._dropped,
-            unwritable=self._unwritable,
-            waiting=waiting,
-            other=self._other,
-        )
+        self.counts = self._tally.counts(waiting)
         troubles = (getattr(file, name) for name in ("trouble", "sync_trouble") for file in self._files())
         self.trouble = next(filter(None, troubles), "")
