@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, kalman_filter
+from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, kalman_filter, starting_params
 from kalscope.kernels import GATE_LIMIT
 
 NILE_Q, NILE_R = 1469.1, 15099.0
@@ -341,10 +341,11 @@ def test_the_gate_cannot_lock_out_a_step():
 
 
 def test_a_masked_sample_is_missing():
-    masked = np.ma.array([1, 2, 5], mask=[False, True, False])
-    np.testing.assert_array_equal(
-        kalman_filter(masked, FilterParams(1, 1)).x, kalman_filter([1, math.nan, 5], FilterParams(1, 1)).x
-    )
+    masked, plain = np.ma.array([1, 2, 5, 4], mask=[False, True, False, False]), [1, math.nan, 5, 4]
+    params = FilterParams(1, 1)
+    np.testing.assert_array_equal(kalman_filter(masked, params).x, kalman_filter(plain, params).x)
+    np.testing.assert_array_equal(KalmanFilter(params).update(masked), KalmanFilter(params).update(plain))
+    assert starting_params(masked).r == starting_params(plain).r
 
 
 # --- what is refused ------------------------------------------------------------------------------------

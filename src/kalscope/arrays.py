@@ -3,26 +3,41 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.errors import BadSetting
-from kalscope.model import FilterParams, Parameter
+
+if TYPE_CHECKING:
+    from kalscope.model import FilterParams, Parameter
 
 Array = NDArray[np.float64]
 
 
-def columns_of(z: ArrayLike) -> tuple[Array, tuple[int, ...]]:
-    """Z as contiguous rows, one a channel (a view where it can be), and z's own shape; what is masked is NaN."""
+def samples_of(z: ArrayLike) -> Array:
+    """Z as float64, a view where it can be; what is masked is missing, so NaN."""
     if isinstance(z, np.ndarray) and np.iscomplexobj(z):  # asarray would drop the imaginary part
         raise BadSetting("z must be an array of real numbers (got complex ones)")
     try:
         array = np.asarray(z, dtype=np.float64)
-        if isinstance(z, np.ma.MaskedArray):
-            array = np.where(np.ma.getmaskarray(z), np.nan, array)
     except (TypeError, ValueError):
         raise BadSetting("z must be an array of numbers (got something else)") from None
+    return np.where(np.ma.getmaskarray(z), np.nan, array) if isinstance(z, np.ma.MaskedArray) else array
+
+
+def one_channel(z: ArrayLike, params: FilterParams) -> Array:
+    """Z as float64, shape (n,), for what looks at one signal with scalar parameters."""
+    samples = samples_of(z)
+    if samples.ndim != 1 or params.channels is not None:
+        raise BadSetting(f"z must be one channel, shape (n,), with scalar parameters (got {samples.shape})")
+    return samples
+
+
+def columns_of(z: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+    """Z as contiguous rows, one a channel (a view where it can be), and z's own shape."""
+    array = samples_of(z)
     if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
         raise BadSetting(f"z must have shape (n,) or (n, channels) (got {array.shape})")
     rows = array.reshape(1, -1) if array.ndim == 1 else array.T

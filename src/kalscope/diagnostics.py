@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope import advice, residual_kernels, residual_tests
+from kalscope.arrays import samples_of
 from kalscope.errors import BadSetting
 from kalscope.filtering import FilterResult, kalman_filter
 from kalscope.model import FilterParams
@@ -141,7 +142,7 @@ def diagnose_held_out(
         BadSetting: z is not 1-D or holds inf; dt does not fit z; lags is below 1; whatever `fit` raises.
     """
     _check_lags(lags)
-    samples = np.asarray(z, dtype=np.float64)
+    samples = samples_of(z)
     if samples.ndim != 1:
         raise BadSetting(f"z must have shape (n,) to be held out in part (got {samples.shape})")
     steps = None if dt is None else np.asarray(dt, dtype=np.float64)

@@ -12,7 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope import kernels
-from kalscope.arrays import Array, columns_of, infinite, kernel_values, refuse_infinite, shaped_like, steps_of
+from kalscope.arrays import (
+    Array,
+    columns_of,
+    infinite,
+    kernel_values,
+    refuse_infinite,
+    samples_of,
+    shaped_like,
+    steps_of,
+)
 from kalscope.errors import BadSetting
 from kalscope.model import FilterParams
 
@@ -145,7 +154,7 @@ class KalmanFilter:
             state = self._states[0]
             state.take(z, step)
             return state.x
-        samples = np.atleast_1d(np.asarray(z, dtype=np.float64))
+        samples = np.atleast_1d(samples_of(z))
         if np.ndim(z) == 1 and self._scalar:
             self._spread(len(samples))
         if samples.shape != (len(self._states),):

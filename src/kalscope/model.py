@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kalscope.arrays import samples_of
 from kalscope.errors import BadSetting
 
 LARGEST = 1e300
@@ -96,7 +97,7 @@ def starting_params(z: ArrayLike) -> FilterParams:
     even ramp, such as a counter, says nothing of noise: r is then (Δz)²/2, for var(Δz) is but the rounding of its
     steps. Nor does a signal that never moves: r is then (|z|/1000)², or 1 where z is 0.
     """
-    finite = np.asarray(z, dtype=np.float64)
+    finite = samples_of(z)
     finite = finite[np.isfinite(finite)]
     size = float(np.abs(finite).max(initial=0.0))
     half_variance = 0.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.errors import BadSetting
+from kalscope.arrays import one_channel
 from kalscope.estimation.allan import allan_variances
 from kalscope.filtering import kalman_filter
 from kalscope.model import FilterParams
@@ -113,9 +113,7 @@ def spectrum(
 
     Source: Welch (1967), IEEE Trans. AU-15, 70; Hann windows, half overlap, the mean of each segment taken off.
     """
-    samples = np.asarray(z, dtype=np.float64)
-    if samples.ndim != 1 or params.channels is not None:
-        raise BadSetting(f"z must be one channel, shape (n,), with scalar parameters (got {samples.shape})")
+    samples = one_channel(z, params)
     steady = steady_state(params, sample_period)
     period = 1.0 if sample_period is None else float(sample_period)
     curve = kalman_filter(samples, params, dt).x
@@ -155,9 +153,7 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
     Raises:
         BadSetting: z is not one channel, or params hold several.
     """
-    samples = np.asarray(z, dtype=np.float64)[:LONGEST_ALLAN]
-    if samples.ndim != 1 or params.channels is not None:
-        raise BadSetting(f"z must be one channel, shape (n,), with scalar parameters (got {samples.shape})")
+    samples = one_channel(z, params)[:LONGEST_ALLAN]
     period = 1.0 if sample_period is None else float(sample_period)
     there = np.isfinite(samples)
     level = float(samples[there].mean()) if there.any() else 0.0

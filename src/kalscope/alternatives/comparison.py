@@ -9,17 +9,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.alternatives.bench import bench_of
+from kalscope.alternatives.bench import Bench, bench_of
 from kalscope.alternatives.candidates import Candidate, at_lag, at_noise
 from kalscope.alternatives.errors import Errors
 from kalscope.alternatives.filters import exponential
 from kalscope.alternatives.identity import identity_words
 from kalscope.alternatives.verdict import Difference, difference, refusal, verdict
+from kalscope.arrays import one_channel
 from kalscope.errors import BadSetting
 from kalscope.filtering import FilterResult, kalman_filter
 from kalscope.model import FilterParams
 from kalscope.smoothing import smooth
-from kalscope.steady_state import steady_state
+from kalscope.steady_state import SteadyState, steady_state
 
 Array = NDArray[np.float64]
 Match = Literal["lag", "noise"]
@@ -127,29 +128,22 @@ def compare_alternatives(
     """
     if match not in ("lag", "noise"):
         raise BadSetting(f'match must be "lag" or "noise" (got {match!r})')
-    samples = np.asarray(z, dtype=np.float64)
-    if samples.ndim != 1 or params.channels is not None:
-        raise BadSetting(f"z must be one channel, shape (n,), with scalar parameters (got {samples.shape})")
+    samples = one_channel(z, params)
     first, last = stretch_of(len(samples), window)
     part = slice(first, last)
-    steps = None if dt is None else np.asarray(dt, dtype=np.float64)[part]
-    true = None if truth is None else np.asarray(truth, dtype=np.float64)[part]
     piece = np.ascontiguousarray(samples[part])
+    steps, true = (None if each is None else np.asarray(each, dtype=np.float64)[part] for each in (dt, truth))
     result = kalman_filter(piece, params, steps)
     steady = steady_state(params)
     lag, gain = float(steady.lag_samples), float(steady.gain)
     refused = refusal(piece, lag, gain)
-    chosen: tuple[Candidate, ...] = ()
-    if refused is None:
-        bench = bench_of(piece, result.x, lag)
-        chosen = at_lag(lag, bench) if match == "lag" else at_noise(gain / (2.0 - gain), bench)
+    chosen = () if refused is not None else _chosen(match, lag, gain, bench_of(piece, result.x, lag))
     begun = _begun(piece, [one for one in chosen if one.causal])
     errors = Errors(piece, true, begun, sample_period)
-    present = _present(result, params, steady.noise_reduction_db, lag, errors)
+    present = _present(result, steady, errors)
     if refused is not None:
-        return Comparison(
-            match, first, last, 0, present, (), refused, "", _note(first, last, len(samples), 0, true)
-        )
+        note = _note(first, last, len(samples), 0, true)
+        return Comparison(match, first, last, 0, present, (), verdict=refused, identity="", note=note)
     others = _others(chosen, present, errors, match)
     offline = _smoother(piece, params, steps, errors)
     return Comparison(
@@ -165,6 +159,10 @@ def compare_alternatives(
     )
 
 
+def _chosen(match: Match, lag: float, gain: float, bench: Bench) -> tuple[Candidate, ...]:
+    return at_lag(lag, bench) if match == "lag" else at_noise(gain / (2.0 - gain), bench)
+
+
 def stretch_of(n: int, window: tuple[int, int] | None) -> tuple[int, int]:
     """First sample and one past the last of the stretch to compare: all, or LIMIT around the middle of interest."""
     if n <= LIMIT:
@@ -174,10 +172,8 @@ def stretch_of(n: int, window: tuple[int, int] | None) -> tuple[int, int]:
     return first, first + LIMIT
 
 
-def _present(
-    result: FilterResult, params: FilterParams, reduction: object, lag: float, errors: Errors
-) -> Alternative:
-    settled = float(steady_state(params).gain)
+def _present(result: FilterResult, steady: SteadyState, errors: Errors) -> Alternative:
+    settled, lag = float(steady.gain), float(steady.lag_samples)
     close = np.abs(result.k - settled) <= 0.01 * settled
     return Alternative(
         name="Kalman (present)",
@@ -186,7 +182,7 @@ def _present(
         causal=True,
         lag_samples=lag,
         lag_s=None if errors.period is None else lag * errors.period,
-        noise_reduction_db=float(reduction),  # pyright: ignore[reportArgumentType]
+        noise_reduction_db=float(steady.noise_reduction_db),
         rmse=errors.rmse(result.x),
         prediction=errors.prediction(result.x),
         roughness=errors.roughness(result.x),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kalscope.arrays import samples_of
 from kalscope.errors import BadSetting
 from kalscope.estimation import maximum_likelihood as ml
 from kalscope.estimation import words
@@ -58,7 +59,7 @@ def noise_from_still(z_segment: ArrayLike, quantum: float | None = None) -> Stil
 
     Source: residual variance of a straight line, Σe²/(n − 2); rounding to steps of Δ adds Δ²/12 (Widrow 1956).
     """
-    column = np.asarray(z_segment, dtype=np.float64)
+    column = samples_of(z_segment)
     if column.ndim != 1 or np.isinf(column).any():
         raise BadSetting(f"the still stretch must be finite samples, shape (n,) (got shape {column.shape})")
     place = np.flatnonzero(np.isfinite(column))
