@@ -90,13 +90,11 @@ def send_setting(state: State, source: LiveSource) -> Sent:
     names = state.recording.names
     filters = len(_answers(source, "?")) if is_unnamed(names) and len(names) > 1 else 0
     its = board_filter(names, state.channel, filters)
-    lines = commands(wanted, its.number)
-    answer: BoardAnswer | None = None
-    row = 0
-    for line in lines:
-        row = _rows(source.snapshot())
-        answer = _answers(source, line)[-1]
-    assert answer is not None
+    *values, restart = commands(wanted, its.number)
+    for line in values:
+        _answers(source, line)
+    row = _rows(source.snapshot())
+    answer = _answers(source, restart)[-1]
     # x0 and gate stay those of the export; the settled gain belonged to the values before.
     taken = replace(wanted, q=answer.q, r=answer.r, p0=answer.p0, settled_gain=np.float32(0.0))
     return Sent(state.record_key, state.channel, its.filtered, state.params, taken, row)

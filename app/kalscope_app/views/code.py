@@ -162,7 +162,7 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
     try:
         limits = limits_of(*chosen(state, choice), choice.target, level)
     except BadSetting as error:
-        limits = [str(error)]
+        return f"There is no code for what is chosen: {plain(str(error), 400)}"
     lines = [f"On a small board: {plain(limit, 400)}" for limit in limits]
     if state.dt is not None and np.any(np.abs(state.dt - 1.0) > UNEVEN):
         lines.append(GAPS)
