@@ -25,6 +25,7 @@ from kalscope.sources.command_options import (
     Delimiter,
     GapsChoice,
     Missing,
+    SamplePeriod,
     TimeColumnChoice,
     TimeUnit,
     options_from_text,
@@ -33,6 +34,7 @@ from kalscope.tune_command import tune_command
 
 if TYPE_CHECKING:
     from kalscope.model import FilterParams
+    from kalscope.recording import Recording
     from kalscope.sources.read_options import ReadOptions
 
 USER_ERROR = 2
@@ -123,9 +125,7 @@ def filter_command(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file.")
     ] = None,
-    sample_period: Annotated[
-        str | None, _number_option("--sample-period", "Sample period in s; overrules that of SOURCE.")
-    ] = None,
+    sample_period: SamplePeriod = None,
     delimiter: Delimiter = None,
     time_column: TimeColumnChoice = None,
     time_unit: TimeUnit = None,
@@ -142,36 +142,44 @@ def filter_command(
     predicts over, and for a remark (# % //), which is no sample.
     """
     from kalscope.filter_choice import params_for, params_for_stdin
+    from kalscope.sources.account import account, overruled
+    from kalscope.sources.csv_writer import filtered_csv_chunks
 
     given = _given(q=q, r=r, p0=p0, x0=x0, gate=gate)
     period = None if sample_period is None else _number("--sample-period", sample_period)
     options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
     if source == "-":
-        if report:
-            raise BadSetting('--report must be left out where SOURCE is "-": each line is answered as it comes')
-        if output is not None:
-            raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
+        _refuse_with_stdin(report=report, output=output)
         _filter_stdin(*params_for_stdin(config, given, channel, period), options)
         return
-    from kalscope.progress_line import ProgressLine
-    from kalscope.sources import open_source
-    from kalscope.sources.csv_writer import filtered_csv_chunks
-
-    if output is not None and output.exists() and os.path.exists(source) and output.samefile(source):
-        raise BadSetting(f"-o must be another file than SOURCE (got {source!r} twice)")
-    with ProgressLine(sys.stderr) as line:
-        progress = line.part(os.path.basename(source), 0, 1)
-        recording = open_source(source, options, sample_period=period, progress=progress)
+    recording = _read(source, options, period, output)
     params, notes = params_for(recording, config, given, channel)
     _write(filtered_csv_chunks(recording, params), output)
-    from kalscope.sources.account import account, overruled
-
     if report:
         sys.stderr.write(account(recording))
     if period is not None:
         notes = [*filter(None, [overruled(recording)]), *notes]
     for note in notes:  # last, so that an error is the only line
         _say(f"note: {note}")
+
+
+def _refuse_with_stdin(*, report: bool, output: Path | None) -> None:
+    if report:
+        raise BadSetting('--report must be left out where SOURCE is "-": each line is answered as it comes')
+    if output is not None:
+        raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
+
+
+def _read(source: str, options: ReadOptions, period: float | None, output: Path | None) -> Recording:
+    """The recording that is to be filtered into `output`, with progress on a terminal."""
+    from kalscope.progress_line import ProgressLine
+    from kalscope.sources import open_source
+
+    if output is not None and output.exists() and os.path.exists(source) and output.samefile(source):
+        raise BadSetting(f"-o must be another file than SOURCE (got {source!r} twice)")
+    with ProgressLine(sys.stderr) as line:
+        progress = line.part(os.path.basename(source), 0, 1)
+        return open_source(source, options, sample_period=period, progress=progress)
 
 
 @app.command("bench")

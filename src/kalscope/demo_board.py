@@ -25,6 +25,9 @@ FASTEST = 100_000.0
 """Most lines a second; no serial line carries more."""
 USUAL_RATE = 100.0
 """Lines a second of a recording without time."""
+BOOT = 0.05
+"""Seconds from the opening of the port to the first line: whoever opens it throws away what is there by then, as
+pyserial does. A real board takes longer to start."""
 FORMATS = ("labels", "csv")
 _LONGEST_SLEEP = 0.02
 _MOST_WAITING = 1 << 16
@@ -108,11 +111,6 @@ def _bare(line: str) -> bytes:
 
 def _with_checksum(line: str) -> bytes:
     return f"{line}*{reduce(int.__xor__, line.encode(), 0):02X}\r\n".encode()
-
-
-BOOT = 0.05
-"""Seconds from the opening of the port to the first line: whoever opens it throws away what is there by then, as
-pyserial does. A real board takes longer to start."""
 
 
 class Board:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 CHOICES = "arduino, c, python, matlab, json, ros2, platformio, esphome, bachagas, kalmanjs"
 """The targets that write something; said here too, so that --help need not import the filter."""
 
-
 UNO_COUNTS = 1023.0
 """Largest value of analogRead() on an Uno: the signal, where none is known."""
 

@@ -16,6 +16,7 @@ from kalscope.sources.command_options import (
     Delimiter,
     GapsChoice,
     Missing,
+    SamplePeriod,
     TimeColumnChoice,
     TimeUnit,
     options_from_text,
@@ -65,9 +66,7 @@ def tune_command(
     density: Annotated[str | None, _number("--density", "Data sheet: noise density, unit/√Hz; gives r.")] = None,
     bandwidth_hz: Annotated[str | None, _number("--bandwidth-hz", "Noise bandwidth for --density, Hz.")] = None,
     r: Annotated[str | None, _number("--r", "Known measurement-noise variance, unit²; q is estimated.")] = None,
-    sample_period: Annotated[
-        str | None, _number("--sample-period", "Sample period in s; overrules that of SOURCE.")
-    ] = None,
+    sample_period: SamplePeriod = None,
     delimiter: Delimiter = None,
     time_column: TimeColumnChoice = None,
     time_unit: TimeUnit = None,

@@ -11,8 +11,20 @@ import typer
 
 from kalscope.sources.read_options import options_from_text
 
-__all__ = ["Delimiter", "GapsChoice", "Missing", "TimeColumnChoice", "TimeUnit", "options_from_text"]
+__all__ = [
+    "Delimiter",
+    "GapsChoice",
+    "Missing",
+    "SamplePeriod",
+    "TimeColumnChoice",
+    "TimeUnit",
+    "options_from_text",
+]
 
+SamplePeriod = Annotated[
+    str | None,
+    typer.Option("--sample-period", metavar="NUMBER", help="Sample period in s; overrules that of SOURCE."),
+]
 Delimiter = Annotated[
     str | None,
     typer.Option("--delimiter", metavar="MARK", help="comma, semicolon, tab, bar or space; else found."),
