@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from kalscope_app.remembered import FOLDER_VARIABLE, Remembered
 from kalscope_app.views.layout import sizes_for
@@ -139,6 +142,12 @@ class Screen:
 
     def notification(self, text):
         return self.page.locator(".mantine-Notification-root", has_text=text)
+
+    def wait_for_picture(self, holds):
+        """Until `holds` is true of the page's pixels, (height, width, 3): no script can read what WebGL drew."""
+        end = time.monotonic() + 60.0
+        while not holds(np.asarray(Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")).astype(int)):
+            assert time.monotonic() < end, "the picture did not come"
 
     def shot(self, name):
         ARTEFACTS.mkdir(exist_ok=True)

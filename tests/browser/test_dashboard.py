@@ -13,6 +13,7 @@ from screen import FIND, Screen
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params
 from kalscope.experiments import list_experiments, open_experiment, run_filter
+from kalscope_app.views.signal import DARK, LIGHT
 from kalscope_app.views.source import experiment_label
 
 pytestmark = pytest.mark.browser
@@ -266,6 +267,15 @@ def test_every_window_and_theme_is_filled_without_sideways_scrolling(start, widt
         screen.tab("Tune")
     if width > 576:  # the chart panel has grown to the window
         screen.wait_for_fit(width)
+    else:  # the signal is drawn behind the controls: its line above them, no map beside them
+        palette = DARK if theme == "dark" else LIGHT
+        orange = np.array([int(palette.filtered[i : i + 2], 16) for i in (1, 3, 5)])
+        screen.wait_for_picture(
+            lambda rgb: (
+                np.ptp(rgb[600:800, 5:100], axis=(0, 1)).max() < 3
+                and (np.abs(rgb[:300] - orange).max(axis=2) < 40).sum() > 500
+            )
+        )
     assert screen.page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
     screen.shot(f"{width}x{height}-{theme}")
 
