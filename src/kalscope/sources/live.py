@@ -24,7 +24,7 @@ import numpy as np
 from kalscope.errors import BadSetting
 from kalscope.sources.clock import SYSTEM, Clock
 from kalscope.sources.line_reader import LineEvent
-from kalscope.sources.live_lines import LiveLines
+from kalscope.sources.live_lines import Counts, LiveLines
 from kalscope.sources.live_samples import LiveSamples, Snapshot
 from kalscope.sources.live_status import LineRate, LiveStatus, RecordingStatus, hint_of, recording_status
 from kalscope.sources.live_talk import LONGEST_COMMAND, Talk
@@ -82,7 +82,8 @@ class LiveSource:
         self._lines = LiveLines(replace(options, missing=(*options.missing, *_NO_SAMPLE)))
         self._layout: Layout | None = None
         self._samples = LiveSamples(self.spec, keep, clock)
-        self._lock = threading.Lock()  # of the counts and of the samples
+        self._lock = threading.Lock()  # of the lines and of the samples
+        self._counts = Counts()  # of the lines whose samples are kept: what is told never runs ahead of them
         self._rate = LineRate()
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
@@ -146,7 +147,7 @@ class LiveSource:
         """How it stands now."""
         state, recorder = self._reader.state, self._slot.recorder
         with self._lock:
-            counts, time = replace(self._lines.counts), self._samples.time
+            counts, time = self._counts, self._samples.time
             period, jitter, by_device = time.period, time.jitter, time.by_device
             rate, left, noise = self._rate.now, self._samples.left_memory, self._lines.wrong_baud
         return LiveStatus(
@@ -224,6 +225,7 @@ class LiveSource:
                 self._on_opened(item)
             elif isinstance(item, Lost):
                 self._on_lost(item)
+            self._counts = replace(self._lines.counts)
 
     def _on_opened(self, opened: Opened) -> None:
         self._look_for_sleep()
