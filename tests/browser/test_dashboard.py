@@ -93,6 +93,7 @@ def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_never_the_zoom(start)
 def test_the_start_by_value_reproduces_the_matlab_appendix(start):
     screen = start("demo")
     screen.choose("start", "by value: p0 and x0")
+    screen.text_box("start value x0").wait_for()  # the answer to the choice has come: nothing typed is overwritten
     screen.type("start variance p0", "0")
     screen.type("start value x0", "0")
     screen.type("measurement noise r", "100")
