@@ -21,6 +21,7 @@ check: .venv/check.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+	$(BIN)/lint-imports
 
 bench: .venv/bench.stamp
 	$(BIN)/kalscope bench

@@ -16,7 +16,7 @@ from typing import Any
 
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
-from kalscope_app.remembered import FOLDER_VARIABLE, Remembered
+from kalscope_app.program.user_settings import FOLDER_VARIABLE, Remembered
 
 PROGRAM = Path(sys.executable).with_name("kalscope")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

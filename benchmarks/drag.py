@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from playwright.sync_api import Page
 
 from kalscope import FilterParams, kalman_filter, starting_params
-from kalscope.sources import open_source
-from kalscope_app.charts import scale_for
-from kalscope_app.frame import choose_shown
+from kalscope.catalogue import open_source
+from kalscope_app.engine.frame import choose_shown
+from kalscope_app.views.scales import scale_for
 
 Line = Callable[[float], NDArray[np.float64]]
 

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, save_tuning
-from kalscope.export import TARGETS
+from kalscope.export.registry import TARGETS
 
 CHANNELS = {"arduino": 6, "matlab": 20}
 """Channels of an export: the sketch holds six, MATLAB makes a file for each; else as below."""
@@ -27,7 +27,7 @@ CHILD = """
 import sys
 from pathlib import Path
 from kalscope import export_tuning, load_tuning
-from kalscope.export_command import write_files
+from kalscope.export.write import write_files
 base, targets = Path(sys.argv[1]), sys.argv[2].split(",")
 tunings = {target: [load_tuning(base / f"{target}-{i}.toml") for i in range(2)] for target in targets}
 print("ready", flush=True)

@@ -29,8 +29,8 @@ from pathlib import Path
 
 from starved import Probe, waited
 
-from kalscope.sources import read_recording
-from kalscope.sources.repair import repair
+from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.recorder.repair import repair
 
 MOST_S = 0.25
 """The promise: seconds of received lines that a kill may cost."""

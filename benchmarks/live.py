@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from kalscope.sources.live import LiveSource
+from kalscope.sources.live.live_source import LiveSource
 
 TICK = 0.001
 """Seconds between two writes of the board, as a USB chip hands over."""

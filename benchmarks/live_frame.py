@@ -25,11 +25,13 @@ from pathlib import Path
 import numpy as np
 
 from kalscope.recording import Recording
-from kalscope.sources.live import LiveSource, LiveStatus, Snapshot
-from kalscope.sources.sample_store import SampleStore
+from kalscope.sources.live.live_samples import Snapshot
+from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live.live_status import LiveStatus
+from kalscope.sources.live.sample_store import SampleStore
 from kalscope_app.dashboard import Dashboard
-from kalscope_app.guard import guarded_server
-from kalscope_app.live import opened_live, set_span
+from kalscope_app.guard.server import guarded_server
+from kalscope_app.session.live import opened_live, set_span
 
 RATE = 1000.0
 NAMES = ("wave", "number", "noise")

@@ -77,7 +77,7 @@ def test_the_installed_wheel_carries_the_sketch_and_exports_for_arduino_and_c(in
     assert (installed / "kalscope/arduino/kalscope_stream/kalscope_stream.ino").is_file()
     env = {**os.environ, "PYTHONPATH": str(installed), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     code = (
-        "from kalscope.export import export_tuning; from kalscope.tuning import ChannelTuning, Tuning; "
+        "from kalscope import ChannelTuning, Tuning, export_tuning; "
         "tuning = Tuning((ChannelTuning('light', '', 0.1, 1.0),)); "
         "print(*(name for to in ('arduino', 'c') for name in export_tuning(tuning, to)))"
     )

@@ -3,53 +3,57 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import viser
 
-from kalscope.sources.live import LiveSource
-from kalscope_app.changes import set_dark, set_smoother
-from kalscope_app.checks import compute_checks
-from kalscope_app.comparing import AlternativesStudy, compute_allan, compute_spectra
-from kalscope_app.engine import Engine
-from kalscope_app.frame import Frame
-from kalscope_app.jobs import Jobs
-from kalscope_app.overview import Overviews
-from kalscope_app.remembered import Remembered
-from kalscope_app.session import Session
-from kalscope_app.state import State
-from kalscope_app.studies import Studies, Study
-from kalscope_app.trouble import sentence_for
-from kalscope_app.tuning_map import MapMaker
-from kalscope_app.variant_rows import VariantTable
-from kalscope_app.views.alternatives import AlternativesView
-from kalscope_app.views.board import BoardView, compared
-from kalscope_app.views.channels import ChannelsView
-from kalscope_app.views.checks import ChecksView
-from kalscope_app.views.code import CodeView, limits_text
-from kalscope_app.views.export import ExportView
-from kalscope_app.views.find import FindView
-from kalscope_app.views.fitting import WindowFitter
+from kalscope.sources.live.live_source import LiveSource
+from kalscope_app.engine.engine import Engine
+from kalscope_app.engine.idle_studies import Studies, Study
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.program.error_reporting import sentence_for
+from kalscope_app.program.user_settings import Remembered
+from kalscope_app.session.changes import set_dark, set_smoother
+from kalscope_app.session.session import Session
+from kalscope_app.studies.alternatives import AlternativesStudy
+from kalscope_app.studies.channels_overview import Overviews
+from kalscope_app.studies.checks import compute_checks
+from kalscope_app.studies.spectra import compute_allan, compute_spectra
+from kalscope_app.studies.tuning_map import MapMaker
+from kalscope_app.studies.variant_table import VariantTable
+from kalscope_app.views.charts.alternatives import AlternativesView
+from kalscope_app.views.charts.channels import ChannelsView
+from kalscope_app.views.charts.phone_picture import draw_picture
+from kalscope_app.views.charts.range_control import WindowView
+from kalscope_app.views.charts.signal import SignalView
+from kalscope_app.views.charts.spectra import AllanView, SpectrumView
+from kalscope_app.views.export.board import BoardView, compared
+from kalscope_app.views.export.code import CodeView, limits_text
+from kalscope_app.views.export.export import ExportView
+from kalscope_app.views.export.report import ReportView
+from kalscope_app.views.export.share import ShareView
 from kalscope_app.views.help import HelpView
-from kalscope_app.views.layout import Panels, Sizes, gutter
-from kalscope_app.views.live import LiveView
-from kalscope_app.views.numbers import NumbersView
-from kalscope_app.views.parameters import ParametersView
-from kalscope_app.views.picture import draw_picture
-from kalscope_app.views.presets import PresetsView
-from kalscope_app.views.report import ReportView
-from kalscope_app.views.share import ShareView
-from kalscope_app.views.signal import SignalView
-from kalscope_app.views.source import SourceView
-from kalscope_app.views.spectra import AllanView, SpectrumView
-from kalscope_app.views.style import add_style
+from kalscope_app.views.map.view import TuningMapView, study
+from kalscope_app.views.source.live import LiveView
+from kalscope_app.views.source.source import SourceView
 from kalscope_app.views.tour import Tour
-from kalscope_app.views.tuning_map import TuningMapView, study
-from kalscope_app.views.variants import VariantsView
-from kalscope_app.views.window import WindowView
+from kalscope_app.views.tune.checks import ChecksView
+from kalscope_app.views.tune.find import FindView
+from kalscope_app.views.tune.numbers import NumbersView
+from kalscope_app.views.tune.parameters import ParametersView
+from kalscope_app.views.tune.presets import PresetsView
+from kalscope_app.views.tune.variants import VariantsView
+from kalscope_app.views.window.css import add_style
+from kalscope_app.views.window.fitting import WindowFitter
+from kalscope_app.views.window.layout import Panels, Sizes, gutter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from kalscope_app.engine.frame import Frame
+    from kalscope_app.session.state import State
 
 log = logging.getLogger(__name__)
 

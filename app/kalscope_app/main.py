@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli import app, run
-from kalscope.sources.command_options import Delimiter, GapsChoice, Missing, TimeColumnChoice, TimeUnit
-from kalscope.sources.read_options import ReadOptions, options_from_text
+from kalscope.cli.app import app, run
+from kalscope.cli.options import Delimiter, GapsChoice, Missing, TimeColumnChoice, TimeUnit
+from kalscope.sources.lines.read_options import ReadOptions, options_from_text
 from kalscope_app.open_options import P0, X0, Channel, Gate, Q, R
 
 if TYPE_CHECKING:
-    from kalscope_app.log_file import Log
-    from kalscope_app.state import State
+    from kalscope_app.program.log_file import Log
+    from kalscope_app.session.state import State
 
 
 @app.command("open")
@@ -64,9 +64,9 @@ def open_dashboard(
     gate: Gate = None,
 ) -> None:
     """Open the dashboard in a browser."""
-    from kalscope_app.log_file import logging_to
-    from kalscope_app.secret_files import kept_token
-    from kalscope_app.share import apply_options
+    from kalscope_app.guard.token_file import kept_token
+    from kalscope_app.program.log_file import logging_to
+    from kalscope_app.session.share import apply_options
 
     def token(bound_port: int) -> str:
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
@@ -93,9 +93,9 @@ class Door:
 def serve(state: State, door: Door, end: threading.Event, log: Log, *, browser: bool) -> None:
     """Run the dashboard until `end` is set; then everything is closed."""
     from kalscope_app.dashboard import Dashboard
-    from kalscope_app.guard import guarded_server
-    from kalscope_app.secret_files import opening_page
-    from kalscope_app.trouble import Trouble
+    from kalscope_app.guard.server import guarded_server
+    from kalscope_app.guard.token_file import opening_page
+    from kalscope_app.program.error_reporting import Trouble
 
     trouble, opened = Trouble(), contextlib.ExitStack()
     dashboard: Dashboard | None = None
@@ -148,13 +148,13 @@ def first_state(
     """What the dashboard shows first: the source, with the values of the tuning file if there is one."""
     from dataclasses import replace
 
+    from kalscope.catalogue import open_source
     from kalscope.errors import BadSetting
-    from kalscope.sources import open_source
-    from kalscope.sources.live import LiveSource
-    from kalscope.sources.serial_port import is_live
-    from kalscope.tuning import load_tuning
-    from kalscope_app.live import opened_live
-    from kalscope_app.state import opened, opened_experiment, opened_with
+    from kalscope.sources.live.live_source import LiveSource
+    from kalscope.sources.port.port_spec import is_live
+    from kalscope.tuning.tuning import load_tuning
+    from kalscope_app.session.live import opened_live
+    from kalscope_app.session.opening import opened, opened_experiment, opened_with
 
     if is_live(source):
         live = LiveSource(source, options)

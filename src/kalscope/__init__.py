@@ -5,28 +5,32 @@ Numbers in, numbers out: importing this package imports neither the dashboard no
 
 from __future__ import annotations
 
-from kalscope.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.catalogue import open_source
 from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
-from kalscope.estimation import (
-    Estimate,
-    compare_methods,
-    estimate,
+from kalscope.estimation.estimate import compare_methods, estimate
+from kalscope.estimation.known import (
     estimate_fixed_r,
     estimate_fixed_ratio,
     noise_from_datasheet,
     noise_from_still,
     params_for_specification,
 )
-from kalscope.export import export_tuning
-from kalscope.filtering import FilterResult, KalmanFilter, denoise, kalman_filter
-from kalscope.likelihood import likelihood_profile, log_likelihood
-from kalscope.model import FilterParams, starting_params
+from kalscope.estimation.likelihood.profile import likelihood_profile, log_likelihood
+from kalscope.estimation.result import Estimate
+from kalscope.estimation.starting import starting_params
+from kalscope.export.registry import export_tuning
+from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.smoothing import SmootherResult, smooth
+from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
+from kalscope.filtering.streaming import KalmanFilter
 from kalscope.recording import LineIssue, ReadReport, Recording
-from kalscope.smoothing import SmootherResult, smooth
-from kalscope.sources import list_samples, open_source, read_recording, synthesize
-from kalscope.sources.read_options import ReadOptions
-from kalscope.steady_state import SteadyState, ratio_for, steady_state
-from kalscope.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
+from kalscope.sources.lines.read_options import ReadOptions
+from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.samples import list_samples
+from kalscope.sources.synthetic import synthesize
+from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
 
 __all__ = [
     "BadDevice",

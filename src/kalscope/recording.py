@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kalscope.errors import BadSetting
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 Gaps = Literal["rows", "missing", "dt"]
 """What a gap in time is to the filter: nothing, rows of missing samples, or elapsed time."""

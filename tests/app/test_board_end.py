@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from test_running import end, is_free, labels, port_of, running, token_of
+from program import end, is_free, labels, port_of, running, token_of
 from wire import PATIENCE, Guest
 
 tty = pytest.importorskip("tty", reason="there are no pseudo-terminals here")
@@ -93,7 +93,7 @@ def test_a_recording_is_finished_and_nothing_is_left_behind(tmp_path, by):
 
 SLOW_FRAMES = """
 import time
-from kalscope_app.engine import Engine
+from kalscope_app.engine.engine import Engine
 Engine.stop = lambda self: time.sleep(600)
 """
 
@@ -111,7 +111,7 @@ def test_a_recording_is_finished_although_a_frame_takes_for_ever(tmp_path):
 
 SWALLOWING = """
 import time
-from kalscope.sources import serial_port
+from kalscope.sources.port import port_reader as serial_port
 openings = []
 class Port(serial_port.SerialPort):
     def __init__(self, *arguments):

@@ -11,7 +11,7 @@ import sys
 
 import pytest
 
-from kalscope_app.main import run
+from kalscope.cli.app import run
 
 PROGRAM = [sys.executable, "-m", "kalscope_app.main"]
 

@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 
 from kalscope import Recording
-from kalscope.experiments import GeneralizedParams
-from kalscope.report import as_html, as_png, make_report
-from kalscope_app import studies
-from kalscope_app.changes import set_map_colour, set_match, set_window
+from kalscope.export.report.content import make_report
+from kalscope.export.report.page import as_html
+from kalscope.export.report.picture import as_png
+from kalscope.papers.generalized_filter import GeneralizedParams
 from kalscope_app.dashboard import Dashboard
-from kalscope_app.guard import guarded_server
-from kalscope_app.state import opened
-from kalscope_app.variant_changes import pin_present
+from kalscope_app.engine import idle_studies as studies
+from kalscope_app.guard.server import guarded_server
+from kalscope_app.session.changes import set_map_colour, set_match, set_window
+from kalscope_app.session.opening import opened
+from kalscope_app.session.variant_changes import pin_present
 
 PATIENCE = 60.0
 RNG = np.random.default_rng(71)

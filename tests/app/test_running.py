@@ -2,90 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import signal
-import socket
 import stat
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 from attack_table import UPGRADE, exchange, status
+from program import end, free_port, is_free, labels, port_of, running, start, token_of
 from wire import PATIENCE, Guest
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and modes as POSIX has them")
-
-BROKEN = """
-import sys
-from kalscope_app import main
-{change}
-sys.argv[1:] = {arguments!r}
-main.main()
-"""
-
-
-def start(folder, *arguments, change=None, env=None, source="demo"):
-    """The program, with `change` (Python) made to it first; its temporary files and its state lie in `folder`."""
-    arguments = ["open", source, *arguments]
-    command = [sys.executable, "-m", "kalscope_app.main", *arguments]
-    if change is not None:
-        command = [sys.executable, "-c", BROKEN.format(change=change, arguments=arguments)]
-    (folder / "tmp").mkdir(exist_ok=True)
-    own = {"TMPDIR": str(folder / "tmp"), "XDG_STATE_HOME": str(folder / "state")}
-    return subprocess.Popen(
-        command,
-        cwd=folder,
-        env={**os.environ, **own, **(env or {})},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-@contextlib.contextmanager
-def running(folder, *arguments, **how):
-    """The program and the link that it printed."""
-    arguments = arguments if "--port" in arguments else (*arguments, "--port", "0")
-    if "BROWSER" not in how.get("env", {}):
-        arguments = (*arguments, "--no-browser")
-    with start(folder, *arguments, **how) as program:
-        try:
-            yield program, program.stdout.readline().removeprefix("Kalscope: ").strip()
-        finally:
-            if program.poll() is None:
-                program.kill()
-
-
-def port_of(url):
-    return int(url.split(":")[2].split("/")[0])
-
-
-def token_of(url):
-    return url.partition("token=")[2]
-
-
-def end(program, by=signal.SIGTERM):
-    """Ask it to end; returns status, further output, and seconds."""
-    begin = time.monotonic()
-    program.send_signal(by)
-    out, err = program.communicate(timeout=15)
-    return program.returncode, out, err, time.monotonic() - begin
-
-
-def is_free(port):
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        probe.bind(("127.0.0.1", port))
-    return True
-
-
-def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return probe.getsockname()[1]
-
 
 # --- the link ---------------------------------------------------------------------------------------------
 
@@ -140,7 +68,7 @@ def test_behind_a_proxy_the_link_and_the_origin_are_the_proxys(tmp_path):
 
 def test_a_guard_that_lets_something_through_prints_no_link(tmp_path):
     """As after an upgrade of viser that goes round the guard."""
-    change = "from kalscope_app import guard_rules\nguard_rules.host_allowed = lambda *_: True"
+    change = "from kalscope_app.guard import rules\nrules.host_allowed = lambda *_: True"
     with start(tmp_path, "--port", "0", "--no-browser", change=change) as program:
         out, err = program.communicate(timeout=30)
     assert (program.returncode, out) == (2, "")
@@ -174,9 +102,9 @@ def test_a_log_that_cannot_be_written_is_refused_in_one_line(tmp_path):
 
 RAISING = """
 import threading
-from kalscope_app.views import export
-from kalscope_app.views.code import CodeView
-from kalscope_app.views.tuning_map import TuningMapView
+from kalscope_app.views.export import export
+from kalscope_app.views.export.code import CodeView
+from kalscope_app.views.map.view import TuningMapView
 
 def raising(*_):
     raise LookupError("no such " + threading.current_thread().name)
@@ -233,10 +161,6 @@ def test_an_error_nobody_caught_is_told_and_logged_and_the_dashboard_goes_on(tmp
     assert "Traceback" in log
     assert "Traceback" not in err
     assert [said for said in (*BUTTONS.values(), "no such node") if said not in log] == []
-
-
-def labels(guest):
-    return {made.get("props", {}).get("label") for made in guest.widgets.values()}
 
 
 # --- the end ----------------------------------------------------------------------------------------------

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from screen import Program, Screen
 
-from kalscope.export import export_tuning
-from kalscope.tuning import load_tuning
+from kalscope.export.registry import export_tuning
+from kalscope.tuning.tuning import load_tuning
 
 pytestmark = pytest.mark.browser
 

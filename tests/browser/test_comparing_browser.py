@@ -10,8 +10,8 @@ from PIL import Image
 from screen import FIND, Program, Screen
 
 from kalscope import open_source, starting_params
-from kalscope.alternatives import compare_alternatives
-from kalscope.spectrum import allan_deviation
+from kalscope.analysis.allan import allan_deviation
+from kalscope.analysis.alternatives.comparison import compare_alternatives
 
 pytestmark = pytest.mark.browser
 

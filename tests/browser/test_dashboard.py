@@ -12,9 +12,9 @@ import pytest
 from screen import FIND, Screen
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params
-from kalscope.experiments import list_experiments, open_experiment, run_filter
-from kalscope_app.views.signal import DARK, LIGHT
-from kalscope_app.views.source import experiment_label
+from kalscope.papers.experiments import list_experiments, open_experiment, run_filter
+from kalscope_app.views.charts.style import DARK, LIGHT
+from kalscope_app.views.source.source import experiment_label
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo").values[:, 0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from screen import FIND, Program, Screen
 
-from kalscope_app.views.layout import LEFT_WIDTH, sizes_for
+from kalscope_app.views.window.layout import LEFT_WIDTH, sizes_for
 
 pytestmark = pytest.mark.browser
 

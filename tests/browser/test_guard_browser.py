@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 import viser
-from conftest import CHROMIUM, FLAGS
+from chromium import CHROMIUM, FLAGS
 
-from kalscope_app.guard import GuardedServer, guarded_server
-from kalscope_app.guard_rules import Policy
+from kalscope_app.guard.rules import Policy
+from kalscope_app.guard.server import GuardedServer, guarded_server
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page

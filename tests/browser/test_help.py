@@ -7,7 +7,7 @@ import re
 import pytest
 from screen import ARTEFACTS, Program, Screen
 
-from kalscope_app.remembered import Remembered
+from kalscope_app.program.user_settings import Remembered
 from kalscope_app.views.tour import STEPS
 
 pytestmark = pytest.mark.browser

@@ -8,8 +8,8 @@ from board import SKETCHES
 from screen import FIND, Program, Screen
 
 from kalscope import FilterParams, kalman_filter
-from kalscope.export import export_tuning
-from kalscope.tuning import ChannelTuning, Tuning
+from kalscope.export.registry import export_tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 pytestmark = [pytest.mark.browser, pytest.mark.device]
 STREAM = SKETCHES / "kalscope_stream/kalscope_stream.ino"

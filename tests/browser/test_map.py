@@ -10,10 +10,10 @@ import pytest
 from screen import ARTEFACTS, FIND, Program, Screen
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, starting_params
-from kalscope_app.map_geometry import frame_for
-from kalscope_app.state import opened
-from kalscope_app.tuning_map import MapMaker
-from kalscope_app.views.layout import LEFT_WIDTH, sizes_for
+from kalscope_app.session.opening import opened
+from kalscope_app.studies.map_geometry import frame_for
+from kalscope_app.studies.tuning_map import MapMaker
+from kalscope_app.views.window.layout import LEFT_WIDTH, sizes_for
 
 pytestmark = pytest.mark.browser
 LONG = "synthetic:random_walk?n=100000&sample_period=0.001"

@@ -10,7 +10,7 @@ import pytest
 from screen import FIND
 
 from kalscope import FilterParams, denoise, kalman_filter, open_source, starting_params
-from kalscope_app.overview import HALF_LANE
+from kalscope_app.studies.channels_overview import HALF_LANE
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo").values[:, 0]

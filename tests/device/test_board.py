@@ -8,7 +8,7 @@ import pytest
 import serial
 from board import FLAT_OUT, read_lines
 
-from kalscope.sources.line_parser import LineParser
+from kalscope.sources.lines.line_parser import LineParser
 
 pytestmark = pytest.mark.device
 BANNER = b"# kalscope_stream\r\n"

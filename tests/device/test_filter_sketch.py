@@ -10,13 +10,13 @@ import serial
 from board import FLAT_OUT, read_lines
 
 from kalscope import FilterParams
-from kalscope.export import ExportJob
-from kalscope.export.arduino import files
-from kalscope.export.board_talk import commands, is_refusal, read_answer
+from kalscope.export.board.commands import commands, is_refusal, read_answer
 from kalscope.export.device_limits import UNO_FLASH, UNO_RAM, UNO_READ_US, UNO_UPDATE_US
 from kalscope.export.float32 import filter_float32, float32_params
-from kalscope.sources.line_parser import LineParser
-from kalscope.tuning import ChannelTuning
+from kalscope.export.job import ExportJob
+from kalscope.export.targets.arduino import files
+from kalscope.sources.lines.line_parser import LineParser
+from kalscope.tuning.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device
 

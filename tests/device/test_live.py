@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from board import FLAT_OUT, SKETCHES
 
-from kalscope.sources.live import LiveSource
+from kalscope.sources.live.live_source import LiveSource
 
 pytestmark = pytest.mark.device
 SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"

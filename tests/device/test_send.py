@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from kalscope import export_tuning
-from kalscope.export.board_check import check_board
+from kalscope.export.board.check import check_board
 from kalscope.export.float32 import float32_params
-from kalscope.sources.live import LiveSource
-from kalscope.tuning import ChannelTuning, Tuning
-from kalscope_app.board import compare_with_board, send_setting, set_sent
-from kalscope_app.live import opened_live, refreshed
+from kalscope.sources.live.live_source import LiveSource
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope_app.session.changes import set_sent
+from kalscope_app.session.live import opened_live, refreshed
+from kalscope_app.studies.board import compare_with_board, send_setting
 
 pytestmark = pytest.mark.device
 PATIENCE = 60.0

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, steady_state
-from kalscope.estimation import (
-    estimate,
+from kalscope.estimation.estimate import estimate
+from kalscope.estimation.known import (
     estimate_fixed_r,
     estimate_fixed_ratio,
     noise_from_datasheet,
     noise_from_still,
     params_for_specification,
 )
-from kalscope.likelihood import log_likelihood
+from kalscope.estimation.likelihood.profile import log_likelihood
 
 
 def walk(n, ratio, seed=0):

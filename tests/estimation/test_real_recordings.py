@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kalscope import KalscopeError, read_recording
-from kalscope.estimation import METHODS, estimate
+from kalscope.estimation.estimate import METHODS, estimate
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 FILES = sorted(p for p in DATA.rglob("*") if p.is_file() and p.name != "README.md")

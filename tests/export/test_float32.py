@@ -8,7 +8,7 @@ import pytest
 from kalscope import FilterParams, steady_state
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import STALLING_GAIN, Float32Params, filter_float32, float32_params, float32_text
-from kalscope.kernels import GATE_LIMIT
+from kalscope.filtering.kernels import GATE_LIMIT
 
 F = np.float32
 INFINITE, UNKNOWN, OFF = F(np.inf), F(np.nan), F(0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from kalscope import BadSetting, ChannelTuning, Tuning, steady_state
-from kalscope.export import ExportJob, job_of
+from kalscope.export.job import ExportJob, job_of
 
 TUNING = Tuning(
     (ChannelTuning("Temp °C", "°C", 0.01, 1.0), ChannelTuning("temp degc", "°C", 1.0, 2.0)), sample_period=0.5

@@ -16,8 +16,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning
-from kalscope.export import TARGETS
 from kalscope.export.names import comment_text, identifier, identifiers, quoted
+from kalscope.export.registry import TARGETS
 
 HOSTILE = (
     "*/ #define x",

@@ -22,7 +22,7 @@ from ruamel.yaml import YAML
 
 from kalscope import ChannelTuning, Tuning, export_tuning
 from kalscope.export.names import number_text
-from kalscope.tuning import dumps
+from kalscope.tuning.tuning import dumps
 
 CHANNELS = 2000
 NAMES = ("q", "r", "p0", "x0", "gate")

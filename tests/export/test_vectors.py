@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, kalman_filter
-from kalscope.export import job_of
+from kalscope.export.job import job_of
 from kalscope.export.vectors import DEFAULT_ROWS, vector_files
 
 

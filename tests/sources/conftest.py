@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from kalscope.sources.live import LiveSource
+from kalscope.sources.live.live_source import LiveSource
 
 PATIENCE = 60.0
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
-from kalscope.sources import open_source
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings, synthesize
 
 

@@ -1,1 +1,1 @@
-"""One small file for each part of the screen."""
+"""What is on screen: every view draws a Frame and files requests; it never changes the session."""

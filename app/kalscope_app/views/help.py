@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import viser
+if TYPE_CHECKING:
+    import viser
 
-from kalscope_app.views.tour import Tour
+    from kalscope_app.views.tour import Tour
 
 KEYS = (
     ("drag across a chart", "zoom in"),

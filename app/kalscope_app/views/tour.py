@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import viser
+if TYPE_CHECKING:
+    import viser
 
-from kalscope_app.jobs import Jobs
-from kalscope_app.remembered import Remembered
+    from kalscope_app.engine.jobs import Jobs
+    from kalscope_app.program.user_settings import Remembered
 
 STEPS = (
     (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from kalscope.errors import Cancelled
+from kalscope.estimation.estimate import METHODS, compare_methods, disagreement, estimate
 from kalscope.estimation.known import (
     StillNoise,
     estimate_fixed_r,
@@ -10,8 +12,7 @@ from kalscope.estimation.known import (
     noise_from_still,
     params_for_specification,
 )
-from kalscope.estimation.methods import METHODS, compare_methods, disagreement, estimate
-from kalscope.estimation.result import Cancelled, Estimate
+from kalscope.estimation.result import Estimate
 
 __all__ = [
     "METHODS",

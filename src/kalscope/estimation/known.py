@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from kalscope.arrays import samples_of
 from kalscope.errors import BadSetting
-from kalscope.estimation import maximum_likelihood as ml
-from kalscope.estimation import words
-from kalscope.estimation.conclusion import NOWHERE, each_channel, exp
+from kalscope.estimation import verdict_text as words
+from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
+from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.result import Estimate, Pair, Watch
-from kalscope.estimation.search import Peak, find_peak, grid_for
-from kalscope.likelihood import Array, Differences
-from kalscope.model import LARGEST, FilterParams
-from kalscope.steady_state import ratio_for
+from kalscope.estimation.verdict import NOWHERE, each_channel, exp
+from kalscope.filtering.arrays import samples_of
+from kalscope.filtering.params import LARGEST, FilterParams
+from kalscope.filtering.steady_state import ratio_for
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from kalscope.estimation.likelihood.profile import Array, Differences
 
 _FARTHEST = 1e100
 """A given r this many times above or below the readings' largest squared step belongs to another unit."""

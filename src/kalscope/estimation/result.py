@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.errors import Cancelled
-from kalscope.model import FilterParams
+from kalscope.filtering.params import FilterParams
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
 
 Value = float | NDArray[np.float64]
 Words = str | NDArray[np.str_]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import STALLING_GAIN, float32_params
-from kalscope.model import FilterParams
-from kalscope.steady_state import steady_state
+from kalscope.filtering.steady_state import steady_state
+
+if TYPE_CHECKING:
+    from kalscope.filtering.params import FilterParams
 
 UNO_UPDATE_US = 120
 """Time of one update on an Uno, 16 MHz, µs: measured in simavr, avr-gcc 5.4 with -Os."""
@@ -118,7 +120,7 @@ def _estimate(params: FilterParams, level: float) -> DeviceLimit | None:
 def _settled(params: FilterParams) -> tuple[float, float]:
     """Settled gain, and the standard deviation of the innovation, unit: √s with s = r / (1 - K)."""
     gain = float(np.asarray(steady_state(params).gain))
-    q, r = cast(float, params.q), cast(float, params.r)
+    q, r = cast("float", params.q), cast("float", params.r)
     return gain, math.sqrt(q if gain == 1.0 else r / (1.0 - gain))
 
 

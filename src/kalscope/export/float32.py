@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.errors import BadSetting
-from kalscope.kernels import GATE_LIMIT
-from kalscope.model import FilterParams
-from kalscope.steady_state import steady_state
+from kalscope.filtering.kernels import GATE_LIMIT
+from kalscope.filtering.steady_state import steady_state
+
+if TYPE_CHECKING:
+    from kalscope.filtering.params import FilterParams
 
 SMALLEST = float(np.finfo(np.float32).tiny)
 """Smallest float32 that keeps its 24 bits."""

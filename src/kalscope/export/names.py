@@ -9,7 +9,10 @@ from __future__ import annotations
 import keyword
 import re
 import unicodedata
-from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 IDENTIFIER_LENGTH = 32
 """Longest identifier: C99 promises 31 significant characters and more, MATLAB 63."""

@@ -1,0 +1,1 @@
+"""From State to Frame, on one thread. No viser here."""

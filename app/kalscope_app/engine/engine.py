@@ -1,0 +1,153 @@
+"""One worker thread: it takes the requests, computes one Frame for all of them, and hands it to the views.
+
+The latest request wins because requests are cheap and a Frame is computed only after all that wait are in. What is
+slower is handed to the studies, which have a thread of their own.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from kalscope.errors import KalscopeError
+from kalscope_app.engine.decimation import POINT_LIMIT
+from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.engine.frame import Frame, Shown, choose_shown, compute_frame
+from kalscope_app.engine.record_facts import RecordFacts
+from kalscope_app.engine.variant_curves import Curves
+from kalscope_app.session.live import live_window, studied
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kalscope_app.engine.idle_studies import Studies
+    from kalscope_app.session.session import Session
+    from kalscope_app.session.state import State
+
+LEAST_INTERVAL = 0.04
+"""Seconds between two frames at least: a browser that is slower builds a backlog that nothing drops."""
+
+LIVE_INTERVAL = 0.055
+"""Seconds between two frames of a live record: 18 a second; a browser without a graphics card draws no more."""
+
+LIVE_POINTS = 2000
+"""Most points a line is drawn with while a board sends: every frame draws all of them anew."""
+
+STATUS_INTERVAL = 0.5
+"""Seconds after which a live record without news is shown all the same, because its status may be news."""
+
+STUDY_INTERVAL = 3.0
+"""Seconds between two studies of a live record that nobody tunes."""
+
+log = logging.getLogger(__name__)
+
+
+def pause_before_frame(now: float, last: float) -> float:
+    """Seconds to wait before the next frame may be sent."""
+    return max(0.0, min(LEAST_INTERVAL, last + LEAST_INTERVAL - now))
+
+
+def wait_for_request(next_due: float | None, *, live: bool) -> float | None:
+    """Seconds to wait for a request at most; None = until one comes."""
+    if not live:
+        return next_due
+    return LIVE_INTERVAL if next_due is None else min(next_due, LIVE_INTERVAL)
+
+
+class Engine:
+    """Session -> Frame, on a thread of its own."""
+
+    def __init__(
+        self,
+        session: Session,
+        show: Callable[[Frame], None],
+        tell: Callable[[str | Exception], None],
+        studies: Studies | None = None,
+    ) -> None:
+        """Args: the session; who draws a frame; who tells of a refused request; what to study at rest."""
+        self._session = session
+        self._show = show
+        self._tell = tell
+        self._studies = studies
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
+        self._shown_for: tuple[object, ...] = ()
+        self._shown: Shown | None = None
+        self._runs, self._facts = FilterRuns(), RecordFacts()
+        self._frame: Frame | None = None
+        self._frame_at = self._study_at = -math.inf
+        self._curves = Curves()
+        self.first_frame = threading.Event()
+
+    def start(self) -> None:
+        """Begin with a frame of the state as it is."""
+        self._session.bell.set()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread; returns when it has ended, or after 2 s."""
+        self._stopping.set()
+        self._session.bell.set()
+        self._thread.join(timeout=2.0)
+
+    def _run(self) -> None:
+        last = 0.0
+        while not self._stopping.is_set():
+            session = self._session
+            session.bell.wait(timeout=wait_for_request(session.seconds_to_next(), live=session.is_live))
+            time.sleep(pause_before_frame(time.monotonic(), last))
+            self._session.bell.clear()
+            if self._stopping.is_set():
+                return
+            last = time.monotonic()
+            self._guarded(self._turn)
+
+    def _guarded(self, step: Callable[[], None]) -> None:
+        try:
+            step()
+        except Exception as error:  # the thread must outlive any single frame
+            log.exception("A frame could not be made")
+            self._tell(error)
+
+    def _turn(self) -> None:
+        state, serial, failures = self._session.settle()
+        for failure in failures:
+            if not isinstance(failure, KalscopeError):
+                log.error("A request failed", exc_info=failure)
+            self._tell(str(failure) if isinstance(failure, KalscopeError) else failure)
+        if self._is_news(state, serial):
+            self._draw(state, serial)
+
+    def _is_news(self, state: State, serial: int) -> bool:
+        """Whether a frame of this would differ from the last one; a wake-up of a live record may bring nothing."""
+        last = self._frame
+        quiet = last is not None and state is last.state and serial == last.serial and state.live is not None
+        return not quiet or time.monotonic() - self._frame_at > STATUS_INTERVAL
+
+    def _draw(self, state: State, serial: int) -> None:
+        shown = self._choose(state)
+        variants = self._curves.of(state, shown) if state.live is None else None
+        frame = compute_frame(state, serial, shown, self._runs, variants)
+        asked = self._frame is None or serial != self._frame.serial
+        self._frame, self._frame_at = frame, time.monotonic()
+        self._show(frame)
+        self.first_frame.set()
+        due = state.live is None or asked or self._frame_at - self._study_at > STUDY_INTERVAL
+        if self._studies is not None and due:
+            self._study_at = self._frame_at
+            self._studies.of(studied(state))
+
+    def _choose(self, state: State) -> Shown:
+        """The samples to draw: chosen anew only for another recording, channel or window."""
+        limit = POINT_LIMIT if state.live is None else LIVE_POINTS
+        asked = (state.recording, state.channel, live_window(state), limit)
+        same = len(self._shown_for) == 4 and all(
+            a is b if i == 0 else a == b for i, (a, b) in enumerate(zip(asked, self._shown_for, strict=True))
+        )
+        if self._shown is None or not same:
+            self._shown = choose_shown(*asked, self._facts.of(state))
+            self._shown_for = asked
+        return self._shown

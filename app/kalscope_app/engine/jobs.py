@@ -1,0 +1,49 @@
+"""Work that takes longer than a gesture (reading a file, a long fit), one at a time, beside the engine."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from typing import TYPE_CHECKING
+
+from kalscope.errors import Cancelled, KalscopeError, describe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+log = logging.getLogger(__name__)
+
+MOST_WAITING = 8
+"""Jobs that may wait: each may hold a whole uploaded file."""
+
+
+class Jobs:
+    """One worker thread for slow work; whatever fails becomes one sentence for the person."""
+
+    def __init__(self, tell: Callable[..., None]) -> None:
+        """Args: who shows a sentence, or an exception that is our mistake; `good=True` marks no refusal."""
+        self._tell = tell
+        self._waiting: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        # A daemon, unlike the threads of a pool: a job that hangs does not keep the program from ending.
+        threading.Thread(target=self._run, name="kalscope-jobs", daemon=True).start()
+
+    def run(self, work: Callable[[], None]) -> None:
+        """Queue `work`, unless too much waits already."""
+        if self._waiting.qsize() < MOST_WAITING:
+            self._waiting.put(work)
+        else:
+            self._tell("Too much is waiting already. Try again when what runs has ended.")
+
+    def _run(self) -> None:
+        while True:
+            work = self._waiting.get()
+            try:
+                work()
+            except Cancelled as error:
+                self._tell(f"{error}.", good=True)
+            except (KalscopeError, OSError) as error:
+                self._tell(describe(error))
+            except Exception as error:  # the dashboard goes on
+                log.exception("A job failed")
+                self._tell(error)

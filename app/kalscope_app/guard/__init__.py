@@ -1,0 +1,1 @@
+"""The web guard: who may connect, and what a browser may send."""

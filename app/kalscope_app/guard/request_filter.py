@@ -1,0 +1,121 @@
+"""The door before viser's socket: answers each request itself, or lets viser answer, as `guard_rules` decides."""
+
+from __future__ import annotations
+
+import gzip
+import http
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import viser
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from kalscope_app.guard import pages, rules
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from websockets.asyncio.server import ServerConnection
+
+_log = logging.getLogger(__name__)
+
+MAX_CLIENTS = 32
+"""Browsers at a time; the next is told so."""
+
+
+class Door:
+    """Answers each request instead of viser, or lets viser answer."""
+
+    def __init__(self, policy: rules.Policy) -> None:
+        stock = Path(viser.__file__).parent / "client" / "build" / "index.html"
+        page = pages.dashboard_page(stock.read_text("utf-8"))
+        self._script_hashes = pages.inline_script_hashes(page)
+        self._page = page.encode()
+        self._packed = gzip.compress(self._page, 1)
+        self._policy = policy
+        self._clients = 0
+        self.is_open = False
+        """Pages are served at once, sockets after the self-test: an old tab may be knocking already."""
+        self.was_hung = False
+        """Whether viser's socket really was opened through this door."""
+
+    def answer(self, viser_answer: Callable[..., Any], connection: ServerConnection, request: Request) -> Any:
+        """The `process_request` of websockets: None goes on to the websocket handshake."""
+        try:
+            request.path = rules.below_home(self._policy, request.path)
+            ask = _ask_of(request)
+            answer = rules.decide(self._policy, ask)
+            if isinstance(answer, rules.Allow) and ask.is_upgrade and not self.is_open:
+                answer = rules.Refuse(503, "Kalscope is still starting.")
+            if isinstance(answer, rules.Allow):
+                return self._own_page(ask, request) or viser_answer(connection, request)
+        except Exception:
+            answer = rules.Refuse(400, "This request could not be understood.")
+        if isinstance(answer, rules.SetCookie):
+            return _small_page(200, pages.link_page(self._policy.home), {"Set-Cookie": answer.cookie})
+        if self.is_open:  # before that it is the self-test that is refused
+            # Without the query: it may hold the token, under a wrong name or path.
+            _log.info("refused %r: %s", request.path.partition("?")[0], answer.words)
+        return _small_page(answer.status, pages.refusal_page(self._policy, answer))
+
+    def _own_page(self, ask: rules.Ask, request: Request) -> Response | None:
+        """The pages that are not viser's."""
+        if ask.is_upgrade:
+            return None
+        if ask.target == pages.WITHOUT_WEBGL:
+            return _small_page(200, pages.without_webgl_page())
+        if ask.target.partition("?")[0] != "/":
+            return None
+        headers, body = {"Content-Type": "text/html; charset=utf-8"}, self._page
+        if any("gzip" in value for value in request.headers.get_all("Accept-Encoding")):
+            headers, body = headers | {"Content-Encoding": "gzip"}, self._packed
+        return Response(200, "OK", Headers(headers | {"Content-Length": str(len(body))}), body)
+
+    def admit(self, handler: Callable[..., Any]) -> Callable[..., Any]:
+        """The handler of viser's websockets, for as many clients at a time as there is room for."""
+
+        async def handle(connection: ServerConnection) -> None:
+            if connection.subprotocol != f"viser-v{viser.__version__}":  # viser would print on standard output
+                await connection.close(1002, "reload the page: it is of another version")
+                return
+            if self._clients >= MAX_CLIENTS:
+                await connection.close(1013, "too many browsers")
+                return
+            self._clients += 1
+            try:
+                await handler(connection)
+            finally:
+                self._clients -= 1
+
+        return handle
+
+    def harden(self, _: ServerConnection, request: Request, response: Response) -> Response:
+        """The `process_response` of websockets: security headers on everything but an opened websocket."""
+        if response.status_code != http.HTTPStatus.SWITCHING_PROTOCOLS:
+            hosts = request.headers.get_all("Host")
+            known = len(hosts) == 1 and rules.host_allowed(self._policy, hosts[0])
+            csp = pages.dashboard_csp(self._script_hashes, self._policy.origin_of(hosts[0]) if known else None)
+            for name, value in pages.page_headers(csp).items():
+                if name not in response.headers:
+                    response.headers[name] = value
+        return response
+
+
+def _ask_of(request: Request) -> rules.Ask:
+    headers = request.headers
+    return rules.Ask(
+        hosts=tuple(headers.get_all("Host")),
+        origins=tuple(headers.get_all("Origin")),
+        is_upgrade=any("websocket" in value.lower() for value in headers.get_all("Upgrade")),
+        target=request.path,
+        cookies=tuple(headers.get_all("Cookie")),
+    )
+
+
+def _small_page(status: int, page: str, extra_headers: dict[str, str] | None = None) -> Response:
+    body = page.encode()
+    headers = pages.page_headers(pages.small_page_csp()) | (extra_headers or {})
+    headers |= {"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(body))}
+    return Response(status, http.HTTPStatus(status).phrase, Headers(headers), body)

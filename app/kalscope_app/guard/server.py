@@ -1,0 +1,257 @@
+"""Who may connect to the dashboard: a viser server that answers only to the holder of the printed link.
+
+Stock viser lets any web page drive it. This module stands in front without a fork: for the moment of
+construction it replaces the one call by which viser opens its socket, and puts our check before viser's.
+What is allowed is decided in `guard_rules.py`. If viser is not what this was written for, nothing starts.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import functools
+import http
+import http.client
+import ipaddress
+import secrets
+import socket
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import rich
+import viser
+import websockets.asyncio.server
+
+from kalscope.errors import BadSetting, KalscopeError
+from kalscope_app.guard import pages, rules
+from kalscope_app.guard.message_filter import ClientGate
+from kalscope_app.guard.request_filter import Door
+from kalscope_app.guard.self_test import Attempt, self_test_attempts
+from kalscope_app.guard.upload_limits import ClientLimits, disable_sharing
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+_construction = threading.Lock()
+
+MAX_UPLOAD_BYTES = 64 * 2**20
+"""What the uploads of one client may need at a time, unless told otherwise. Larger files are opened by path."""
+
+MAX_FRAME_BYTES = 2**20
+"""The largest message a client may send. viser cuts uploads into parts of 512 KiB, all else is far smaller."""
+
+
+class GuardFailed(KalscopeError, RuntimeError):
+    """The server would not be safe, so it was stopped: viser is not as expected, or we erred."""
+
+
+@dataclass(frozen=True)
+class GuardedServer:
+    """A running dashboard server. Use it in a `with` statement, or call `stop`."""
+
+    server: viser.ViserServer
+    """To build the panels on."""
+    url: str
+    """The link for the user, token included: whoever has it can use the dashboard."""
+    port: int
+    """The port that was really taken."""
+    token: str
+    """The secret alone, so that logs can leave it out."""
+
+    def stop(self) -> None:
+        """Stop the server and free its port. A second call does nothing."""
+        _stop(self.server)
+
+    def __enter__(self) -> GuardedServer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+
+def guarded_server(
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    *,
+    allow_hosts: Iterable[str] = (),
+    behind: str | None = None,
+    token: str | Callable[[int], str] | None = None,
+    max_upload_bytes: int = MAX_UPLOAD_BYTES,
+    on_refused: Callable[[str], None] | None = None,
+    **viser_kwargs: Any,
+) -> GuardedServer:
+    """Start viser behind the guard. When this returns, the server has withstood an attack on itself.
+
+    Args:
+        host: name or address of this machine to listen on. All networks (0.0.0.0, ::) need `allow_hosts`.
+        port: 1 to 65535, or 0 for any free one.
+        allow_hosts: names or addresses, without port, by which a browser may call this machine
+            besides localhost and the loopback addresses.
+        behind: the https address, `https://NAME`, under which a reverse proxy shows this server; the proxy
+            must pass the Host header on.
+        token: the secret of the link, 16 to 128 of A-Z a-z 0-9 _ -, or who knows it once the port is known;
+            None makes a new one.
+        max_upload_bytes: what the uploads of one client may need at a time.
+        on_refused: told in plain words about each upload that was refused. It runs on the event loop:
+            it may show a notification, and must not block.
+        viser_kwargs: passed to `viser.ViserServer`.
+
+    Raises:
+        BadSetting: host, port, an allowed name or the token cannot be used.
+        GuardFailed: viser is not as expected, or the attack got through; nothing is left running.
+    """
+    names = tuple(name.strip("[]").lower() for name in allow_hosts)
+    with contextlib.ExitStack() as undo:
+        listener = undo.enter_context(_listen(host, port))
+        address, bound_port = listener.getsockname()[:2]
+        link_host = _link_host(host, address, names)
+        secret = token(bound_port) if callable(token) else token
+        secret = secrets.token_urlsafe(32) if secret is None else secret
+        policy = rules.Policy(bound_port, secret, frozenset({*names, link_host}), rules.behind_of(behind))
+        with _expecting_known_viser():
+            door = Door(policy)
+        server = _start_viser(listener, door, viser_kwargs)
+        undo.callback(_stop, server)
+        with _expecting_known_viser():
+            disable_sharing(server)
+            ClientGate(server).install()
+            ClientLimits(server, max_upload_bytes, on_refused).install()
+        _attack(policy, address)
+        door.is_open = True
+        undo.pop_all()
+    shown_host = f"[{link_host}]" if ":" in link_host else link_host
+    origin = f"https://{policy.behind}" if policy.behind else f"http://{shown_host}:{bound_port}"
+    return GuardedServer(server, f"{origin}/?token={policy.token}", bound_port, policy.token)
+
+
+# --- the socket -------------------------------------------------------------------------------------------
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Take the port before viser exists: viser waits for ever on a bad host and moves on from a busy port."""
+    if not 0 <= port <= 65535:
+        raise BadSetting(f"the port must be 0 to 65535 (got {port})")
+    if not host:
+        raise BadSetting("the host must be a name or an address of this machine (got nothing)")
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        # IPv4 first: every browser finds 127.0.0.1.
+        family, *_, where = min(found, key=lambda info: info[0] != socket.AF_INET)
+        return socket.create_server(where, family=family)  # pyright: ignore[reportArgumentType]
+    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte, or too long for IDNA
+        raise BadSetting(_why_not_listening(host, port, error)) from error
+
+
+def _why_not_listening(host: str, port: int, error: Exception) -> str:
+    number = error.errno if isinstance(error, OSError) else None
+    if number == errno.EADDRINUSE:
+        return f"port {port} is in use by another program: choose another with --port, or --port 0 for any free one"
+    if number == errno.EACCES:
+        return f"port {port} needs administrator rights: choose one from 1024 up with --port"
+    reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    return f"host {host!r} cannot be used on this machine: {reason}"
+
+
+def _link_host(host: str, address: str, names: tuple[str, ...]) -> str:
+    """The name that the printed link carries: the address on this machine, else the name the user gave."""
+    if ipaddress.ip_address(address).is_unspecified:
+        if not names:
+            raise BadSetting(
+                f"host {host} listens on all networks: "
+                "also say by which name browsers call this machine, with --allow-host"
+            )
+        return names[0]
+    return address if rules.is_loopback(address) else host.lower()
+
+
+# --- viser, started behind the door -----------------------------------------------------------------------
+
+
+def _start_viser(listener: socket.socket, door: Door, viser_kwargs: dict[str, Any]) -> viser.ViserServer:
+    """Construct viser so that it serves on `listener`, behind `door`."""
+    port = listener.getsockname()[1]
+    fixed = {"host": "127.0.0.1", "port": port, "share": False}
+    with _construction, _serving_behind(door, listener), _without_viser_output():
+        server = viser.ViserServer(**{"verbose": False, **viser_kwargs, **fixed})
+    if not door.was_hung or server.get_port() != port:
+        _stop(server)
+        raise GuardFailed("viser no longer opens its socket the way Kalscope guards: install viser 1.1.1")
+    return server
+
+
+def _serving_behind(door: Door, listener: socket.socket) -> contextlib.AbstractContextManager[None]:
+    stock_serve = websockets.asyncio.server.serve
+
+    def serve(handler: Any, _host: object, _port: object, *, process_request: Any, **kwargs: Any) -> Any:
+        kwargs |= {
+            "process_request": functools.partial(door.answer, process_request),
+            "process_response": door.harden,
+            "max_size": MAX_FRAME_BYTES,
+        }
+        door.was_hung = True
+        return stock_serve(door.admit(handler), sock=listener, **kwargs)
+
+    return _replaced(websockets.asyncio.server, "serve", serve)
+
+
+@contextlib.contextmanager
+def _replaced(module: object, name: str, value: object) -> Iterator[None]:
+    stock = getattr(module, name)
+    setattr(module, name, value)
+    try:
+        yield
+    finally:
+        setattr(module, name, stock)
+
+
+def _without_viser_output() -> contextlib.AbstractContextManager[None]:
+    """Standard output is for our one line, the link; viser prints as it starts and stops, verbose or not."""
+    return _replaced(rich, "print", lambda *_, **__: None)
+
+
+def _stop(server: viser.ViserServer) -> None:
+    with _construction, _without_viser_output():
+        server.stop()
+
+
+@contextlib.contextmanager
+def _expecting_known_viser() -> Iterator[None]:
+    try:
+        yield
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise GuardFailed(f"viser is not the version Kalscope guards, 1.1.1 ({error!r})") from error
+
+
+# --- the self-test ----------------------------------------------------------------------------------------
+
+
+def _attack(policy: rules.Policy, address: str) -> None:
+    """Ask as an attacker would, then as the user would."""
+    ip = ipaddress.ip_address(address)
+    where = address if not ip.is_unspecified else {4: "127.0.0.1", 6: "::1"}[ip.version]
+    for attempt in self_test_attempts(policy):
+        status, headers = _answer_to(where, policy.port, attempt)
+        if status != attempt.expected_status:
+            raise GuardFailed(
+                f"the guard's self-test failed: {attempt.what} was answered {status}, not {attempt.expected_status}"
+            )
+        bare = next((name for name in pages.page_headers("") if name not in headers), None)
+        if bare is not None:
+            raise GuardFailed(f"the guard's self-test failed: {attempt.what} was answered without {bare}")
+
+
+def _answer_to(address: str, port: int, attempt: Attempt) -> tuple[int, http.client.HTTPMessage]:
+    connection = http.client.HTTPConnection(address, port, timeout=5)
+    try:
+        connection.putrequest("GET", attempt.target, skip_host=True, skip_accept_encoding=True)
+        for name, value in attempt.headers:
+            connection.putheader(name, value)
+        connection.endheaders()
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status, answer.headers
+    except (OSError, http.client.HTTPException) as error:
+        raise GuardFailed(f"the guard's self-test got no answer: {error!r}") from error
+    finally:
+        connection.close()

@@ -1,0 +1,1 @@
+"""The running program: log file, user settings, error reporting."""

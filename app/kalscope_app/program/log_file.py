@@ -1,0 +1,115 @@
+"""What the program writes down: warnings on the terminal, everything in a file if asked for. Never the token."""
+
+from __future__ import annotations
+
+import logging
+import logging.handlers
+import os
+import re
+import sys
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from io import TextIOWrapper
+    from pathlib import Path
+
+FILE_BYTES = 2**20
+"""Size at which a log file makes room for the next."""
+OLD_FILES = 2
+"""Full files kept beside the present one, as FILE.1 and FILE.2."""
+
+_SECRET = re.compile(r"(token=|kalscope_\d+=)[A-Za-z0-9_-]+")
+_CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029]")
+
+
+class Lines(logging.Formatter):
+    """One entry a line; what came from outside can neither begin an entry of its own nor move the cursor."""
+
+    def __init__(self, pattern: str, *, with_traceback: bool) -> None:
+        super().__init__(pattern)
+        self._with_traceback = with_traceback
+        self.hidden: list[str] = []
+        """Texts that are replaced by an ellipsis wherever they occur."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The entry, with further lines indented."""
+        if self._with_traceback:
+            text = super().format(record)
+        else:
+            bare = {"exc_info": None, "exc_text": None, "stack_info": None}
+            text = super().format(logging.makeLogRecord(record.__dict__ | bare))
+        text = _SECRET.sub(r"\1…", text)
+        for secret in self.hidden:
+            text = text.replace(secret, "…")
+        return "\n    ".join(_CONTROL.sub("·", line) for line in text.split("\n"))
+
+
+class _Quiet:
+    """A log that cannot be written (a full disk, a closed terminal) must not become an error of its own."""
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
+        """Drop the entry."""
+
+
+class _Terminal(_Quiet, logging.StreamHandler):  # pyright: ignore[reportMissingTypeArgument]
+    pass
+
+
+class _File(_Quiet, logging.handlers.RotatingFileHandler):
+    def _open(self) -> TextIOWrapper:
+        """For this user only: the names of a person's files are nobody else's business."""
+        handle = os.open(self.baseFilename, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
+        return open(handle, "a", encoding="utf-8", errors="backslashreplace")
+
+
+class Log:
+    """The running log."""
+
+    def __init__(self, formatters: tuple[Lines, ...], file: Path | None) -> None:
+        self._formatters = formatters
+        self.file = file
+        """Where everything stands, or None."""
+
+    def hide(self, secret: str) -> None:
+        """Never write this text."""
+        for formatter in self._formatters:
+            formatter.hidden.append(secret)
+
+
+@contextmanager
+def logging_to(file: Path | None = None, *, verbose: bool = False) -> Iterator[Log]:
+    """Log on standard error, and into `file`, while the block runs.
+
+    Args:
+        file: gets everything, with tracebacks; at most `(1 + OLD_FILES) * FILE_BYTES`; None for no file.
+        verbose: the terminal shows what happens (who connects, what is refused), not only what went wrong.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    on_terminal = _Terminal(sys.stderr)
+    on_terminal.setFormatter(Lines("kalscope: %(message)s", with_traceback=verbose))
+    on_terminal.setLevel(logging.INFO if verbose else logging.WARNING)
+    if not verbose:  # libraries report each broken request of a port scan as an error, with its traceback
+        on_terminal.addFilter(lambda record: record.name.startswith("kalscope"))
+    handlers: list[logging.Handler] = [on_terminal]
+    if file is not None:
+        in_file = _File(file, maxBytes=FILE_BYTES, backupCount=OLD_FILES)
+        in_file.setFormatter(Lines("%(asctime)s %(levelname)s %(name)s: %(message)s", with_traceback=True))
+        handlers.append(in_file)
+    formatters = tuple(handler.formatter for handler in handlers if isinstance(handler.formatter, Lines))
+    root, level = logging.getLogger(), logging.getLogger().level
+    for handler in handlers:
+        root.addHandler(handler)
+    root.setLevel(logging.INFO if file is not None or verbose else logging.WARNING)
+    logging.captureWarnings(True)
+    try:
+        yield Log(formatters, file)
+    finally:
+        logging.captureWarnings(False)
+        root.setLevel(level)
+        for handler in handlers:
+            root.removeHandler(handler)
+            handler.close()

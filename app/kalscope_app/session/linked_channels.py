@@ -1,0 +1,62 @@
+"""Tuning several channels at once: what the others become when one changes. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from kalscope.filtering.params import LARGEST
+from kalscope.tuning.tuning import ChannelTuning
+
+ALONE, SAME_NUMBERS, SAME_LAG = "this channel alone", "all: same q and r", "all: same lag, by own noise"
+
+WAYS: tuple[str, ...] = (ALONE, SAME_NUMBERS, SAME_LAG)
+"""How channels go together, in the words on screen. Axes of one sensor share their numbers; a pressure and a
+temperature share at most the lag: then q, r and p0 are scaled by each channel's own noise."""
+
+Tunings = tuple[ChannelTuning, ...]
+
+
+def in_step(tunings: Tunings, starts: Tunings, leader: int, way: str) -> Tunings:
+    """All tunings once the others follow the one that leads; the same where each goes alone.
+
+    Args:
+        tunings: of all channels.
+        starts: what they began with; their r is each channel's own noise.
+        leader: index of the channel that was changed.
+        way: one of WAYS.
+    """
+    if way == ALONE:
+        return tunings
+    return tuple(
+        own if i == leader else follower(tunings[leader], own, _factor(starts, leader, i, way))
+        for i, own in enumerate(tunings)
+    )
+
+
+def follower(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) -> ChannelTuning:
+    """Another channel's setting, its variances `factor` times as large.
+
+    The start value x0 is taken over as it is, or, where the scale of the channels differs, left to the channel.
+    """
+    p0 = None if leader.p0 is None else _scaled(leader.p0, factor)
+    x0 = leader.x0 if factor == 1.0 else own.x0
+    return replace(
+        own,
+        q=_scaled(leader.q, factor),
+        r=_scaled(leader.r, factor),
+        p0=p0,
+        x0=None if p0 is None else x0,
+        gate=leader.gate,
+        how=leader.how,
+    )
+
+
+def _factor(starts: Tunings, leader: int, i: int, way: str) -> float:
+    return starts[i].r / starts[leader].r if way == SAME_LAG and starts[leader].r > 0.0 else 1.0
+
+
+def _scaled(variance: float, factor: float) -> float:
+    """The product; 0 stays 0 and nothing else becomes 0."""
+    if variance == 0.0 or factor == 1.0:
+        return variance
+    return min(max(variance * factor, 1e-300), LARGEST)

@@ -1,0 +1,125 @@
+"""Settings to begin with, each with one line of why: by lag, and those of two source documents. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from kalscope.errors import BadSetting
+from kalscope.filtering.params import LARGEST
+from kalscope.filtering.steady_state import ratio_for
+from kalscope.papers.interactive_matter_2009.document import ASSUMED_R, WALK
+from kalscope.papers.maarif_2019.paper import SIMULATED_FIGURES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kalscope_app.session.changes import Change
+    from kalscope_app.session.state import State
+
+Pair = tuple[float, float]
+"""q and r, unit²."""
+
+
+@dataclass(frozen=True)
+class Preset:
+    """One choice of q and r."""
+
+    title: str
+    """What it is called on screen."""
+    why: str
+    """One or two sentences on what it is for."""
+    pair: Callable[[State], Pair]
+    """q and r for the channel on screen."""
+
+
+LAGS = (
+    ("smooth", 50.0, "For what moves slowly, such as a temperature: a tenth of the noise stays."),
+    (
+        "balanced",
+        10.0,
+        "For a first look at any sensor: about a fifth of the noise stays, and changes stay visible.",
+    ),
+    ("fast", 2.0, "For what a controller acts on: it hardly trails, and nearly half of the noise stays."),
+)
+"""Name, lag in samples and reason of the presets by lag."""
+
+PAPER_1 = {
+    3: "More process noise than sensor noise: the output is almost the raw signal.",
+    4: "Q as large as R: the noise goes down to two thirds, and hardly any lag comes.",
+    5: "R/Q = 10: visibly calmer, still fast.",
+    6: "R/Q = 100, the ratio that the paper recommends: calm, and about ten samples late.",
+    7: "R/Q = 100 again: the curve of R = 1, Q = 0.01, because only the ratio shapes it; the band is wider.",
+    8: "R/Q = 1000: very calm; the paper finds that too much of the signal is lost.",
+}
+"""Why, by the figure of the first paper."""
+
+PAPER_3 = {
+    "q_128": "The document's first try: fast, and the noise of the board passes.",
+    "q_4": "Its second try: some of the noise is gone.",
+    "q_0125": "Its third try: calm, and still quick enough for a hand that tilts a board.",
+    "r_1": "With the last q, little trust in the noise: quicker, and rougher.",
+    "r_4": "With the last q, a noise of two counts: its middle way.",
+    "r_32": "With the last q, a noise of nearly six counts: calmest, and late.",
+}
+"""Why, by the picture of the third document."""
+
+
+def _by_lag(lag_samples: float, state: State) -> Pair:
+    """The signal's own noise as r, var(Δz)/2 of the recording, and the q that has the lag."""
+    r = state.starts[state.recording.index(state.channel)].r
+    return min(float(f"{r * ratio_for(lag_samples=lag_samples):.3e}"), LARGEST), r
+
+
+def _fixed(q: float, r: float, _state: State) -> Pair:
+    return q, r
+
+
+def _all() -> tuple[Preset, ...]:
+    by_lag = [Preset(f"{name}: lag {lag:g} samples", why, partial(_by_lag, lag)) for name, lag, why in LAGS]
+    first = [
+        Preset(f"Ma'arif 2019: R = {r:g}, Q = {q:g}", f"Figure {figure}. {PAPER_1[figure]}", partial(_fixed, q, r))
+        for figure, r, q in SIMULATED_FIGURES
+    ]
+    third = [
+        Preset(f"interactive matter: {_of_picture(key, q, r)}", PAPER_3[key] + _assumed(key), partial(_fixed, q, r))
+        for key, q, r in WALK
+    ]
+    return (*by_lag, *first, *third)
+
+
+def _of_picture(key: str, q: float, r: float) -> str:
+    return f"q = {q:g}" if key.startswith("q_") else f"r = {r:g}"
+
+
+def _assumed(key: str) -> str:
+    return f" It does not print r; {ASSUMED_R:g} is assumed." if key.startswith("q_") else " q = 0.125."
+
+
+PRESETS = {preset.title: preset for preset in _all()}
+"""Presets by title, in the order of the menu."""
+
+
+def choose_preset(title: str) -> Change:
+    """Look at what a preset would do."""
+    preset = _known(title)
+    return lambda state: replace(state, preset=preset.title)
+
+
+def take_preset(title: str) -> Change:
+    """Q and r of a preset become the present ones; the start and the gate stay."""
+    preset = _known(title)
+
+    def change(state: State) -> State:
+        q, r = preset.pair(state)
+        five_lines = state.with_rule(None) if state.rule is not None else state
+        return replace(five_lines.with_tuning(q=q, r=r, how=f"preset {preset.title}"), preset=preset.title)
+
+    return change
+
+
+def _known(title: str) -> Preset:
+    if title not in PRESETS:
+        raise BadSetting(f"preset must be one of {', '.join(PRESETS)} (got {title[:40]!r})")
+    return PRESETS[title]

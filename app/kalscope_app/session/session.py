@@ -1,0 +1,134 @@
+"""The session: the present State, its history, and the requests that wait for the engine. No viser here.
+
+Any thread may file a request; only the engine's thread applies it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from kalscope_app.session.history import History, record, step_back, step_forward
+from kalscope_app.session.live import at_rest, awake, refreshed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kalscope_app.session.changes import Change
+    from kalscope_app.session.state import State
+
+
+def undo(state: State) -> State:
+    """A request to go one gesture back; the session knows to where."""
+    return state
+
+
+def redo(state: State) -> State:
+    """A request to go one undone gesture forward; the session knows to where."""
+    return state
+
+
+@dataclass(frozen=True)
+class _Request:
+    serial: int
+    due: float
+    key: str
+    change: Change
+
+
+class Session:
+    """The State and the changes that wait for the engine. `bell` rings when there is something to do."""
+
+    def __init__(self, state: State) -> None:
+        self._state = state
+        self._history = History()
+        self._lock = threading.Lock()
+        self._waiting: list[_Request] = []
+        self._serial = 0
+        self.bell = threading.Event()
+
+    def request(self, change: Change, *, key: str = "", delay: float = 0.0) -> int:
+        """File a change and return its serial number; frames tell up to which serial all is in them.
+
+        Args:
+            change: applied later by the engine.
+            key: a later request with the same key replaces one that still waits.
+            delay: seconds to wait first, so that typing may go on.
+        """
+        with self._lock:
+            self._serial += 1
+            now = time.monotonic()
+            if key:
+                self._waiting = [waiting for waiting in self._waiting if waiting.key != key]
+            # A later gesture ends the wait of earlier ones: what was typed belongs to what was then on screen.
+            self._waiting = [replace(waiting, due=min(waiting.due, now)) for waiting in self._waiting]
+            self._waiting.append(_Request(self._serial, now + delay, key, change))
+            serial = self._serial
+        self.bell.set()
+        return serial
+
+    def ask(self, use: Callable[[State], None]) -> None:
+        """Hand the state to `use` once every earlier request is in it; on the engine's thread, so be quick."""
+
+        def change(state: State) -> State:
+            use(state)
+            return state
+
+        self.request(change)
+
+    def seconds_to_next(self) -> float | None:
+        """Seconds until the next waiting change is due; None if none waits."""
+        with self._lock:
+            if not self._waiting:
+                return None
+            return max(0.0, min(waiting.due for waiting in self._waiting) - time.monotonic())
+
+    def settle(self) -> tuple[State, int, list[Exception]]:
+        """Apply what is due, in order; a change that fails leaves the state as it was.
+
+        Returns the state, the serial up to which every request was seen, and what failed.
+        """
+        now = time.monotonic()
+        with self._lock:
+            due = [waiting for waiting in self._waiting if waiting.due <= now]
+            self._waiting = [waiting for waiting in self._waiting if waiting.due > now]
+            serial = min((waiting.serial for waiting in self._waiting), default=self._serial + 1) - 1
+        failures: list[Exception] = []
+        self._state = refreshed(self._state)
+        for waiting in due:
+            try:
+                self._apply(waiting, now)
+            except Exception as error:  # whatever it was, the dashboard goes on and says so
+                failures.append(error)
+        return self._state, serial, failures
+
+    def _apply(self, request: _Request, now: float) -> None:
+        if request.change is undo and not self.can_undo:
+            self._state = replace(self._state, note="There is nothing to undo.")
+        elif request.change is redo and not self.can_redo:
+            self._state = replace(self._state, note="There is nothing to redo.")
+        elif request.change is undo or request.change is redo:
+            step = step_back if request.change is undo else step_forward
+            self._history, rested = step(self._history, at_rest(self._state))
+            self._state = awake(rested, self._state)
+        else:
+            after = request.change(self._state)
+            self._history = record(self._history, at_rest(self._state), at_rest(after), request.key, now)
+            self._state = after
+
+    @property
+    def is_live(self) -> bool:
+        """Whether samples come in that the screen should show."""
+        return self._state.live is not None
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a gesture to go back to."""
+        return bool(self._history.past)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether there is an undone gesture to go forward to."""
+        return bool(self._history.future)

@@ -1,0 +1,142 @@
+"""One line that reopens file, channel and setting: written from a State, and applied to one. Pure."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from kalscope_app.session.changes import parse_number, select_channel
+from kalscope_app.session.live import when_known
+
+if TYPE_CHECKING:
+    from kalscope.recording import Recording
+    from kalscope_app.session.state import State
+
+AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
+"""What stands for no number."""
+
+WORDS_OF_NOTHING = ("", "automatic", "diffuse", "first", "off")
+"""What a person may write for that."""
+
+DELIMITER_WORDS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
+
+
+@dataclass(frozen=True)
+class ShareLine:
+    """The line, and what must be said with it."""
+
+    line: str
+    """The command."""
+    remarks: tuple[str, ...]
+    """Sentences on what it does not hold; our own words."""
+
+
+def share_line(state: State) -> ShareLine:
+    """The command that reopens what is on screen."""
+    source, remarks = _source(state.recording)
+    words = ["kalscope", "open", source, *reading_words(state), *_channel_words(state.recording, state.channel)]
+    if state.rule is None:
+        words += setting_words(state)
+    else:
+        remarks.append("The second paper's filter reopens as its experiment has it.")
+    if len(state.recording.names) > 1:
+        remarks.append("The other channels begin afresh; the tuning file above keeps them all.")
+    join = subprocess.list2cmdline if os.name == "nt" else shlex.join
+    return ShareLine(join(words), tuple(remarks))
+
+
+def _source(recording: Recording) -> tuple[str, list[str]]:
+    source = recording.source
+    if not source:
+        return "FILE", ["FILE is the file that you uploaded: a browser does not tell where it lies."]
+    if not source.isprintable():
+        return "FILE", ["FILE is the file that is open: its name has signs that no line can show."]
+    return (f"./{source}" if source.startswith("-") else source), []
+
+
+def _channel_words(recording: Recording, channel: str) -> list[str]:
+    if len(recording.names) == 1:
+        return []
+    index = recording.index(channel)
+    return _option("channel", channel if channel.isprintable() and channel.strip() else str(index + 1))
+
+
+def setting_words(state: State) -> list[str]:
+    """Q and r always, the rest where it is not what the recording begins with."""
+    tuning, start = state.tuning, state.starts[state.recording.index(state.channel)]
+    words = [*_option("q", repr(tuning.q)), *_option("r", repr(tuning.r))]
+    by_value = tuning.p0 is not None
+    for name in ("p0", "x0", "gate"):
+        value = getattr(tuning, name)
+        if value != getattr(start, name) and (name != "x0" or by_value):
+            words += _option(name, AUTOMATIC[name] if value is None else repr(value))
+    return words
+
+
+def reading_words(state: State) -> list[str]:
+    """How the file is to be read, where that was decided."""
+    options = state.options
+    words = [] if state.typed_period is None else _option("sample-period", repr(state.typed_period))
+    if options.delimiter is not None:
+        words += _option("delimiter", DELIMITER_WORDS[options.delimiter])
+    if options.time_column is not None:
+        column = options.time_column
+        words += _option("time-column", str(column + 1) if isinstance(column, int) else column)
+    if options.time_unit is not None:
+        words += _option("time-unit", options.time_unit)
+    for value in options.missing:
+        words += _option("missing", value if isinstance(value, str) else repr(value))
+    return words if options.gaps == "rows" else [*words, *_option("gaps", options.gaps)]
+
+
+def _option(name: str, value: str) -> list[str]:
+    """Two words, or one where the value could be taken for an option."""
+    return [f"--{name}={value}"] if value.startswith("-") else [f"--{name}", value]
+
+
+def apply_options(
+    state: State,
+    channel: str | None,
+    q: str | None,
+    r: str | None,
+    p0: str | None,
+    x0: str | None,
+    gate: str | None,
+) -> State:
+    """The state with the channel and the setting of the command line; what is None stays as it was opened.
+
+    Raises:
+        BadSetting: no such channel, no number, or numbers that make no filter.
+    """
+    values: dict[str, float | None] = {}
+    for name, text in {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate}.items():
+        if text is not None:
+            nothing = name in AUTOMATIC and text.strip().lower() in WORDS_OF_NOTHING
+            values[name] = None if nothing else parse_number(name, text)
+    if values.get("p0", 0.0) is None:
+        values["x0"] = None
+
+    def change(state: State) -> State:
+        if channel is not None:
+            state = select_channel(channel_named(state.recording, channel))(state)
+        if not values:
+            return state
+        five_lines = state.with_rule(None) if state.rule is not None else state
+        return five_lines.with_tuning(**values, how="command line")
+
+    if state.live is None or state.live.settled or (channel is None and not values):
+        return change(state)
+    if values:
+        state.with_tuning(**values)  # refuses now what no channel could have
+    return when_known(state, change)
+
+
+def channel_named(recording: Recording, text: str) -> str:
+    """A channel by its name, or by its number from 1 where no channel is called so."""
+    number = int(text) if text.isascii() and text.isdecimal() and len(text) < 6 else 0
+    if text not in recording.names and 1 <= number <= len(recording.names):
+        return recording.names[number - 1]
+    return text

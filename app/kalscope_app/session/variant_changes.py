@@ -1,0 +1,67 @@
+"""What can be done with pinned settings: each returns a function State -> State, as in `changes`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from kalscope.errors import BadSetting
+from kalscope_app.session.variants import Variant, checked_name, pinned
+
+if TYPE_CHECKING:
+    from kalscope_app.session.changes import Change
+    from kalscope_app.session.state import State
+
+PARAMETERS = ("q", "r", "p0", "x0", "gate")
+"""What a setting consists of."""
+
+
+def pin_present(state: State) -> State:
+    """Keep the present setting of the channel on screen as a variant, under the first free letter."""
+    if state.rule is not None:
+        raise BadSetting("a setting must be one of q and r to be pinned (got the second paper's filter)")
+    same = next((one for one in state.variants if one.tuning.params == state.params), None)
+    if same is not None:
+        raise BadSetting(f"a setting must differ from those that are pinned (got that of {same.name})")
+    return replace(state, pins=(*state.pins, pinned(state.tuning, state.variants)), note="")
+
+
+def use_variant(name: str) -> Change:
+    """The present setting becomes that of a variant."""
+
+    def change(state: State) -> State:
+        tuning = _variant(state, name).tuning
+        values = {key: getattr(tuning, key) for key in PARAMETERS}
+        five_lines = state.with_rule(None) if state.rule is not None else state
+        return five_lines.with_tuning(**values, how=tuning.how)
+
+    return change
+
+
+def rename_variant(name: str, new: str) -> Change:
+    """Call a variant otherwise."""
+
+    def change(state: State) -> State:
+        variant = _variant(state, name)
+        bare = checked_name(new, (one.name for one in state.variants if one is not variant))
+        return _with(state, variant, (replace(variant, name=bare),))
+
+    return change
+
+
+def delete_variant(name: str) -> Change:
+    """Forget a variant; its letter and colour are free again."""
+    return lambda state: _with(state, _variant(state, name), ())
+
+
+def _variant(state: State, name: str) -> Variant:
+    for variant in state.variants:
+        if variant.name == name:
+            return variant
+    choices = ", ".join(variant.name for variant in state.variants) or "none, nothing is pinned"
+    raise BadSetting(f"variant must be one of {choices} (got {name[:40]!r})")
+
+
+def _with(state: State, old: Variant, new: tuple[Variant, ...]) -> State:
+    at = next(i for i, one in enumerate(state.pins) if one is old)
+    return replace(state, pins=(*state.pins[:at], *new, *state.pins[at + 1 :]), note="")

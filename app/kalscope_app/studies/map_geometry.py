@@ -1,0 +1,163 @@
+"""Where things lie on the tuning map: the sizes of its picture, pixels ⇄ scene ⇄ (q, r), lines of equal lag. Pure.
+
+Pixels are those of the page, counted from the top left of the canvas. The scene counts hundreds of them from the
+centre, y upwards. Exponents are log₁₀ of q and r in unit².
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import ratio_for, steady_state
+
+PIXELS = 100.0
+"""Pixels in one unit of the scene."""
+
+DISTANCE = 60.0
+"""From the camera to the map, in units of the scene: so far that the view is nearly parallel."""
+
+GRIP = 16.0
+"""Pixels around the present point within which a drag takes hold of it instead of calling it."""
+
+Point = tuple[float, float]
+Range = tuple[int, int]
+
+NO_FILTERING = 0.7
+"""Samples of lag under which lines of equal lag are not drawn: there is nothing left to choose."""
+
+
+MOST_DECADES = 12
+"""Decades of lag up to which each has lines of its own."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The rectangle of the map inside its canvas, pixels, and what its edges mean."""
+
+    width: float
+    """Width of the canvas."""
+    height: float
+    """Height of the canvas."""
+    left: float
+    top: float
+    right: float
+    bottom: float
+    q: Range
+    """Exponents of q at the left and the right edge."""
+    r: Range
+    """Exponents of r at the bottom and the top edge."""
+
+    def pixel(self, point: Point) -> Point:
+        """Where a pair of exponents (q, r) lies, also outside the rectangle; infinite ones far outside."""
+        across, up = ((min(max(e, -999.0), 999.0) - a) / (b - a) for e, (a, b) in zip(point, (self.q, self.r)))  # noqa: B905
+        return self.left + across * (self.right - self.left), self.bottom - up * (self.bottom - self.top)
+
+    def point(self, pixel: Point) -> Point:
+        """Exponents (q, r) at a pixel."""
+        across = (pixel[0] - self.left) / (self.right - self.left)
+        up = (self.bottom - pixel[1]) / (self.bottom - self.top)
+        return self.q[0] + across * (self.q[1] - self.q[0]), self.r[0] + up * (self.r[1] - self.r[0])
+
+    def held(self, point: Point) -> Point:
+        """The nearest exponents inside the rectangle."""
+        q, r = point
+        return min(max(q, self.q[0]), self.q[1]), min(max(r, self.r[0]), self.r[1])
+
+    def scene(self, pixel: Point) -> Point:
+        """Place in the scene of a pixel."""
+        return (pixel[0] - 0.5 * self.width) / PIXELS, (0.5 * self.height - pixel[1]) / PIXELS
+
+    def of_scene(self, place: Point) -> Point:
+        """Pixel of a place in the scene."""
+        return 0.5 * self.width + PIXELS * place[0], 0.5 * self.height - PIXELS * place[1]
+
+    def inside(self, pixel: Point) -> bool:
+        """Whether a pixel lies in the rectangle or on its edge."""
+        return self.left <= pixel[0] <= self.right and self.top <= pixel[1] <= self.bottom
+
+
+def frame_for(width: float, height: float, q: Range, r: Range) -> Frame:
+    """The map in a canvas: room for names and numbers around it, for the legend below; not taller than it needs."""
+    left, right, top = 62.0, width - 54.0, 88.0
+    bottom = min(height - LEGEND_HEIGHT, top + 1.5 * (right - left))
+    return Frame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r)
+
+
+LEGEND_HEIGHT = 258.0
+"""Pixels under the map: numbers, name of the axis, colour bar, legend, a sentence."""
+
+
+def grabbed(frame: Frame, present: Point, pressed: Point) -> Point:
+    """Pixels from where a drag began to the present point, (0, 0) if it did not take hold of it.
+
+    Args:
+        frame: where the map is.
+        present: exponents of the present point.
+        pressed: pixel at which the drag began.
+    """
+    x, y = frame.pixel(frame.held(present))
+    away = (x - pressed[0], y - pressed[1])
+    return away if math.hypot(*away) <= GRIP else (0.0, 0.0)
+
+
+def hit(origin: tuple[float, ...], direction: tuple[float, ...]) -> Point | None:
+    """Where a ray meets the plane of the map, z = 0; None if it does not."""
+    if not all(map(math.isfinite, (*origin, *direction))) or direction[2] == 0.0:
+        return None
+    way = -origin[2] / direction[2]
+    return (origin[0] + way * direction[0], origin[1] + way * direction[1]) if way > 0.0 else None
+
+
+def field_of_view(frame: Frame, shape: float) -> float:
+    """Vertical angle, radians, under which the whole picture fits into a canvas of `shape` = width : height."""
+    seen = max(frame.height, frame.width / shape) / PIXELS
+    return 2.0 * math.atan(0.5 * seen / DISTANCE)
+
+
+@dataclass(frozen=True)
+class Diagonal:
+    """A line q/r = const across the map."""
+
+    start: Point
+    """Pixel where it enters, at the left or the bottom edge."""
+    end: Point
+    """Pixel where it leaves, at the top or the right edge."""
+    lag: float
+    """Lag on a ramp, samples."""
+
+
+def diagonal(frame: Frame, ratio: float) -> Diagonal | None:
+    """The line q/r = `ratio` > 0 inside the rectangle; None if it misses it."""
+    shift = math.log10(ratio)  # log q − log r
+    first, last = max(frame.q[0], frame.r[0] + shift), min(frame.q[1], frame.r[1] + shift)
+    if first >= last:
+        return None
+    start, end = (frame.pixel((q, q - shift)) for q in (first, last))
+    return Diagonal(start, end, float(steady_state(FilterParams(q=ratio, r=1.0)).lag_samples))
+
+
+def lag_lines(frame: Frame, sample: float) -> list[Diagonal]:
+    """Lines of equal lag at 1, 3, 10, 30 … units, those that cross the map; `sample`: units in one sample.
+
+    A map of very many decades has fewer of them: 1, 1000, 1e6 …
+    """
+    lowest = math.floor(math.log10(NO_FILTERING * sample))
+    highest = math.ceil(0.5 * (frame.r[1] - frame.q[0]) + math.log10(sample))
+    step = max(1, math.ceil((highest - lowest) / MOST_DECADES))
+    lines = []
+    for decade in range(lowest, highest + 1, step):
+        for lead in (1.0, 3.0) if step == 1 else (1.0,):
+            lag = lead * 10.0**decade / sample
+            ratio = ratio_for(lag_samples=lag) if lag >= NO_FILTERING else 0.0
+            line = diagonal(frame, ratio) if ratio > 0.0 else None
+            if line is not None:
+                lines.append(line)
+    return lines
+
+
+def decades(low: int, high: int, most: int = 9) -> list[int]:
+    """Exponents to write along an axis, at most `most` of them."""
+    step = max(1, math.ceil((high - low + 1) / most))
+    return [e for e in range(low, high + 1) if e % step == 0]

@@ -1,0 +1,84 @@
+"""Spectra and Allan deviations of raw and filtered signal, for their charts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.analysis.allan import AllanDeviation, allan_deviation
+from kalscope.analysis.spectrum import Spectrum, magnitude_response, spectrum
+from kalscope.filtering.steady_state import steady_state
+
+if TYPE_CHECKING:
+    from kalscope.filtering.arrays import Array
+    from kalscope_app.session.state import State
+
+BINS = 240
+"""Points that a density or a response is drawn with, at most about."""
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """What the spectrum tab draws."""
+
+    state: State
+    """The choices it belongs to."""
+    found: Spectrum
+    """All of it."""
+    frequency: Array
+    """Frequencies of the density chart, log-spaced, shape (b,)."""
+    densities: tuple[Array, Array, Array]
+    """Raw, filtered, residual there, averaged over each bin."""
+    fine: Array
+    """Frequencies of the response chart, with the cut-off among them, shape (f,)."""
+    response_db: Array
+    """20·log10|H| there, dB."""
+
+
+def compute_spectra(state: State) -> Spectra | None:
+    """Densities and response of the channel on screen; None where its filter has no q and r."""
+    if state.rule is not None:
+        return None
+    period = state.recording.sample_period
+    found = spectrum(state.recording.channel(state.channel), state.params, state.dt, period)
+    frequency, *densities = log_binned(found.frequency, [found.raw, found.filtered, found.residual], BINS)
+    fine = (
+        np.geomspace(float(found.frequency[0]), float(found.frequency[-1]), BINS) if found.samples else np.empty(0)
+    )
+    if found.samples and fine[0] < found.cutoff < fine[-1]:
+        fine = np.sort(np.append(fine, found.cutoff))
+    response = magnitude_response(float(steady_state(state.params).gain), fine * (period or 1.0))
+    decibel = 20.0 * np.log10(np.maximum(response, 1e-20))
+    raw, filtered, residual = densities
+    return Spectra(state, found, frequency, (raw, filtered, residual), fine, decibel)
+
+
+def log_binned(x: Array, ys: list[Array], bins: int) -> tuple[Array, ...]:
+    """Means of x > 0, ascending, and of each y over bins of equal ratio; bins without a point are left out."""
+    if len(x) <= bins:
+        return (x, *ys)
+    edges = np.geomspace(x[0], x[-1] * (1 + 1e-12), bins + 1)
+    place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, bins - 1)
+    counts = np.bincount(place, minlength=bins)
+    full = counts > 0
+    return tuple(np.bincount(place, weights=y, minlength=bins)[full] / counts[full] for y in (x, *ys))
+
+
+@dataclass(frozen=True)
+class Allan:
+    """What the Allan tab draws."""
+
+    state: State
+    """The choices it belongs to."""
+    found: AllanDeviation
+    """All of it."""
+
+
+def compute_allan(state: State) -> Allan | None:
+    """Allan deviation of the channel on screen; None where its filter has no q and r."""
+    if state.rule is not None:
+        return None
+    z = state.recording.channel(state.channel)
+    return Allan(state, allan_deviation(z, state.params, state.recording.sample_period))

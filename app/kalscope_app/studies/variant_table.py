@@ -1,0 +1,100 @@
+"""The table of pinned settings: what each of them does to the channel on screen. Computed at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.analysis.diagnostics import Diagnostics, diagnose
+from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.steady_state import SteadyState, steady_state
+
+if TYPE_CHECKING:
+    from kalscope.filtering.params import FilterParams
+    from kalscope.recording import Recording
+    from kalscope_app.session.state import State
+    from kalscope_app.session.variants import Variant
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What one setting does to one channel."""
+
+    steady: SteadyState
+    """Lag, noise reduction, gain of the settled filter."""
+    rmse: float | None
+    """Root mean square of filtered − truth, unit; None where the truth is not known."""
+    diagnostics: Diagnostics
+    """Size and memory of its innovations."""
+    loglik: float
+    """Log-likelihood."""
+    scored: int
+    """Samples that it sums over."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    variant: Variant | None
+    """Which; None = the present setting."""
+    params: FilterParams
+    """Its parameters."""
+    measures: Measures
+    """What they do."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """All settings of the channel on screen, the present one first."""
+
+    state: State
+    """The choices that it belongs to."""
+    rows: tuple[Row, ...]
+    """One a setting; empty where the filter has no q and r and nothing is pinned."""
+
+
+class VariantTable:
+    """Computes tables and keeps what was measured, so that a gesture measures the present setting alone."""
+
+    def __init__(self) -> None:
+        self._of: tuple[Recording, str] | None = None
+        self._known: dict[FilterParams, Measures] = {}
+
+    def compute(self, state: State) -> Table:
+        """The table of a state."""
+        if self._of is None or self._of[0] is not state.recording or self._of[1] != state.channel:
+            self._of, self._known = (state.recording, state.channel), {}
+        settings = [(variant, variant.tuning.params) for variant in state.variants]
+        present = [(None, state.params)] if state.rule is None else []
+        rows = tuple(
+            Row(variant, params, self._measure(state, params)) for variant, params in (*present, *settings)
+        )
+        wanted = {row.params for row in rows}
+        self._known = {params: measures for params, measures in self._known.items() if params in wanted}
+        return Table(state, rows)
+
+    def _measure(self, state: State, params: FilterParams) -> Measures:
+        if params not in self._known:
+            self._known[params] = measure(state, params)
+        return self._known[params]
+
+
+def measure(state: State, params: FilterParams) -> Measures:
+    """What a setting does to the channel on screen, over the whole recording."""
+    recording = state.recording
+    result = kalman_filter(recording.channel(state.channel), params, state.dt)
+    diagnostics = diagnose(result)
+    rmse = None
+    if recording.truth is not None:
+        error = result.x - recording.truth[:, recording.index(state.channel)]
+        rmse = float(np.sqrt(np.nanmean(error * error))) if np.isfinite(error).any() else None
+    return Measures(
+        steady=steady_state(params, recording.sample_period),
+        rmse=rmse,
+        diagnostics=diagnostics[0] if isinstance(diagnostics, tuple) else diagnostics,
+        loglik=float(result.loglik),
+        scored=int(result.m),
+    )

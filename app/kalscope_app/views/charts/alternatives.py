@@ -1,0 +1,179 @@
+"""Is there a simpler filter? A chart with the present one and a rival, the verdict, and a table of all."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kalscope_app.session.changes import set_match, set_rival
+from kalscope_app.views.charts.chart import Chart, Layout
+from kalscope_app.views.charts.style import DARK, LIGHT, Line, axes, gappy, line, short
+from kalscope_app.views.charts.time_axis import time_label
+from kalscope_app.views.scales import scale_for, time_scale_for
+from kalscope_app.views.text import count, lag_text, noise_text, number, plain
+
+if TYPE_CHECKING:
+    import viser
+
+    from kalscope.analysis.alternatives.comparison import Alternative
+    from kalscope.analysis.alternatives.verdict import Difference
+    from kalscope_app.session.session import Session
+    from kalscope_app.session.state import State
+    from kalscope_app.studies.alternatives import Compared
+    from kalscope_app.views.window.layout import Sizes
+
+NAMES: tuple[str, ...] = (
+    "Moving average",
+    "Exponential",
+    "Power-of-two gain",
+    "Median",
+    "2nd-order Butterworth",
+    "Delayed Savitzky-Golay",
+    "Centred Savitzky-Golay",
+    "One-euro",
+    "Smoother (offline bound)",
+)
+"""Rivals as the comparison names them."""
+
+ALL = "all of them"
+
+MATCHES: dict[str, str] = {"the same lag": "lag", "the same noise reduction": "noise"}
+"""What is chosen, and what it is called inside."""
+
+COLOURS = {
+    False: ("#009E73", "#0072B2", "#B8860B", "#CC79A7", "#3a9bdc", "#8c6d31", "#6c7a99", "#7b4fc8", "#1b9e8a"),
+    True: ("#2fc99b", "#56B4E9", "#F0E442", "#e39ac6", "#8fd0ff", "#c9a15a", "#a9b7d6", "#b79bff", "#3fd6bd"),
+}
+"""Of the rivals in the order of NAMES, light and dark."""
+
+NOTHING = "This filter has no q and r, so there is nothing to compare at its lag."
+
+HEADS = ("filter", "setting", "lag", "noise", "{error}", "against yours")
+
+
+class AlternativesView:
+    """The lower part of the Compare tab."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        gui.add_markdown("### Is there a simpler filter?")
+        self._match = gui.add_dropdown("at", tuple(MATCHES), hint="What the others are made equal in.")
+        self._rival = gui.add_dropdown("draw", (*NAMES, ALL), hint="Which one is drawn beside yours.")
+        self._verdict = gui.add_markdown("")
+        self._chart = Chart(gui, 260, sync="kalscope-time")
+        self._table = gui.add_markdown("")
+        self._match.on_update(self._on_match)
+        self._rival.on_update(self._on_rival)
+
+    def set_heights(self, sizes: Sizes) -> None:
+        """Height of the chart; verdict and table need the rest."""
+        whole = sizes.signal_height + sizes.innovation_height + sizes.gain_height
+        self._chart.handle.height = max(180, round(0.4 * whole))
+
+    async def _on_match(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_match(MATCHES.get(self._match.value, "lag")))
+
+    async def _on_rival(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_rival(self._rival.value))
+
+    def show(self, compared: Compared | None) -> None:
+        """Draw and write."""
+        if compared is None:
+            self._verdict.content, self._table.content = NOTHING, ""
+            self._chart.hide()
+            return
+        state = compared.state
+        match = next(words for words, inner in MATCHES.items() if inner == state.match)
+        rival = state.rival if state.rival in NAMES else ALL
+        for handle, value in ((self._match, match), (self._rival, rival)):
+            if handle.value != value:
+                handle.value = value
+        first, dot, rest = compared.found.verdict.partition(". ")
+        self._verdict.content = f"**{first}{dot.strip()}** {rest}"
+        self._table.content = text_of(compared)
+        self._draw(compared)
+
+    def _draw(self, compared: Compared) -> None:
+        state, inside = compared.state, compared.inside
+        palette = DARK if state.dark else LIGHT
+        time, raw = compared.shown.time[inside], compared.shown.raw[inside]
+        span = float(time[-1] - time[0]) if len(time) > 1 else 1.0
+        clock = time_scale_for(span, state.recording.sample_period)
+        scale = scale_for(raw, state.tuning.unit)
+        lines = [*gappy("raw", raw, palette.raw)]
+        if compared.shown.truth is not None:
+            truth = {**line("truth", palette.truth, 1.5), "dash": (6, 4)}
+            lines.append(Line(compared.shown.truth[inside], truth))
+        lines.append(Line(compared.curve(compared.found.present), loud("yours", palette.filtered, 2.5)))
+        colours = dict(zip(NAMES, COLOURS[state.dark], strict=True))
+        for one in compared.rivals:
+            lines.append(Line(compared.curve(one), loud(one.name, colours.get(one.name, palette.truth), 1.5)))
+        series = ({"label": time_label(clock)}, *(one.style for one in lines))
+        gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
+        layout = Layout(series, axes(scale.label(short(state.channel, 14))), gaps=gaps)
+        self._chart.show(time * clock.factor, [one.y * scale.factor for one in lines], layout, state.resets)
+
+
+def loud(label: str, colour: str, width: float) -> dict[str, object]:
+    """A curve that does not decide the range of y: a wild start may leave the picture."""
+    return {**line(label, colour, width), "auto": False}
+
+
+def text_of(compared: Compared) -> str:
+    """Table and what is to be said; markdown."""
+    found, state = compared.found, compared.state
+    if not found.others:
+        return found.note
+    unit = plain(state.tuning.unit, 12) or "unit"
+    head = [text.format(error=f"{'error' if found.present.rmse is None else 'RMSE'}, {unit}") for text in HEADS]
+    rows = [cells(one, state) for one in (found.present, *found.others)]
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    said = "\n".join(f"- {described(one)}" for one in (*compared.rivals, found.present))
+    return (
+        f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n{table}\n\n{found.identity}\n\n{said}\n\n{found.note} "
+        "The intervals in brackets hold together in 95 % of cases. Cut-offs are in cycles a sample."
+    )
+
+
+def described(one: Alternative) -> str:
+    """What is to be said for it and against it, and what it costs."""
+    start = (
+        "starts at once" if one.start_samples <= 1 else f"forgets its start in {count(one.start_samples)} samples"
+    )
+    memory = "needs the whole recording" if one.memory == 0 else f"remembers {count(one.memory)} numbers"
+    if one.memory == 1:
+        memory = "remembers one number"
+    return (
+        f"**{one.name}.** {one.sentence} It {start}, {memory}, and its steps are {number(one.roughness)} of "
+        f"the raw ones. Where samples are missing it {one.gaps}."
+    )
+
+
+def cells(one: Alternative, state: State) -> list[str]:
+    """One row of the table."""
+    error = one.prediction if one.rmse is None else one.rmse
+    row = [
+        f"**{one.name}**" if one.name == state.rival or (one.against is None and one.causal) else one.name,
+        one.parameters,
+        lag_text(one.lag_samples, state.recording.sample_period) if one.causal else "looks ahead",
+        "–" if np.isnan(one.noise_reduction_db) else noise_text(one.noise_reduction_db),
+        "–" if error is None else number(error, 4),
+        against(one.against) if one.matched or one.against is None else "not at this " + state.match,
+    ]
+    return [text.replace(" ", "\u00a0") if len(text) < 16 else text for text in row]
+
+
+def against(d: Difference | None) -> str:
+    """A difference as a person reads it: "4.2 % worse (3.3 to 5.3)"."""
+    if d is None or np.isnan(d.ratio):
+        return "–"
+    if np.isinf(d.high):
+        return "too short to tell"
+    if not d.real:
+        return "no real difference"
+    word = "better" if d.ratio < 1.0 else "worse"
+    near, far = sorted(abs(end - 1.0) * 100.0 for end in (d.low, d.high))
+    return f"{number(abs(d.ratio - 1.0) * 100.0, 2)} % {word} ({number(near, 2)} to {number(far, 2)})"

@@ -1,0 +1,128 @@
+"""The Channels tab: every channel on a lane of its own, their settings side by side, and copying between them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kalscope.filtering.steady_state import steady_state
+from kalscope_app.session.channel_changes import ALL_OTHERS, copy_setting
+from kalscope_app.studies.channels_overview import HALF_LANE, LIMIT, Lane, Overview
+from kalscope_app.views.charts.chart import Array, Chart, Layout
+from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
+from kalscope_app.views.charts.time_axis import time_label
+from kalscope_app.views.scales import time_scale_for
+from kalscope_app.views.text import count, lag_text, noise_text, number, plain
+
+if TYPE_CHECKING:
+    import viser
+
+    from kalscope_app.engine.frame import Frame
+    from kalscope_app.session.session import Session
+    from kalscope_app.session.state import State
+
+ONE = "This recording has one channel. A recording with several shows them here side by side."
+
+LANE_HEIGHT = 46
+"""Least height of a lane, px, so that eight need no scrolling at 720 px."""
+
+ROOM = 330
+"""Height that a few lanes share, px."""
+
+
+class ChannelsView:
+    """Chart, table and copy button."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        self._said = gui.add_markdown(ONE)
+        self._chart = Chart(gui, 200, sync="kalscope-time")
+        self._chart.handle.legend = {"show": False}
+        self._table = gui.add_markdown("")
+        with gui.add_folder("Copy a setting", visible=False) as self._folder:
+            self._to = gui.add_dropdown(
+                "this channel's to", list[str]([ALL_OTHERS]), hint="Who gets q, r, start and gate of this channel."
+            )
+            self._copy = gui.add_button("Copy", hint="The same numbers, once; Undo takes it back.")
+        self._copy.on_click(self._on_copy)
+
+    async def _on_copy(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.request(copy_setting(self._to.value))
+
+    def show(self, frame: Frame) -> None:
+        """Offer the other channels."""
+        names = frame.state.recording.names
+        self._folder.visible = self._chart.handle.visible = len(names) > 1
+        others = (ALL_OTHERS, *(name for name in names if name != frame.state.channel))
+        if tuple(self._to.options) != others:
+            kept = self._to.value if self._to.value in others else ALL_OTHERS
+            self._to.options = others
+            self._to.value = kept
+
+    def show_overview(self, overview: Overview) -> None:
+        """Draw the lanes and write the table."""
+        self._said.content = lead_of(overview)
+        self._table.content = table_of(overview)
+        if overview.lanes:
+            height = 60 + max(LANE_HEIGHT * len(overview.lanes), ROOM)
+            if self._chart.handle.height != height:
+                self._chart.handle.height = height
+            self._chart.show(*lanes_of(overview), overview.state.resets)
+
+
+def lanes_of(overview: Overview) -> tuple[Array, list[Array], Layout]:
+    """The chart: lane 1 on top; raw pale, filtered bold, the channel on screen in its own colour."""
+    state = overview.state
+    palette = DARK if state.dark else LIGHT
+    span = float(overview.time[-1] - overview.time[0]) if len(overview.time) > 1 else 1.0
+    clock = time_scale_for(span, state.recording.sample_period)
+    ys: list[Array] = []
+    series: list[dict[str, object]] = [{"label": time_label(clock)}]
+    for i, lane in enumerate(overview.lanes, 1):
+        ys += [i - HALF_LANE * lane.raw, i - HALF_LANE * lane.filtered]
+        series += [line(f"{i} raw", palette.raw), line(f"{i}", colour_of(lane, state, palette), 2)]
+    across, up = axes("channel")
+    layout = Layout(
+        tuple(series),
+        ({**across, "label": time_label(clock), "size": 34}, {**up, "incrs": (1,), "space": 8}),
+        y_range=(0.5, len(overview.lanes) + 0.5),
+        y_down=True,
+    )
+    return overview.time * clock.factor, ys, layout
+
+
+def colour_of(lane: Lane, state: State, palette: Palette) -> str:
+    """The channel on screen as in the Signal tab, the others blue."""
+    return palette.filtered if lane.name == state.channel else palette.truth
+
+
+def lead_of(overview: Overview) -> str:
+    """What is seen here; one line of markdown."""
+    if not overview.lanes:
+        return ONE
+    names = overview.state.recording.names
+    said = "Each channel fills its own lane: **raw** pale, **filtered** bold, the one that is tuned in orange."
+    more = len(names) - len(overview.lanes)
+    return f"{said} {count(more)} more than {LIMIT} are not drawn." if more else said
+
+
+def table_of(overview: Overview) -> str:
+    """The channels with their settings; markdown, names escaped."""
+    if not overview.lanes:
+        return ""
+    state, period = overview.state, overview.state.recording.sample_period
+    lines = ["| | channel | q | r | lag | noise | from … to | missing |", "|---|---|---|---|---|---|---|---|"]
+    for i, lane in enumerate(overview.lanes):
+        tuning, unit = state.tunings[i], plain(state.tunings[i].unit, 12)
+        bold = "**" if lane.name == state.channel else ""
+        cells = [f"{bold}{i + 1}{bold}", f"{bold}{plain(lane.name, 24)}{bold}"]
+        if state.rules and state.rules[i] is not None:
+            cells += ["–"] * 4
+        else:
+            steady = steady_state(tuning.params)
+            cells += [number(tuning.q), number(tuning.r), lag_text(float(steady.lag_samples), period)]
+            cells += [noise_text(float(steady.noise_reduction_db))]
+        reach = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
+        lines.append("| " + " | ".join([*cells, reach, count(lane.missing) if lane.missing else "–"]) + " |")
+    return "\n".join(lines)

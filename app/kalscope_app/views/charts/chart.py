@@ -1,0 +1,134 @@
+"""The one door to uPlot: which points, in which order, in which unit, and what it must never be given.
+
+viser's uPlot goes blank on a leading NaN, on inf and on empty arrays, draws a bridge over NaN, and prints ticks
+with three decimals at most. So everything drawn passes through here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import viser
+
+Array = NDArray[np.float64]
+
+
+def drawable(x: Array, ys: list[Array], gaps: frozenset[int] = frozenset()) -> tuple[Array, ...]:
+    """X ascending and every y finite, never empty: what uPlot can be given.
+
+    The lines whose numbers are in `gaps` keep their NaN: they are drawn as points and decide no range.
+
+    A value that is not finite takes the nearest finite one before it, or the first after it; a line without any
+    becomes 0. A single point becomes two, because a line needs them.
+    """
+    if len(x) == 0:
+        return (np.array([0.0, 1.0]), *(np.zeros(2) for _ in ys))
+    if len(x) == 1:
+        x, ys = np.array([x[0], x[0] + 1.0]), [np.repeat(y, 2) for y in ys]
+    return (
+        np.ascontiguousarray(x, dtype=np.float64),
+        *(np.where(np.isfinite(y), y, np.nan) if i in gaps else _finite(y) for i, y in enumerate(ys)),
+    )
+
+
+def _finite(y: Array) -> Array:
+    good = np.isfinite(y)
+    if good.all():
+        return np.ascontiguousarray(y, dtype=np.float64)
+    if not good.any():
+        return np.zeros(len(y))
+    first = int(np.argmax(good))
+    held = np.maximum.accumulate(np.where(good, np.arange(len(y)), first))
+    return y[held]
+
+
+class Chart:
+    """One uPlot chart that keeps its zoom while data change, and is rebuilt only when its lines do."""
+
+    def __init__(self, gui: viser.GuiApi, height: int, *, sync: str | None = None) -> None:
+        zeros = np.zeros(2)
+        cursor: dict[str, Any] = {"drag": {"x": True, "y": False}}
+        if sync is not None:
+            cursor["sync"] = {"key": sync}
+        self._handle = gui.add_uplot(
+            (np.array([0.0, 1.0]), zeros),
+            ({"label": "x"}, {"label": "y"}),
+            scales={"x": {"time": False}},
+            padding=(10, 24, 0, 0),  # without it viser rebuilds the chart whenever its width changes
+            height=height,
+            cursor=cursor,  # pyright: ignore[reportArgumentType]
+        )
+        self._layout: object = None
+        self._view: object = None
+
+    @property
+    def handle(self) -> viser.GuiUplotHandle:
+        """The viser handle, for tests and heights."""
+        return self._handle
+
+    def show(
+        self,
+        x: Array,
+        ys: list[Array],
+        layout: Layout,
+        view: object = None,
+        reach: tuple[float, float] | None = None,
+    ) -> None:
+        """Draw; `layout` is sent only when it differs; `reach` is the range of the x axis, if not that of x.
+
+        A new `view`, or another reach of x, rebuilds the chart and so ends a zoom: with a fixed range for x viser
+        keeps a zoom over new data, but not over a new scale.
+        """
+        data = drawable(x, ys, layout.gaps)
+        reach = reach or (float(data[0][0]), float(data[0][-1]))
+        if (view, reach, layout.y_range) != self._view:
+            self._view = (view, reach, layout.y_range)
+            scales: dict[str, Any] = {"x": {"time": False, "range": reach, **_distribution(layout.log_x)}}
+            if layout.y_range is not None:
+                flip = {"dir": -1} if layout.y_down else {}
+                scales["y"] = {"range": layout.y_range, **flip, **_distribution(layout.log_y)}
+            self._handle.scales = scales
+        if layout != self._layout:
+            self._layout = layout
+            self._handle.series = layout.series
+            self._handle.bands = layout.bands
+            self._handle.axes = layout.axes
+        self._handle.data = data
+        if not self._handle.visible:
+            self._handle.visible = True
+
+    def hide(self) -> None:
+        """Take the chart off the screen: where there is no answer, an old curve would be taken for it."""
+        if self._handle.visible:
+            self._handle.visible = False
+
+
+def _distribution(log: bool) -> dict[str, int]:
+    return {"distr": 3, "log": 10} if log else {}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Everything of a chart but its numbers: compared by value, so it must hold only tuples and dicts."""
+
+    series: tuple[Any, ...]
+    """uPlot series, the x axis first."""
+    axes: tuple[Any, ...]
+    """uPlot axes: x, then y."""
+    bands: tuple[Any, ...] | None = None
+    """Filled bands between pairs of series."""
+    gaps: frozenset[int] = frozenset()
+    """Numbers of the lines, from 0, that are drawn as points and keep their gaps."""
+    y_range: tuple[float, float] | None = None
+    """Fixed range of y; None = what the lines need."""
+    y_down: bool = False
+    """Whether a fixed y grows downward."""
+    log_x: bool = False
+    """Whether the x axis is logarithmic; all x > 0 then."""
+    log_y: bool = False
+    """Whether the y axis is logarithmic; needs y_range, both ends > 0."""

@@ -1,0 +1,100 @@
+"""The signal as a picture behind the sheet of a phone, where viser shows no chart beside the controls. Pure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from kalscope_app.views.charts.chart import Array, drawable
+from kalscope_app.views.charts.style import DARK, LIGHT, Palette
+from kalscope_app.views.charts.time_axis import time_axis
+from kalscope_app.views.scales import scale_for
+from kalscope_app.views.text import duration, number
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from kalscope_app.engine.frame import Frame
+
+WIDTH = 780
+"""Width of the picture, px: sharp on the screens of phones."""
+
+VISIBLE = 0.39
+"""Share of the height that viser's sheet leaves free."""
+
+MARGIN = 0.04
+"""Space around the curves, share of the width."""
+
+
+def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
+    """Raw and filtered signal with its band, for a canvas of `shape` = width : height; (height, width, 3)."""
+    palette = DARK if frame.state.dark else LIGHT
+    background, ink = ("#1e2024", "#c9ced6") if frame.state.dark else ("#ffffff", "#495057")
+    image = Image.new("RGB", (WIDTH, round(WIDTH / shape)), background)
+    margin = round(MARGIN * WIDTH)
+    text = ImageFont.load_default(size=24)
+    top, bottom = margin + 36, round(VISIBLE * image.height) - 44
+    pen = ImageDraw.Draw(image, "RGBA")
+    low, high = _draw_curves(pen, frame, palette, (margin, top, WIDTH - margin, bottom))
+    scale, clock = scale_for(frame.shown.raw, frame.state.tuning.unit), time_axis(frame)
+    first, last = (frame.shown.time[i] * clock.factor if len(frame.shown.time) else 0.0 for i in (0, -1))
+    reach = f"{number(low * scale.factor)} to {number(high * scale.factor)} {scale.unit}"
+    pen.text((margin, margin), printable(f"{frame.state.channel[:24]}: {reach}"), fill=ink, font=text)
+    span = f"{number(first, 4)} to {number(last, 4)} {clock.unit}"
+    pen.text((margin, bottom + 10), printable(span), fill=ink, font=text)
+    pen.text((WIDTH - margin - 110, bottom + 10), "raw", fill=palette.raw, font=text, anchor="ra")
+    pen.text((WIDTH - margin, bottom + 10), "filtered", fill=palette.filtered, font=text, anchor="ra")
+    _write_numbers(pen, frame, ink, (margin, round(VISIBLE * image.height) + 2 * margin))
+    return np.asarray(image)
+
+
+def _write_numbers(pen: ImageDraw.ImageDraw, frame: Frame, ink: str, corner: tuple[int, int]) -> None:
+    """The three numbers that matter, in the strip that viser's sheet leaves free at the left."""
+    steady, period = frame.steady, frame.state.recording.sample_period
+    lag = float(steady.lag_samples)
+    rows = (
+        ("lag", f"{number(lag)} samples" if period is None else duration(lag * period)),
+        ("noise", f"−{number(float(steady.noise_reduction_db))} dB"),
+        ("gain K", number(float(steady.gain))),
+    )
+    for i, (name, value) in enumerate(rows):
+        at = corner[0], corner[1] + 130 * i
+        pen.text(at, name, fill=ink, font=ImageFont.load_default(size=24))
+        pen.text((at[0], at[1] + 34), printable(value), fill=ink, font=ImageFont.load_default(size=36))
+
+
+def _draw_curves(
+    pen: ImageDraw.ImageDraw, frame: Frame, palette: Palette, box: tuple[int, int, int, int]
+) -> tuple[float, float]:
+    """Draw into a box (left, top, right, bottom); the range of y follows the signal, as in the chart."""
+    shown = frame.shown
+    x, raw, filtered, spread = drawable(shown.time, [shown.raw, frame.filtered, frame.spread])
+    low, high = float(raw.min()), float(raw.max())
+    if high <= low:
+        low, high = low - 1.0, high + 1.0
+    left, top, right, bottom = box
+
+    def points(y: Array) -> list[tuple[float, float]]:
+        across = left + (right - left) * (x - x[0]) / (x[-1] - x[0] or 1.0)
+        up = np.clip((y - low) / (high - low), -0.1, 1.1)
+        return list(zip(across.tolist(), (bottom - (bottom - top) * up).tolist(), strict=True))
+
+    band = tuple(int(part) for part in palette.band[5:-1].split(",")[:3])
+    pen.polygon([*points(filtered - spread), *points(filtered + spread)[::-1]], fill=(*band, 45))
+    seen = np.isfinite(shown.raw) if len(shown.raw) == len(x) else np.ones(len(x), dtype=bool)
+    drawn = points(raw)
+    for start, end in zip(range(len(x) - 1), range(1, len(x)), strict=True):
+        if seen[start] and seen[end]:
+            pen.line([drawn[start], drawn[end]], fill=palette.raw, width=1)
+    for extra, colour in ((shown.truth, palette.truth), (frame.smoothed, palette.smoothed)):
+        if extra is not None:
+            pen.line(points(drawable(shown.time, [extra])[1]), fill=colour, width=2)
+    pen.line(points(filtered), fill=palette.filtered, width=5, joint="curve")
+    return low, high
+
+
+def printable(text: str) -> str:
+    """Text in the letters that the built-in font has; it draws a box for a minus sign."""
+    return text.translate({ord("−"): "-", ord("∞"): "inf", ord("…"): "...", 0x202F: " "})

@@ -1,0 +1,108 @@
+"""Which part of the recording is on screen: a range, its end or all of it; a live one can be followed."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
+from kalscope_app.session.changes import follow_end, reset_view, set_window
+from kalscope_app.session.live import SPANS, follow, live_window, set_paused, set_span
+from kalscope_app.views.scales import Scale, time_scale_for
+from kalscope_app.views.text import number
+
+if TYPE_CHECKING:
+    import viser
+
+    from kalscope_app.engine.frame import Frame
+    from kalscope_app.session.session import Session
+    from kalscope_app.session.state import Live
+
+
+class WindowView:
+    """The range control above the charts."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        self._range = gui.add_multi_slider(
+            "view",
+            min=0.0,
+            max=1.0,
+            step=0.001,
+            initial_value=(0.0, 1.0),
+            marks=(),
+            hint="The part of the recording that is drawn. Drag in a chart to zoom further, double click to undo.",
+        )
+        self._buttons = gui.add_button_group("", ("Reset view", "Follow end"), hint="Show all, or the newest part.")
+        self._live = gui.add_button_group(
+            "live",
+            ("Live", "Pause"),
+            hint="Follow the newest sample, or let the screen stand still.",
+            visible=False,
+        )
+        self._span = gui.add_dropdown(
+            "shows the last", tuple(SPANS), initial_value="10 s", hint="Length of the live window.", visible=False
+        )
+        self._serial = 0
+        self._moved_at = -math.inf
+        self._scale = Scale(1.0, "s")
+        self._range.on_update(self._on_range)
+        self._buttons.on_click(self._on_button)
+        self._live.on_click(self._on_live)
+        self._span.on_update(self._on_span)
+
+    async def _on_range(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            first, last = (float(end) / self._scale.factor for end in self._range.value)
+            self._serial = self._session.request(set_window(first, last), key="view")
+
+    async def _on_button(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.request(reset_view if self._buttons.value == "Reset view" else follow_end)
+
+    async def _on_live(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.request(follow if self._live.value == "Live" else set_paused(True))
+
+    async def _on_span(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_span(self._span.value))
+
+    def _show_live(self, live: Live | None) -> None:
+        for part in (self._live, self._span):
+            if part.visible != (live is not None):
+                part.visible = live is not None
+        self._buttons.visible = live is None
+        if live is not None:
+            words = next(words for words, span in SPANS.items() if span == live.span)
+            if self._span.value != words:
+                self._span.value = words
+            label = "live, paused" if live.paused else "live" if live.following else "looking back"
+            if self._live.label != label:
+                self._live.label = label
+
+    def show(self, frame: Frame) -> None:
+        """Follow the frame unless the range has moved since."""
+        self._show_live(frame.state.live)
+        recording = frame.state.recording
+        if moves_too_often(frame, time.monotonic() - self._moved_at):
+            return
+        self._moved_at = time.monotonic()
+        begin, end = frame.shown.reach
+        self._scale = time_scale_for(end - begin, recording.sample_period)
+        low, high = begin * self._scale.factor, end * self._scale.factor
+        high = high if high > low else low + 1.0
+        if frame.serial < self._serial:
+            return
+        window = live_window(frame.state) or (begin, end)
+        value = tuple(min(max(moment * self._scale.factor, low), high) for moment in window)
+        label = f"{number(value[0], 4)} to {number(value[1], 4)} {self._scale.unit}"
+        if self._range.label != label:
+            self._range.label = label
+        if (self._range.min, self._range.max) != (low, high):
+            self._range.min, self._range.max, self._range.step = low, high, (high - low) / 1000.0
+        if self._range.value != value:
+            self._range.value = value
+
+
+def moves_too_often(frame: Frame, seconds: float) -> bool:
+    """Whether the range of a live record moved less than a second ago: a range that runs away cannot be held."""
+    return frame.state.live is not None and frame.state.live.following and seconds < 1.0

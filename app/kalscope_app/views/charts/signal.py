@@ -1,0 +1,188 @@
+"""The charts: raw and filtered signal with its band, the innovation with its band, the gain at the start."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope_app.session.variants import css
+from kalscope_app.views.charts.chart import Array, Chart, Layout
+from kalscope_app.views.charts.style import DARK, LIGHT, Line, Palette, axes, gappy, line, short
+from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
+from kalscope_app.views.scales import Scale, scale_for
+from kalscope_app.views.text import count, duration, frequency, number, plain
+
+if TYPE_CHECKING:
+    import viser
+
+    from kalscope_app.engine.frame import Frame
+    from kalscope_app.views.window.layout import Sizes
+
+LIVE_CONTROLS_HEIGHT = 44
+"""Height in px that the controls of a live record take from the chart below them."""
+
+LINE_HEIGHT = 20
+"""Height of one line of the heading, px."""
+
+LETTER_WIDTH = 7.0
+"""Mean width of a letter of the heading, px; a little more than it is."""
+
+LONGEST_LABEL = 16
+"""Letters that fit beside the innovation at 720 px of height."""
+
+
+class SignalView:
+    """Three charts, one below the other; the first two share their zoom."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._sizes: Sizes | None = None
+        self._live = False
+        self._lines = 1
+        self._heading = gui.add_markdown("")
+        self.signal = Chart(gui, 430, sync="kalscope-time")
+        self.innovation = Chart(gui, 200, sync="kalscope-time")
+        self.gain = Chart(gui, 150)
+
+    def set_heights(self, sizes: Sizes) -> None:
+        """Heights of the three charts."""
+        self._sizes = sizes
+        self._lines = self._lines_of(self._heading.content)
+        more = LINE_HEIGHT * (self._lines - 1) + (LIVE_CONTROLS_HEIGHT if self._live else 0)
+        self.signal.handle.height = max(120, sizes.signal_height - more)
+        self.innovation.handle.height = sizes.innovation_height
+        self.gain.handle.height = sizes.gain_height
+
+    def show(self, frame: Frame) -> None:
+        """Draw the frame."""
+        palette = DARK if frame.state.dark else LIGHT
+        heading = heading_of(frame)
+        live, lines = frame.state.live is not None, self._lines_of(heading)
+        if (live, lines) != (self._live, self._lines):
+            self._live, self._lines = live, lines
+            if self._sizes is not None:
+                self.set_heights(self._sizes)
+        if self._heading.content != heading:
+            self._heading.content = heading
+        clock = time_axis(frame)
+        self._show_signal(frame, palette, clock)
+        self._show_innovation(frame, palette, clock)
+        self._show_gain(frame, palette)
+
+    def _lines_of(self, heading: str) -> int:
+        """How many lines the heading takes in the panel; marks that are not seen are not counted."""
+        letters = len(re.sub(r"[\\*]", "", heading))
+        return 1 if self._sizes is None else math.ceil(letters * LETTER_WIDTH / (self._sizes.right_width - 30))
+
+    def _show_signal(self, frame: Frame, palette: Palette, clock: Scale) -> None:
+        shown, state = frame.shown, frame.state
+        scale = scale_for(shown.raw, state.tuning.unit)
+        raw = gappy("raw", shown.raw, palette.raw)
+        # Only the measurements and the truth decide the y range: a wild start may leave the picture.
+        lines: list[Line] = [
+            *raw,
+            Line(frame.filtered - frame.spread, {**line("−2√p"), "auto": False}),
+            Line(frame.filtered + frame.spread, {**line("+2√p"), "auto": False}),
+        ]
+        for variant, curve in zip(state.variants, frame.variants, strict=False):
+            colour = css(variant.rgb(dark=state.dark))
+            lines.append(Line(curve, {**line(variant.name, colour, 1.5), "auto": False}))
+        lines.append(Line(frame.filtered, {**line("filtered", palette.filtered, 2.5), "auto": False}))
+        if shown.truth is not None:
+            lines.append(Line(shown.truth, {**line("truth", palette.truth, 1.5), "dash": (6, 4)}))
+        if frame.smoothed is not None:
+            lines.append(Line(frame.smoothed, line("best offline", palette.smoothed, 1.5)))
+        if frame.board is not None:
+            lines.append(Line(frame.board, {**line("board's own", palette.board, 1.5), "dash": (3, 3)}))
+        band = {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band}
+        label = scale.label(short(state.channel, 30))
+        self._draw(self.signal, frame, clock, scale, lines, label, band)
+
+    def _show_innovation(self, frame: Frame, palette: Palette, clock: Scale) -> None:
+        v, spread = without_start(frame)
+        scale = scale_for(v, frame.state.tuning.unit)
+        lines = [
+            Line(-spread, line("−2√s")),
+            Line(spread, line("+2√s")),
+            *gappy("innovation", v, palette.innovation, quiet=1),
+        ]
+        band = {"series": (2, 1), "fill": palette.innovation_band}
+        label = scale.label("innovation")
+        label = label if len(label) <= LONGEST_LABEL else "innovation"  # the unit is that of the chart above
+        self._draw(self.innovation, frame, clock, scale, lines, label, band)
+
+    def _draw(
+        self, chart: Chart, frame: Frame, clock: Scale, scale: Scale, lines: list[Line], label: str, band: object
+    ) -> None:
+        series = ({"label": time_label(clock, before_now=follows(frame))}, *(one.style for one in lines))
+        gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
+        layout = Layout(series, axes(label), (band,), gaps)
+        ys = [one.y * scale.factor for one in lines]
+        x, reach = time_points(frame)
+        ends = None if reach is None else (reach[0] * clock.factor, reach[1] * clock.factor)
+        chart.show(x * clock.factor, ys, layout, frame.state.resets, ends)
+
+    def _show_gain(self, frame: Frame, palette: Palette) -> None:
+        top = float(frame.gain.max(initial=0.0))
+        ceiling = next((level for level in GAIN_LEVELS if top <= level), 1.0)
+        layout = Layout(
+            ({"label": "samples since the start"}, line("gain K", palette.gain, 2)),
+            axes("gain K"),
+            y_range=(0.0, ceiling),
+        )
+        self.gain.show(frame.gain_samples, [frame.gain], layout)
+
+
+GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+"""Ranges of the gain chart: few, so that it rests while q moves."""
+
+
+def heading_of(frame: Frame) -> str:
+    """Name, size, rate and what is not drawn; one line of markdown."""
+    record, shown = frame.state.recording, frame.shown
+    parts = [f"**{plain(record.title)}**"]
+    if len(record.names) > 1:
+        parts.append(plain(frame.state.channel))
+    waits = frame.state.live is not None and frame.state.live.snapshot is None
+    parts.append("no sample yet" if waits else f"{count(len(record))} samples")
+    if record.sample_period:
+        period = record.sample_period
+        parts.append(frequency(1.0 / period) if period < 10.0 else f"one every {duration(period)}")
+    if shown.missing and not waits:
+        parts.append(f"{count(shown.missing)} missing")
+    if shown.decimated:
+        parts.append(f"drawn: {count(len(shown.indices))} of {count(shown.last - shown.first)}, numbers use all")
+    if math.isfinite(frame.board_difference):
+        parts.append(f"the board's own filter differs by up to {number(frame.board_difference)}")
+    if frame.status is not None:
+        parts.append(f"**{plain(frame.status.word, 120)}**")
+        parts += [plain(frame.status.hint, 160)] if frame.status.hint else []
+        recording = frame.status.recording
+        if recording is not None:
+            parts.append(f"recording to **{plain(recording.name)}**: {count(recording.counts.written)} lines")
+            parts += [f"**{plain(text, 160)}**" for text in (recording.trouble, recording.warning) if text]
+    if starts_wild(frame):
+        parts.append("innovation cut off at the start")
+    return " · ".join(parts)
+
+
+def without_start(frame: Frame) -> tuple[Array, Array]:
+    """Innovation and its 2√s, held within what occurs after the start-up, so that the start does not dwarf it."""
+    limit = largest_after_start(frame)
+    return np.clip(frame.innovation, -limit, limit), np.minimum(frame.innovation_spread, limit)
+
+
+def starts_wild(frame: Frame) -> bool:
+    """Whether the innovation of the start-up is larger than any later one, and so is cut off in the chart."""
+    finite = frame.innovation[np.isfinite(frame.innovation)]
+    return bool(np.abs(finite).max(initial=0.0) > largest_after_start(frame))
+
+
+def largest_after_start(frame: Frame) -> float:
+    """Largest |innovation| or 2√s drawn after the start-up, with a little room; inf if nothing comes after it."""
+    later = (frame.shown.indices > frame.start_up) & np.isfinite(frame.innovation)
+    if not later.any():
+        return math.inf
+    return 1.05 * float(max(np.abs(frame.innovation[later]).max(), frame.innovation_spread[later].max()))

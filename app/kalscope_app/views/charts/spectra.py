@@ -1,0 +1,191 @@
+"""The tabs Spectrum and Allan: densities with the filter's response, and the Allan deviation beside the model's."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope_app.views.charts.chart import Array, Chart, Layout
+from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
+from kalscope_app.views.scales import Scale, log_rate_scale, log_scale_for, log_ticks, log_time_scale
+from kalscope_app.views.text import frequency, number, squared
+
+if TYPE_CHECKING:
+    import viser
+
+    from kalscope_app.studies.spectra import Allan, Spectra
+    from kalscope_app.views.window.layout import Sizes
+
+NOTHING = "This filter has no q and r, so it has neither a response nor a model."
+
+DECADES = 9
+"""Decades of a logarithmic chart at most, counted from the top: what is lower is rounding."""
+
+
+class SpectrumView:
+    """Two charts that share the frequency axis."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._text = gui.add_markdown("")
+        self._density = Chart(gui, 420, sync="kalscope-frequency")
+        self._response = Chart(gui, 240, sync="kalscope-frequency")
+        self._note = gui.add_markdown("")
+
+    def set_heights(self, sizes: Sizes) -> None:
+        """Heights of both charts."""
+        whole = sizes.signal_height + sizes.innovation_height + sizes.gain_height
+        self._density.handle.height = max(180, round(0.61 * whole))
+        self._response.handle.height = max(140, round(0.36 * whole))
+
+    def show(self, spectra: Spectra | None) -> None:
+        """Draw and write."""
+        if spectra is None or not spectra.found.samples:
+            self._text.content = NOTHING if spectra is None else spectra.found.note
+            self._note.content = ""
+            self._density.hide()
+            self._response.hide()
+            return
+        palette = DARK if spectra.state.dark else LIGHT
+        self._text.content = f"**{cutoff_words(spectra)}**"
+        self._note.content = spectra.found.note
+        hertz = (
+            log_scale_for(spectra.frequency, "Hz") if spectra.found.in_hertz else log_rate_scale(spectra.frequency)
+        )
+        self._draw_density(spectra, palette, hertz)
+        self._draw_response(spectra, palette, hertz)
+
+    def _draw_density(self, spectra: Spectra, palette: Palette, hertz: Scale) -> None:
+        unit = squared(spectra.state.tuning.unit)
+        unit = f"{unit}/Hz" if spectra.found.in_hertz else f"{unit} per cycle/sample"
+        low, high, ys = floored(spectra.densities)
+        scale = log_scale_for(np.array([low]), unit)
+        colours = (("raw", palette.raw), ("filtered", palette.filtered), ("taken away", palette.innovation))
+        x = spectra.frequency * hertz.factor
+        reach = (low * scale.factor, high * scale.factor)
+        layout = Layout(
+            ({"label": f"frequency ({hertz.unit})"}, *(line(name, colour, 2) for name, colour in colours)),
+            log_axes(x, reach, scale.label("density")),
+            y_range=reach,
+            log_x=True,
+            log_y=True,
+        )
+        self._density.show(x, [y * scale.factor for y in ys], layout, spectra.state.resets)
+
+    def _draw_response(self, spectra: Spectra, palette: Palette, hertz: Scale) -> None:
+        x = spectra.fine * hertz.factor
+        cut = np.where(spectra.fine == spectra.found.cutoff, spectra.response_db, np.nan)
+        marks = {"show": True, "size": 11, "space": 0, "fill": palette.truth, "stroke": palette.truth}
+        lowest = float(spectra.response_db.min())
+        layout = Layout(
+            (
+                {"label": f"frequency ({hertz.unit})"},
+                line("response (dB)", palette.filtered, 2),
+                {"label": "−3 dB", "stroke": palette.truth, "width": 0, "points": marks, "auto": False},
+            ),
+            log_axes(x, None, "response (dB)"),
+            gaps=frozenset({1}),
+            y_range=(min(-6.0, 5.0 * math.floor(lowest / 5.0)), 2.0),
+            log_x=True,
+        )
+        self._response.show(x, [spectra.response_db, cut], layout, spectra.state.resets)
+
+
+class AllanView:
+    """One chart: the recording's Allan deviation with its spread, the model's, and the model's minimum."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._text = gui.add_markdown("")
+        self._chart = Chart(gui, 600)
+        self._note = gui.add_markdown("")
+
+    def set_heights(self, sizes: Sizes) -> None:
+        """Height of the chart."""
+        whole = sizes.signal_height + sizes.innovation_height + sizes.gain_height
+        self._chart.handle.height = max(200, round(0.93 * whole))
+
+    def show(self, allan: Allan | None) -> None:
+        """Draw and write."""
+        if allan is None or len(allan.found.size) < 2:
+            self._text.content = NOTHING if allan is None else allan.found.message
+            self._note.content = ""
+            self._chart.hide()
+            return
+        found, palette = allan.found, DARK if allan.state.dark else LIGHT
+        self._text.content = f"**{found.message}**"
+        self._note.content = (
+            "Allan deviation: how much neighbouring averages differ. It falls while averaging takes off noise "
+            "(√r at one sample), and rises once the signal moves away in the meantime. Where the model’s line "
+            "leaves the recording’s, q or r does not fit."
+        )
+        clock = log_time_scale(found.tau) if found.in_seconds else log_scale_for(found.tau, "samples")
+        low, high, ys = floored((found.deviation, found.model))
+        scale = log_scale_for(np.array([low]), plain_unit(allan.state.tuning.unit))
+        inside = found.size[0] <= found.best_size <= found.size[-1]  # beyond, the model is still falling
+        best = np.argmin(found.model) if inside else -1
+        mark = np.where(np.arange(len(found.size)) == best, found.model, np.nan)
+        edges = [np.clip(found.deviation + sign * 2.0 * found.spread, low, high) for sign in (-1.0, 1.0)]
+        x = found.tau * clock.factor
+        reach = (low * scale.factor, high * scale.factor)
+        dots = {"show": True, "size": 6, "space": 0, "fill": palette.truth}
+        spot = {"show": True, "size": 13, "space": 0, "fill": palette.filtered, "stroke": palette.filtered}
+        layout = Layout(
+            (
+                {"label": f"averaging time ({clock.unit})"},
+                line("−2 σ"),
+                line("+2 σ"),
+                {**line("recording", palette.truth, 2), "points": dots},
+                line("model", palette.filtered, 2),
+                {
+                    "label": "least of the model",
+                    "stroke": palette.filtered,
+                    "width": 0,
+                    "points": spot,
+                    "auto": False,
+                },
+            ),
+            log_axes(x, reach, scale.label("Allan deviation")),
+            ({"series": (2, 1), "fill": "rgba(86, 180, 233, 0.22)"},),
+            frozenset({4}),
+            reach,
+            log_x=True,
+            log_y=True,
+        )
+        drawn = [*edges, *ys, mark]
+        self._chart.show(x, [y * scale.factor for y in drawn], layout, allan.state.resets)
+
+
+def plain_unit(unit: str) -> str:
+    """The unit, cut so that it fits beside an axis; uPlot escapes what it draws."""
+    return unit[:16]
+
+
+def cutoff_words(spectra: Spectra) -> str:
+    """Where the filter begins to take away."""
+    found = spectra.found
+    if math.isnan(found.cutoff):
+        return "This filter has no cut-off: it passes more than half of the power at every frequency."
+    at = frequency(found.cutoff) if found.in_hertz else f"{number(found.cutoff)} cycles a sample"
+    return f"Cut-off (−3 dB): {at}. What moves slower passes, what moves faster is taken away."
+
+
+def floored(ys: tuple[Array, ...]) -> tuple[float, float, list[Array]]:
+    """Ends of a logarithmic axis, and the lines lifted to its lower end; at most DECADES between the two."""
+    everything = np.concatenate(ys)
+    good = everything[np.isfinite(everything) & (everything > 0.0)]
+    high = 1.5 * float(good.max()) if len(good) else 1.0
+    low = max(float(good.min()) / 1.5, high * 10.0**-DECADES) if len(good) else 0.1
+    return low, high, [np.clip(np.nan_to_num(y, nan=low), low, high) for y in ys]
+
+
+def log_axes(x: Array, y: tuple[float, float] | None, label: str) -> tuple[dict[str, object], ...]:
+    """Axes with round numbers written out; uPlot itself writes 0 for whatever is below 0.001."""
+    across, up = axes(label)
+    across = {**across, **written(log_ticks(float(x[0]), float(x[-1])))}
+    return across, up if y is None else {**up, **written(log_ticks(*y))}
+
+
+def written(ticks: tuple[float, ...]) -> dict[str, object]:
+    """Fixed ticks and their words."""
+    return {"splits": ticks, "values": tuple(number(tick, 1) for tick in ticks)}

@@ -1,0 +1,98 @@
+"""Colours, lines and axes that the charts share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from kalscope_app.views.charts.chart import Array
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours of one theme; hues from the colour-blind-safe set of the Arduino plotter."""
+
+    raw: str
+    filtered: str
+    truth: str
+    innovation: str
+    gain: str
+    smoothed: str
+    band: str
+    innovation_band: str
+    board: str
+
+
+LIGHT = Palette(
+    raw="#a9b4be",
+    filtered="#D55E00",
+    truth="#0072B2",
+    innovation="#009E73",
+    gain="#CC79A7",
+    smoothed="#1b9e8a",
+    band="rgba(213, 94, 0, 0.14)",
+    innovation_band="rgba(0, 158, 115, 0.14)",
+    board="#7b3fa0",
+)
+
+
+DARK = Palette(
+    raw="#6f7f8d",
+    filtered="#ff8a3d",
+    truth="#56B4E9",
+    innovation="#2fc99b",
+    gain="#e39ac6",
+    smoothed="#3fd6bd",
+    band="rgba(255, 138, 61, 0.20)",
+    innovation_band="rgba(47, 201, 155, 0.18)",
+    board="#c9a0ff",
+)
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a chart."""
+
+    y: Array
+    """Values, unit."""
+    style: dict[str, object]
+    """uPlot series."""
+    gaps: bool = False
+    """Drawn as points, with gaps where y is NaN."""
+
+
+def gappy(label: str, y: Array, colour: str, quiet: int = 0) -> tuple[Line, ...]:
+    """A measured line. With missing samples (after the first `quiet`): points, and the last value for the range.
+
+    uPlot draws a line across every gap, and takes no range from a line that begins with one.
+    """
+    if not np.isnan(y[quiet:]).any():
+        return (Line(y, line(label, colour)),)
+    marks = {"show": True, "size": 3, "space": 0, "fill": colour, "stroke": colour}
+    points: dict[str, object] = {"label": label, "stroke": colour, "width": 0, "points": marks, "auto": False}
+    return Line(y, points, gaps=True), Line(y, line(f"last {label}"))
+
+
+def short(name: str, limit: int) -> str:
+    """A name cut to a length that fits beside an axis."""
+    return name if len(name) <= limit else f"{name[: limit - 1]}…"
+
+
+def line(label: str, colour: str = "transparent", width: float = 1) -> dict[str, object]:
+    """A line without marks; without a colour it is the edge of a band."""
+    return {"label": label, "stroke": colour, "width": width, "points": {"show": False}}
+
+
+def axes(y: str) -> tuple[dict[str, object], ...]:
+    """Small type; the x axis has its name in the legend, which saves a line."""
+    small = {
+        "font": "12px sans-serif",
+        "labelFont": "12px sans-serif",
+        "labelSize": 20,
+        "labelGap": 2,
+        "gap": 3,
+    }
+    return ({**small, "size": 34}, {**small, "label": y, "size": 60, "space": 22})

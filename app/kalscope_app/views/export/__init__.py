@@ -1,0 +1,1 @@
+"""The Export tab: settings file, code, report."""

@@ -1,0 +1,96 @@
+"""The folder "Send to the board" of the Export tab: the present setting into the board that is connected."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from kalscope.errors import BadSetting
+from kalscope.export.float32 import float32_params
+from kalscope_app.session.changes import set_sent
+from kalscope_app.studies.board import compare_with_board, send_setting
+from kalscope_app.views.text import count, number
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import viser
+
+    from kalscope.sources.live.live_source import LiveSource
+    from kalscope_app.engine.frame import Frame
+    from kalscope_app.engine.jobs import Jobs
+    from kalscope_app.session.session import Session
+    from kalscope_app.session.state import Sent, State
+
+HOW = (
+    "Works with the exported Arduino sketch. Its filter starts anew with these values; start value and outlier "
+    "gate stay those of the export."
+)
+
+
+class BoardView:
+    """Sends as a job; what the board answered is filed in the session, the comparison is a study."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        session: Session,
+        jobs: Jobs,
+        tell: Callable[..., None],
+        connected: Callable[[], LiveSource | None],
+    ) -> None:
+        """Args: the usual, and who knows the board that is connected."""
+        self._session, self._jobs, self._tell, self._connected = session, jobs, tell, connected
+        with gui.add_folder("Send to the board", visible=False) as self._folder:
+            gui.add_markdown(HOW)
+            send = gui.add_button("Send q, r and p0", hint="One value at a time; the board answers each.")
+            self._text = gui.add_markdown("")
+        send.on_click(self._on_send)
+
+    async def _on_send(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.ask(lambda state: self._jobs.run(lambda: self._send(state)))
+
+    def _send(self, state: State) -> None:
+        source = self._connected()
+        if source is None or state.live is None or state.live.feed is not source:
+            raise BadSetting("a board must be connected before values are sent to it (got none)")
+        self._session.request(set_sent(None))  # of three values some may arrive and some not
+        sent = send_setting(state, source)
+        self._session.request(set_sent(sent))
+        self._tell(f"The board now uses {values(sent)}", good=True)
+
+    def show(self, frame: Frame) -> None:
+        """Only a live board can be sent to."""
+        live = frame.state.live is not None
+        if self._folder.visible != live:
+            self._folder.visible = live
+
+    def show_check(self, text: str) -> None:
+        """Say how the board's curve compares."""
+        if self._text.content != text:
+            self._text.content = text
+
+
+def compared(state: State) -> str:
+    """How the board's rows compare with ours since it took a setting, as markdown; "" where there are none."""
+    check, sent = compare_with_board(state), state.sent
+    if sent is None or check is None or check.rows == 0:
+        return ""
+    since = f"since the board took {values(sent)}"
+    if check.different == 0:
+        text = f"**Equal bit for bit** in {count(check.rows)} rows {since}."
+    else:
+        text = (
+            f"{count(check.different)} of {count(check.rows)} rows differ {since}, by up to "
+            f"{count(check.largest_steps)} steps of float32 ({number(check.largest)}). A board that was reset has "
+            "the values of its export again: then send once more."
+        )
+    if float32_params(sent.asked).settled_gain > 0.0:
+        text += " The board's gain stays larger than on screen: for so small a q/r only the export goes on with it."
+    if state.params != sent.asked:
+        text += " What is on screen now has not been sent."
+    return text
+
+
+def values(sent: Sent) -> str:
+    """What a board uses."""
+    return ", ".join(f"{name} = {float(getattr(sent.params, name)):.6g}" for name in ("q", "r", "p0"))

@@ -1,0 +1,214 @@
+"""Code for a device: choose a target, look at its files, take them along."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kalscope.common.files import check_inside
+from kalscope.errors import BadSetting
+from kalscope.export.registry import TARGETS, carried_over, export_tuning
+from kalscope.export.write import limits_of, write_files
+from kalscope_app.session.changes import parse_number
+from kalscope_app.views.export.files import show_files, show_refusal
+from kalscope_app.views.text import plain
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import viser
+
+    from kalscope.tuning.tuning import Tuning
+    from kalscope_app.engine.frame import Frame
+    from kalscope_app.engine.jobs import Jobs
+    from kalscope_app.session.session import Session
+    from kalscope_app.session.state import State
+
+THIS, ALL = "this channel", "all channels"
+
+TITLES = {target.title: name for name, target in TARGETS.items()}
+"""Targets by the words on screen."""
+
+UNEVEN = 0.5
+"""Periods by which a time step must differ from one before a device would show it."""
+
+GAPS = (
+    "On screen gaps in time count; code and test vectors take one period a sample. Where samples are missing, "
+    "give the device's filter a NaN for each."
+)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is to be exported, as the person chose it."""
+
+    target: str = "arduino"
+    """A name of `kalscope.export.TARGETS`."""
+    all_channels: bool = False
+    """Not only the channel on screen."""
+    period: str = ""
+    """Sample period of the device as it was typed, s; empty = that of the recording."""
+
+
+class CodeView:
+    """The folder "Code for a device" of the Export tab. Files are made as jobs from the state on screen."""
+
+    def __init__(
+        self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
+    ) -> None:
+        self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
+        with gui.add_folder("Code for a device"):
+            self._target = gui.add_dropdown("for", tuple(TITLES), hint="Where the filter is to run.")
+            self._what = gui.add_markdown(TARGETS["arduino"].what)
+            self._limits = gui.add_markdown("", visible=False)
+            self._channels = gui.add_dropdown("filters", (THIS, ALL), hint="What the files hold.")
+            self._vectors = gui.add_checkbox(
+                "with test vectors",
+                False,
+                hint="groundtruth.csv: the first samples of this recording and what the filter makes of them.",
+            )
+            self._period = gui.add_text(
+                "period (s)",
+                "",
+                hint="Between two samples of the device; q is carried over to it. Empty: as in this recording.",
+            )
+            look = gui.add_button("Look and copy", hint="Shows the files, to read and to copy.")
+            self._name = gui.add_text(
+                "folder", "export", hint="A new folder inside the one in which Kalscope was started."
+            )
+            save = gui.add_button("Save to the folder", hint="Files that are there already are not replaced.")
+            download = gui.add_button("Download", hint="One file, or a zip of all.")
+        self._target.on_update(self._on_target)
+        self._channels.on_update(self._on_choice)
+        self._period.on_update(self._on_choice)
+        look.on_click(self._on_look)
+        save.on_click(self._on_save)
+        download.on_click(self._on_download)
+
+    async def _on_target(self, _event: viser.GuiEvent[Any]) -> None:
+        name = TITLES.get(self._target.value)
+        self._what.content = "" if name is None else TARGETS[name].what
+        await self._on_choice(_event)
+
+    async def _on_choice(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.ask(lambda state: self._jobs.run(lambda: self.show_limits(limits_text(state, self.choice))))
+
+    @property
+    def choice(self) -> Choice:
+        """What is chosen now."""
+        return Choice(TITLES.get(self._target.value, ""), self._channels.value == ALL, self._period.value)
+
+    async def _on_look(self, event: viser.GuiEvent[Any]) -> None:
+        client = event.client
+        if client is not None:
+            self._with_files(client, lambda _target, files: show_files(client, files))
+
+    async def _on_save(self, event: viser.GuiEvent[Any]) -> None:
+        name = self._name.value.strip()
+
+        def save(_target: str, files: dict[str, str]) -> None:
+            folder = check_inside(name, self._folder)
+            if folder == self._folder.resolve() or any(part.startswith(".") for part in Path(name).parts):
+                raise BadSetting(f"the folder must be named like export (got {name!r})")
+            written = write_files(files, folder)
+            self._tell(f"Saved {', '.join(path.name for path in written)} in {folder}", good=True)
+
+        if event.client is not None:
+            self._with_files(event.client, save)
+
+    async def _on_download(self, event: viser.GuiEvent[Any]) -> None:
+        client = event.client
+        if client is not None:
+            self._with_files(client, lambda target, files: send_files(client, target, files))
+
+    def _with_files(self, client: viser.ClientHandle, use: Callable[[str, dict[str, str]], None]) -> None:
+        """Make the files of the state on screen, as a job, and hand them on; or say why there are none."""
+        choice, vectors = self.choice, self._vectors.value
+
+        def work(state: State) -> None:
+            try:
+                files = files_of(state, choice, vectors=vectors)
+            except BadSetting as error:
+                show_refusal(client, str(error))
+            else:
+                use(choice.target, files)
+
+        self._session.ask(lambda state: self._jobs.run(lambda: work(state)))
+
+    def show(self, frame: Frame) -> None:
+        """One channel leaves no choice."""
+        several = len(frame.state.recording.names) > 1
+        if self._channels.visible != several:
+            self._channels.visible = several
+
+    def show_limits(self, text: str) -> None:
+        """What differs on a small board."""
+        if self._limits.content != text:
+            self._limits.content = text
+            self._limits.visible = bool(text)
+
+
+def limits_text(state: State, choice: Choice = Choice()) -> str:
+    """What will differ from the screen, as markdown; "" where nothing does. A study."""
+    if state.rule is not None:
+        return "The second paper's filter is on screen, and there is no code for it: choose *q and r* under Tune."
+
+    def level(name: str) -> float:
+        z = state.recording.channel(name)
+        return float(np.abs(z[np.isfinite(z)]).max(initial=0.0)) or 1.0
+
+    try:
+        limits = limits_of(*chosen(state, choice), choice.target, level)
+    except BadSetting as error:
+        return f"There is no code for what is chosen: {plain(str(error), 400)}"
+    lines = [f"On a small board: {plain(limit, 400)}" for limit in limits]
+    if state.dt is not None and np.any(np.abs(state.dt - 1.0) > UNEVEN):
+        lines.append(GAPS)
+    return "\n".join(f"- {line}" for line in lines)
+
+
+def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str, str]:
+    """The files of a choice for what is on screen, by name; with the test vectors if wished.
+
+    Raises:
+        BadSetting: As `export_tuning`, and where a channel has the second paper's filter.
+    """
+    tuning, channel = chosen(state, choice)
+    return export_tuning(tuning, choice.target, channel=channel, vectors=state.recording if vectors else None)
+
+
+def chosen(state: State, choice: Choice) -> tuple[Tuning, str | None]:
+    """The tuning of the device, and which of its channels is meant; None = all.
+
+    Raises:
+        BadSetting: The period is none, or a channel has the second paper's filter.
+    """
+    state.check_five_lines(state.recording.names if choice.all_channels else [state.channel])
+    tuning = state.as_tuning()
+    if choice.period.strip():
+        tuning = carried_over(tuning, parse_number("period", choice.period))
+    return tuning, None if choice.all_channels else state.channel
+
+
+def send_files(client: viser.ClientHandle, target: str, files: dict[str, str]) -> None:
+    """One file as it is, several as a zip."""
+    name, content = packed(target, files)
+    client.send_file_download(name, content, save_immediately=True)
+
+
+def packed(target: str, files: dict[str, str]) -> tuple[str, bytes]:
+    """Name and bytes of one download that holds all files."""
+    if len(files) == 1:
+        name, text = next(iter(files.items()))
+        return name, text.encode()
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in files.items():
+            archive.writestr(zipfile.ZipInfo(name, (2000, 1, 1, 0, 0, 0)), text)
+    return f"kalscope-{re.sub(r'[^a-z0-9]+', '-', target)}.zip", buffer.getvalue()

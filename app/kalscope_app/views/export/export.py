@@ -1,0 +1,108 @@
+"""Leaving with the result: the tuning file, saved or downloaded, and the filtered signal as CSV."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kalscope.common.files import check_inside
+from kalscope.errors import BadSetting
+from kalscope.export.filtered_csv import filtered_csv
+from kalscope.tuning.tuning import dumps, save_tuning
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import viser
+
+    from kalscope_app.engine.frame import Frame
+    from kalscope_app.engine.jobs import Jobs
+    from kalscope_app.session.session import Session
+    from kalscope_app.session.state import State
+
+
+class ExportView:
+    """The Export tab. Files are made as jobs from the state on screen."""
+
+    def __init__(
+        self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
+    ) -> None:
+        self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
+        with gui.add_folder("Tuning file and data"):
+            self._path = gui.add_text(
+                "tuning file", "tuning.toml", hint="A name inside the folder in which Kalscope was started."
+            )
+            self._save = gui.add_button(
+                "Save tuning file", hint="q, r, p0 and x0 of every channel, with the source."
+            )
+            self._download = gui.add_button("Download tuning file", hint="The same file, through the browser.")
+            self._csv = gui.add_button(
+                "Download filtered CSV", hint="Time, raw, filtered and variance of every channel."
+            )
+            self._how = gui.add_markdown("")
+        self._save.on_click(self._on_save)
+        self._download.on_click(self._on_download)
+        self._csv.on_click(self._on_csv)
+
+    async def _on_save(self, _event: viser.GuiEvent[Any]) -> None:
+        name = self._path.value.strip() or "tuning.toml"
+        self._session.ask(lambda state: self._jobs.run(lambda: self._save_to(state, name)))
+
+    def _save_to(self, state: State, name: str) -> None:
+        path = check_inside(name, self._folder)
+        if path.suffix != ".toml" or any(part.startswith(".") for part in Path(name).parts if part != "."):
+            raise BadSetting(f"the tuning file must be named like tuning.toml (got {name!r})")
+        state.check_five_lines(state.recording.names)
+        save_tuning(state.as_tuning(), path)
+        self._tell(f"Saved {path}", good=True)
+
+    async def _on_download(self, event: viser.GuiEvent[Any]) -> None:
+        client = event.client
+        if client is not None:
+            self._session.ask(lambda state: self._jobs.run(lambda: _send_tuning(state, client)))
+
+    async def _on_csv(self, event: viser.GuiEvent[Any]) -> None:
+        client = event.client
+        if client is not None:
+            self._session.ask(lambda state: self._jobs.run(lambda: _send_csv(state, client)))
+
+    def show(self, frame: Frame) -> None:
+        """Say how to use the file."""
+        text = how_to_use(frame.state)
+        if self._how.content != text:
+            self._how.content = text
+
+
+def how_to_use(state: State) -> str:
+    """What to type with the tuning file, as markdown."""
+    source, live = state.recording.source, state.live is not None
+    text = (
+        "The file reopens this very state:\n\n"
+        f"`kalscope open {'' if source else 'FILE '}--config tuning.toml`\n\n"
+        "and filters without a dashboard:\n\n"
+        f"`kalscope filter {'FILE' if live else shell_word(source)} --config tuning.toml -o out.csv`"
+    )
+    if live:
+        return text + "\n\nFILE is a recording of the board."
+    return (
+        text if source else text + "\n\nFILE is the file that you uploaded: a browser does not tell where it lies."
+    )
+
+
+def _send_tuning(state: State, client: viser.ClientHandle) -> None:
+    state.check_five_lines(state.recording.names)
+    content = dumps(state.as_tuning()).encode()
+    client.send_file_download("tuning.toml", content, save_immediately=True)
+
+
+def _send_csv(state: State, client: viser.ClientHandle) -> None:
+    state.check_five_lines(state.recording.names)
+    content = filtered_csv(state.recording, state.as_tuning()).encode()
+    client.send_file_download("filtered.csv", content, save_immediately=True)
+
+
+def shell_word(source: str) -> str:
+    """The source as one word of a command line; FILE where it could not stand in a line of code."""
+    printable = source.isprintable() and "`" not in source and len(source) <= 200
+    return shlex.quote(source) if source and printable else "FILE"

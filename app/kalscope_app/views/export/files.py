@@ -1,0 +1,48 @@
+"""Windows in one browser: files to read and copy, and why there are none."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from kalscope_app.views.text import plain
+
+if TYPE_CHECKING:
+    import viser
+
+WIDE = """<style>
+.mantine-Modal-content:has(.kalscope-files) { flex: 0 0 min(72rem, 94vw); max-width: 94vw; }
+.mantine-Modal-content:has(.kalscope-files) textarea {
+  min-height: calc(100vh - 21rem) !important; font: 0.8rem/1.35 ui-monospace, monospace; white-space: pre;
+  overflow: auto;
+}
+.mantine-Modal-content:has(.kalscope-files) .mantine-Flex-root > div:first-child { display: none; }
+</style><span class="kalscope-files"></span>"""
+"""viser's windows are 400 px wide and its text boxes 6 lines high, too small for code. A constant: no text from
+outside may ever come in here."""
+
+
+def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:
+    """A window with a tab for each file, in a text box: plain text, so nothing in it can act."""
+    with client.gui.add_modal("Files to copy") as window:
+        client.gui.add_html(WIDE)
+        client.gui.add_markdown("Click into the text, then Ctrl+A and Ctrl+C.")
+        tabs = client.gui.add_tab_group()
+        for name, text in files.items():
+            with tabs.add_tab(name):
+                client.gui.add_text(name, text, multiline=True)
+        _add_close(client, window)
+
+
+def show_refusal(client: viser.ClientHandle, message: str) -> None:
+    """A window that waits until it was read: such a message is too long for a notification."""
+    with client.gui.add_modal("This cannot be exported") as window:
+        client.gui.add_markdown(plain(f"{message[:1].upper()}{message[1:]}.", 2000))
+        _add_close(client, window)
+
+
+def _add_close(client: viser.ClientHandle, window: Any) -> None:
+    close = client.gui.add_button("Close")
+
+    @close.on_click
+    async def _(_event: object) -> None:
+        window.close()

@@ -1,0 +1,32 @@
+"""Share: the one line that reopens file, channel and setting, to be copied."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kalscope_app.session.share import share_line
+
+if TYPE_CHECKING:
+    import viser
+
+    from kalscope_app.engine.frame import Frame
+
+
+class ShareView:
+    """A box with the line; whatever is typed into it is written over."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("Share in one line"):
+            self._line = gui.add_text(
+                "command", "", multiline=True, hint="Click into it, Ctrl+A, Ctrl+C; then run it in a terminal."
+            )
+            self._remarks = gui.add_markdown("")
+
+    def show(self, frame: Frame) -> None:
+        """Write the line."""
+        shared = share_line(frame.state)
+        if self._line.value != shared.line:
+            self._line.value = shared.line
+        text = " ".join(("It reopens this file, this channel and its setting.", *shared.remarks))
+        if self._remarks.content != text:
+            self._remarks.content = text

@@ -1,0 +1,243 @@
+"""The tuning map in the canvas between the panels: a flat picture, the present point, what the mouse does."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import viser
+
+from kalscope_app.session.changes import set_map_colour, set_map_shown, set_point
+from kalscope_app.session.state import MAP_COLOURS, State
+from kalscope_app.studies.map_geometry import DISTANCE, PIXELS, Frame, Point, field_of_view, frame_for, grabbed, hit
+from kalscope_app.studies.tuning_map import TuningMap, exponents_of, nothing
+from kalscope_app.views.map.picture import Plate, chips, draw_map_picture, draw_ring
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kalscope_app.engine import frame as frames
+    from kalscope_app.session.session import Session
+
+FLAT = (0.0, 1.0, 0.0, 0.0)
+"""Half a turn about x: viser hangs pictures upside down and facing away."""
+
+RING = 0.30
+"""Width of the mark of the present point, units of the scene."""
+
+PACE = 0.1
+"""Seconds between two moves of the mark at least: each makes the browser draw the scene anew, which may be slow."""
+
+SIDE = 400.0
+"""Width of the invisible plane that takes every drag, so that none turns the view."""
+
+
+class TuningMapView:
+    """Picture, mark, mouse and camera."""
+
+    def __init__(self, server: viser.ViserServer, session: Session) -> None:
+        self._server, self._session = server, session
+        self._lock = threading.Lock()
+        self._size = (452.0, 900.0)
+        self._map: TuningMap = nothing("")
+        self._state: State | None = None
+        self._plate: Plate | None = None
+        self._frame = frame_for(*self._size, self._map.q, self._map.r)
+        # Browsers whose camera looks straight at the map; what others point at is not what they see.
+        self._aimed = WeakKeyDictionary[viser.ClientHandle, tuple[float, ...]]()
+        self._portraits: set[viser.ClientHandle] = set()
+        self._drags, self._offset, self._moved = 0, (0.0, 0.0), 0.0
+        self._build_scene()
+
+    def _build_scene(self) -> None:
+        scene, camera = self._server.scene, self._server.initial_camera
+        scene.set_up_direction("+y")
+        scene.configure_default_lights(False, cast_shadow=False)
+        camera.up, camera.near, camera.far = (0.0, 1.0, 0.0), 1.0, 200.0
+        camera.position, camera.look_at = (0.0, 0.0, DISTANCE), (0.0, 0.0, 0.0)
+        camera.fov = field_of_view(self._frame, self._size[0] / self._size[1])
+        dot = np.zeros((2, 2, 3), dtype=np.uint8)
+        quiet: Any = {"wxyz": FLAT, "cast_shadow": False, "receive_shadow": False, "visible": False}
+        self._picture = scene.add_image("/map/picture", dot, 1.0, 1.0, format="png", **quiet)
+        self._ring = scene.add_image("/map/present", draw_ring(dark=False), RING, RING, format="png", **quiet)
+        glass = np.zeros((2, 2, 4), dtype=np.uint8)
+        self._glass = scene.add_image(
+            "/map/glass", glass, SIDE, SIDE, format="png", **{**quiet, "position": (0.0, 0.0, 0.2)}
+        )
+        self._glass.on_drag("left")(self._on_drag)
+        self._glass.on_click(self._on_click)
+
+    def build_controls(self, gui: viser.GuiApi) -> None:
+        """The controls of the View tab."""
+        self._shown = gui.add_checkbox(
+            "tuning map",
+            True,
+            hint="The map of q and r between the panels, where the window is wide enough for it.",
+        )
+        self._colour = gui.add_dropdown(
+            "map coloured by", MAP_COLOURS, hint="How well each pair explains the recording, its error, or its lag."
+        )
+        flat = gui.add_button("Flat view", hint="The map as it was, after it has been turned, moved or zoomed.")
+        self._shown.on_update(self._on_shown)
+        self._colour.on_update(self._on_colour)
+        flat.on_click(self._on_flat)
+
+    # What the person does.
+
+    async def _on_shown(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_map_shown(self._shown.value))
+
+    async def _on_colour(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_map_colour(self._colour.value))
+
+    async def _on_flat(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._look_straight(event.client)
+
+    async def _on_drag(self, event: viser.SceneNodeDragEvent[Any]) -> None:
+        frame, state = self._frame, self._state
+        if state is None or not self._map.colour or event.client not in self._aimed:
+            return
+        pixel = frame.of_scene(event.end_position[:2])
+        if event.phase == "start":
+            self._drags += 1
+            self._offset = grabbed(frame, exponents_of(state), frame.of_scene(event.start_position[:2]))
+        pixel = pixel[0] + self._offset[0], pixel[1] + self._offset[1]
+        self._ask(frame.held(frame.point(pixel)))
+
+    async def _on_click(self, event: viser.SceneNodePointerEvent[Any]) -> None:
+        frame, place = self._frame, hit(event.ray_origin, event.ray_direction)
+        if place is None or self._state is None or not self._map.colour or event.client not in self._aimed:
+            return
+        x, y = frame.of_scene(place)
+        if frame.inside((x, y)):
+            self._drags += 1
+            self._ask(frame.point((x, y)))
+        truth = self._state.recording.truth is not None
+        for colour, (left, top, right, bottom) in chips(frame, truth):
+            if left <= x <= right and top <= y <= bottom:
+                self._session.request(set_map_colour(colour))
+
+    def _ask(self, point: Point) -> None:
+        """File the pair; every drag is one gesture with a key of its own."""
+        self._session.request(set_point(*point), key=f"held:map {self._drags}")
+
+    # What the person sees.
+
+    def follow(self, frame: frames.Frame) -> None:
+        """Move the mark, at a slow pace; once the person rests, `show` brings it to its place."""
+        self._state, now = frame.state, time.monotonic()
+        if self._shown.value != frame.state.map_shown:
+            self._shown.value = frame.state.map_shown
+        if now - self._moved >= PACE:
+            self._place(frame.state)
+
+    def _place(self, state: State) -> None:
+        x, y = self._frame.scene(self._frame.pixel(self._frame.held(exponents_of(state))))
+        visible = bool(self._map.colour) and state.rule is None
+        if visible and tuple(self._ring.position) != (x, y, 0.1):
+            self._ring.position = (x, y, 0.1)
+            self._moved = time.monotonic()
+        if self._ring.visible != visible:
+            self._ring.visible = visible
+
+    def show(self, answer: tuple[State, TuningMap]) -> None:
+        """Draw the map of a state that has come to rest."""
+        with self._lock:
+            self._state, self._map = answer
+            self._draw()
+
+    def set_size(self, width: float, height: float) -> None:
+        """Draw for a canvas of this size, pixels of the page; every browser's camera is fitted to it."""
+        with self._lock:
+            self._size = width, height
+            self._draw()
+
+    def _draw(self) -> None:
+        state = self._state
+        if state is None:
+            return
+        self._frame = frame_for(*self._size, self._map.q, self._map.r)
+        plate = plate_of(state, self._map, self._frame)
+        self._place(state)
+        self._show_colour(state)
+        if self._plate is not None and same_plate(plate, self._plate):
+            return
+        picture, ring = draw_map_picture(plate), draw_ring(dark=plate.dark)
+        self._plate = plate
+        with self._server.atomic():
+            self._ring.image = ring
+            self._picture.image = picture
+            self._picture.render_width = plate.frame.width / PIXELS
+            self._picture.render_height = plate.frame.height / PIXELS
+            self._picture.visible = self._glass.visible = True
+
+    def _show_colour(self, state: State) -> None:
+        """The colourings that this recording allows, and which is on screen."""
+        options = tuple(c for c in MAP_COLOURS if c != "RMSE" or state.recording.truth is not None)
+        if tuple(self._colour.options) != options:
+            self._colour.options = options
+        if self._map.colour and self._colour.value != self._map.colour:
+            self._colour.value = self._map.colour
+
+    # Cameras.
+
+    def detach(self, client: viser.ClientHandle) -> None:
+        """Forget a browser that has gone."""
+        self._aimed.pop(client, None)
+        self._portraits.discard(client)
+
+    def aim(self, client: viser.ClientHandle) -> None:
+        """Fit the picture into this browser's canvas if the shape of one of them is news."""
+        shape, known = shape_of(client), self._aimed.get(client, (0.0, 0.0, 0.0))
+        if shape is not None and (abs(shape - known[0]) > 0.002 * known[0] or self._size != known[1:]):
+            self._look_straight(client)
+
+    def _look_straight(self, client: viser.ClientHandle) -> None:
+        """Look straight at the map; a phone looks past it, because its canvas shows the signal."""
+        shape = shape_of(client)
+        if shape is None:
+            return
+        self._aimed[client] = (shape, *self._size)
+        camera = client.camera
+        away = 10.0 * SIDE if client in self._portraits else 0.0
+        with client.atomic():
+            camera.up_direction = (0.0, 1.0, 0.0)
+            camera.position, camera.look_at = (away, 0.0, DISTANCE), (away, 0.0, 0.0)
+            camera.fov = field_of_view(self._frame, shape)
+
+    def set_portrait(self, client: viser.ClientHandle, *, portrait: bool) -> None:
+        """Whether this browser is a phone's."""
+        if portrait != (client in self._portraits):
+            (self._portraits.add if portrait else self._portraits.discard)(client)
+            self._look_straight(client)
+
+
+def shape_of(client: viser.ClientHandle) -> float | None:
+    """Width : height of a browser's canvas; None before it is known."""
+    width, height = client.camera.image_width, client.camera.image_height
+    return width / height if width > 0 and height > 0 else None
+
+
+def plate_of(state: State, shown: TuningMap, frame: Frame) -> Plate:
+    """What the picture is drawn from."""
+    pinned = tuple((v.name, v.rgb(dark=state.dark), exponents_of(state, v.tuning)) for v in state.variants)
+    recording = state.recording
+    unit, truth = state.tuning.unit, recording.truth is not None
+    return Plate(shown, frame, unit, recording.sample_period, state.dark, truth, pinned)
+
+
+def same_plate(one: Plate, other: Plate) -> bool:
+    """Whether two plates give the same picture; maps hold arrays, which have no plain equality."""
+    rest = [(p.frame, p.unit, p.period, p.dark, p.truth, p.pinned) for p in (one, other)]
+    return one.map is other.map and rest[0] == rest[1]
+
+
+def study(make: Callable[[State], TuningMap]) -> Callable[[State], tuple[State, TuningMap]]:
+    """The map of a state together with the state, as `show` wants it."""
+    return lambda state: (state, make(state))

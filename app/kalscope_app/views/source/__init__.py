@@ -1,0 +1,1 @@
+"""The Source tab: open, generate, connect, record."""

@@ -1,0 +1,217 @@
+"""Where the signal comes from: a sample, a file of one's own, or the generator; and how it was read."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import viser
+
+from kalscope.catalogue import open_source
+from kalscope.papers.experiments import list_experiments
+from kalscope.recording import Recording
+from kalscope.sources.lines.read_options import ReadOptions
+from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.samples import list_samples
+from kalscope_app.session.changes import set_sample_period
+from kalscope_app.session.opening import opened_experiment, reopened
+from kalscope_app.views.slow_job import Patience
+from kalscope_app.views.source.generator import GeneratorForm
+from kalscope_app.views.source.reading_form import ReadingForm
+from kalscope_app.views.text import count, duration, plain
+
+if TYPE_CHECKING:
+    from kalscope.papers.parts import Experiment
+    from kalscope_app.engine.frame import Frame
+    from kalscope_app.engine.jobs import Jobs
+    from kalscope_app.session.session import Session
+    from kalscope_app.session.state import State
+
+MINE = "–"
+
+Reader = Callable[..., Recording]
+"""Reads the present file: options, then progress and cancelled by name."""
+
+
+class SourceView:
+    """The Source tab. Reading runs as a job; the session then gets the finished Recording."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
+        self._session, self._jobs = session, jobs
+        self._stop = threading.Event()
+        self._building = threading.Lock()
+        self._again: tuple[tuple[str, str], Reader] = (("", ""), open_source)
+        self._samples = {sample.title: sample for sample in list_samples()}
+        self._sample = gui.add_dropdown(
+            "sample recording", (MINE, *self._samples), hint="Recordings that come with Kalscope."
+        )
+        self._experiments = {experiment_label(e): e.name for e in list_experiments()}
+        self._experiment = gui.add_dropdown(
+            "experiment", (MINE, *self._experiments), hint="The figures of the three source documents."
+        )
+        with gui.add_folder("Your own file") as self._own:
+            with gui.add_form(None) as path_form:
+                self._path = gui.add_text(
+                    "path", "", hint="A CSV or Parquet file on this computer, of any size; Enter opens it."
+                )
+            self._open = gui.add_button("Open this path", hint="Read the file that the path names.")
+            self._progress = gui.add_progress_bar(0.0, visible=False)
+            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop reading; what is open stays.")
+            with gui.add_form(None) as form:
+                self._period = gui.add_text(
+                    "sample period (s)", "", hint="Time between two samples, for a file that has no time. Enter."
+                )
+        self._report: viser.GuiMarkdownHandle | None = None
+        self._sample.on_update(self._on_sample)
+        self._experiment.on_update(self._on_experiment)
+        self._open.on_click(self._on_open)
+        path_form.on_submit(self._on_open)
+        self._cancel.on_click(self._on_cancel)
+        form.on_submit(self._on_period)
+
+    def build_rest(self, gui: viser.GuiApi) -> None:
+        """The lower part: the generator, and how the file was read and how else it can be."""
+        with gui.add_folder("Generate a signal", expand_by_default=False):
+            self._generator = GeneratorForm(gui, self._open_spec)
+        with gui.add_folder("How it was read"):
+            self._report = gui.add_markdown("")
+            with gui.add_folder("Read it otherwise", expand_by_default=False):
+                self._reading = ReadingForm(gui, self._read_again)
+
+    def add_upload(self, client: viser.ClientHandle) -> None:
+        """Give one browser its own upload button: a shared one would replay each upload to late joiners."""
+        with self._building, self._own:  # two browsers may come at once, and viser enters a folder only once
+            button = client.gui.add_upload_button(
+                "Upload a file …",
+                mime_type="*/*",
+                hint="A CSV file of up to 64 MB; larger ones by their path.",
+            )
+
+        def take(_event: viser.GuiEvent[Any]) -> None:
+            upload, button._impl.value = button.value, viser.UploadedFile("", b"")  # viser would keep the bytes
+            self._upload(upload.name, upload.content)
+
+        button.on_upload(take)
+
+    async def _on_sample(self, event: viser.GuiEvent[Any]) -> None:
+        sample = self._samples.get(self._sample.value)
+        if event.client is not None and sample is not None:
+            self._open_spec(f"sample:{sample.name}")
+
+    async def _on_experiment(self, event: viser.GuiEvent[Any]) -> None:
+        name = self._experiments.get(self._experiment.value)
+        if event.client is not None and name is not None:
+            self._session.request(lambda state: opened_experiment(name, state))
+
+    async def _on_open(self, _event: viser.GuiEvent[Any]) -> None:
+        path = self._path.value.strip()
+        self._open_spec(path if path else "")
+
+    async def _on_period(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.request(set_sample_period(self._period.value))
+
+    async def _on_cancel(self, _event: viser.GuiEvent[Any]) -> None:
+        self._stop.set()
+
+    def _open_spec(self, spec: str) -> None:
+        self._read(partial(open_source, spec), ReadOptions())
+
+    def _upload(self, name: str, content: bytes) -> None:
+        self._read(partial(read_upload, name, content), ReadOptions())
+
+    def _read_again(self, options: ReadOptions) -> None:
+        """The same file, with what the person decided; or just once more, if it has changed."""
+
+        def read(state: State) -> None:
+            recording = state.recording
+            (source, title), reader = self._again
+            same = (recording.source, recording.title) == (source, title)
+            self._read(reader if same else partial(open_source, recording.source), options)
+
+        self._session.ask(read)
+
+    def _read(self, reader: Reader, options: ReadOptions) -> None:
+        stop = self._stop = threading.Event()
+
+        def work() -> None:
+            with Patience(self._progress, self._cancel) as patience:
+                recording = reader(options, progress=patience.report, cancelled=stop.is_set)
+            self._again = (recording.source, recording.title), reader
+            self._session.request(lambda state: replace(reopened(recording, state), options=options))
+
+        self._jobs.run(work)
+
+    def show(self, frame: Frame) -> None:
+        """Name the sample that is open and tell how it was read."""
+        recording = frame.state.recording
+        title = next((t for t, s in self._samples.items() if recording.source == f"sample:{s.name}"), MINE)
+        if self._sample.value != title:
+            self._sample.value = title
+        experiment = recording.source.removeprefix("experiment:")
+        shown = next((title for title, name in self._experiments.items() if name == experiment), MINE)
+        if self._experiment.value != shown:
+            self._experiment.value = shown
+        self._period.visible = not recording.sample_period or bool(self._period.value)
+        text = report_text(recording)
+        if self._report is not None and self._report.content != text:
+            self._report.content = text
+
+
+AUTHORS = {"noise_reducer": "Ma'arif 2019", "generalized": "Khan", "lis302dl": "interactive matter 2009"}
+"""Source documents, by what their experiments' names begin with."""
+
+
+def experiment_label(experiment: Experiment) -> str:
+    """Author and figure, short enough for a menu."""
+    author = next(words for start, words in AUTHORS.items() if experiment.name.startswith(start))
+    return f"{author}: {experiment.title.removeprefix('LIS302DL: ')}"
+
+
+def read_upload(
+    name: str,
+    content: bytes,
+    options: ReadOptions,
+    *,
+    progress: Callable[[float, str], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Recording:
+    """Read what a browser sent. Its name is shown, never used as a path."""
+    shown = Path(name.replace("\\", "/")).name[:200] or "upload"
+    safe = re.sub(r"[^\w.-]+", "_", shown).strip(".")[-80:] or "upload"
+    with tempfile.TemporaryDirectory(prefix="kalscope-") as folder:
+        file = Path(folder) / safe
+        file.write_bytes(content)
+        recording = read_recording(file, options, progress=progress, cancelled=cancelled)
+    return replace(recording, source="", title=shown)
+
+
+def report_text(recording: Recording) -> str:
+    """How a recording was read, as short markdown; every piece from the file is escaped."""
+    report = recording.report
+    channels = len(recording.names)
+    lines = [f"{count(len(recording))} samples × {channels} channel{'s' if channels > 1 else ''}"]
+    if recording.sample_period:
+        lines.append(f"one sample every {duration(recording.sample_period)}")
+    else:
+        lines.append("no time column: samples are counted")
+    counts = {
+        "rejected lines": report.rejected,
+        "cells that are no number": report.bad_cells,
+        "steps back in time": report.clipped_times,
+        "comment lines": report.comments,
+        "blank lines": report.blank,
+    }
+    lines += [f"{what}: {count(number)}" for what, number in counts.items() if number]
+    lines += [plain(note, 160) for note in report.notes]
+    for issue in report.issues[:8]:
+        where = f"line {issue.line}" + (f", {plain(issue.column, 30)}" if issue.column else "")
+        lines.append(f"{where}: {plain(issue.reason, 80)}, “{plain(issue.text, 40)}”")
+    if len(report.issues) > 8:
+        lines.append(f"and {count(report.rejected + report.bad_cells - 8)} more")
+    return "\n".join(f"- {line}" for line in lines)

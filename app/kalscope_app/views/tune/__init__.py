@@ -1,0 +1,1 @@
+"""The Tune tab: parameters, search, presets, pinned settings."""

@@ -1,0 +1,117 @@
+"""Does the filter fit? The advice beside the sliders, and the Check tab with the tests behind it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.analysis.advice import MIN_SAMPLES, as_sentences
+from kalscope_app.views.charts.chart import Array, Chart, Layout
+from kalscope_app.views.charts.style import DARK, LIGHT, axes, line
+from kalscope_app.views.text import count, number
+
+if TYPE_CHECKING:
+    import viser
+
+    from kalscope.analysis.diagnostics import Diagnostics
+    from kalscope_app.studies.checks import Checks
+    from kalscope_app.views.window.layout import Sizes
+
+UNJUDGED = "This filter has no q and r, so there is nothing to judge it by."
+
+
+class ChecksView:
+    """One or two sentences in the control panel, a table in the chart panel."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("Does it fit?"):
+            self._advice = gui.add_markdown("")
+        self._table: viser.GuiMarkdownHandle | None = None
+        self._correlation: Chart | None = None
+
+    def build_tab(self, gui: viser.GuiApi) -> None:
+        """The part that stands in the tab of the chart panel."""
+        self._table = gui.add_markdown("")
+        self._correlation = Chart(gui, 170)
+
+    def set_heights(self, sizes: Sizes) -> None:
+        """Height of the chart: what table and second opinions leave."""
+        if self._correlation is not None:
+            whole = sizes.signal_height + sizes.innovation_height + sizes.gain_height
+            self._correlation.handle.height = max(150, round(0.26 * whole))
+
+    def show(self, checks: Checks | None) -> None:
+        """Write both."""
+        if checks is None:
+            self._advice.content = UNJUDGED
+            if self._table is not None:
+                self._table.content = UNJUDGED
+            if self._correlation is not None:
+                self._correlation.hide()
+            return
+        said = as_sentences(checks.all_samples.advice)
+        if self._advice.content != said:
+            self._advice.content = said
+        text = table(checks)
+        if self._table is not None and self._table.content != text:
+            self._table.content = text
+        if self._correlation is not None:
+            self._correlation.show(*correlation_lines(checks))
+
+
+def correlation_lines(checks: Checks) -> tuple[Array, list[Array], Layout]:
+    """Correlation of the innovation with itself, lags 1 … h, and the bound that 95 % of white ones keep."""
+    d, palette = checks.all_samples, DARK if checks.state.dark else LIGHT
+    lags = np.arange(1.0, len(d.correlation) + 1.0)
+    bound = np.full(len(lags), d.r1_bound)
+    marks = {"show": True, "size": 7, "space": 0, "fill": palette.innovation}
+    layout = Layout(
+        (
+            {"label": "samples apart"},
+            line("−bound"),
+            line("+bound"),
+            {**line("memory of the innovation", palette.innovation), "points": marks},
+        ),
+        axes("correlation"),
+        ({"series": (2, 1), "fill": palette.innovation_band},),
+    )
+    return lags, [-bound, bound, d.correlation], layout
+
+
+def table(checks: Checks) -> str:
+    """What is tested, what was seen, what a fitting filter would show; markdown."""
+    d = checks.all_samples
+    if d.n < MIN_SAMPLES:
+        return f"**{as_sentences(d.advice)}**"
+    half = "the same on the second half" + (", fitted on the first" if checks.fitted_on_first_half else "")
+    rows = [
+        ("Size: mean of v²/s (NIS)", number(d.nis), _band(d)),
+        (half, number(checks.held_out.nis), _band(checks.held_out)),
+        ("Memory: correlation of neighbours", number(d.r1), f"within ±{number(d.r1_bound)}"),
+        ("Ljung-Box over several lags", chance(d.ljung_box_p), "p above 0.05"),
+        ("Spikes beyond 4 σ", count(d.spikes), f"about {number(d.spikes_expected, 2)}"),
+        ("Slow waves", f"{number(100.0 * d.slow_share, 2)} % of the variance, {chance(d.slow_p)}", "p above 0.05"),
+        (
+            "Last third against first",
+            f"variance × {number(d.variance_ratio)}, {chance(d.variance_ratio_p)}",
+            "p above 0.05",
+        ),
+        ("Bell shape (skewness, excess)", f"{number(d.skewness)}, {number(d.excess_kurtosis)}", "0, 0"),
+    ]
+    head = (
+        f"**{as_sentences(d.advice)}**\n\n"
+        "If q and r fit, the innovation is shapeless noise: of the right size, without memory, without spikes. "
+        f"Judged on {count(d.n)} samples.\n\n"
+        "| test | seen | a fitting filter shows |\n|---|---|---|\n"
+    )
+    return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)
+
+
+def chance(p: float) -> str:
+    """A p value as a person reads it."""
+    return "p\u00a0<\u00a01e\u20116" if p < 1e-6 else f"p\u00a0=\u00a0{number(p, 2)}"
+
+
+def _band(d: Diagnostics) -> str:
+    return f"{number(d.nis_low)} to {number(d.nis_high)}"

@@ -1,0 +1,260 @@
+"""Find q and r: by the record itself, by what the filter should do, or by what is known of the sensor."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from kalscope.errors import BadSetting
+from kalscope.estimation.estimate import compare_methods, disagreement
+from kalscope.estimation.finding import METHOD_WORDS, Noise, find_parameters
+from kalscope.filtering.steady_state import steady_state
+from kalscope_app.session.changes import apply_found, parse_number, set_opinions, set_way
+from kalscope_app.views.scales import Scale, time_scale_for
+from kalscope_app.views.slow_job import Patience
+from kalscope_app.views.text import duration, number
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import viser
+
+    from kalscope_app.engine.frame import Frame
+    from kalscope_app.engine.jobs import Jobs
+    from kalscope_app.session.session import Session
+    from kalscope_app.session.state import State
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to find q and r."""
+
+    arguments: Callable[[State, list[str]], dict[str, Any]]
+    """Arguments of `find_parameters` from the state and the typed texts."""
+    boxes: tuple[tuple[str, str], ...] = ()
+    """Label and first content of each text box it needs."""
+
+
+def _method(name: str) -> Way:
+    return Way(lambda _state, _texts: {"method": name})
+
+
+def _wish(name: str, label: str, content: str, factor: float = 1.0) -> Way:
+    def arguments(state: State, texts: list[str]) -> dict[str, Any]:
+        return {"wish": {name: factor * parse_number(label, texts[0])}, "present_r": state.tuning.r}
+
+    return Way(arguments, ((label, content),))
+
+
+def _noise(*names: tuple[str, str, str]) -> Way:
+    def arguments(_state: State, texts: list[str]) -> dict[str, Any]:
+        values = {name: parse_number(label, text) for (name, label, _), text in zip(names, texts, strict=False)}
+        sigma, density, bandwidth = (values.get(name) for name in ("sigma", "density", "bandwidth_hz"))
+        return {"noise": Noise(sigma=sigma, density=density, bandwidth_hz=bandwidth)}
+
+    return Way(arguments, tuple((label, content) for _, label, content in names))
+
+
+def _still(state: State, texts: list[str]) -> dict[str, Any]:
+    """The stretch that is typed, in the unit of the time axis, or else the part on screen."""
+    if state.window is None and not all(text.strip() for text in texts):
+        raise BadSetting(
+            "the still stretch must be named: type from and to, or narrow the view to it (got neither)"
+        )
+    time, factor = state.recording.time, clock_of(state).factor
+    shown = state.window or (float(time.min()), float(time.max()))
+    first, last = (
+        parse_number(label, text) / factor if text.strip() else default
+        for label, text, default in zip(("from", "to"), texts, shown, strict=False)
+    )
+    low, high = min(first, last), max(first, last)
+    slack = 1e-9 * max(abs(low), abs(high))  # 0.1 h typed is 360 s only nearly
+    at = ((time >= low - slack) & (time <= high + slack)).nonzero()[0]
+    if len(at) == 0:
+        raise BadSetting(
+            f"the still stretch must lie inside the recording (got {low * factor:.6g} to {high * factor:.6g})"
+        )
+    return {"noise": Noise(still=(int(at[0]), int(at[-1]) + 1))}
+
+
+def clock_of(state: State) -> Scale:
+    """Unit of the time axis on screen."""
+    time = state.recording.time
+    first, last = state.window or (float(time.min()), float(time.max()))
+    return time_scale_for(last - first, state.recording.sample_period)
+
+
+STILL = "a still stretch, fit q"
+
+BOX_HINTS = {
+    "": "A number that this way of searching needs.",
+    "lag (ms)": "The lag that you can accept: of all settings with at most it, the one that leaves least noise.",
+    "cut-off (Hz)": "Faster waves than this are damped, slower ones pass.",
+    "reduction (dB)": "How much less noise: 20 dB is a tenth of its size, 6 dB half of it.",
+    "gain K": "The share of each new difference that is taken over, between 0 and 1.",
+    "lag (samples)": "How many samples the filtered signal may trail a ramp.",
+    "from": "Where the stretch begins, as on the time axis. Empty: where the part on screen begins.",
+    "to": "Where the stretch ends, as on the time axis. Empty: where the part on screen ends.",
+    "σ, one std": "The noise of one reading, one standard deviation, in the unit of the signal.",
+    "per √Hz": "The noise density, in the unit of the signal per √Hz.",
+    "bandwidth (Hz)": "The bandwidth that goes with the density.",
+}
+"""Hint of each box by its label."""
+
+WAYS: dict[str, Way] = {
+    "maximum likelihood": _method("ml"),
+    "least noise within a lag": _wish("lag_s", "lag (ms)", "50", 1e-3),
+    "cut-off frequency": _wish("cutoff_hz", "cut-off (Hz)", "1"),
+    "noise reduction": _wish("noise_reduction_db", "reduction (dB)", "12"),
+    "gain K": _wish("gain", "gain K", "0.1"),
+    "lag in samples": _wish("lag_samples", "lag (samples)", "10"),
+    STILL: Way(_still, (("from", ""), ("to", ""))),
+    "data sheet σ, fit q": _noise(("sigma", "σ, one std", "")),
+    "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
+    "keep r, fit q": Way(lambda state, _texts: {"noise": Noise(r=state.tuning.r)}),
+    "r/q = 100, fit r": Way(lambda _state, _texts: {"ratio": 0.01}),
+    **{METHOD_WORDS[name]: _method(name) for name in ("em", "moments", "als", "allan")},
+}
+"""Ways by the words on screen, the most useful first."""
+
+HINT = (
+    "From the record itself, from what the filter should do (lag, cut-off, noise), "
+    "or from what you know of the sensor."
+)
+
+
+class FindView:
+    """The folder "Find q and r". A search runs as a job; its answer is filed as one undoable change."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
+        self._session, self._jobs = session, jobs
+        self._shown_way = ""
+        self._stop = threading.Event()
+        with gui.add_folder("Find q and r"):
+            self._way = gui.add_dropdown("by", tuple(WAYS), hint=HINT)
+            self._boxes = [gui.add_text("", "", visible=False, hint=BOX_HINTS[""]) for _ in range(2)]
+            self._find = gui.add_button("Find and apply", hint="One step that Undo takes back.")
+            self._progress = gui.add_progress_bar(0.0, visible=False)
+            self._cancel = gui.add_button("Cancel", visible=False, hint="End the search; nothing is changed.")
+            self._answer = gui.add_markdown("", visible=False)
+        self._way.on_update(self._on_way)
+        self._find.on_click(self._on_find)
+        self._cancel.on_click(self._on_cancel)
+        self._opinions: viser.GuiMarkdownHandle | None = None
+
+    def build_opinions(self, gui: viser.GuiApi) -> None:
+        """The part that stands in a tab of the chart panel: five methods side by side."""
+        gui.add_markdown("### Second opinions")
+        ask = gui.add_button("Ask five methods", hint="Under the model they agree; where they differ, beware.")
+        ask.on_click(self._on_ask)
+        self._opinions = gui.add_markdown("")
+
+    async def _on_way(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_way(self._way.value, WAYS))
+
+    async def _on_find(self, _event: viser.GuiEvent[Any]) -> None:
+        texts = [box.value for box in self._boxes]
+        self._start(lambda state, stop: self._search(state, WAYS[state.way], texts, stop))
+
+    async def _on_ask(self, _event: viser.GuiEvent[Any]) -> None:
+        self._start(self._compare)
+
+    async def _on_cancel(self, _event: viser.GuiEvent[Any]) -> None:
+        self._stop.set()
+
+    def _start(self, work: Callable[[State, threading.Event], None]) -> None:
+        """Queue a job on the state that every earlier request has led to; each job has a stop sign of its own."""
+        stop = self._stop = threading.Event()
+        self._session.ask(lambda state: self._jobs.run(lambda: work(state, stop)))
+
+    def _search(self, state: State, way: Way, texts: list[str], stop: threading.Event) -> None:
+        z, period = state.recording.channel(state.channel), state.recording.sample_period
+        with Patience(self._progress, self._cancel) as patience:
+            found = find_parameters(
+                z,
+                dt=state.dt,
+                sample_period=period,
+                progress=patience.report,
+                cancelled=stop.is_set,
+                **way.arguments(state, texts),
+            )
+        self._session.request(apply_found(state.recording, state.channel, found))
+
+    def _compare(self, state: State, stop: threading.Event) -> None:
+        z = state.recording.channel(state.channel)
+        with Patience(self._progress, self._cancel) as patience:
+            opinions = compare_methods(z, state.dt, progress=patience.report, cancelled=stop.is_set)
+        self._session.request(set_opinions(state.recording, state.channel, opinions))
+
+    def show(self, frame: Frame) -> None:
+        """Show the boxes of the chosen way, and the last answers."""
+        self._show_way(frame.state)
+        answer = answer_text(frame.state)
+        if self._answer.content != answer:
+            self._answer.content = answer
+            self._answer.visible = bool(answer)
+        opinions = opinions_text(frame.state)
+        if self._opinions is not None and self._opinions.content != opinions:
+            self._opinions.content = opinions
+
+    def _show_way(self, state: State) -> None:
+        if self._way.value != state.way:
+            self._way.value = state.way
+        wanted = WAYS[state.way].boxes
+        for i, box in enumerate(self._boxes):
+            box.visible = i < len(wanted)
+            if i < len(wanted):
+                label, content = wanted[i]
+                box.label = f"{label} ({clock_of(state).unit})" if label in ("from", "to") else label
+                if state.way != self._shown_way:
+                    box.value = content
+                box.hint = BOX_HINTS.get(label, BOX_HINTS[""])
+        self._shown_way = state.way
+
+
+def answer_text(state: State) -> str:
+    """The last answer with before and after, as markdown; made of our own words and numbers."""
+    outcome = state.outcome
+    if outcome is None:
+        return ""
+    if outcome.after is None:
+        return f"**{outcome.how}: nothing was changed.** {outcome.message}"
+    period = state.recording.sample_period
+    before, after = outcome.before, outcome.after
+
+    def lag(tuning: Any) -> str:
+        steady = steady_state(tuning.params)
+        samples = float(steady.lag_samples)
+        return f"{number(samples)} samples" if period is None else duration(samples * period)
+
+    rows = [
+        ("q", number(before.q, 4), number(after.q, 4)),
+        ("r", number(before.r, 4), number(after.r, 4)),
+        ("lag", lag(before), lag(after)),
+        ("noise", *(f"−{number(float(steady_state(t.params).noise_reduction_db))} dB" for t in (before, after))),
+    ]
+    table = "| | before | now |\n|---|---|---|\n" + "\n".join(f"| {n} | {b} | **{a}** |" for n, b, a in rows)
+    return f"{table}\n\n{outcome.message}"
+
+
+def opinions_text(state: State) -> str:
+    """The five methods side by side and their disagreement named, as markdown."""
+    if not state.opinions:
+        return "Five ways to estimate q and r from the record. If the model describes the signal, they agree."
+    period = state.recording.sample_period
+    rows = []
+    for one in state.opinions:
+        steady = steady_state(one.params) if one.params is not None else None
+        lag = "–" if steady is None else f"{number(float(steady.lag_samples))} samples"
+        if steady is not None and period is not None:
+            lag = duration(float(steady.lag_samples) * period)
+        gain = "–" if steady is None else number(float(steady.gain))
+        q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
+        rows.append(f"| {METHOD_WORDS[one.method]} | {q} | {r} | {gain} | {lag} | {verdict} |")
+    usable = sum(one.params is not None for one in state.opinions)
+    agree = "They agree, as far as chance allows." if usable > 1 else "No two of them can be compared."
+    said = disagreement(state.opinions) or agree
+    head = "| method | q | r | gain K | lag | verdict |\n|---|---|---|---|---|---|\n"
+    return f"{head}{chr(10).join(rows)}\n\n**{said}**\n\n{state.opinions[0].message}"

@@ -1,0 +1,52 @@
+"""What q and r mean: gain, lag, noise reduction, cut-off, time to settle."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kalscope_app.views.text import count, duration, frequency, number
+
+if TYPE_CHECKING:
+    import viser
+
+    from kalscope_app.engine.frame import Frame
+
+
+class NumbersView:
+    """A table of derived numbers beside the sliders."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("What that means"):
+            self._table = gui.add_markdown("")
+
+    def show(self, frame: Frame) -> None:
+        """Write the table."""
+        content = table(frame)
+        if self._table.content != content:
+            self._table.content = content
+
+
+def table(frame: Frame) -> str:
+    """Markdown rows: the words people use, then the number with its unit."""
+    steady, params = frame.steady, frame.state.params
+    lag, settle = float(steady.lag_samples), float(steady.settle_samples)
+    period = frame.state.recording.sample_period
+    rows = [
+        ("lag on a ramp", _both(lag, period)),
+        ("noise reduction", f"**{number(float(steady.noise_reduction_db))} dB**"),
+    ]
+    if period is not None:
+        rows.append(("cut-off (−3 dB)", f"**{frequency(float(steady.cutoff_hz or 0.0))}**"))
+    rows += [
+        ("gain K", f"**{number(float(steady.gain))}**"),
+        ("q / r", "–" if frame.state.rule is not None else f"**{number(float(params.ratio))}**"),
+        ("follows a step in", _both(settle, period)),
+    ]
+    if params.gate is not None:
+        rows.append(("refused by the gate", f"**{count(frame.rejected)} samples**"))
+    return "| | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows)
+
+
+def _both(samples: float, period: float | None) -> str:
+    in_samples = f"{number(samples)} samples"
+    return f"**{in_samples}**" if period is None else f"**{duration(samples * period)}** · {in_samples}"

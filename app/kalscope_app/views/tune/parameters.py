@@ -1,0 +1,282 @@
+"""Process noise q, measurement noise r and start variance p0: a text box with the exact value, and a slider."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from kalscope_app.session.changes import (
+    Change,
+    reset_parameters,
+    select_channel,
+    set_automatic_start,
+    set_exponent,
+    set_reading,
+    set_rule_text,
+    set_text,
+)
+from kalscope_app.session.channel_changes import set_together
+from kalscope_app.session.linked_channels import WAYS
+from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.state import State, slider_limits
+from kalscope_app.views.text import squared, typed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import viser
+
+    from kalscope_app.engine.frame import Frame
+
+NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "start variance p0"}
+
+HINTS = {
+    "q": "How fast the true value wanders: the variance it gains in one sample, {unit}. Larger follows faster.",
+    "r": "How noisy the sensor is: the variance of one reading, {unit}. Larger smooths more.",
+    "p0": "How uncertain the first estimate is, a variance, {unit}. It shapes only the start. 0 is allowed.",
+}
+
+AUTOMATIC, BY_VALUE = "automatic: first sample", "by value: p0 and x0"
+
+TYPING_PAUSE = 0.9
+"""Seconds without a key after which a typed number counts, Enter or not."""
+
+
+class ParametersView:
+    """The controls of the channel on screen. Callbacks only file requests."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        with gui.add_form(None) as form:  # all of them: viser indents what stands in a form otherwise
+            self._channel = gui.add_dropdown(
+                "channel", list[str](["–"]), hint="Each channel has parameters of its own."
+            )
+            self._together = gui.add_dropdown(
+                "tune",
+                WAYS,
+                hint="All together: a change here, or a search, sets every channel. Undo takes it back.",
+            )
+            self._rule_boxes = [
+                TypedNumber(gui, session, name, label, hint, set_rule_text) for name, label, hint in RULE_BOXES
+            ]
+            self._controls = [VarianceControl(gui, session, name) for name in ("q", "r")]
+            self._start = gui.add_dropdown(
+                "start",
+                (AUTOMATIC, BY_VALUE),
+                hint="Automatic: the first sample is the first estimate. By value: your own p0 and x0.",
+            )
+            self._controls.append(VarianceControl(gui, session, "p0"))
+            self._x0 = TypedNumber(
+                gui,
+                session,
+                "x0",
+                "start value x0",
+                "The estimate before the first sample; 0 is allowed, empty is the first sample. Only the start.",
+            )
+            self._gate = TypedNumber(
+                gui,
+                session,
+                "gate",
+                "outlier gate v²/s",
+                "A sample further from its prediction is not used: 9 is three σ, empty is off.",
+            )
+            self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="The second paper's filter, to compare.")
+            self._steps = gui.add_button_group(
+                "",
+                ("Undo", "Redo", "Reset"),
+                hint="Ctrl+Z; Ctrl+Shift+Z or Ctrl+Y. Reset: r = var(Δz)/2, q = r/100.",
+            )
+        form.on_submit(self._on_submit)
+        self._channel.on_update(self._on_channel)
+        self._together.on_update(self._on_together)
+        self._filter.on_update(self._on_filter)
+        self._start.on_update(self._on_start)
+        self._steps.on_click(self._on_step)
+        gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger(self._on_undo)
+        gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift").on_trigger(self._on_redo)
+        gui.add_command("Redo, the other key", hotkey="Y", modifier="cmd/ctrl").on_trigger(self._on_redo)
+
+    async def _on_channel(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(select_channel(self._channel.value))
+
+    async def _on_together(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_together(self._together.value))
+
+    async def _on_filter(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_reading(FILTERS[self._filter.value]))
+
+    async def _on_start(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(set_automatic_start(self._start.value == AUTOMATIC))
+
+    async def _on_step(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.request({"Undo": undo, "Redo": redo, "Reset": reset_parameters}[self._steps.value])
+
+    async def _on_undo(self, _event: viser.CommandEvent) -> None:
+        self._session.request(undo)
+
+    async def _on_redo(self, _event: viser.CommandEvent) -> None:
+        self._session.request(redo)
+
+    async def _on_submit(self, _event: viser.GuiEvent[Any]) -> None:
+        for box in (*(control.typed for control in self._controls), self._x0, self._gate, *self._rule_boxes):
+            box.submit()
+
+    def show(self, frame: Frame) -> None:
+        """Bring every control to the frame's values, except one that is being used."""
+        state, tuning = frame.state, frame.state.tuning
+        if self._channel.options != state.recording.names:
+            self._channel.options = state.recording.names
+        if self._channel.value != state.channel:
+            self._channel.value = state.channel
+        self._channel.visible = self._together.visible = len(state.recording.names) > 1
+        if self._together.value != state.together:
+            self._together.value = state.together
+        self._show_rule(state)
+        for control in self._controls:
+            control.visible = state.rule is None
+            control.show(frame)
+        self._start.visible = self._gate.visible = state.rule is None
+        start = AUTOMATIC if tuning.p0 is None else BY_VALUE
+        if self._start.value != start:
+            self._start.value = start
+        self._x0.visible = tuning.p0 is not None and state.rule is None
+        self._x0.show(frame, tuning.x0, "first")
+        self._gate.show(frame, tuning.gate, "off")
+        for box, (name, _, _) in zip(self._rule_boxes, RULE_BOXES, strict=True):
+            box.visible = state.rule is not None
+            box.show(frame, None if state.rule is None else getattr(state.rule, name), "automatic")
+
+    def _show_rule(self, state: State) -> None:
+        reading = None if state.rule is None else state.rule.reading
+        name = next(name for name, value in FILTERS.items() if value == reading)
+        if self._filter.value != name:
+            self._filter.value = name
+
+
+FILTERS: dict[str, str | None] = {
+    "Kalman filter: q and r": None,
+    "Khan et al.: eq. (3) as printed": "printed",
+    "Khan et al.: without the slip": "without_slip",
+}
+"""Filters by the words on screen, and the reading of the second paper's equation."""
+
+RULE_BOXES = (
+    ("sigma_m", "measured error σM", "The one value that the paper changes from sensor to sensor; above 0."),
+    ("sigma_e0", "first error σE", "Empty is automatic."),
+    ("e0", "first estimate E", "Empty is the first sample."),
+)
+"""Name, label and hint of the second paper's parameters."""
+
+
+class VarianceControl:
+    """One variance: the exact value as text, and a slider over its exponent."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, name: str) -> None:
+        self._session, self._name = session, name
+        self.typed = TypedNumber(gui, session, name, NAMES[name], HINTS[name])
+        self._slider = gui.add_slider(
+            f"log₁₀ {name}",
+            min=-6.0,
+            max=6.0,
+            step=0.01,
+            initial_value=0.0,
+            hint=f"Drag, or click and use the arrow keys: one step changes {name} by 2.3 %.",
+        )
+        self._serial = 0
+        self._slider.on_update(self._on_slider)
+
+    @property
+    def visible(self) -> bool:
+        """Whether it is on screen."""
+        return self._slider.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        self._slider.visible = self.typed.visible = visible
+
+    async def _on_slider(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._serial = self._session.request(
+                set_exponent(self._name, float(self._slider.value)), key=f"slider {self._name}"
+            )
+
+    def show(self, frame: Frame) -> None:
+        """Follow the frame unless the slider has moved since."""
+        value = getattr(frame.state.tuning, self._name)
+        self.typed.show(frame, value, "automatic")
+        if frame.serial < self._serial:
+            return
+        low, high = slider_limits(frame.state, self._name)
+        if (self._slider.min, self._slider.max) != (low, high):
+            self._slider.min, self._slider.max = float(low), float(high)
+        if value is None:  # the automatic start has the variance of one reading after its first sample
+            value = frame.state.tuning.r
+        exponent = min(max(math.log10(value), low), high) if value > 0.0 else float(low)
+        if abs(self._slider.value - exponent) > 0.005:
+            self._slider.value = round(exponent, 2)
+
+
+class TypedNumber:
+    """A number typed as text: 1e-9 works; it counts on Enter, or when typing rests."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        session: Session,
+        name: str,
+        label: str,
+        hint: str,
+        change: Callable[[str, str], Change] = set_text,
+    ) -> None:
+        self._session, self._name, self._label, self._hint, self._change = session, name, label, hint, change
+        self._text = gui.add_text(label, "", hint=hint)
+        self._written = ""
+        self._value: object = self  # nothing has been shown yet
+        self._serial = 0
+        self._text.on_update(self._on_key)
+
+    @property
+    def visible(self) -> bool:
+        """Whether the box is on screen."""
+        return self._text.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        self._text.visible = visible
+
+    async def _on_key(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None and _looks_complete(self._text.value):
+            self._file(TYPING_PAUSE)
+
+    def submit(self) -> None:
+        """Enter was pressed: take what stands here, if it was changed, and say if it is no number."""
+        if self._text.value != self._written:
+            self._file(0.0)
+
+    def _file(self, delay: float) -> None:
+        text = self._text.value
+        self._serial = self._session.request(self._change(self._name, text), key=f"text {self._name}", delay=delay)
+
+    def show(self, frame: Frame, value: float | None, missing: str) -> None:
+        """Write the frame's value, unless a newer one is being typed or the value has not changed."""
+        if "{unit}" in self._hint:
+            unit = squared(frame.state.tuning.unit)
+            self._text.hint = self._hint.format(unit=unit)
+            self._text.label = f"{self._label}, {unit}"
+        if frame.serial < self._serial or (value == self._value and self._serial == 0):
+            return
+        self._value, self._serial = value, 0
+        self._written = missing if value is None else typed(value)
+        if self._text.value != self._written:
+            self._text.value = self._written
+
+
+def _looks_complete(text: str) -> bool:
+    try:
+        return math.isfinite(float(text.strip().replace(",", ".")))
+    except ValueError:
+        return False

@@ -1,0 +1,64 @@
+"""Presets: choose one, read what it does, then take it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import SteadyState, steady_state
+from kalscope_app.session.presets import PRESETS, choose_preset, take_preset
+from kalscope_app.views.text import lag_text, noise_text, number
+
+if TYPE_CHECKING:
+    import viser
+
+    from kalscope_app.engine.frame import Frame
+    from kalscope_app.session.session import Session
+    from kalscope_app.session.state import State
+
+
+class PresetsView:
+    """The folder "Presets". Choosing shows; only the button changes q and r."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        with gui.add_folder("Presets", expand_by_default=False):
+            self._which = gui.add_dropdown("preset", tuple(PRESETS), hint="Choosing shows what it would do.")
+            self._text = gui.add_markdown("")
+            self._take = gui.add_button(
+                "Take this preset", hint="Its q and r become the present ones; Undo goes back."
+            )
+        self._which.on_update(self._on_choice)
+        self._take.on_click(self._on_take)
+
+    async def _on_choice(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self._session.request(choose_preset(self._which.value))
+
+    async def _on_take(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.request(take_preset(self._which.value))
+
+    def show(self, frame: Frame) -> None:
+        """Tell what the chosen preset would do."""
+        title = frame.state.preset or next(iter(PRESETS))
+        if self._which.value != title:
+            self._which.value = title
+        text = preset_text(frame.state, title, frame.steady)
+        if self._text.content != text:
+            self._text.content = text
+
+
+def preset_text(state: State, title: str, now: SteadyState) -> str:
+    """Why, then lag, noise reduction and gain beside the present ones; markdown of our own words and numbers."""
+    preset = PRESETS[title]
+    q, r = preset.pair(state)
+    then, period = steady_state(FilterParams(q=q, r=r)), state.recording.sample_period
+
+    rows = [
+        ("q", number(state.tuning.q), number(q)),
+        ("r", number(state.tuning.r), number(r)),
+        ("lag", *(lag_text(float(one.lag_samples), period) for one in (now, then))),
+        ("noise", *(noise_text(float(one.noise_reduction_db)) for one in (now, then))),
+    ]
+    table = "| | now | then |\n|---|---|---|\n" + "\n".join(f"| {n} | {a} | **{b}** |" for n, a, b in rows)
+    return f"{preset.why}\n\n{table}"

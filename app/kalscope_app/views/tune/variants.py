@@ -1,0 +1,155 @@
+"""Pinned settings: a button beside the sliders, and in the Compare tab a table of them and what to do with one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from kalscope_app.session.variant_changes import delete_variant, pin_present, rename_variant, use_variant
+from kalscope_app.session.variants import LIMIT, LONGEST_NAME, Variant, css
+from kalscope_app.views.text import count, lag_text, noise_text, number, plain
+
+if TYPE_CHECKING:
+    import viser
+
+    from kalscope_app.engine.frame import Frame
+    from kalscope_app.session.session import Session
+    from kalscope_app.studies.variant_table import Row, Table
+
+NOTHING = "–"
+
+EMPTY = (
+    "Nothing is pinned on this channel yet. **Pin this setting**, beside the sliders, keeps the present q, r and "
+    f"start as A; then tune on, and compare. Up to {LIMIT} can be pinned."
+)
+
+
+class VariantsView:
+    """The button "Pin this setting" and the upper part of the Compare tab."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        self._pin = gui.add_button(
+            "Pin this setting", hint="Keep it as A, B, C …, with a line in the chart and in the Compare tab."
+        )
+        self._pin.on_click(self._on_pin)
+
+    def build_tab(self, gui: viser.GuiApi) -> None:
+        """The part that stands in a tab of the chart panel."""
+        gui.add_markdown("### Pinned settings")
+        self._table = gui.add_markdown(EMPTY)
+        folder = gui.add_folder("Change a pinned setting", visible=False)
+        with folder as self._folder, gui.add_form(None) as form:
+            self._which = gui.add_dropdown("setting", list[str]([NOTHING]), hint="One of the pinned settings.")
+            self._steps = gui.add_button_group(
+                "",
+                ("Use", "Delete"),
+                hint="Use: its q, r and start become the present ones. Undo takes either back.",
+            )
+            self._name = gui.add_text(
+                "new name", "", hint=f"At most {LONGEST_NAME} letters; press Enter to rename the setting above."
+            )
+        self._steps.on_click(self._on_step)
+        form.on_submit(self._on_rename)
+
+    async def _on_pin(self, _event: viser.GuiEvent[Any]) -> None:
+        self._session.request(pin_present)
+
+    async def _on_step(self, _event: viser.GuiEvent[Any]) -> None:
+        change = {"Use": use_variant, "Delete": delete_variant}[self._steps.value]
+        self._session.request(change(self._which.value))
+
+    async def _on_rename(self, _event: viser.GuiEvent[Any]) -> None:
+        if self._name.value.strip():
+            self._session.request(rename_variant(self._which.value, self._name.value))
+
+    def show(self, frame: Frame) -> None:
+        """Offer the variants there are."""
+        names = tuple(variant.name for variant in frame.state.variants)
+        self._folder.visible = bool(names)
+        before = tuple(self._which.options)
+        if names and names != before:
+            chosen = _follow(self._which.value, before, names)
+            self._which.options = names
+            self._which.value = chosen
+            self._name.value = ""
+
+    def show_table(self, table: Table) -> None:
+        """Write the table."""
+        text = table_text(table)
+        if self._table.content != text:
+            self._table.content = text
+
+
+def _follow(chosen: str, before: tuple[str, ...], names: tuple[str, ...]) -> str:
+    """What stays chosen when the names change: the same one, renamed or not; a new one as soon as it is there."""
+    if len(names) > len(before) or before == (NOTHING,):
+        return next(name for name in reversed(names) if name not in before)
+    if chosen in names:
+        return chosen
+    return names[min(before.index(chosen), len(names) - 1)] if chosen in before else names[-1]
+
+
+def table_text(table: Table) -> str:
+    """The settings side by side, the present one first; markdown, names escaped."""
+    if not table.state.variants:
+        return EMPTY
+    with_truth = any(row.measures.rmse is not None for row in table.rows)
+    unit = plain(table.state.tuning.unit, 12)
+    head = ["", "q", "r", "lag", "noise"]
+    head += [f"RMSE {unit}".strip()] if with_truth else []
+    head += ["NIS", "memory", "log-likelihood"]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    best = _best(table.rows)
+    lines += ["| " + " | ".join(_cells(table, row, with_truth, best)) + " |" for row in table.rows]
+    return "\n".join(lines) + "\n\n" + _explained(table, with_truth)
+
+
+def _best(rows: tuple[Row, ...]) -> tuple[float | None, float | None]:
+    """The smallest RMSE, and the largest log-likelihood where all rows sum over the same samples."""
+    errors = [row.measures.rmse for row in rows if row.measures.rmse is not None]
+    comparable = len({row.measures.scored for row in rows}) == 1
+    return min(errors, default=None), max(row.measures.loglik for row in rows) if comparable else None
+
+
+def _cells(table: Table, row: Row, with_truth: bool, best: tuple[float | None, float | None]) -> list[str]:
+    measures, steady, d = row.measures, row.measures.steady, row.measures.diagnostics
+    cells = [
+        "**now**" if row.variant is None else mark(row.variant, dark=table.state.dark),
+        number(float(row.params.q)),
+        number(float(row.params.r)),
+        lag_text(float(steady.lag_samples), table.state.recording.sample_period),
+        noise_text(float(steady.noise_reduction_db)),
+    ]
+    if with_truth:
+        cells.append("–" if measures.rmse is None else _bold(number(measures.rmse, 4), measures.rmse == best[0]))
+    quiet = abs(d.r1) <= d.r1_bound
+    cells += [
+        number(d.nis),
+        f"{number(d.r1, 2)} {'✓' if quiet else '✗'}",
+        _bold(number(measures.loglik, 6), measures.loglik == best[1]),
+    ]
+    return cells
+
+
+def mark(variant: Variant, *, dark: bool) -> str:
+    """A spot of its colour and its name."""
+    return f'<span style="color:{css(variant.rgb(dark=dark))}">■</span> **{plain(variant.name, 20)}**'
+
+
+def _bold(text: str, chosen: bool) -> str:
+    return f"**{text}**" if chosen else text
+
+
+def _explained(table: Table, with_truth: bool) -> str:
+    said = ["NIS is 1 where q and r have the right size; memory is near 0 (✓) where nothing is left to predict."]
+    if with_truth:
+        said.append("RMSE is the distance from the truth, the smallest in bold.")
+    scored = {row.measures.scored for row in table.rows}
+    if len(scored) == 1:
+        said.append("The larger the log-likelihood, the better a setting explains the record; the largest is bold.")
+    else:
+        few, many = count(min(scored)), count(max(scored))
+        said.append(f"The log-likelihoods sum over {few} to {many} samples and cannot be compared.")
+    if table.state.rule is not None:
+        said.append("The present filter has no q and r, and so no line here.")
+    return " ".join(said)

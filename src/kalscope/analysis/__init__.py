@@ -1,0 +1,1 @@
+"""What a record and its residuals tell: diagnostics, spectrum, Allan deviation, simpler filters."""

@@ -1,0 +1,154 @@
+"""Allan deviation of a record, and what a random walk in white noise would show."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.common.text import duration
+from kalscope.estimation.methods.allan import allan_variances
+from kalscope.filtering.arrays import Array, one_channel
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from kalscope.filtering.params import FilterParams
+
+SIZES_PER_OCTAVE = 3
+"""Averaging lengths in each doubling."""
+
+
+LONGEST_ALLAN = 2_000_000
+"""Samples whose Allan deviation is taken at most; the first ones."""
+
+
+@dataclass(frozen=True)
+class AllanDeviation:
+    """Overlapping Allan deviation of one channel; arrays have shape (k,)."""
+
+    size: Array
+    """Averaging lengths, samples, log-spaced."""
+    tau: Array
+    """The same in s; in samples without a sample period."""
+    deviation: Array
+    """Of the recording, unit."""
+    spread: Array
+    """One standard error of it, unit, from the number of independent averages."""
+    model: Array
+    """What white noise r and a random walk q would show, unit."""
+    best_size: float
+    """Averaging length of the model's minimum, samples; inf for q = 0, 1 where averaging never helps."""
+    in_seconds: bool
+    """Whether `tau` is in s."""
+    message: str
+    """What the minimum means, in plain sentences."""
+
+
+def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | None = None) -> AllanDeviation:
+    """Overlapping Allan deviation at log-spaced averaging lengths, beside that of the model.
+
+    Averages that would hold a missing sample are left out. The model is AVAR(M) = r/M + q(2M² + 1)/(6M), white
+    measurement noise and a random walk (Zhang 2008, Metrologia 45, 549); its minimum lies at M² = 3r/q + ½.
+
+    Args:
+        z: measurements of one channel, shape (n,); NaN is a missing sample.
+        params: the present setting, scalars.
+        sample_period: nominal sample period in s, > 0; None = τ in samples.
+
+    Raises:
+        BadSetting: z is not one channel, or params hold several.
+    """
+    samples = one_channel(z, params)[:LONGEST_ALLAN]
+    period = 1.0 if sample_period is None else float(sample_period)
+    there = np.isfinite(samples)
+    level = float(samples[there].mean()) if there.any() else 0.0
+    row = np.where(there, samples - level, 0.0)
+    size, variance, degrees = allan_variances(row, there, log_sizes(len(row) // 4))
+    q, r = float(params.q), float(params.r)
+    deviation = np.sqrt(variance)
+    spread = deviation / np.sqrt(2.0 * degrees)
+    best = best_average(q, r)
+    return AllanDeviation(
+        size=size,
+        tau=size * period,
+        deviation=deviation,
+        spread=spread,
+        model=np.sqrt(allan_model(size, q, r)),
+        best_size=best,
+        in_seconds=sample_period is not None,
+        message=_allan_words(size, deviation, spread, q, r, best, sample_period),
+    )
+
+
+def allan_model(size: ArrayLike, q: float, r: float) -> Array:
+    """Allan variance of white noise r and a random walk of q a sample, at averages over `size` samples, unit².
+
+    r/M + q(2M² + 1)/(6M): Zhang (2008), Metrologia 45, 549; the same as `av_wn` and `av_rw` of R's avar.
+    """
+    m = np.asarray(size, dtype=np.float64)
+    return r / m + q * (2.0 * m * m + 1.0) / (6.0 * m)
+
+
+def best_average(q: float, r: float) -> float:
+    """Averaging length in samples where the model's Allan deviation is least, ≥ 1: √(3r/q + ½); inf for q = 0."""
+    return math.inf if q == 0.0 else max(1.0, math.sqrt(3.0 * (r / q) + 0.5))
+
+
+def first_minimum(deviation: Array, spread: Array) -> int:
+    """Where the Allan deviation is least before it first rises by more than chance.
+
+    Of a periodic signal averages over whole periods differ least of all, which is no reason to average so long.
+    """
+    best = 0
+    for i in range(1, len(deviation)):
+        if deviation[i] < deviation[best]:
+            best = i
+        elif deviation[i] - deviation[best] > 2.0 * math.hypot(spread[i], spread[best]):
+            break
+    return best
+
+
+def log_sizes(longest: int) -> NDArray[np.int64]:
+    """Whole averaging lengths from 1 to `longest`, three in each doubling."""
+    if longest < 1:
+        return np.empty(0, dtype=np.int64)
+    steps = np.arange(int(SIZES_PER_OCTAVE * math.log2(longest)) + 1)
+    return np.unique(np.rint(2.0 ** (steps / SIZES_PER_OCTAVE)).astype(np.int64))
+
+
+def _allan_words(
+    size: Array, deviation: Array, spread: Array, q: float, r: float, best: float, period: float | None
+) -> str:
+    """Where averaging stops helping: by the model, and in the recording."""
+
+    def length(samples: float) -> str:
+        there = f"{samples:.3g} sample{'' if samples == 1.0 else 's'}"
+        return there if period is None else f"{duration(samples * period)} ({there})"
+
+    if len(size) < 2:
+        return "The recording is too short for an Allan deviation."
+    if math.isinf(best):
+        model = "With q = 0 the model never drifts, so averaging longer would always help."
+    elif best <= 1.5:
+        model = "By the model averaging does not help at all: the signal moves more between samples than its noise."
+    else:
+        least = math.sqrt(float(allan_model(best, q, r)))
+        model = (
+            f"By the model averaging longer than {length(best)} does not help: {least:.3g} is the least it reaches."
+        )
+    at = first_minimum(deviation, spread)
+    if not deviation.any():
+        seen = "This recording stands still: there is nothing that averaging could take off."
+    elif at == len(size) - 1:
+        seen = f"In this recording it still helps at {length(float(size[-1]))}, the longest that it can tell."
+    elif at == 0 and float(deviation.min()) < float(deviation[0]):
+        helps = length(float(size[int(np.argmax(deviation < deviation[0]))]))
+        seen = f"In this recording averaging over less than {helps} does not help: the signal swings."
+    elif at == 0:
+        seen = "In this recording averaging never helps: its movement outweighs its noise from the first sample on."
+    else:
+        seen = f"In this recording it stops helping at {length(float(size[at]))}: {float(deviation[at]):.3g}."
+    return f"{model} {seen}"

@@ -1,0 +1,126 @@
+"""The classic filters, each over one channel with missing samples; from scipy where it has them.
+
+The causal ones skip a missing sample: the output rests, and the next sample is taken as if no time had passed.
+That is what a loop on a device does that filters only what arrives.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.analysis.alternatives import one_euro as kernels
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Array = NDArray[np.float64]
+
+
+LONG = 501
+"""Windows of a parabola above this go by Fourier transform."""
+
+
+def moving_average(z: Array, window: int) -> Array:
+    """Mean of the last `window` samples that came; at the start, of those that there are."""
+
+    def mean(seen: Array) -> Array:
+        level = seen[0]
+        sums = np.concatenate([[0.0], np.cumsum(seen - level)])  # around a level: sums of offsets lose digits
+        last = np.arange(1, len(sums))
+        first = np.maximum(last - window, 0)
+        return level + (sums[last] - sums[first]) / (last - first)
+
+    return _skipping(z, mean)
+
+
+def exponential(z: Array, alpha: float) -> Array:
+    """Exponential smoothing, x += α (z − x), begun at the first sample; 0 < α ≤ 1."""
+    from scipy.signal import lfilter
+
+    def smooth(seen: Array) -> Array:
+        return lfilter([alpha], [1.0, alpha - 1.0], seen - seen[0]) + seen[0]
+
+    return _skipping(z, smooth)
+
+
+def median(z: Array, window: int) -> Array:
+    """Median of the last `window` samples that came, odd; the buffer begins full of the first sample."""
+    from scipy.ndimage import median_filter
+
+    return _skipping(z, lambda seen: median_filter(seen, size=window, mode="nearest", origin=(window - 1) // 2))
+
+
+def butterworth(z: Array, cutoff: float) -> Array:
+    """Second-order low-pass, −3 dB at `cutoff` cycles a sample, 0 … 0.5; settled at the first sample."""
+    from scipy.signal import butter, sosfilt
+
+    sections = butter(2, 2.0 * cutoff, output="sos")
+    return _skipping(z, lambda seen: sosfilt(sections, seen - seen[0]) + seen[0])
+
+
+def savitzky_golay(z: Array, window: int) -> Array:
+    """Centre of a parabola through `window` samples, odd; missing ones lie on a line between their neighbours.
+
+    NaN before the first sample. The ends are read off the parabola through the outermost window.
+    """
+    from scipy.signal import savgol_filter
+
+    bridged, first = _bridged(z)
+    if 3 <= window <= LONG:
+        if len(bridged) >= window:
+            bridged = np.asarray(savgol_filter(bridged, window, 2))
+    elif window > LONG and len(bridged) >= window:
+        bridged = _long_parabola(bridged, window)
+    return np.concatenate([np.full(first, np.nan), bridged])
+
+
+def _long_parabola(z: Array, window: int) -> Array:
+    """The same by Fourier transform, where scipy's filter would take seconds."""
+    from scipy.signal import oaconvolve, savgol_coeffs
+
+    half, level, out = window // 2, float(z.mean()), np.empty(len(z))
+    out[half : len(z) - half] = oaconvolve(z - level, np.asarray(savgol_coeffs(window, 2)), "valid") + level
+    place = np.linspace(-1.0, 1.0, window)
+    out[:half] = np.polynomial.Polynomial.fit(place, z[:window], 2)(place[:half])
+    out[len(z) - half :] = np.polynomial.Polynomial.fit(place, z[-window:], 2)(place[half + 1 :])
+    return out
+
+
+def delayed(curve: Array, samples: int) -> Array:
+    """The curve as a device has it that must wait `samples` for it; NaN until then."""
+    late = np.full(len(curve), np.nan)
+    late[samples:] = curve[: len(curve) - samples]
+    return late
+
+
+def one_euro(z: Array, slowest: float, beta: float, speed_cutoff: float) -> Array:
+    """One-euro filter: cut-off at rest, its growth for a speed of 1 unit a sample, cut-off of the speed itself.
+
+    Cut-offs in cycles a sample. A gap is elapsed time.
+    """
+    out = np.empty(len(z))
+    kernels.one_euro(np.ascontiguousarray(z, dtype=np.float64), slowest, beta, speed_cutoff, out)
+    return out
+
+
+def _skipping(z: Array, run: Callable[[Array], Array]) -> Array:
+    """`run` on the samples that there are; its last value in between, NaN before the first."""
+    seen = np.isfinite(z)
+    if not seen.any():
+        return np.full(len(z), np.nan)
+    if seen.all():
+        return run(z)
+    latest = np.cumsum(seen) - 1
+    return np.where(latest >= 0, run(z[seen])[np.maximum(latest, 0)], np.nan)
+
+
+def _bridged(z: Array) -> tuple[Array, int]:
+    """Z from its first sample on, a straight line across each gap; and the number of samples before it."""
+    seen = np.flatnonzero(np.isfinite(z))
+    if len(seen) == 0:
+        return np.empty(0), len(z)
+    first = int(seen[0])
+    return np.interp(np.arange(first, len(z)), seen, z[seen]), first

@@ -1,0 +1,187 @@
+"""Which filter is better, by how much, and whether that is more than chance; in words. Pure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Array = NDArray[np.float64]
+
+BLOCKS = 100
+"""Most blocks that a recording is cut into."""
+
+LEAST_BLOCKS = 8
+"""Fewer say nothing."""
+
+NEGLIGIBLE = 1e-4
+"""A ratio so near to 1 is no difference that matters, however certain it is."""
+
+EXTREME = 1e120
+"""Values larger than this, or steps smaller than one over it, have squares of squares that no double holds."""
+
+TOGETHER = 0.95
+"""Chance that none of all the intervals of one comparison is wrong."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Mean squared error of one filter against the present one."""
+
+    ratio: float
+    """RMS error over that of the present filter; below 1 it is better. NaN where there is nothing to judge."""
+    low: float
+    """Lower end of the interval of `ratio`."""
+    high: float
+    """Upper end of it; inf where too few blocks are there."""
+
+    @property
+    def real(self) -> bool:
+        """Whether the difference is more than chance, and more than nothing."""
+        return self.better or self.worse
+
+    @property
+    def better(self) -> bool:
+        """Whether it is truly smaller than the present filter's."""
+        return self.high < 1.0 and self.ratio < 1.0 - NEGLIGIBLE
+
+    @property
+    def worse(self) -> bool:
+        """Whether it is truly larger."""
+        return self.low > 1.0 and self.ratio > 1.0 + NEGLIGIBLE
+
+
+def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -> Difference:
+    """Compare squared errors sample by sample, block by block.
+
+    Errors follow each other for about as long as the filter lags, so the blocks are at least ten lags long; their
+    means then count as independent. The interval is Fieller's for the ratio of two means that belong together
+    (1954, JRSS B 16, 175), with Student's t shared among the comparisons; it leaves out 1 where a paired t test
+    would.
+
+    Args:
+        error: squared errors of one filter, shape (n,); NaN where it has none.
+        present: the same of the present filter.
+        lag: its lag in samples.
+        comparisons: how many are made at once (Bonferroni).
+    """
+    both = np.isfinite(error) & np.isfinite(present)
+    a, b = error[both], present[both]
+    if len(b) == 0 or b.sum() == 0.0:
+        return Difference(math.nan, 0.0, math.inf)
+    blocks = min(len(b) // math.ceil(10.0 * (lag + 1.0)), BLOCKS)
+    if blocks < LEAST_BLOCKS:
+        return Difference(math.sqrt(float(a.mean() / b.mean())), 0.0, math.inf)
+    scale = 1.0 / b.mean()  # squares of squares must neither overflow nor vanish
+    a, b = (scale * np.array([part.mean() for part in np.array_split(row, blocks)]) for row in (a, b))
+    low, high = _fieller(a, b, comparisons)
+    return Difference(math.sqrt(float(a.mean() / b.mean())), low, high)
+
+
+def _fieller(a: Array, b: Array, comparisons: int) -> tuple[float, float]:
+    """Ends of the interval of √(mean a / mean b) from blocks, shape (k,) each; no upper end where b may be 0."""
+    from scipy.stats import t
+
+    k = len(a)
+    reach = float(t.ppf(1.0 - 0.5 * (1.0 - TOGETHER) / comparisons, k - 1)) ** 2 / k
+    square = float(a.mean() / b.mean())
+    spread = np.cov(a - square * b, b)  # around the ratio itself: two equal filters lose no digits
+    level = float(b.mean()) ** 2 - reach * float(spread[1, 1])
+    if level <= 0.0:
+        return 0.0, math.inf
+    slant = reach * float(spread[0, 1])
+    root = math.sqrt(slant * slant + level * reach * float(spread[0, 0]))
+    low, high = (math.sqrt(max(0.0, square + (sign * root - slant) / level)) for sign in (-1.0, 1.0))
+    return low, high
+
+
+def verdict(names: Sequence[str], found: Sequence[Difference], what: str, equal: str) -> str:
+    """Two or three sentences on the candidates that a device can run.
+
+    Args:
+        names: of the candidates.
+        found: their differences to the present filter.
+        what: what the error is, such as "RMS error against the truth".
+        equal: what they were made equal in, such as "lag".
+    """
+    judged = [(d, name) for d, name in zip(found, names, strict=True) if not math.isnan(d.ratio)]
+    if not judged:
+        return "There is nothing to judge the filters by in this stretch."
+    if all(math.isinf(d.high) for d, _ in judged):
+        return "The stretch is too short for a verdict: differences in it may be chance. Record longer."
+    better = sorted((d.ratio, name, d) for d, name in judged if d.better)
+    worse = [name for d, name in judged if d.worse]
+    same = [name for d, name in judged if not d.real]
+    parts: list[str] = []
+    if better:
+        ratio, name, d = better[0]
+        others = f" (so {_are(better)} {_listed([name for _, name, _ in better[1:]])})" if better[1:] else ""
+        parts.append(
+            f"At equal {equal}, {_lower(name)} does better than your filter here: its {what} is "
+            f"{_percent(ratio)} smaller ({_interval(d)}){others}. More than chance."
+        )
+    else:
+        parts.append(f"At equal {equal}, nothing simpler does better than your filter here.")
+    if same:
+        parts.append(f"No real difference: {_listed(same)}.")
+    if worse:
+        parts.append(f"Worse, by more than chance: {_listed(worse)}; most of all {_worst(judged)}.")
+    return " ".join(parts)
+
+
+def _worst(judged: Sequence[tuple[Difference, str]]) -> str:
+    d, name = max((pair for pair in judged if pair[0].worse), key=lambda pair: pair[0].ratio)
+    return f"{_lower(name)}, by {_percent(d.ratio)} ({_interval(d)})"
+
+
+def _are(better: Sequence[object]) -> str:
+    return "does" if len(better) == 2 else "do"
+
+
+def _percent(ratio: float) -> str:
+    """How far from 1: "12 %", "0.4 %"."""
+    share = abs(ratio - 1.0) * 100.0
+    return f"{share:.0f} %" if share >= 10.0 else f"{share:.2g} %"
+
+
+def _interval(d: Difference) -> str:
+    ends = sorted((d.low, d.high), key=lambda end: abs(end - 1.0))
+    return f"95 %: {_percent(ends[0])} to {_percent(ends[1])}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    small = [_lower(name) for name in names]
+    return small[0] if len(small) == 1 else f"{', '.join(small[:-1])} and {small[-1]}"
+
+
+def _lower(name: str) -> str:
+    """A name inside a sentence."""
+    return name[:1].lower() + name[1:]
+
+
+def refusal(z: Array, lag: float, gain: float) -> str | None:
+    """Why nothing can be compared, where that is so: samples, lag in samples and gain of the present setting."""
+    finite = int(np.isfinite(z).sum())
+    if finite < 16:
+        return f"There are only {finite} samples to compare filters on: 16 are the least."
+    largest = float(np.nanmax(np.abs(z)))
+    if largest > EXTREME or 0.0 < largest < 1.0 / EXTREME:
+        return (
+            f"The values go up to {largest:.3g}: give them in a unit that makes numbers between 1e-120 and 1e120."
+        )
+    if math.isinf(lag):
+        return "With q = 0 the filter never settles, so it has no lag to compare at. Set q above 0."
+    if gain >= 1.0 - 1e-9:
+        return "The present setting passes the signal through (gain 1), so there is nothing simpler than no filter."
+    if lag > 0.25 * len(z):
+        return (
+            f"The lag of the present setting, {lag:.3g} samples, is more than a quarter of the {len(z)} samples "
+            "here: too long to compare. Record longer, or set q higher."
+        )
+    return None

@@ -1,0 +1,81 @@
+"""What the Kalman filter of this model is once settled, and what it adds to exponential smoothing, with numbers."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.filtering.steady_state import steady_state
+
+if TYPE_CHECKING:
+    from kalscope.filtering.batch import FilterResult
+    from kalscope.filtering.params import FilterParams
+
+Array = NDArray[np.float64]
+
+
+def identity_words(z: Array, result: FilterResult, params: FilterParams, plain: Array) -> str:
+    """Sentences on the present filter and exponential smoothing of the same gain.
+
+    Args:
+        z: measurements, shape (n,), NaN where missing.
+        result: what the present filter made of them.
+        params: its parameters.
+        plain: exponential smoothing with α = K, begun at the first sample, shape (n,).
+    """
+    gain, noise = float(steady_state(params).gain), math.sqrt(float(params.r))
+    parts = [
+        f"Once settled your filter is exponential smoothing with α = K = {gain:.4g}: x += {gain:.4g}·(z − x). "
+        "What the Kalman filter adds is how it starts and what it does at gaps."
+    ]
+    apart = np.abs(result.x - plain)
+    seen = np.flatnonzero(np.isfinite(z))
+    gaps = np.flatnonzero(np.diff(seen) > 1) if len(seen) else seen
+    until = int(seen[gaps[0]]) + 1 if len(gaps) else len(z)
+    parts.append(_start(apart[:until], result.k[:until], gain, noise))
+    parts.append(_gaps(apart, result.k, seen, gaps, gain, noise))
+    if params.gate is not None and int(result.rejected):
+        parts.append(f"Your outlier gate refused {int(result.rejected)} samples, which no other filter here does.")
+    return " ".join(part for part in parts if part)
+
+
+def _start(apart: Array, k: Array, gain: float, noise: float) -> str:
+    """How far the two differ at the start, and for how long."""
+    good = np.isfinite(apart)
+    largest = float(apart[good].max(initial=0.0))
+    if largest <= 1e-9 * noise or noise == 0.0:
+        return "At the start of this recording the two do not differ."
+    far = np.flatnonzero(good & (apart > 0.1 * noise))
+    begin = int(np.argmax(good))
+    lasting = (
+        f" and by more than a tenth of that for the first {int(far[-1]) - begin + 1} samples" if len(far) else ""
+    )
+    quick = k[np.isfinite(k)]
+    second = float(quick[begin + 1]) if len(quick) > begin + 1 else gain
+    return (
+        f"At the start they differ by up to {largest / noise:.2g} standard deviations of the noise{lasting}: the "
+        f"Kalman filter averages what it has (second gain {second:.2g}), the other hangs on to its first sample."
+    )
+
+
+def _gaps(apart: Array, k: Array, seen: NDArray[np.intp], gaps: NDArray[np.intp], gain: float, noise: float) -> str:
+    """How often samples are missing, and what the first sample after each gap is worth to both."""
+    if len(gaps) == 0:
+        return "No samples are missing here, so gaps play no part."
+    after = seen[gaps + 1]
+    longest = int(np.argmax(np.diff(seen)[gaps]))
+    missing = int(np.diff(seen)[gaps][longest]) - 1
+    largest = float(np.nanmax(apart[after])) if np.isfinite(apart[after]).any() else 0.0
+    far = (
+        f", and the two then differ by up to {largest / noise:.2g} standard deviations of the noise"
+        if noise
+        else ""
+    )
+    places = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+    return (
+        f"There {'is' if len(gaps) == 1 else 'are'} {places}; after the longest ({missing} samples) the gain is "
+        f"{float(k[after[longest]]):.3g} instead of {gain:.3g}{far}."
+    )

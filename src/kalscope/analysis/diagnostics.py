@@ -1,0 +1,283 @@
+"""Diagnostics: does the filter fit the record, and what should its owner do if it does not?
+
+If q and r are right, the standardised innovations e = v/√s are independent draws from N(0, 1). Everything
+here looks for the ways in which they are not, and says the most important one in words.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kalscope.analysis import advice, residual_kernels, residual_tests
+from kalscope.errors import BadSetting
+from kalscope.filtering.arrays import samples_of
+from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.params import FilterParams
+
+Array = NDArray[np.float64]
+Columns = tuple[Array, ...]
+"""x, p, k, innovation and s of one channel."""
+
+Fit = Callable[[Array, Array | None], FilterParams]
+
+NO_FAULT = "no fault found"
+
+LARGEST_E = 1e60
+"""Residuals are cut off here, so that their fourth powers stay finite."""
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """How one channel's innovations differ from white noise N(0, 1). No number is ever NaN.
+
+    With too few samples every statistic has the value that a perfect filter would show.
+    """
+
+    e: Array
+    """Standardised innovations v/√s, shape (n,) as z; NaN where none was scored (missing, refused, start)."""
+    n: int
+    """Scored innovations, N below."""
+    advice: str
+    """One or two sentences: what to change, "no fault found", or "too few samples to judge …"."""
+    correlation: Array = field(default_factory=lambda: np.zeros(1))
+    """Autocorrelation r_1 … r_h of e, shape (h,); pairs across a gap are left out."""
+    r1: float = 0.0
+    """Lag-1 autocorrelation, −1 … 1; above 0 the filter is too slow, below 0 too fast."""
+    r1_bound: float = 1.0
+    """95 % bound on |r1|, 1.96/√N."""
+    ljung_box: float = 0.0
+    """Ljung-Box Q(h) of the h lags, ≥ 0."""
+    ljung_box_p: float = 1.0
+    """Its p value, 0 … 1."""
+    nis: float = 1.0
+    """Mean of e² (normalised innovation squared): above 1 the filter is too sure of itself. 1 by
+    construction on the record that q and r were fitted to; see `diagnose_held_out`."""
+    nis_low: float = 0.0
+    """Lower end of the 95 % band of `nis`."""
+    nis_high: float = 1e12
+    """Upper end of it."""
+    spikes: int = 0
+    """Scored innovations beyond 4 local σ (1.4826 · median |e|), jumps included; not the tail that one leaves."""
+    spikes_expected: float = 0.0
+    """How many of N white ones lie there by chance, 6.3e-5 N."""
+    spike_indices: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """Sample numbers of the largest spikes, at most 20, largest first."""
+    jumps: int = 0
+    """Those among `spikes` after which the signal stayed where it had gone."""
+    variance_ratio: float = 1.0
+    """H(h): Σ e² of the last third over that of the first, > 0."""
+    variance_ratio_p: float = 1.0
+    """Its two-sided p value, from F(h, h)."""
+    skewness: float = 0.0
+    """Skewness of e."""
+    excess_kurtosis: float = 0.0
+    """Kurtosis of e, less 3."""
+    normality: float = 0.0
+    """N (skewness²/6 + excess²/24), ≥ 0."""
+    normality_p: float = 1.0
+    """Its p value, from χ²₂."""
+    slow_share: float = 0.0
+    """Share of the variance of e in slow waves, beyond what white noise has, 0 … 1."""
+    slow_samples: int = 0
+    """Length in samples of the blocks whose means show it best, half a wave or less; 0 = none."""
+    slow_p: float = 1.0
+    """Its p value."""
+    q_factor: float = 1.0
+    """Advised factor for q, by likelihood; 1 = keep."""
+    r_factor: float = 1.0
+    """Advised factor for r; 1 = keep."""
+
+
+def diagnose(
+    result: FilterResult, lags: int | None = None, fitted: bool = False
+) -> Diagnostics | tuple[Diagnostics, ...]:
+    """Judge a filter by its innovations.
+
+    Args:
+        result: what `kalman_filter` gave.
+        lags: h of the Ljung-Box test, ≥ 1; None = √N rounded, 4 to 20.
+        fitted: q and r were estimated from this very record: the Ljung-Box test then has h − 1 degrees of
+            freedom, and `nis` is 1 by construction.
+
+    Returns:
+        Diagnostics of the channel; for a 2-D z a tuple of one a channel.
+
+    Raises:
+        BadSetting: lags is below 1.
+
+    Source: Durbin & Koopman (2012), section 2.12; Bar-Shalom et al. (2001), section 5.4; Mehra (1970).
+    """
+    _check_lags(lags)
+    columns = (result.x, result.p, result.k, result.innovation, result.s)
+    if result.x.ndim == 1:
+        return _diagnose_channel(columns, lags, fitted, _prior_was_given(columns))
+    channels = [tuple(np.ascontiguousarray(a[:, c]) for a in columns) for c in range(result.x.shape[1])]
+    return tuple(_diagnose_channel(c, lags, fitted, _prior_was_given(c)) for c in channels)
+
+
+def diagnose_held_out(
+    z: ArrayLike, fit: FilterParams | Fit, dt: ArrayLike | None = None, lags: int | None = None
+) -> Diagnostics:
+    """Judge q and r on the second half of a record, which they have not seen.
+
+    On the samples that q and r were fitted to, the mean of e² is 1 whatever the record; on the second half it
+    is a test.
+
+    Args:
+        z: measurements, shape (n,); NaN is a missing sample.
+        fit: the parameters, or a function of (z, dt of the first half) that gives them, such as
+            `lambda z, dt: estimate(z, dt=dt).params`.
+        dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
+        lags: as for `diagnose`.
+
+    Returns:
+        Diagnostics of the second half; `e` has the shape of that half and `spike_indices` count in z.
+
+    Raises:
+        BadSetting: z is not 1-D or holds inf; dt does not fit z; lags is below 1; whatever `fit` raises.
+    """
+    _check_lags(lags)
+    samples = samples_of(z)
+    if samples.ndim != 1:
+        raise BadSetting(f"z must have shape (n,) to be held out in part (got {samples.shape})")
+    steps = None if dt is None else np.asarray(dt, dtype=np.float64)
+    half = len(samples) // 2
+    params = fit if isinstance(fit, FilterParams) else fit(samples[:half], None if steps is None else steps[:half])
+    result = kalman_filter(samples, params, steps)
+    columns = tuple(a[half:] for a in (result.x, result.p, result.k, result.innovation, result.s))
+    return _diagnose_channel(columns, lags, False, False, first=half)
+
+
+def _diagnose_channel(columns: Columns, lags: int | None, fitted: bool, prior: bool, first: int = 0) -> Diagnostics:
+    e = _standardised(columns)
+    seen = np.flatnonzero(np.isfinite(e))
+    scored, n = e[seen], len(seen)
+    if n < advice.MIN_SAMPLES:
+        needed = f"{n} scored, {advice.MIN_SAMPLES} needed"
+        return Diagnostics(e=e, n=n, advice=f"too few samples to judge ({needed})")
+    h = lags or min(max(round(math.sqrt(n)), 4), 20)
+    white = residual_tests.correlation(e, h, fitted)
+    nis_low, nis_high = residual_tests.nis_band(n)
+    k, v, s = (column[seen] for column in columns[2:])
+    spikes = _Spikes.among(scored, k, v, s, prior)
+    variance_ratio, variance_ratio_p = residual_tests.variance_change(scored)
+    skewness, excess, normality, normality_p = residual_tests.normality(scored)
+    slow_share, slow_samples, slow_p = residual_tests.slow_wave(scored)
+    remedy, said = _advise(columns, seen, scored, spikes, h)
+    return Diagnostics(
+        e=e,
+        n=n,
+        advice=said,
+        correlation=white.r,
+        r1=float(white.r[0]),
+        r1_bound=white.bound,
+        ljung_box=white.q,
+        ljung_box_p=white.p,
+        nis=residual_tests.dot(scored, scored) / n,
+        nis_low=nis_low,
+        nis_high=nis_high,
+        spikes=len(spikes.at),
+        spikes_expected=residual_tests.spike_chance(0, n)[0],
+        spike_indices=seen[spikes.at[:20]] + first,
+        jumps=int(np.count_nonzero(spikes.stays)),
+        variance_ratio=variance_ratio,
+        variance_ratio_p=variance_ratio_p,
+        skewness=skewness,
+        excess_kurtosis=excess,
+        normality=normality,
+        normality_p=normality_p,
+        slow_share=slow_share,
+        slow_samples=slow_samples,
+        slow_p=slow_p,
+        q_factor=remedy.q_factor,
+        r_factor=remedy.r_factor,
+    )
+
+
+def _advise(
+    columns: Columns, seen: NDArray[np.int64], scored: Array, spikes: _Spikes, lags: int
+) -> tuple[advice.Remedy, str]:
+    """The remedy and the two most urgent sentences; a fault named first may explain those behind it."""
+    if not scored.any():
+        return advice.Remedy(), "the signal stands still: nothing to judge the filter by"
+    n, lone = len(scored), spikes.at[~spikes.stays]
+    jumps = len(spikes.at) - len(lone)
+    spiky = len(lone) > jumps and _too_many(spikes.size[~spikes.stays], n)
+    steps = len(lone) <= jumps and _too_many(spikes.size, n)
+    outliers = lone if spiky and len(lone) <= advice.FEW * n else lone[:0]
+    record = advice.Record.of(columns, seen, seen[outliers])
+    remedy = advice.find_remedy(record)
+    said = [
+        _start_sentence(scored[0]) if spikes.start_is_off else None,
+        advice.spike_sentence(len(lone), n) if spiky else None,
+        advice.edge_sentence(remedy, record.ratio),
+        advice.noise_sentence(remedy),
+        None if remedy.e is None else advice.model_sentence(remedy.e, lags),
+        advice.jump_sentence(jumps) if steps else None,
+    ]
+    return remedy, ". ".join([sentence for sentence in said if sentence][:2]) or NO_FAULT
+
+
+@dataclass(frozen=True)
+class _Spikes:
+    """Spikes among the N scored residuals."""
+
+    at: NDArray[np.int64]
+    """Which residuals, largest first."""
+    stays: NDArray[np.bool_]
+    """Whether the signal stayed where it had gone, one a spike."""
+    size: Array
+    """Size in local σ, one a spike."""
+    start_is_off: bool
+    """Whether the first residual is one, from a start that was given; it is not among `at`."""
+
+    @staticmethod
+    def among(e: Array, k: Array, v: Array, s: Array, prior: bool) -> _Spikes:
+        """Spikes by `residual_kernels.find_spikes`; all arrays of shape (N,), scored samples only."""
+        kind = np.empty(len(e), dtype=np.int8)
+        limit = residual_tests.spike_limits(e)
+        residual_kernels.find_spikes(v, k, limit * np.sqrt(s), kind)
+        start_is_off = prior and bool(kind[0])
+        if start_is_off:
+            kind[0] = 0
+        at = np.flatnonzero(kind)
+        at = at[np.argsort(-np.abs(e[at]), kind="stable")]
+        size = residual_tests.SPIKE * np.abs(e[at]) / limit[at]
+        return _Spikes(at, kind[at] == residual_kernels.STAYS, size, start_is_off)
+
+
+def _too_many(sizes: Array, n: int) -> bool:
+    """Whether spikes of these sizes among n residuals are more than chance: by number, or one beyond 8 σ."""
+    expected, chance = residual_tests.spike_chance(len(sizes), n)
+    many = chance < advice.ALARM and len(sizes) > 3.0 * expected
+    return many or bool(np.any(sizes > 2.0 * residual_tests.SPIKE))
+
+
+def _standardised(columns: Columns) -> Array:
+    """Innovations over √s, NaN where none was scored: missing, the start, refused (k = 0 though p > 0)."""
+    _, p, k, v, s = columns
+    with np.errstate(all="ignore"):
+        e = v / np.sqrt(s)
+    e[~((s > 0.0) & np.isfinite(s) & ((k > 0.0) | (p == 0.0)))] = math.nan
+    return np.clip(e, -LARGEST_E, LARGEST_E, out=e)
+
+
+def _prior_was_given(columns: Columns) -> bool:
+    """Whether the first sample was scored: x0 was given, and no sample set the start."""
+    _, _, k, v, _ = columns
+    met = (k > 0.0) | np.isfinite(v)
+    return bool(met.any()) and bool(np.isfinite(v[np.argmax(met)]))
+
+
+def _start_sentence(first: float) -> str:
+    return f"the first sample lies {abs(first):.2g} σ from x0: leave x0 and p0 unset, or raise p0"
+
+
+def _check_lags(lags: int | None) -> None:
+    if lags is not None and not (isinstance(lags, int) and lags >= 1):
+        raise BadSetting(f"lags must be a whole number of at least 1 (got {lags})")

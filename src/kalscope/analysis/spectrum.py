@@ -1,0 +1,156 @@
+"""Which frequencies the signal, the filter's output and what it takes away are made of; and the Allan deviation.
+
+The density is Welch's (1967); the Allan deviation is the overlapping one (IEEE Std 1139; Riley 2008, NIST SP 1065).
+Both stand beside what the model says at the present q and r.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kalscope.filtering.arrays import one_channel
+from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.steady_state import steady_state
+
+if TYPE_CHECKING:
+    from kalscope.filtering.params import FilterParams
+
+Array = NDArray[np.float64]
+
+LEAST = 32
+"""Samples in a row below which there is no density to speak of."""
+
+LONGEST_PIECE = 16_384
+"""Samples of a Welch segment at most."""
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Densities of one channel, arrays of shape (f,); per cycle/sample where there is no sample period."""
+
+    frequency: Array
+    """Frequencies above 0, Hz (cycles a sample without a sample period)."""
+    raw: Array
+    """One-sided density of the measurements, unit²/Hz; its integral is their variance."""
+    filtered: Array
+    """The same of the filtered signal."""
+    residual: Array
+    """The same of what the filter takes away, raw − filtered."""
+    response: Array
+    """|H| of the settled filter there, 0 … 1."""
+    cutoff: float
+    """−3 dB frequency of the settled filter, in the unit of `frequency`; NaN where there is none."""
+    in_hertz: bool
+    """Whether frequencies are in Hz."""
+    samples: int
+    """Samples that were used; 0 where there are too few for a density."""
+    segments: int
+    """Half-overlapping segments that were averaged: a density is good to about 1/√segments."""
+    note: str
+    """How it was made, and how missing samples were dealt with."""
+
+
+def magnitude_response(gain: float, frequency: ArrayLike) -> Array:
+    """|H| of the settled filter x += K (z − x) at frequencies in cycles a sample.
+
+    |H|² = K² / (1 − 2(1 − K) cos 2πf + (1 − K)²), from H = K / (1 − (1 − K) e^(−2πif)); the denominator is
+    computed as K² + 4(1 − K) sin² πf, which loses no digits at low frequencies.
+    """
+    wave = np.sin(np.pi * np.asarray(frequency, dtype=np.float64))
+    if gain <= 0.0:
+        return np.zeros_like(wave)
+    return gain / np.sqrt(gain * gain + 4.0 * (1.0 - gain) * wave * wave)
+
+
+def spectrum(
+    z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None, sample_period: float | None = None
+) -> Spectrum:
+    """Power densities of raw, filtered and residual, with the filter's response.
+
+    Missing samples: the longest stretch without one is used if it holds half of the samples; otherwise a straight
+    line bridges each gap, which adds slow movement that was not measured. The note says which.
+
+    Args:
+        z: measurements of one channel, shape (n,); NaN is a missing sample.
+        params: the present setting, scalars.
+        dt: nominal sample periods before each sample, shape (n,), for the filter only.
+        sample_period: nominal sample period in s, > 0; None = per cycle/sample.
+
+    Raises:
+        BadSetting: z is not one channel, or z, dt, params or the period do not fit.
+
+    Source: Welch (1967), IEEE Trans. AU-15, 70; Hann windows, half overlap, the mean of each segment taken off.
+    """
+    samples = one_channel(z, params)
+    steady = steady_state(params, sample_period)
+    period = 1.0 if sample_period is None else float(sample_period)
+    curve = kalman_filter(samples, params, dt).x
+    part, note = whole_stretch(samples)
+    length = part.stop - part.start
+    if length < LEAST:
+        return _nothing(sample_period is not None, f"A spectrum needs {LEAST} samples (got {length}).")
+    raw, filtered = _bridged(samples[part]), _bridged(curve[part])
+    piece = min(max(2 ** int(math.log2(length / 4)), LEAST), LONGEST_PIECE, length)
+    frequency, raw_density = _welch(raw, piece, period)
+    segments = (length - piece) // (piece // 2) + 1
+    return Spectrum(
+        frequency=frequency,
+        raw=raw_density,
+        filtered=_welch(filtered, piece, period)[1],
+        residual=_welch(raw - filtered, piece, period)[1],
+        response=magnitude_response(float(steady.gain), frequency * period),
+        cutoff=_cutoff(params, period),
+        in_hertz=sample_period is not None,
+        samples=length,
+        segments=segments,
+        note=f"{note} Average of {segments} segments of {piece} samples.",
+    )
+
+
+def whole_stretch(z: Array) -> tuple[slice, str]:
+    """The samples to take a density of, and a sentence on it."""
+    seen = np.isfinite(z)
+    finite = int(seen.sum())
+    if finite == len(z):
+        return slice(0, len(z)), "No sample is missing."
+    if finite == 0:
+        return slice(0, 0), ""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], seen.view(np.int8), [0]])))
+    starts, ends = edges[::2], edges[1::2]
+    longest = int(np.argmax(ends - starts))
+    first, last = int(starts[longest]), int(ends[longest])
+    if 2 * (last - first) >= finite:
+        return slice(first, last), f"Samples {first} to {last - 1}, the longest stretch without a missing one."
+    return (
+        slice(int(starts[0]), int(ends[-1])),
+        f"{len(z) - finite} missing samples lie on straight lines between their neighbours: part of what "
+        "is slow is made up.",
+    )
+
+
+def _bridged(part: Array) -> Array:
+    seen = np.flatnonzero(np.isfinite(part))
+    return part if len(seen) == len(part) else np.interp(np.arange(len(part)), seen, part[seen])
+
+
+def _welch(y: Array, piece: int, period: float) -> tuple[Array, Array]:
+    """Frequencies above 0 and the one-sided density there."""
+    from scipy.signal import welch
+
+    frequency, density = welch(y - y.mean(), fs=1.0 / period, nperseg=piece)
+    return frequency[1:], density[1:]
+
+
+def _cutoff(params: FilterParams, period: float) -> float:
+    hertz = steady_state(params, period).cutoff_hz
+    return math.nan if hertz is None else float(hertz)
+
+
+def _nothing(in_hertz: bool, note: str) -> Spectrum:
+    none = np.empty(0)
+    return Spectrum(none, none, none, none, none, math.nan, in_hertz, 0, 0, note)

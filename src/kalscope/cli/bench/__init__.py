@@ -1,0 +1,1 @@
+"""`kalscope bench`: speed against other libraries in the same run."""

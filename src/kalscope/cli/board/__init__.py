@@ -1,0 +1,1 @@
+"""Commands that talk to a board, and a demo board for when there is none."""

@@ -1,0 +1,74 @@
+"""`kalscope export`: a tuning file becomes the files of a target, in a folder or on stdout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kalscope.errors import BadSetting
+
+if TYPE_CHECKING:
+    from kalscope.recording import Recording
+    from kalscope.tuning.tuning import Tuning
+from kalscope.export.write import limits_of, write_files
+
+CHOICES = "arduino, c, python, matlab, json, ros2, platformio, esphome, bachagas, kalmanjs"
+"""The targets that write something; said here too, so that --help need not import the filter."""
+
+
+def export_command(
+    tuning: Annotated[Path, typer.Argument(metavar="TUNING", help="Tuning file with q and r.")],
+    target: Annotated[str, typer.Option("--to", metavar="TARGET", help=f"One of {CHOICES}.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder to write to; else the main file on stdout."),
+    ] = None,
+    channel: Annotated[str | None, typer.Option("--channel", metavar="NAME", help="Else all channels.")] = None,
+    vectors: Annotated[
+        str | None,
+        typer.Option("--vectors", metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered."),
+    ] = None,
+    sample_period: Annotated[
+        str | None,
+        typer.Option("--sample-period", metavar="NUMBER", help="Of the device, s: q is carried over to it."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over files that are there.")] = False,
+) -> None:
+    """Export the tuned filter for the device or the program that is to run it."""
+    from kalscope.catalogue import open_source
+    from kalscope.cli.console import number_from_option, say, write_output
+    from kalscope.export.registry import carried_over, export_tuning
+    from kalscope.tuning.tuning import load_tuning
+
+    if vectors is not None and output is None:
+        raise BadSetting("--vectors needs -o, the folder to write to (got none)")
+    tuned = load_tuning(tuning)
+    if sample_period is not None:
+        tuned = carried_over(tuned, number_from_option("--sample-period", sample_period))
+    recording = None if vectors is None else open_source(vectors)
+    files = export_tuning(tuned, target, channel=channel, vectors=recording)
+    for message in [*_other_rate(recording, tuned), *limits_of(tuned, channel, target)]:
+        say(f"note: {message}")
+    if output is None:
+        (main, text), *others = files.items()
+        write_output(iter([text]), None)
+        if others:
+            say(f"note: {main}; with -o DIR also {', '.join(name for name, _ in others)}")
+        return
+    written = write_files(files, output, force=force)
+    write_output((f"{path}\n" for path in written), None)
+
+
+def _other_rate(vectors: Recording | None, tuning: Tuning) -> list[str]:
+    """A sentence where the test vectors come from a recording of another sample period."""
+    from kalscope.tuning.tuning import same_period
+
+    period = None if vectors is None else vectors.sample_period
+    if period is None or tuning.sample_period is None or same_period(period, tuning.sample_period):
+        return []
+    return [
+        f"the test vectors filter one row a step as the device will; their rows are {period:.6g} s apart, the"
+        f" tuning is for {tuning.sample_period:.6g} s"
+    ]

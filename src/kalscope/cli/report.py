@@ -1,0 +1,56 @@
+"""`kalscope report`: one page on a recording and its tuning, HTML or PNG."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kalscope.errors import BadSetting
+
+
+def report_command(
+    source: Annotated[
+        str, typer.Argument(metavar="SOURCE", help='A file, "demo", "sample:NAME", "synthetic:SHAPE?…".')
+    ],
+    config: Annotated[Path, typer.Option("--config", metavar="FILE", help="Tuning file with q and r.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="Write to this file: .html or .png.")
+    ],
+    channel: Annotated[
+        str | None, typer.Option("--channel", metavar="NAME", help="Else the one that was on the screen.")
+    ] = None,
+) -> None:
+    """Write a page for the lab book: chart, parameters, what they do, whether they fit, and how to reopen it."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from kalscope.catalogue import open_source
+    from kalscope.cli.progress_line import ProgressLine
+    from kalscope.common.files import write_atomic
+    from kalscope.export.report.content import make_report
+    from kalscope.export.report.page import as_html
+    from kalscope.export.report.picture import as_png
+    from kalscope.tuning.choose import adapt_tuning
+    from kalscope.tuning.tuning import load_tuning
+
+    kind = output.suffix.lower()
+    if kind not in (".html", ".htm", ".png"):
+        raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
+    tuning = load_tuning(config)
+    with ProgressLine(sys.stderr) as line:
+        recording = open_source(source, progress=line.part(source, 0, 1))
+    if recording.sample_period is None and tuning.sample_period is not None:
+        moments = np.arange(len(recording)) * tuning.sample_period
+        recording = replace(recording, time=moments, sample_period=tuning.sample_period)
+    chosen, notes = adapt_tuning(recording, tuning, channel=channel)
+    own = tuple(replace(entry, name=name) for name, entry in chosen.items())
+    selected = channel or (tuning.selected if tuning.selected in chosen else own[0].name)
+    fitted = replace(tuning, channels=own, selected=selected)
+    report = make_report(recording, fitted, config=str(config))
+    write_atomic(output, as_png(report) if kind == ".png" else as_html(report).encode())
+    for note in notes:
+        print(f"kalscope: note: {note}", file=sys.stderr)

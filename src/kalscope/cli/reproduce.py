@@ -1,0 +1,59 @@
+"""`kalscope reproduce`: the source documents' figures and tables as one page, and its numbers as JSON."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kalscope.errors import BadSetting
+
+if TYPE_CHECKING:
+    from kalscope.papers.reproduction import Reproduction
+
+CHECK_FAILED = 1
+"""Exit status when a reproduced number leaves its tolerance."""
+
+
+def reproduce_command(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON too.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer random draws, the same tolerances.")] = False,
+) -> None:
+    """Reproduce the tables and figures of the three source documents: index.html and results.json in DIR.
+
+    Exit status 1 where a reproduced number leaves its tolerance.
+    """
+    from kalscope.cli.progress_line import ProgressLine
+    from kalscope.common.files import write_atomic
+    from kalscope.papers.reproduction import reproduce
+
+    if output.exists() and not output.is_dir():
+        raise BadSetting(f"-o must name a folder (got {str(output)!r}, a file)")
+    output.mkdir(parents=True, exist_ok=True)  # before the work: a folder that cannot be made is told at once
+    with ProgressLine(sys.stderr) as line:
+        done = reproduce(quick, progress=line.part("reproduce", 0, 1))
+    write_atomic(output / "results.json", done.json.encode())
+    write_atomic(output / "index.html", done.html.encode())
+    sys.stdout.write(done.json if as_json else summary(done, output))
+    if done.failed:
+        names = "; ".join(map(str, done.failed))
+        print(
+            f"kalscope: {len(done.failed)} of {len(done.checks)} numbers left their tolerance: {names}",
+            file=sys.stderr,
+        )
+        raise typer.Exit(CHECK_FAILED)
+
+
+def summary(done: Reproduction, folder: Path) -> str:
+    """Table 1 and where the page lies, as text."""
+    lines = [f"{'R':>6} {'Q':>6} {'printed':>10} {'simulated':>10} {'theory':>10}"]
+    for row in done.results["noise_reducer"]["table_1"]:
+        numbers = " ".join(f"{row[key]:10.4f}" for key in ("printed", "simulated", "theoretical"))
+        lines.append(f"{row['r']:6g} {row['q']:6g} {numbers}")
+    within = len(done.checks) - len(done.failed)
+    lines.append(f"{within} of {len(done.checks)} reproduced numbers stay in their tolerance.")
+    lines.append(f"Page: {folder / 'index.html'}")
+    return "\n".join(lines) + "\n"

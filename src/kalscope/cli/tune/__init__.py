@@ -1,0 +1,1 @@
+"""`kalscope tune`: find q and r, and explain them."""

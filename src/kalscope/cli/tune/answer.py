@@ -1,0 +1,206 @@
+"""The whole answer of `kalscope tune` for one channel: the pair, what it means, and how far to trust it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from kalscope.analysis import advice
+from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.estimation.estimate import compare_methods, disagreement
+from kalscope.estimation.finding import METHOD_WORDS, Found, Noise, find_parameters, still_or_silent
+from kalscope.estimation.likelihood.profile import Array
+from kalscope.estimation.result import Estimate
+from kalscope.estimation.verdict import gain_of, lag_of
+from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import SteadyState, steady_state
+from kalscope.recording import Recording
+
+Report = Callable[[float, str], None]
+"""Told the fraction done and a few words."""
+
+CHOSEN = "chosen"
+"""The verdict where no estimate was asked: the pair follows from what the user said."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the user knows and wishes; see `find_parameters`."""
+
+    method: str = "ml"
+    """Method of `estimate`."""
+    wish: dict[str, float] = field(default_factory=dict)
+    """At most one of WISHES with its value."""
+    ratio: float | None = None
+    """λ itself."""
+    noise: Noise = field(default_factory=Noise)
+    """What is known of r."""
+
+    def find(self, z: Array, period: float | None, report: Report | None = None, dt: Array | None = None) -> Found:
+        """The pair for the samples z at a nominal sample period in s; dt as `kalman_filter` takes it."""
+        return find_parameters(
+            z,
+            dt=dt,
+            sample_period=period,
+            method=self.method,
+            wish=self.wish,
+            ratio=self.ratio,
+            noise=self.noise,
+            progress=report,
+        )
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What `kalscope tune` says of one channel."""
+
+    channel: str
+    """Name of the channel."""
+    unit: str
+    """Its unit, "" where unknown."""
+    samples: int
+    """Samples, missing ones included."""
+    missing: int
+    """Missing ones among them."""
+    sample_period: float | None
+    """Nominal sample period, s; None where unknown."""
+    found: Found
+    """The pair or why there is none."""
+    opinions: tuple[Estimate, ...]
+    """All methods side by side, maximum likelihood first."""
+    steady: SteadyState | None
+    """The settled filter; None without a pair."""
+    residuals: Diagnostics | None
+    """The pair judged on the whole record; None without a pair."""
+    held_out: Diagnostics | None
+    """A pair found in the first half, judged on the second; None where one of them gives too little."""
+
+    @property
+    def verdict(self) -> str:
+        """The verdict of the estimate, or "chosen" where the pair needed none."""
+        return CHOSEN if self.found.estimate is None else str(self.found.estimate.verdict)
+
+    @property
+    def range(self) -> Estimate:
+        """The estimate whose intervals say what the record allows."""
+        return self.found.estimate or self.opinions[0]
+
+    @property
+    def disagreement(self) -> str:
+        """How the methods differ, "" where they agree."""
+        return disagreement(self.opinions)
+
+
+def answer_for(recording: Recording, channel: str, wanted: Wanted, report: Report) -> Answer:
+    """Find and judge the pair of one channel.
+
+    Raises:
+        BadSetting: contradictory or out-of-range wishes.
+    """
+    z, period = recording.channel(channel), recording.sample_period
+    dt = recording.steps() if recording.gaps == "dt" else None
+    found = wanted.find(z, period, _part(report, 0.0, 0.3), dt)
+    opinions = compare_methods(z, dt, progress=_part(report, 0.3, 0.7))
+    report(0.7, "judging the answer")
+    residuals = None
+    if found.params is not None:
+        residuals = diagnose(kalman_filter(z, found.params, dt), fitted=found.estimate is not None)
+    return Answer(
+        channel=channel,
+        unit=recording.units[recording.index(channel)],
+        samples=len(z),
+        missing=int(np.count_nonzero(np.isnan(z))),
+        sample_period=period,
+        found=found,
+        opinions=opinions,
+        steady=None if found.params is None else steady_state(found.params, period),
+        residuals=residuals if isinstance(residuals, Diagnostics) else None,
+        held_out=None if found.params is None else _held_out(z, dt, period, wanted, _part(report, 0.8, 1.0)),
+    )
+
+
+def _held_out(
+    z: Array, dt: Array | None, period: float | None, wanted: Wanted, report: Report
+) -> Diagnostics | None:
+    """The same question to the first half alone, its answer judged on the second half."""
+    half = z[: len(z) // 2]
+    known = wanted.noise.resolve(z)  # a still stretch may lie in the second half: it is knowledge, not a fit
+    if known:
+        wanted = replace(wanted, noise=Noise(r=known[0]))
+    elif still_or_silent(half):
+        return None
+    params = wanted.find(half, period, report, None if dt is None else dt[: len(half)]).params
+    if params is None:
+        return None
+    judged = diagnose_held_out(z, params, dt)
+    return judged if judged.n >= advice.MIN_SAMPLES else None
+
+
+def _part(report: Report, start: float, stop: float) -> Report:
+    return lambda fraction, text: report(start + (stop - start) * fraction, text)
+
+
+def as_plain(answer: Answer) -> dict[str, Any]:
+    """The answer as JSON can say it: None for what is not there, "inf" for infinity, never NaN."""
+    params, limits = answer.found.params, answer.range
+    return _finite(
+        {
+            "channel": answer.channel,
+            "unit": answer.unit,
+            "samples": answer.samples,
+            "missing": answer.missing,
+            "sample_period": answer.sample_period,
+            **_pair(params),
+            "verdict": answer.verdict,
+            "message": answer.found.message,
+            "how": answer.found.how,
+            "ratio_interval": limits.ratio_interval,
+            "gain_interval": limits.gain_interval,
+            "lag_interval": limits.lag_interval,
+            "steady": None if answer.steady is None else asdict(answer.steady),
+            "opinions": [_opinion(one) for one in answer.opinions],
+            "disagreement": answer.disagreement,
+            "advice": None if answer.residuals is None else answer.residuals.advice,
+            "residuals": _judged(answer.residuals),
+            "held_out": _judged(answer.held_out),
+        }
+    )
+
+
+def _pair(params: FilterParams | None) -> dict[str, Any]:
+    names = ("q", "r", "ratio")
+    return {name: None if params is None else getattr(params, name) for name in names}
+
+
+def _opinion(one: Estimate) -> dict[str, Any]:
+    names = ("method", "q", "r", "ratio", "q_se", "r_se", "loglik", "verdict", "message")
+    values = {name: getattr(one, name) for name in names}
+    ratio = float(one.ratio)
+    return {**values, "name": METHOD_WORDS[one.method], "gain": gain_of(ratio), "lag_samples": lag_of(ratio)}
+
+
+def _judged(judged: Diagnostics | None) -> dict[str, Any] | None:
+    if judged is None:
+        return None
+    names = (
+        *("n", "advice", "nis", "nis_low", "nis_high", "r1", "r1_bound", "ljung_box", "ljung_box_p"),
+        *("spikes", "spikes_expected", "jumps", "variance_ratio", "variance_ratio_p", "q_factor", "r_factor"),
+    )
+    return {name: getattr(judged, name) for name in names}
+
+
+def _finite(value: Any) -> Any:
+    """The value without numbers that JSON has not; numpy's as Python's."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float):
+        number = float(value)
+        return None if math.isnan(number) else number if math.isfinite(number) else str(number)
+    return value.item() if hasattr(value, "item") else value

@@ -1,0 +1,281 @@
+"""`kalscope tune`: what the options say, the answer on paper, and the tuning file."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from kalscope.cli.options import Delimiter, GapsChoice, Missing, SamplePeriod, TimeColumnChoice, TimeUnit
+from kalscope.errors import BadSetting
+from kalscope.sources.lines.read_options import ReadOptions, options_from_text
+
+if TYPE_CHECKING:
+    from kalscope.cli.tune.answer import Answer, Wanted
+    from kalscope.estimation.finding import Noise
+    from kalscope.recording import Recording
+    from kalscope.tuning.tuning import Tuning
+
+Given = dict[str, float]
+"""The options with a number that were given, by name."""
+
+FOR_LAMBDA = ("--lag-ms", "--cutoff-hz", "--noise-reduction-db", "--gain", "--ratio")
+FOR_NOISE = ("--still", "--sigma", "--density", "--r")
+
+
+def _number(name: str, text: str) -> Any:
+    return typer.Option(name, metavar="NUMBER", help=text)
+
+
+def tune_command(
+    source: Annotated[
+        str, typer.Argument(metavar="SOURCE", help='A file, "demo", "sample:NAME", "synthetic:SHAPE?…".')
+    ],
+    channel: Annotated[str | None, typer.Option("--channel", metavar="NAME", help="Else the first.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
+    method: Annotated[
+        str | None, typer.Option("--method", metavar="NAME", help="ml (default), em, moments, als or allan.")
+    ] = None,
+    lag_ms: Annotated[str | None, _number("--lag-ms", "Wanted: lag behind a ramp, ms.")] = None,
+    cutoff_hz: Annotated[str | None, _number("--cutoff-hz", "Wanted: −3 dB frequency, Hz.")] = None,
+    noise_reduction_db: Annotated[
+        str | None, _number("--noise-reduction-db", "Wanted: white noise less, dB.")
+    ] = None,
+    gain: Annotated[str | None, _number("--gain", "Wanted: steady gain, 0 to 1.")] = None,
+    ratio: Annotated[str | None, _number("--ratio", "Wanted: q/r, such as 0.01; r is estimated.")] = None,
+    still: Annotated[
+        str | None,
+        typer.Option(
+            "--still", metavar="FROM:TO", help="Sensor at rest from … to, s (sample numbers without time): gives r."
+        ),
+    ] = None,
+    sigma: Annotated[str | None, _number("--sigma", "Data sheet: RMS noise, unit; gives r.")] = None,
+    density: Annotated[str | None, _number("--density", "Data sheet: noise density, unit/√Hz; gives r.")] = None,
+    bandwidth_hz: Annotated[str | None, _number("--bandwidth-hz", "Noise bandwidth for --density, Hz.")] = None,
+    r: Annotated[str | None, _number("--r", "Known measurement-noise variance, unit²; q is estimated.")] = None,
+    sample_period: SamplePeriod = None,
+    delimiter: Delimiter = None,
+    time_column: TimeColumnChoice = None,
+    time_unit: TimeUnit = None,
+    missing: Missing = None,
+    gaps: GapsChoice = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Save the tuning to this file.")
+    ] = None,
+) -> None:
+    """Find q and r for a recording and say why: by estimation, by a wished lag or cut-off, or by known noise."""
+    texts = {
+        "--lag-ms": lag_ms,
+        "--cutoff-hz": cutoff_hz,
+        "--noise-reduction-db": noise_reduction_db,
+        "--gain": gain,
+        "--ratio": ratio,
+        "--sigma": sigma,
+        "--density": density,
+        "--bandwidth-hz": bandwidth_hz,
+        "--r": r,
+        "--sample-period": sample_period,
+    }
+    given = {name: _above_zero(name, text) for name, text in texts.items() if text is not None}
+    _refuse_contradictions(given, method, still, channel, every)
+    options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
+    _tune(source, options, given, method or "ml", still, channel, every, as_json, output)
+
+
+def _tune(
+    source: str,
+    options: ReadOptions,
+    given: Given,
+    method: str,
+    still: str | None,
+    channel: str | None,
+    every: bool,
+    as_json: bool,
+    output: Path | None,
+) -> None:
+    from kalscope.catalogue import open_source
+    from kalscope.cli.console import say, write_output
+    from kalscope.cli.progress_line import ProgressLine
+    from kalscope.cli.tune.answer import answer_for
+    from kalscope.sources.readers.account import overruled
+    from kalscope.tuning.tuning import save_tuning
+
+    recording = open_source(source, options, sample_period=given.get("--sample-period"))
+    wanted = _wanted(given, method, still, recording)
+    names = recording.names if every else (channel or recording.names[0],)
+    answers: list[Answer] = []
+    with ProgressLine(sys.stderr) as line:
+        for i, name in enumerate(names):
+            answers.append(answer_for(recording, name, wanted, line.part(name, i, len(names))))
+    notes = [overruled(recording)] if "--sample-period" in given else []
+    if output is not None:
+        tuning, more = _tuning(recording, answers, output)
+        notes += more
+        save_tuning(tuning, output)
+    write_output(iter([_json(recording, answers, every) if as_json else _text(recording, answers)]), None)
+    for note in filter(None, notes):
+        say(f"note: {note}")
+
+
+def _above_zero(name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise BadSetting(f"{name} must be a number above 0 (got {text!r})")
+    return value
+
+
+def _refuse_contradictions(
+    given: Given, method: str | None, still: str | None, channel: str | None, every: bool
+) -> None:
+    named = [*given, *([] if still is None else ["--still"])]
+    for group, must in ((FOR_LAMBDA, "decide q/r"), (FOR_NOISE, "give r")):
+        several = [name for name in group if name in named]
+        if len(several) > 1:
+            raise BadSetting(f"only one of {', '.join(group)} can {must} (got {' and '.join(several)})")
+    if ("--density" in given) != ("--bandwidth-hz" in given):
+        alone = "--density" if "--density" in given else "--bandwidth-hz"
+        raise BadSetting(f"--density and --bandwidth-hz must be given together (got only {alone})")
+    deciding = [name for name in (*FOR_LAMBDA, *FOR_NOISE) if name in named]
+    if method not in (None, "ml") and deciding:
+        raise BadSetting(f"--method {method} must stand without {deciding[0]}, which decides instead (got both)")
+    if every and channel is not None:
+        raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
+
+
+def _wanted(given: Given, method: str, still: str | None, recording: Recording) -> Wanted:
+    """The options in the words of `find_parameters`."""
+    from kalscope.cli.tune.answer import Wanted
+
+    wish: dict[str, float] = {}
+    for name, word, factor in (
+        ("--lag-ms", "lag_s", 1e-3),
+        ("--cutoff-hz", "cutoff_hz", 1.0),
+        ("--noise-reduction-db", "noise_reduction_db", 1.0),
+        ("--gain", "gain", 1.0),
+    ):
+        if name in given:
+            wish[word] = given[name] * factor
+            if word in ("lag_s", "cutoff_hz") and recording.sample_period is None:
+                raise BadSetting(f"{name} needs the time between two samples: give --sample-period (got none)")
+    return Wanted(method, wish, given.get("--ratio"), _noise(given, still, recording))
+
+
+def _noise(given: Given, still: str | None, recording: Recording) -> Noise:
+    from kalscope.estimation.finding import Noise
+
+    return Noise(
+        r=given.get("--r"),
+        sigma=given.get("--sigma"),
+        density=given.get("--density"),
+        bandwidth_hz=given.get("--bandwidth-hz"),
+        still=None if still is None else still_samples(recording, still),
+    )
+
+
+def still_samples(recording: Recording, text: str) -> tuple[int, int]:
+    """The samples of "FROM:TO" in s of the recording's time, both ends included: the first, one past the last.
+
+    Raises:
+        BadSetting: no two rising numbers, nothing between them, or time steps back between them.
+    """
+    try:
+        first, last = (float(part) for part in text.split(":"))
+    except ValueError:
+        first, last = math.nan, math.nan
+    if not first < last:
+        raise BadSetting(f"--still must be FROM:TO, two rising numbers such as 2:5.5 (got {text!r})")
+    inside = ((recording.time >= first) & (recording.time <= last)).nonzero()[0]
+    unit = " s" if recording.sample_period is not None else ""
+    if len(inside) == 0:
+        low, high = float(recording.time.min()), float(recording.time.max())
+        raise BadSetting(f"--still must lie in the recording, {low:.12g}:{high:.12g}{unit} (got {text!r})")
+    start, stop = int(inside[0]), int(inside[-1]) + 1
+    if stop - start > len(inside):
+        raise BadSetting(f"--still must be one stretch, but time steps back in it (got {text!r})")
+    return start, stop
+
+
+def _text(recording: Recording, answers: list[Answer]) -> str:
+    from kalscope.cli.tune.page import WIDTH, text_of
+
+    pages = f"\n{'-' * WIDTH}\n".join(text_of(answer, recording) for answer in answers)
+    others = [name for name in recording.names if name not in {answer.channel for answer in answers}]
+    if others:
+        more = textwrap.wrap(f"Other channels (--channel, --all): {', '.join(others)}", WIDTH)
+        pages += "\n" + "\n".join(more) + "\n"
+    return pages
+
+
+def _json(recording: Recording, answers: list[Answer], every: bool) -> str:
+    """One object: the channel's own, or with --all one that holds a list of them."""
+    from kalscope.cli.tune.answer import as_plain
+
+    head = {"source": recording.source, "sha256": recording.sha256}
+    plain = [as_plain(answer) for answer in answers]
+    whole = {**head, "channels": plain} if every else {**head, **plain[0]}
+    return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _tuning(recording: Recording, answers: list[Answer], output: Path) -> tuple[Tuning, list[str]]:
+    """The tuning file of the channels that have a pair, and what a person should know about it."""
+    from kalscope.cli.tune.page import VERDICT_WORDS
+    from kalscope.common.text import scalar
+    from kalscope.tuning.tuning import ChannelTuning, Tuning
+
+    found = [
+        ChannelTuning(
+            one.channel, one.unit, scalar(one.found.params.q), scalar(one.found.params.r), how=one.found.how
+        )
+        for one in answers
+        if one.found.params is not None
+    ]
+    without = [f"{one.channel}: {VERDICT_WORDS[one.verdict]}" for one in answers if one.found.params is None]
+    if not found:
+        raise BadSetting(
+            f"-o needs a usable q and r, and the record gives none ({'; '.join(without)}): {_instead(answers[0])}"
+        )
+    notes = [f"left out of the tuning: {'; '.join(without)}"] if without else []
+    kept = _kept(recording, {one.channel for one in answers}, output)
+    if kept:
+        notes.append(f"kept as they were in the tuning: {', '.join(one.name for one in kept)}")
+    channels = sorted([*kept, *found], key=lambda one: recording.names.index(one.name))
+    tuning = Tuning(
+        tuple(channels),
+        source=recording.source,
+        source_name=recording.title,
+        sha256=recording.sha256,
+        sample_period=recording.sample_period,
+        selected=found[0].name,
+    )
+    return tuning, notes
+
+
+def _instead(answer: Answer) -> str:
+    """What to do where there is no pair, in a few words."""
+    first = {"no_noise": "give r (--still, --sigma)", "irregular": "take --method ml"}
+    return (
+        f"{first.get(answer.verdict, 'record while it moves')} or choose a filter (--lag-ms, --cutoff-hz, --gain)"
+    )
+
+
+def _kept(recording: Recording, tuned: set[str], output: Path) -> list[Any]:
+    """Other channels that a tuning file of this very recording holds already: tuned one after another."""
+    from kalscope.errors import BadFile
+    from kalscope.tuning.tuning import load_tuning
+
+    try:
+        before = load_tuning(output) if output.is_file() else None
+    except BadFile:
+        return []  # save_tuning says what is wrong with it
+    if before is None or before.sha256 != recording.sha256 or before.sample_period != recording.sample_period:
+        return []
+    return [one for one in before.channels if one.name in recording.names and one.name not in tuned]

@@ -1,0 +1,186 @@
+"""The answer of `kalscope tune` as a page of plain text: the pair, what it does, whether to trust it."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import textwrap
+from collections.abc import Callable, Iterator
+
+from kalscope.analysis.diagnostics import Diagnostics
+from kalscope.cli.tune.answer import CHOSEN, Answer
+from kalscope.common.text import _samples, duration, number, scalar, squared
+from kalscope.estimation.finding import METHOD_WORDS
+from kalscope.estimation.result import Estimate
+from kalscope.estimation.verdict import gain_of, lag_of
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import SteadyState, steady_state
+from kalscope.recording import Recording
+
+WIDTH = 96
+"""Columns of the page."""
+
+VERDICT_WORDS = {
+    CHOSEN: "chosen",
+    "ok": "ok",
+    "no_noise": "r → 0: no noise seen",
+    "no_movement": "q → 0: no movement seen",
+    "flat": "vague: any ratio fits",
+    "too_few": "too few samples",
+    "constant": "all readings equal",
+    "bad_unit": "numbers out of range",
+    "irregular": "needs regular sampling",
+    "not_converged": "not converged",
+}
+"""Verdicts as they stand in a table."""
+
+SILENT = ("too_few", "constant", "bad_unit", "irregular")
+"""Verdicts without numbers."""
+
+
+def text_of(answer: Answer, recording: Recording) -> str:
+    """The page of one channel."""
+    parts = (
+        _head(answer, recording),
+        _pair(answer, recording),
+        _meaning(answer),
+        _opinions(answer),
+        _trust(answer),
+    )
+    return "\n\n".join("\n".join(lines) for part in parts if (lines := list(part))) + "\n"
+
+
+def _head(answer: Answer, recording: Recording) -> Iterator[str]:
+    unit = f" [{answer.unit}]" if answer.unit else ""
+    missing = f", {answer.missing:,} of them missing" if answer.missing else ""
+    yield f"{recording.title or recording.source}: {answer.channel}{unit}"
+    yield f"{answer.samples:,} samples{missing}, {_rate(answer.sample_period)}"
+
+
+def _rate(period: float | None) -> str:
+    if period is None:
+        return "sample period unknown (see --sample-period)"
+    return f"{number(1.0 / period)} Hz" if period <= 1.0 else f"one every {duration(period)}"
+
+
+def _pair(answer: Answer, recording: Recording) -> Iterator[str]:
+    params, unit = answer.found.params, squared(answer.unit)
+    if params is None:
+        yield f"No q and r to recommend ({VERDICT_WORDS[answer.verdict]})."
+    else:
+        q, r, ratio = scalar(params.q), scalar(params.r), scalar(params.ratio)
+        yield f"process noise      q = {number(q)} {unit}"
+        yield f"measurement noise  r = {number(r)} {unit}   (σ = {number(math.sqrt(r))} {answer.unit or 'unit'})"
+        yield f"ratio            q/r = {number(ratio)}"
+        yield f"how: {answer.found.how}"
+    yield ""
+    yield from _wrapped(answer.found.message)
+    if params is None:
+        wish = "--gain 0.2" if answer.sample_period is None else f"--lag-ms {5e3 * answer.sample_period:.4g}"
+        place = f"{shlex.quote(recording.source)} --channel {shlex.quote(answer.channel)}"
+        yield f"For example: kalscope tune {place} {wish}"
+
+
+def _meaning(answer: Answer) -> Iterator[str]:
+    if answer.steady is not None and answer.found.params is not None:
+        yield "What this filter does"
+        yield from _steady_lines(answer.steady, answer.found.params, answer.sample_period)
+    yield from _wrapped(f"The record allows (95 %): {_interval(answer)}.")
+    if answer.verdict == CHOSEN and answer.found.params is not None:
+        yield from _wrapped(_choice(answer, scalar(answer.found.params.ratio)))
+
+
+def _steady_lines(steady: SteadyState, params: FilterParams, period: float | None) -> Iterator[str]:
+    yield f"  gain             {number(scalar(steady.gain))}"
+    yield f"  lag on a ramp    {_samples(scalar(steady.lag_samples), period)}"
+    yield f"  noise reduction  {number(scalar(steady.noise_reduction_db))} dB"
+    yield f"  −3 dB cut-off    {_cutoff(params, period)}"
+    yield f"  step to 1 %      {_samples(scalar(steady.settle_samples), period)}"
+
+
+def _cutoff(params: FilterParams, period: float | None) -> str:
+    hertz = scalar(steady_state(params, period or 1.0).cutoff_hz)
+    if math.isnan(hertz):
+        return "none: it lets more than that through at every frequency"
+    return f"{number(hertz)} Hz" if period else f"{number(hertz)} × the sample rate"
+
+
+def _interval(answer: Answer) -> str:
+    limits = answer.range
+    low, high = (scalar(end) for end in limits.ratio_interval)
+    if (low, high) == (0.0, math.inf):
+        return "any q/r; it sets no limits"
+    least, most = (scalar(end) for end in limits.gain_interval)
+    short, long = (scalar(end) for end in limits.lag_interval)
+    gain, lag = _between(least, most, largest=1.0), _between(short, long)
+    period = answer.sample_period
+    seconds = "" if period is None else f" ({_between(short * period, long * period, words=duration)})"
+    return f"q/r {_between(low, high)}, gain {gain}, lag {lag} samples{seconds}"
+
+
+def _choice(answer: Answer, ratio: float) -> str:
+    low, high = (scalar(end) for end in answer.range.ratio_interval)
+    if ratio < low:
+        return "Your choice smooths more than that: real movement that is faster than the lag is smoothed away."
+    if ratio > high:
+        return "Your choice smooths less than that: some noise that could be removed stays."
+    return "Your choice lies within."
+
+
+def _opinions(answer: Answer) -> Iterator[str]:
+    yield f"Second opinions (q and r in {squared(answer.unit)}, lag in samples)"
+    yield _row("method", "q", "r", "gain", "lag", "verdict")
+    for one in answer.opinions:
+        yield _row(METHOD_WORDS[one.method], *_cells(one), VERDICT_WORDS[str(one.verdict)])
+    spoke = [one for one in answer.opinions if one.verdict not in SILENT]
+    if answer.disagreement:
+        yield from _wrapped(answer.disagreement)
+    elif len(spoke) > 1:
+        yield "They differ by no more than chance explains."
+
+
+def _cells(one: Estimate) -> tuple[str, str, str, str]:
+    if one.verdict in SILENT:
+        return "–", "–", "–", "–"
+    ratio = scalar(one.ratio)
+    return number(scalar(one.q)), number(scalar(one.r)), number(gain_of(ratio)), number(lag_of(ratio))
+
+
+def _row(method: str, q: str, r: str, gain: str, lag: str, verdict: str) -> str:
+    return f"  {method:<32}{q:>12}{r:>12}{gain:>11}{lag:>11}  {verdict}"
+
+
+def _trust(answer: Answer) -> Iterator[str]:
+    judged, held = answer.residuals, answer.held_out
+    if judged is None:
+        return
+    yield from _wrapped(f"Advice: {judged.advice}.")
+    if not judged.advice.startswith("too few"):
+        jumps = f", {judged.jumps} of them jumps that stay" if judged.jumps else ""
+        spikes = f"{judged.spikes} beyond 4 σ{jumps} (chance: {round(judged.spikes_expected, 1):g})"
+        white = f"lag-1 correlation {judged.r1:+.3f} (white: within ±{judged.r1_bound:.3f})"
+        yield from _wrapped(f"Residuals: {white}; {spikes}.")
+    if held is None:
+        yield "Held-out test: not possible, one half of the record gives too little."
+        return
+    band = f"{number(held.nis)}, expected {number(held.nis_low)} to {number(held.nis_high)}"
+    test = "On the second half" if answer.verdict == CHOSEN else "Tuned on the first half, judged on the second"
+    yield from _wrapped(f"{test}: NIS {band}: {_nis(held)}.")
+
+
+def _nis(held: Diagnostics) -> str:
+    if held.nis_low <= held.nis <= held.nis_high:
+        return "as sure of itself as it should be"
+    if held.nis > held.nis_high:
+        return "too sure of itself, errors are larger than q and r promise"
+    return "too careful, errors are smaller than q and r promise"
+
+
+def _between(low: float, high: float, largest: float = math.inf, words: Callable[[float], str] = number) -> str:
+    if low == 0.0:
+        return "any" if high >= largest else f"up to {words(high)}"
+    return f"{words(low)} or more" if high >= largest else f"{words(low)} to {words(high)}"
+
+
+def _wrapped(text: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, break_long_words=False, break_on_hyphens=False)

@@ -1,0 +1,184 @@
+"""Files that are whole or untouched, and paths that stay where they may be.
+
+A rewrite in place leaves a torn file when the program is killed half-way, and shows one to everybody who
+reads meanwhile. A temporary file in the same folder that is renamed over the old one does neither.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import secrets
+import stat
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from kalscope.errors import BadSetting
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_LEFTOVER_AGE_S = 60.0
+"""Temporary files untouched for so long belong to a run that was killed, s."""
+_REPLACE_ATTEMPTS = 20 if os.name == "nt" else 1
+"""On Windows a virus scanner or an editor may hold the old file open for a moment."""
+_REPLACE_PAUSE_S = 0.05
+"""Pause between two attempts, s."""
+_DEVICE = re.compile(r" *(?:con|prn|aux|nul|conin\$|conout\$|(?:com|lpt)[0-9¹²³]) *(?:[.:].*)?", re.IGNORECASE)
+"""Names that Windows takes for a device in every folder, whatever their ending."""
+_NAME_BYTES = 180
+"""Bytes of the file name kept in the temporary one: file systems stop at 255."""
+
+
+def write_atomic(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write `data` to `path` so that any reader, at any moment, finds all of the old or all of the new.
+
+    Args:
+        path: The file to create or to replace. A symbolic link stays, its target is replaced.
+        data: The whole content.
+
+    Raises:
+        OSError: The folder is missing, the file is write-protected, the disk is full; `path` is unchanged.
+    """
+    with atomic_file(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """Open a binary file for writing that becomes `path` when the block ends, and vanishes if it raises.
+
+    The content is on the disk before the name changes. The mode of an existing file is kept.
+
+    Args:
+        path: As in `write_atomic`. A device or a pipe such as /dev/null has nothing to replace: it is written
+            directly.
+
+    Raises:
+        OSError: As in `write_atomic`.
+    """
+    target = Path(os.path.realpath(path))
+    try:
+        mode = _mode(target)
+        if mode is None or stat.S_ISREG(mode):
+            with _replacement(target, mode) as file:
+                yield file
+        else:
+            with open(target, "wb") as file:  # a folder raises IsADirectoryError here
+                yield file
+    except OSError as error:
+        # The caller knows this name only. A filename2 of None would be told as "-> None".
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from None
+
+
+def check_inside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -> Path:
+    """Resolve a path that came from the browser, and refuse it unless it lies in `folder`.
+
+    Args:
+        path: As typed; a relative path starts in `folder`.
+        folder: The working folder.
+
+    Returns:
+        The absolute path without symbolic links. Use this one: the typed one may point elsewhere later.
+
+    Raises:
+        BadSetting: The path leads out of the folder, by "..", by a link or by being absolute; or it is empty,
+            or Windows would take a part of it for a device, as nul or com1.csv.
+    """
+    typed = os.fspath(path)
+    if not typed.strip():
+        raise BadSetting("path must name a file (got nothing)")
+    if any(_DEVICE.fullmatch(part) for part in re.split(r"[/\\]", typed)):
+        raise BadSetting(f"path must have no name that is a device on Windows (got {typed!r:.200})")
+    base = Path(os.path.realpath(folder))
+    try:
+        resolved = Path(os.path.realpath(base / typed))
+    except (OSError, ValueError) as error:  # a NUL in the name
+        raise BadSetting(f"path must be usable as a file name (got {typed!r:.200}: {error})") from None
+    if not resolved.is_relative_to(base):
+        raise BadSetting(f"path must stay inside the working folder {str(base)!r} (got {typed!r:.200})")
+    return resolved
+
+
+@contextmanager
+def _replacement(target: Path, mode: int | None) -> Iterator[BinaryIO]:
+    """A temporary file beside `target` that replaces it at the end; `mode` is that of the old file."""
+    if mode is not None and not os.access(target, os.W_OK):
+        # The rename would succeed all the same, and undo what the owner wanted.
+        raise PermissionError(errno.EACCES, "Permission denied: the file is write-protected", str(target))
+    _sweep(target)
+    temporary = target.parent / f"{_prefix(target)}{secrets.token_hex(8)}.tmp"
+    try:
+        with _create(temporary, 0o666 if mode is None else stat.S_IMODE(mode)) as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        if mode is not None:
+            os.chmod(temporary, stat.S_IMODE(mode))
+        _replace(temporary, target)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink()
+        raise
+    sync_folder(target.parent)
+
+
+def _mode(target: Path) -> int | None:
+    """Type and permission bits of `target`; None where there is no such file."""
+    try:
+        return target.stat().st_mode
+    except FileNotFoundError:
+        return None
+
+
+def _prefix(target: Path) -> str:
+    """What the names of our temporary files for `target` start with; no editor's swap file does."""
+    kept = target.name.encode("utf-8", "surrogateescape")[:_NAME_BYTES].decode("utf-8", "ignore")
+    return f".{kept}.kalscope-"
+
+
+def _create(temporary: Path, permissions: int) -> BinaryIO:
+    """Open a file that nobody had; the umask narrows its permissions as it does in open()."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+    return os.fdopen(os.open(temporary, flags, permissions), "wb")
+
+
+def _sweep(target: Path) -> None:
+    """Remove what killed runs left beside `target`. Never fails: it is a courtesy."""
+    leftover = re.compile(re.escape(_prefix(target)) + r"[0-9a-f]{16}\.tmp")
+    oldest = time.time() - _LEFTOVER_AGE_S
+    with suppress(OSError), os.scandir(target.parent) as entries:
+        for entry in entries:
+            if leftover.fullmatch(entry.name):
+                with suppress(OSError):
+                    if entry.stat(follow_symlinks=False).st_mtime < oldest:
+                        os.unlink(entry.path)
+
+
+def _replace(temporary: Path, target: Path) -> None:
+    """Rename over the old file, patiently where another program may hold it open."""
+    for attempt in range(1, _REPLACE_ATTEMPTS + 1):
+        try:
+            os.replace(temporary, target)
+            return
+        except PermissionError:
+            if attempt == _REPLACE_ATTEMPTS:
+                raise
+            time.sleep(_REPLACE_PAUSE_S)
+
+
+def sync_folder(folder: Path) -> None:
+    """Put the new name on the disk too; some file systems refuse, and the data is safe all the same."""
+    if os.name == "nt":
+        return
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

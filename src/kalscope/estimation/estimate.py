@@ -1,0 +1,177 @@
+"""`estimate`: q and r from a record by a named method; `compare_methods`: all of them side by side."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.errors import BadSetting
+from kalscope.estimation.methods import allan, expectation_maximization, innovation_correlations, moments
+from kalscope.estimation.methods import maximum_likelihood as ml
+from kalscope.estimation.result import Estimate, Pair, Watch, stack
+from kalscope.estimation.verdict import conclude, each_channel, gain_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from kalscope.estimation.likelihood.profile import Differences
+    from kalscope.estimation.likelihood.search import Peak
+
+METHODS = ("ml", "em", "moments", "als", "allan")
+"""What `estimate` knows, in the order in which `compare_methods` shows them."""
+
+
+def estimate(
+    z: ArrayLike,
+    method: str = "ml",
+    dt: ArrayLike | None = None,
+    progress: Callable[[float, str], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Estimate:
+    """Find q and r in a record; the answer says in words what it is worth.
+
+    Args:
+        z: measurements, shape (n,) or (n, channels: independent signals); NaN is a missing sample.
+        method: "ml" maximum likelihood (the one to trust), or a second opinion: "em" the same by small safe
+            steps, "moments" of the differences, "als" correlations of the innovations, "allan" variance.
+        dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
+        progress: called now and then with the fraction done and a few words; None = not at all.
+        cancelled: asked now and then whether to stop; None = never.
+
+    Returns:
+        An Estimate; its `params` are None where the record gives no usable pair, and its `message` says why.
+
+    Raises:
+        BadSetting: z holds inf or has another shape; dt does not fit z; the method is unknown.
+        Cancelled: `cancelled()` was true.
+
+    Source: Durbin & Koopman (2012), section 2.10; each method's module names its own.
+    """
+    if method not in METHODS:
+        raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {method!r})")
+
+    def fit(data: Differences, watch: Watch) -> tuple[Pair, Peak]:
+        searched = 0.1 if method == "em" else 0.9  # EM's passes are what takes long
+        peak = ml.search(data, watch.part(0.0, searched))
+        return _pair(method, data, peak, watch.part(searched, 1.0)), peak
+
+    return each_channel(method, z, dt, Watch(progress, cancelled), fit)
+
+
+def compare_methods(
+    z: ArrayLike,
+    dt: ArrayLike | None = None,
+    progress: Callable[[float, str], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> tuple[Estimate, ...]:
+    """All methods on one record, in the order of METHODS; where they disagree, the first message says so.
+
+    Under the model all five estimate the same two numbers. Where they differ by far more than chance explains,
+    the model does not describe the signal, and no pair can be trusted for more than its looks.
+
+    Args:
+        z: measurements, shape (n,) or (n, channels); NaN is a missing sample.
+        dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
+        progress: called now and then with the fraction done and a few words.
+        cancelled: asked now and then whether to stop.
+
+    Raises:
+        BadSetting: z holds inf or has another shape; dt does not fit z.
+        Cancelled: `cancelled()` was true.
+    """
+    others: dict[str, list[Estimate]] = {method: [] for method in METHODS[1:]}
+
+    def fit(data: Differences, watch: Watch) -> tuple[Pair, Peak]:
+        peak = ml.search(data, watch.part(0.0, 0.1))
+        best = _pair("ml", data, peak, watch)
+        table = [conclude("ml", data, best, peak)]
+        for method, column in others.items():
+            pair = _pair(method, data, peak, watch.part(*((0.1, 0.9) if method == "em" else (0.9, 1.0))))
+            column.append(conclude(method, data, pair, peak))
+            table.append(column[-1])
+        found = disagreement(table)
+        reason = best.note or (_REASON if found else "")
+        return replace(best, note=f"{found} {reason}".strip()), peak
+
+    first = each_channel("ml", z, dt, Watch(progress, cancelled), fit)
+    if np.ndim(z) == 1:
+        return first, *(found[0] if found else replace(first, method=m) for m, found in others.items())
+    columns = [first.channel(c) for c in range(np.shape(z)[1])]
+    rest: list[Estimate] = []
+    for method, found in others.items():
+        waiting = iter(found)
+        silent = ("too_few", "constant")
+        rest.append(
+            stack([replace(one, method=method) if one.verdict in silent else next(waiting) for one in columns])
+        )
+    return first, *rest
+
+
+def disagreement(estimates: Sequence[Estimate]) -> str:
+    """A sentence that names how other methods differ from the first, for one channel; "" where they agree.
+
+    They differ where q or r is off by 30 % and by four standard errors (of both methods together; a variance
+    found to be 0 has none). EM climbs the same likelihood as ML and is not asked.
+    """
+    first = estimates[0]
+    against = [one for one in estimates[1:] if one.method != "em" and _differ(first, one)]
+    if not against:
+        return ""
+    named = ", ".join(f"{_NAMES[one.method]} {_describe(one, first)}" for one in against)
+    gain = gain_of(float(first.ratio))
+    return f"The model does not describe this signal: maximum likelihood finds gain {gain:.2g}, {named}."
+
+
+_NAMES = {"moments": "the differences", "als": "the innovations", "allan": "the Allan variance"}
+
+_REASON = (
+    "Something in it is neither a random walk nor white noise: a trend, a wave, spikes or slow noise. Choose the "
+    "filter by lag or cut-off rather than by estimation."
+)
+
+
+def _describe(one: Estimate, first: Estimate) -> str:
+    """What the other method finds: its gain, or how much its variances differ where the gain is the same."""
+    gain, there = gain_of(float(one.ratio)), gain_of(float(first.ratio))
+    if abs(gain - there) > 0.1 * max(gain, there):
+        return f"gain {gain:.2g}"
+    larger = float(one.q / first.q if first.q else one.r / first.r)
+    return f"the same gain from {larger:.2g} times the variances"
+
+
+def _pair(method: str, data: Differences, peak: Peak, watch: Watch) -> Pair:
+    if method == "ml":
+        return replace(ml.fit(data, peak), note=moments.what_differences_say(data))
+    if method == "em":
+        pair = expectation_maximization.fit(data, watch)
+        top = ml.fit(data, peak)
+        if math.isfinite(peak.log_ratio):
+            return replace(pair, q_se=top.q_se, r_se=top.r_se)  # the same likelihood has the same curvature
+        return replace(top, note=_edge_note(pair))  # EM only creeps toward an edge
+    watch.report(0.0, method)
+    return {"moments": moments, "als": innovation_correlations, "allan": allan}[method].fit(data)
+
+
+def _edge_note(pair: Pair) -> str:
+    return f"EM creeps toward this edge and stopped at q/r = {pair.q / pair.r:.3g}." if pair.r > 0.0 else ""
+
+
+def _differ(a: Estimate, b: Estimate) -> bool:
+    if b.verdict in ("too_few", "irregular", "bad_unit") or a.verdict == "bad_unit":
+        return False
+    return any(
+        abs(x - y) > 0.3 * max(x, y) and abs(x - y) > 4.0 * math.hypot(_known(x_se), _known(y_se))
+        for x, y, x_se, y_se in (
+            (float(a.q), float(b.q), float(a.q_se), float(b.q_se)),
+            (float(a.r), float(b.r), float(a.r_se), float(b.r_se)),
+        )
+    )
+
+
+def _known(error: float) -> float:
+    return error if math.isfinite(error) else 0.0

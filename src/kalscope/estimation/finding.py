@@ -1,0 +1,229 @@
+"""From what a person knows or wishes to a pair (q, r): the one road that `kalscope tune` and the dashboard take.
+
+A wish (lag, cut-off, noise reduction, gain) fixes λ = q/r; knowledge of the noise (a still stretch, a data sheet,
+a number) fixes r; whatever is left open is estimated from the record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.errors import BadSetting
+from kalscope.estimation.estimate import METHODS, estimate
+from kalscope.estimation.known import (
+    estimate_fixed_r,
+    estimate_fixed_ratio,
+    noise_from_datasheet,
+    noise_from_still,
+    params_for_specification,
+)
+from kalscope.estimation.starting import goes_evenly, starting_params
+from kalscope.filtering.params import LARGEST, FilterParams
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kalscope.estimation.likelihood.profile import Array
+    from kalscope.estimation.result import Estimate
+
+METHOD_WORDS = {
+    "ml": "maximum likelihood",
+    "em": "EM",
+    "moments": "moments of the differences",
+    "als": "correlations of the innovations",
+    "allan": "Allan variance",
+}
+"""The methods of `estimate` as a person reads them."""
+
+WISHES = ("lag_s", "lag_samples", "cutoff_hz", "noise_reduction_db", "gain")
+"""What fixes λ, as `ratio_for` names it."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is known of the measurement noise; nothing, or one of the four."""
+
+    r: float | None = None
+    """The variance itself, unit²."""
+    sigma: float | None = None
+    """One standard deviation from a data sheet, unit."""
+    density: float | None = None
+    """Noise density from a data sheet, unit/√Hz; needs the bandwidth."""
+    bandwidth_hz: float | None = None
+    """Bandwidth that goes with the density, Hz."""
+    still: tuple[int, int] | None = None
+    """First sample of a still stretch and one past its last."""
+
+    def resolve(self, z: Array) -> tuple[float, str] | None:
+        """The variance in unit² and a sentence on where it comes from; None where nothing is known."""
+        given = [name for name in ("r", "sigma", "density", "still") if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise BadSetting(f"the noise must be known from one source (got {', '.join(given)})")
+        if self.bandwidth_hz is not None and self.density is None:
+            raise BadSetting(f"bandwidth_hz goes with density only (got {' and '.join(['bandwidth_hz', *given])})")
+        if self.still is not None:
+            first, last = self.still
+            noise = noise_from_still(z[first:last])
+            return noise.r, f"r is the variance of the still stretch. {noise.message}"
+        if self.r is not None:
+            return _above_zero("r", self.r), "r as given."
+        if self.sigma is not None or self.density is not None:
+            r = noise_from_datasheet(sigma=self.sigma, density=self.density, bandwidth_hz=self.bandwidth_hz)
+            return r, f"r = {r:.4g} from the data sheet."
+        return None
+
+    @property
+    def origin(self) -> str:
+        """Where r comes from, as in "r from a still stretch"; for the tuning file."""
+        if self.still is not None:
+            return "from a still stretch"
+        return "as given" if self.r is not None else "from the data sheet"
+
+
+@dataclass(frozen=True)
+class Found:
+    """An answer, whether or not it comes with parameters."""
+
+    params: FilterParams | None
+    """The pair to use; None where there is none, and `message` says what to do instead."""
+    how: str
+    """How it was found, in a few words, for the tuning file."""
+    message: str
+    """What was found and what it means, in plain sentences."""
+    estimate: Estimate | None = None
+    """The estimate behind it, where there was one."""
+
+
+def find_parameters(
+    z: Array,
+    *,
+    dt: Array | None = None,
+    sample_period: float | None = None,
+    method: str = "ml",
+    wish: dict[str, float] | None = None,
+    ratio: float | None = None,
+    noise: Noise | None = None,
+    present_r: float | None = None,
+    progress: Callable[[float, str], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Found:
+    """Find q and r of one channel.
+
+    Args:
+        z: measurements, shape (n,); NaN is a missing sample.
+        dt: nominal sample periods before each sample, shape (n,); None = 1 each.
+        sample_period: nominal sample period in s, for wishes in s or Hz.
+        method: of `estimate`, used where neither a wish nor the noise decides.
+        wish: one of WISHES with its value: λ follows from it.
+        ratio: λ itself, such as 0.01; r is then estimated unless it is known.
+        noise: what is known of r.
+        present_r: r to keep with a wish where the noise is not known; None = estimate it.
+        progress: called with the fraction done and a few words.
+        cancelled: asked whether to stop.
+
+    Raises:
+        BadSetting: contradictory, unknown or out-of-range wishes.
+        Cancelled: `cancelled()` was true.
+    """
+    _check(method, wish, ratio)
+    noise = noise or Noise()
+    known = noise.resolve(z)
+    if wish:
+        r, said = known or _noise_for_wish(z, dt, present_r, progress, cancelled)
+        ((name, value),) = wish.items()
+        params = _two_variances(params_for_specification(r, **wish, sample_period=sample_period))
+        words = _wish_words(name, value)
+        how = f"{words}, r {noise.origin}" if known else words
+        return Found(params, how, f"q/r = {params.ratio:.4g} has {words}. {said}")
+    if ratio is not None and known:
+        params = _two_variances(FilterParams(q=ratio * known[0], r=known[0]))
+        return Found(params, f"q/r = {ratio:g}, r {noise.origin}", f"q = {ratio:g} · r. {known[1]}")
+    if ratio is not None:
+        return _from(estimate_fixed_ratio(z, ratio, dt), f"q/r = {ratio:g}, r by maximum likelihood")
+    if known:
+        return _fit_q(z, dt, *known, noise.origin)
+    return _from(estimate(z, method, dt, progress=progress, cancelled=cancelled), METHOD_WORDS[method])
+
+
+def _check(method: str, wish: dict[str, float] | None, ratio: float | None) -> None:
+    """At most one wish for λ, and no word that is not understood."""
+    if method not in METHODS:
+        raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {method!r})")
+    wishes = [*(wish or {}), *([] if ratio is None else ["q/r"])]
+    if len(wishes) > 1:
+        raise BadSetting(f"λ must follow from one wish (got {' and '.join(wishes)})")
+    for name in wish or {}:
+        if name not in WISHES:
+            raise BadSetting(f"wish must be one of {', '.join(WISHES)} (got {name!r})")
+    if ratio is not None:
+        _above_zero("q/r", ratio)
+
+
+def _above_zero(name: str, value: float) -> float:
+    number = float(value)
+    if not 0.0 < number <= LARGEST:
+        raise BadSetting(f"{name} must be a finite number above 0 (got {value})")
+    return number
+
+
+def _two_variances(params: FilterParams) -> FilterParams:
+    """The pair itself; a wish so extreme that q rounds to 0 would stop the filter for good."""
+    if params.q == 0.0:
+        raise BadSetting("the wish must leave a q above 0: less smoothing, please (got q = 0)")
+    return params
+
+
+def _fit_q(z: Array, dt: Array | None, r: float, said: str, origin: str) -> Found:
+    """Q where r is known; words of its own where that r leaves nothing to be movement."""
+    answer = estimate_fixed_r(z, r, dt)
+    message = str(answer.message)
+    if answer.verdict == "no_movement":
+        message = (
+            f"Noise of variance {r:.4g} explains all that changes in this record, so nothing is left for q; "
+            "q = 0 is not an answer, for such a filter stops following after a while. Instead: check that r is not "
+            "too large, record while the signal moves, or choose the lag or the cut-off that you can accept."
+        )
+    return Found(answer.params, f"r {origin}, q by maximum likelihood", f"{said} {message}", answer)
+
+
+def _from(answer: Estimate, how: str) -> Found:
+    return Found(answer.params, how, str(answer.message), answer)
+
+
+def _noise_for_wish(
+    z: Array,
+    dt: Array | None,
+    present_r: float | None,
+    progress: Callable[[float, str], None] | None,
+    cancelled: Callable[[], bool] | None,
+) -> tuple[float, str]:
+    """A variance where only λ was wished: the present one, the likelihood's, or var(Δz)/2."""
+    band = "it sets the width of the band, not the curve."
+    if present_r is not None and present_r > 0.0:
+        return present_r, f"r is kept: {band}"
+    answer = estimate(z, dt=dt, progress=progress, cancelled=cancelled)
+    if float(answer.r) > 0.0:  # good at the edge q = 0 too
+        return float(answer.r), f"r by maximum likelihood; {band}"
+    r = float(starting_params(z).r)
+    if not still_or_silent(z):
+        return r, f"r = var(Δz)/2, because the record gives no better; {band}"
+    return r, f"r = {r:.4g} is no more than a placeholder, because the record shows no noise; {band}"
+
+
+def still_or_silent(z: Array) -> bool:
+    """Whether the samples z, shape (n,), show no noise at all: fewer than three, all equal, or an even ramp."""
+    finite = z[np.isfinite(z)]
+    return len(finite) < 3 or goes_evenly(finite)
+
+
+def _wish_words(name: str, value: float) -> str:
+    return {
+        "lag_s": f"a lag of {value * 1e3:.4g} ms",
+        "lag_samples": f"a lag of {value:.4g} samples",
+        "cutoff_hz": f"its −3 dB cut-off at {value:.4g} Hz",
+        "noise_reduction_db": f"{value:.4g} dB less noise",
+        "gain": f"the gain {value:.4g}",
+    }[name]

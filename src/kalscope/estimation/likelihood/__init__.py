@@ -1,0 +1,1 @@
+"""The likelihood of q and r: profile, search and contours."""

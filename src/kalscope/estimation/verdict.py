@@ -1,0 +1,164 @@
+"""From a pair of numbers to an Estimate: units, intervals, verdict and words; the same for every method."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kalscope.estimation import verdict_text as words
+from kalscope.estimation.likelihood.profile import Differences, differences
+from kalscope.estimation.likelihood.search import Peak
+from kalscope.estimation.result import USABLE, Estimate, Pair, Watch, stack
+from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
+from kalscope.filtering.params import LARGEST, FilterParams
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Array = NDArray[np.float64]
+
+NOWHERE = Peak(-math.inf, 0.0, 0.0, (-math.inf, math.inf))
+"""The peak of a record without information."""
+
+_SMALLEST = 1e-300
+
+
+def each_channel(
+    method: str,
+    z: ArrayLike,
+    dt: ArrayLike | None,
+    watch: Watch,
+    fit: Callable[[Differences, Watch], tuple[Pair, Peak]],
+) -> Estimate:
+    """Check z and dt, `fit` each channel that has something to tell, and put the answers side by side."""
+    columns, shape = columns_of(z)
+    steps = steps_of(dt, columns.shape[1])
+    refuse_infinite(columns)
+    found: list[Estimate] = []
+    for c, column in enumerate(columns):
+        data = _informative(differences(column, steps))
+        verdict, message = _without_looking(data, min(data.m + 1, int(np.isfinite(column).sum())))
+        if verdict:
+            found.append(_estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), verdict, message))
+        else:
+            pair, peak = fit(data, watch.part(c / len(columns), (c + 1) / len(columns)))
+            found.append(conclude(method, data, pair, peak))
+    watch.report(1.0, "done")
+    return found[0] if len(shape) == 1 else stack(found)
+
+
+def conclude(method: str, data: Differences, pair: Pair, peak: Peak) -> Estimate:
+    """The Estimate of one channel from what a method found and where the likelihood has its peak."""
+    with np.errstate(over="ignore", under="ignore"):
+        numbers = np.array([pair.q, pair.r, pair.q_se, pair.r_se]) * data.scale * data.scale
+    q, r, q_se, r_se = numbers.tolist()
+    verdict = pair.verdict or _judge(pair, peak)
+    sizes = [size for size, found in ((q, pair.q), (r, pair.r)) if found > 0.0]
+    if not all(_SMALLEST < size <= LARGEST for size in sizes):
+        return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), "bad_unit", words.bad_unit())
+    message = pair.text or _say(verdict, data, pair, peak)
+    if pair.note:
+        message = f"{message} {pair.note}"
+    return _estimate(method, peak, _loglik(data, pair), (q, r), (q_se, r_se), verdict, message)
+
+
+def gain_of(ratio: float) -> float:
+    """Steady gain of λ = 0 … inf: 2/(1 + √(1 + 4/λ)), Durbin & Koopman (2012), section 2.11."""
+    return 0.0 if ratio == 0.0 else 2.0 / (1.0 + math.hypot(1.0, 2.0 / math.sqrt(ratio)))
+
+
+def lag_of(ratio: float) -> float:
+    """Samples behind a ramp for λ = 0 … inf, (1 − K)/K without cancellation."""
+    if ratio == 0.0:
+        return math.inf
+    half = 2.0 / math.sqrt(ratio)
+    return 0.5 * half * (half / (math.hypot(1.0, half) + 1.0))
+
+
+def _informative(data: Differences) -> Differences:
+    """Without lines repeated with the same time and value: they say nothing new, yet would prove r = 0."""
+    if len(data.gap) == 0:
+        return data
+    new = (data.gap > 0.0) | (data.d != 0.0)
+    return data if new.all() else Differences(data.d[new], data.gap[new], data.scale)
+
+
+def _without_looking(data: Differences, n: int) -> tuple[str, str]:
+    if n < words.MIN_SAMPLES:
+        return "too_few", words.too_few(n)
+    if not data.d.any():
+        return "constant", words.constant(n)
+    return "", ""
+
+
+def _judge(pair: Pair, peak: Peak) -> str:
+    if pair.r == 0.0:
+        return "no_noise"
+    if pair.q == 0.0:
+        return "no_movement"
+    return "flat" if peak.interval == (-math.inf, math.inf) else "ok"
+
+
+def _say(verdict: str, data: Differences, pair: Pair, peak: Peak) -> str:
+    low, high = (exp(end) for end in peak.interval)
+    if verdict == "no_noise":
+        seen = high < math.inf
+        return words.blind("noise", low, high) if seen else words.no_noise(data, (gain_of(low), gain_of(high)))
+    if verdict == "no_movement":
+        return words.blind("movement", low, high) if low > 0.0 else words.no_movement(lag_of(high))
+    if verdict == "flat":
+        return words.flat()
+    if verdict == "not_converged":
+        return words.unsettled()
+    return words.ok(gain_of(pair.q / pair.r), (lag_of(high), lag_of(low)), (low, high))
+
+
+def _loglik(data: Differences, pair: Pair) -> float:
+    """Log-likelihood at the pair itself; 0 where there is none."""
+    if pair.q == 0.0 and pair.r == 0.0:
+        return 0.0
+    if pair.r == 0.0:
+        gap = data.gap if len(data.gap) else np.ones(data.m)
+        if np.any(gap == 0.0):
+            return -math.inf  # two different samples at one instant cannot both be exact
+        chi2, logdet, unit = float(np.sum(data.d**2 / gap)), float(np.log(gap).sum()), pair.q
+    else:
+        (chi2,), (logdet,) = data.sums(np.array([pair.q / pair.r]))
+        unit = pair.r
+    log_unit = math.log(unit) + 2.0 * math.log(data.scale)
+    return float(-0.5 * (data.m * (math.log(2.0 * math.pi) + log_unit) + logdet + chi2 / unit))
+
+
+def _estimate(
+    method: str,
+    peak: Peak,
+    loglik: float,
+    pair: tuple[float, float],
+    errors: tuple[float, float],
+    verdict: str,
+    message: str,
+) -> Estimate:
+    (q, r), (low, high) = pair, (exp(end) for end in peak.interval)
+    return Estimate(
+        method=method,
+        q=q,
+        r=r,
+        ratio=q / r if r > 0.0 else (math.inf if q > 0.0 else 0.0),
+        loglik=loglik,
+        ratio_interval=(low, high),
+        gain_interval=(gain_of(low), gain_of(high)),
+        lag_interval=(lag_of(high), lag_of(low)),
+        q_se=errors[0],
+        r_se=errors[1],
+        verdict=verdict,
+        message=message,
+        params=FilterParams(q=q, r=r) if verdict in USABLE else None,
+    )
+
+
+def exp(log_ratio: float) -> float:
+    """λ of ln λ, inf beyond a double."""
+    return math.exp(log_ratio) if log_ratio < 700.0 else math.inf

@@ -1,0 +1,126 @@
+"""The filtered recording as CSV: time, and for each channel the raw signal, the filtered one, its variance.
+
+It reopens in our own reader, in numpy, pandas and a spreadsheet without any option: one header line, commas,
+decimal points, UTF-8 without BOM, newlines alone, an empty cell for a missing value. Every number is written
+with the digits that bring back the same double. A recording without time has its samples counted instead, in a
+column `sample`, and reopens without time.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.filtering.batch import kalman_filter
+from kalscope.sources.lines.cells import MISSING, is_number
+from kalscope.sources.lines.columns import ROW_NUMBER_NAME
+from kalscope.sources.lines.timestamps import unit_by_magnitude
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from kalscope.filtering.params import FilterParams
+    from kalscope.recording import Recording
+    from kalscope.tuning.tuning import Tuning
+
+ROWS_PER_CHUNK = 20_000
+"""Rows turned into text at a time, so that a long recording is never held as text as a whole."""
+
+_FORMULA = ("=", "+", "-", "@")
+"""A cell that begins so is run as a formula by a spreadsheet."""
+
+
+def filtered_csv(recording: Recording, params: Tuning | Mapping[str, FilterParams]) -> str:
+    """The whole CSV as one text; arguments and errors as `filtered_csv_chunks`."""
+    return "".join(filtered_csv_chunks(recording, params))
+
+
+def filtered_csv_chunks(recording: Recording, params: Tuning | Mapping[str, FilterParams]) -> Iterator[str]:
+    """Filter a recording and give the CSV in pieces.
+
+    One sample is one step, dt = 1; where the recording's `gaps` is "dt" the true time between samples counts.
+
+    Args:
+        recording: n samples of its channels.
+        params: The filter of each channel, by its name: scalar parameters. Channels without one are left out.
+
+    Returns:
+        Texts to be written one after the other: the header `time,<ch>,<ch>_filtered,<ch>_variance,…` (time in
+        s, variance in unit²; channels in the order of the recording; `sample` instead of `time` where the
+        recording has no time), then the n rows. The filter has run
+        when this returns, so an error comes before any text.
+
+    Raises:
+        BadSetting: A name in `params` is no channel of the recording; "dt" was asked for without time.
+    """
+    chosen = params if isinstance(params, Mapping) else {c.name: c.params for c in params.channels}
+    order = sorted(chosen, key=recording.index)
+    dt = recording.steps() if recording.gaps == "dt" else None
+    columns = [recording.time]
+    for name in order:
+        z = recording.channel(name)
+        result = kalman_filter(z, chosen[name], dt)
+        columns += [z, result.x, result.p]
+    if recording.sample_period is None:
+        return _texts(csv_header(order, time_name=ROW_NUMBER_NAME), columns[1:], counted=True)
+    return _texts(csv_header(order, time_name=_time_name(recording.time)), columns)
+
+
+def csv_header(names: list[str], *, time_name: str = "time") -> str:
+    """The header line: distinct names that no spreadsheet runs and no reader takes for numbers."""
+    raw = [_harmless(name) for name in names]
+    taken = {time_name, *raw}  # of equal names the recording's own keeps its own
+    cells = [time_name]
+    for i, name in enumerate(raw):
+        first = name not in raw[:i] and name != time_name
+        cells.append(name if first else _distinct(name, taken))
+        cells.extend(_distinct(f"{name}_{what}", taken) for what in ("filtered", "variance"))
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(cells)
+    return line.getvalue()
+
+
+def _texts(header: str, columns: list[NDArray[np.float64]], *, counted: bool = False) -> Iterator[str]:
+    yield header
+    n = len(columns[0]) if columns else 0
+    for start in range(0, n, ROWS_PER_CHUNK):
+        cells = [_cells(column[start : start + ROWS_PER_CHUNK]) for column in columns]
+        if counted:
+            cells.insert(0, [str(i) for i in range(start, min(start + ROWS_PER_CHUNK, n))])
+        yield "\n".join(map(",".join, zip(*cells, strict=True))) + "\n"
+
+
+def _cells(values: NDArray[np.float64]) -> list[str]:
+    """Each value with the fewest digits that bring it back; empty for NaN and for an infinite variance."""
+    texts = [repr(value) for value in values.tolist()]
+    for i in np.flatnonzero(~np.isfinite(values)):
+        texts[i] = ""
+    return texts
+
+
+def _time_name(time: NDArray[np.float64]) -> str:
+    """`time`; where a reader would take whole stamps such as 0, 5, 10 for milliseconds the unit is said."""
+    return "time" if not len(time) or unit_by_magnitude(time) == "s" else "time_s"
+
+
+def _harmless(name: str) -> str:
+    """A channel's name without line ends, formulas and numbers."""
+    name = " ".join("".join(c if c.isprintable() else " " for c in name).split())
+    if name.startswith(_FORMULA):
+        return f"'{name}"
+    if is_number(name, ".") or name.lower() in MISSING:
+        return f"channel {name}".rstrip()
+    return name
+
+
+def _distinct(name: str, taken: set[str]) -> str:
+    """`name`, or `name_2`, `name_3`, … where it is taken; taken from now on."""
+    candidate, count = name, 2
+    while candidate in taken:
+        candidate, count = f"{name}_{count}", count + 1
+    taken.add(candidate)
+    return candidate

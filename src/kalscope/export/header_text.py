@@ -1,0 +1,82 @@
+"""What every export says about itself, in the same words: lines of harmless ASCII without comment marks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kalscope.export.names import comment_text, number_text
+from kalscope.filtering.kernels import GATE_LIMIT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from kalscope.export.job import ExportJob
+    from kalscope.tuning.tuning import ChannelTuning
+
+
+def about(job: ExportJob) -> tuple[str, ...]:
+    """Where the export comes from and which sample period it holds for.
+
+    Not for the first two lines of a Python file: a name may read "coding: utf-7".
+    """
+    lines = ["Scalar Kalman noise filter, tuned and exported by Kalscope."]
+    origin = [f"recording {comment_text(job.source_name)}"] if job.source_name else []
+    if job.sha256:
+        origin.append(f"SHA-256 {comment_text(job.sha256, 64)[:16]}")
+    made = " ".join(comment_text(part, 40) for part in (job.tool, job.date) if part)
+    if origin:
+        lines.append(f"Tuned on {', '.join(origin)}.")
+    if made:
+        lines.append(f"Made by {made}.")
+    if job.sample_period is None:
+        lines.append("The sample period was not known; q holds for the sample rate of the recording only.")
+    else:
+        period = job.sample_period
+        lines.append(f"Holds for a sample period of {number_text(period)} s ({1.0 / period:.4g} samples a second);")
+        lines.append("with another period T multiply q by T / this period; r and p0 stay.")
+    return tuple(lines)
+
+
+def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
+    """What the filter of one channel is: the three variances with their unit, gain, lag and start."""
+    square = squared(channel.unit) or "the square of the signal's unit"
+    steady = job.steady(channel)
+    lag = f"{steady.lag_samples:.4g} samples"
+    if steady.lag_s is not None:
+        lag += f" = {steady.lag_s:.4g} s"
+    gate = "off"
+    if channel.gate is not None:
+        limit = number_text(channel.gate)
+        gate = f"a sample whose v^2/s exceeds {limit} is not used, {GATE_LIMIT} in a row at most"
+    return (
+        f"Channel {comment_text(channel.name)}; all are variances (not standard deviations) in {square}:",
+        f"  process noise q = {number_text(channel.q)} per sample",
+        f"  measurement noise r = {number_text(channel.r)}",
+        f"  start variance p0 = {'unknown (diffuse)' if channel.p0 is None else number_text(channel.p0)}",
+        f"  start: {start_words(channel)}",
+        f"  outlier gate: {gate}",
+        f"  found: {comment_text(channel.how)}",
+        f"  settled: gain K = {steady.gain:.6g}, lag behind a ramp {lag}",
+    )
+
+
+def squared(unit: str) -> str:
+    """The unit of a variance: counts^2, (m/s)^2; "" where the unit is not known."""
+    word = comment_text(unit, 20)
+    if not word:
+        return ""
+    return f"{word}^2" if word.isalpha() else f"({word})^2"
+
+
+def start_words(channel: ChannelTuning) -> str:
+    """The start rule in a phrase."""
+    if channel.p0 is None:
+        return "the first sample sets x = z and p = r"
+    if channel.x0 is None:
+        return "the first sample sets x = z; p goes on from p0"
+    return f"x0 = {number_text(channel.x0)} before the first predict"
+
+
+def commented(lines: Iterable[str], mark: str) -> str:
+    """The lines as comments, each after `mark`; ends with a line end."""
+    return "".join(f"{mark} {line}".rstrip() + "\n" for line in lines)

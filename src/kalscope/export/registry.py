@@ -1,0 +1,117 @@
+"""Export: a tuning becomes the files of a target, the same filter everywhere. One module a target.
+
+Each module has `files(job) -> dict of file name -> text`; names are constants or identifiers, texts ASCII.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from importlib import import_module
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from kalscope.errors import BadSetting
+from kalscope.export.job import ExportJob, job_of
+from kalscope.tuning.tuning import Tuning, same_period
+
+if TYPE_CHECKING:
+    from kalscope.recording import Recording
+
+
+@dataclass(frozen=True)
+class Target:
+    """One entry of the registry."""
+
+    module: str
+    """Module of this package that writes it."""
+    title: str
+    """Its name for a person, a few words."""
+    what: str
+    """What it is, one sentence for a person."""
+
+
+TARGETS = MappingProxyType(
+    {
+        "arduino": Target(
+            "arduino", "Arduino sketch", "A C++ header without allocation (float32) and a sketch that uses it."
+        ),
+        "c": Target("c", "C99", "The filter in C99, double or float by a macro."),
+        "python": Target(
+            "python", "Python", "A small Python class without dependencies, and the call of Kalscope."
+        ),
+        "matlab": Target(
+            "matlab", "MATLAB, Octave", "A script for MATLAB and Octave in the style of the first paper."
+        ),
+        "json": Target("json_file", "JSON", "The parameters as JSON."),
+        "ros2": Target("ros2", "ROS 2 parameters", "A ROS 2 parameter file (YAML)."),
+        "platformio": Target(
+            "platformio",
+            "PlatformIO flags",
+            "Compiler flags for PlatformIO, in a file that extra_configs pulls in.",
+        ),
+        "esphome": Target(
+            "esphome", "ESPHome sensor", "A kalman_combinator sensor of ESPHome: standard deviations, per second."
+        ),
+        "bachagas": Target(
+            "bachagas", "bachagas/Kalman.h", "The constructor of bachagas/Kalman.h, which has the same formula."
+        ),
+        "kalmanjs": Target(
+            "kalmanjs", "kalmanjs", "The constructor of kalmanjs: the same filter with the letters swapped."
+        ),
+        "simplekalmanfilter": Target(
+            "simplekalmanfilter", "SimpleKalmanFilter", "Refused: SimpleKalmanFilter is another filter."
+        ),
+        "gyverfilters": Target(
+            "gyverfilters", "GyverFilters", "Refused: GKalman of GyverFilters is another filter."
+        ),
+    }
+)
+"""What can be asked for, by name."""
+
+
+def export_tuning(
+    tuning: Tuning,
+    target: str,
+    *,
+    channel: str | None = None,
+    vectors: Recording | None = None,
+    sample_period: float | None = None,
+) -> dict[str, str]:
+    """The files of one target.
+
+    Args:
+        tuning: What was found.
+        target: A name of `kalscope.export.TARGETS`.
+        channel: Export this channel only; None = all.
+        vectors: The recording whose first samples, filtered, come along as `groundtruth.csv`; None = none.
+        sample_period: Time between two samples on the device, s: q is carried over to it; None = the tuning's.
+
+    Returns:
+        The texts by file name. A name is one plain word without a folder; a text is ASCII.
+
+    Raises:
+        BadSetting: No such target or channel; the target cannot hold this filter (the message says what can);
+            the recording lacks a channel; the period is not positive, or the tuning does not know its own.
+    """
+    if target not in TARGETS:
+        raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
+    job = job_of(tuning if sample_period is None else carried_over(tuning, sample_period), channel)
+    files: dict[str, str] = import_module(f"kalscope.export.targets.{TARGETS[target].module}").files(job)
+    if vectors is not None:
+        from kalscope.export.vectors import vector_files
+
+        files |= vector_files(job, vectors)
+    return files
+
+
+def carried_over(tuning: Tuning, sample_period: float) -> Tuning:
+    """The tuning for a device that samples every `sample_period` s; where q changes, `how` says from what."""
+    old, moved = tuning.sample_period, tuning.rescaled(sample_period)
+    if old is None or same_period(old, sample_period):
+        return moved
+    ratio = sample_period / old
+    channels = (replace(new, how=f"q times {ratio:.4g}, found at {old:.4g} s; {new.how}") for new in moved.channels)
+    return replace(moved, channels=tuple(channels))
+
+
+__all__ = ["TARGETS", "ExportJob", "Target", "carried_over", "export_tuning", "job_of"]

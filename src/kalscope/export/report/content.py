@@ -1,0 +1,283 @@
+"""What the page says, whatever it is drawn on: computed once from a recording and a tuning."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.analysis.advice import as_sentences
+from kalscope.analysis.alternatives.comparison import Comparison, compare_alternatives
+from kalscope.analysis.diagnostics import Diagnostics, diagnose
+from kalscope.common.text import duration, number, squared
+from kalscope.errors import BadSetting
+from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.steady_state import SteadyState, steady_state
+
+if TYPE_CHECKING:
+    from kalscope.recording import Recording
+    from kalscope.tuning.tuning import ChannelTuning, Tuning
+
+Array = NDArray[np.float64]
+Rows = tuple[tuple[str, ...], ...]
+
+DRAWN = 1500
+"""Points that a curve of the page is drawn with, at most about."""
+
+DETAIL = 240
+"""Samples of the detail, at most; a recording of fewer needs none."""
+
+
+@dataclass(frozen=True)
+class Curves:
+    """One chart; arrays have shape (m,), ascending in x."""
+
+    title: str
+    """What stretch it shows."""
+    x_label: str
+    """"time (s)" or "sample"."""
+    y_label: str
+    """Channel and unit."""
+    x: Array
+    """Moments, s, or sample numbers."""
+    raw: Array
+    """Measurements, unit; NaN where missing."""
+    filtered: Array
+    """Filtered signal, unit."""
+    truth: Array | None
+    """The noise-free signal where it is known, unit."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells."""
+
+    heading: str
+    """Above it."""
+    rows: Rows
+    """Equally long rows, the name first; none = there is nothing to say."""
+    columns: tuple[str, ...] = ()
+    """What stands above the columns; () = names and values, which need no words."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything on the page, as text and curves. Texts from outside are raw: whoever draws escapes them."""
+
+    title: str
+    """Recording and channel."""
+    subtitle: str
+    """Samples, rate, what is missing."""
+    charts: tuple[Curves, ...]
+    """The whole recording, then a detail where that helps."""
+    tables: tuple[Table, ...]
+    """Parameters, what they do, tests, simpler filters."""
+    texts: tuple[tuple[str, str], ...]
+    """Headings with a few sentences: does it fit, is there a simpler filter."""
+    command: str
+    """What reopens this very state."""
+    origin: Rows
+    """File, SHA-256, versions, date."""
+
+
+def make_report(
+    recording: Recording,
+    tuning: Tuning,
+    channel: str | None = None,
+    *,
+    config: str = "tuning.toml",
+    now: datetime | None = None,
+) -> Report:
+    """The report on one channel.
+
+    Args:
+        recording: the data.
+        tuning: its filters, at the recording's sample period.
+        channel: which one; None = the selected, else the first.
+        config: name of the tuning file in the command.
+        now: moment to print; None = now. All the rest is the same at every run.
+
+    Raises:
+        BadSetting: the recording or the tuning has no such channel.
+    """
+    name = channel or tuning.selected or tuning.channels[0].name
+    own = tuning.channel(name)
+    if not len(recording):
+        raise BadSetting("a report must have samples to show (got none)")
+    column = recording.index(name)
+    z = recording.channel(name)
+    truth = None if recording.truth is None else recording.truth[:, column]
+    dt = recording.steps() if recording.gaps == "dt" else None
+    result = kalman_filter(z, own.params, dt)
+    steady = steady_state(own.params, recording.sample_period)
+    found = compare_alternatives(z, own.params, dt=dt, sample_period=recording.sample_period, truth=truth)
+    judged = diagnose(result)
+    checks = judged if isinstance(judged, Diagnostics) else judged[0]
+    return Report(
+        title=f"{recording.title or recording.source or 'Recording'}: {name}",
+        subtitle=_subtitle(recording, z),
+        charts=_charts(recording, own, z, result, truth),
+        tables=(
+            Table("Parameters", _parameters(own)),
+            Table("What they do", _meaning(steady, result, recording.sample_period)),
+            Table("Residuals", _tests(checks)),
+            _filters(found),
+        ),
+        texts=(
+            ("Does the filter fit?", as_sentences(checks.advice)),
+            ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
+        ),
+        command=_command(recording, config),
+        origin=_origin(recording, tuning, now),
+    )
+
+
+def _subtitle(recording: Recording, z: Array) -> str:
+    parts = [f"{len(z)} samples"]
+    if recording.sample_period is not None:
+        rate = 1.0 / recording.sample_period
+        parts.append(f"{number(rate)} Hz" if rate >= 0.1 else f"one every {duration(recording.sample_period)}")
+    missing = int(np.isnan(z).sum())
+    if missing:
+        parts.append(f"{missing} missing")
+    return ", ".join(parts)
+
+
+def _parameters(own: ChannelTuning) -> Rows:
+    unit = squared(own.unit)
+    rows = [
+        ("process noise q", f"{number(own.q)} {unit} per sample"),
+        ("measurement noise r", f"{number(own.r)} {unit}"),
+        ("start variance p0", "automatic (diffuse)" if own.p0 is None else f"{number(own.p0)} {unit}"),
+        ("start value x0", "first sample" if own.x0 is None else f"{number(own.x0)} {own.unit}".strip()),
+    ]
+    if own.gate is not None:
+        rows.append(("outlier gate on v²/s", number(own.gate)))
+    return (*rows, ("found", own.how))
+
+
+def _meaning(steady: SteadyState, result: FilterResult, period: float | None) -> Rows:
+    lag, settle = float(steady.lag_samples), float(steady.settle_samples)
+    rows = [
+        ("lag on a ramp", _both(lag, period)),
+        ("noise reduction", f"{number(float(steady.noise_reduction_db))} dB"),
+        ("gain K", number(float(steady.gain))),
+        ("follows a step in", _both(settle, period)),
+        ("log-likelihood", f"{float(result.loglik):.6g} of {int(result.m)} samples"),
+    ]
+    if steady.cutoff_hz is not None and math.isfinite(float(steady.cutoff_hz)):
+        rows.insert(2, ("cut-off (−3 dB)", f"{number(float(steady.cutoff_hz))} Hz"))
+    return tuple(rows)
+
+
+def _both(samples: float, period: float | None) -> str:
+    text = f"{number(samples)} samples"
+    return text if period is None else f"{duration(samples * period)} = {text}"
+
+
+def _tests(d: Diagnostics) -> Rows:
+    return (
+        ("size (NIS)", f"{number(d.nis)}, fitting: {number(d.nis_low)} to {number(d.nis_high)}"),
+        ("memory (lag-1 correlation)", f"{d.r1:+.3f}, fitting: within ±{d.r1_bound:.3f}".replace("-", "−")),
+        ("memory (Ljung-Box)", f"p = {d.ljung_box_p:.2g}, fitting: above 0.05"),
+        ("beyond 4 σ", f"{d.spikes}, {d.jumps} of them jumps; by chance {d.spikes_expected:.2g}"),
+        ("last third against first", f"variance × {d.variance_ratio:.3g}, p = {d.variance_ratio_p:.2g}"),
+    )
+
+
+def _filters(found: Comparison) -> Table:
+    rows: list[tuple[str, ...]] = []
+    for one in (found.present, *found.others):
+        error = one.prediction if one.rmse is None else one.rmse
+        decibel = "–" if math.isnan(one.noise_reduction_db) else f"{round(one.noise_reduction_db, 2) + 0.0:.2f}"
+        rows.append((one.name, f"{one.lag_samples:.4g}", decibel, "–" if error is None else number(error)))
+    error = "next sample" if found.present.rmse is None else "RMSE"
+    heading = "Simpler filters, at this lag"
+    return Table(heading, tuple(rows) if found.others else (), ("", "lag", "dB", error))
+
+
+def _command(recording: Recording, config: str) -> str:
+    return f"kalscope open {shlex.quote(recording.source or 'FILE')} --config {shlex.quote(config)}"
+
+
+def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
+    try:
+        own = f"kalscope {version('kalscope')}"
+    except PackageNotFoundError:  # run from a checkout that is not installed
+        own = "kalscope"
+    moment = (now or datetime.now(UTC)).astimezone(UTC)
+    rows = [
+        ("data", recording.source or recording.title),
+        ("SHA-256", recording.sha256 or "none: the data were generated"),
+        ("tuned with", f"{tuning.tool or 'unknown'}, {tuning.date or 'no date'}"),
+        ("made with", f"{own}, numpy {version('numpy')}, scipy {version('scipy')}"),
+        ("date", f"{moment:%Y-%m-%d %H:%M} UTC"),
+    ]
+    return tuple(rows)
+
+
+def _charts(
+    recording: Recording, own: ChannelTuning, z: Array, result: FilterResult, truth: Array | None
+) -> tuple[Curves, ...]:
+    n = len(z)
+    whole = _curves(recording, own, z, result, truth, slice(0, n), "The whole recording")
+    if n < 2 * DETAIL:
+        return (whole,)
+    first = (n - DETAIL) // 2
+    title = f"Detail: samples {first} to {first + DETAIL - 1}"
+    return whole, _curves(recording, own, z, result, truth, slice(first, first + DETAIL), title)
+
+
+def _curves(
+    recording: Recording,
+    own: ChannelTuning,
+    z: Array,
+    result: FilterResult,
+    truth: Array | None,
+    part: slice,
+    title: str,
+) -> Curves:
+    timed = recording.sample_period is not None
+    x = np.maximum.accumulate(recording.time)[part] if timed else np.arange(part.start, part.stop, dtype=np.float64)
+    raw = z[part]
+    at = _chosen(raw)
+    if len(x) == 1:  # a line needs two points
+        x, at = np.array([x[0], x[0] + 1.0]), np.array([0, 0])
+    else:
+        x = x[at]
+    return Curves(
+        title=title,
+        x_label="time (s)" if timed else "sample",
+        y_label=_label(own.name, own.unit),
+        x=x,
+        raw=raw[at],
+        filtered=result.x[part][at],
+        truth=None if truth is None else truth[part][at],
+    )
+
+
+def _label(name: str, unit: str) -> str:
+    """Name and unit, short enough to stand beside a low chart."""
+    short = name if len(name) <= 10 else f"{name[:9]}…"
+    return f"{short} ({unit[:8]})" if unit else short
+
+
+def _chosen(z: Array) -> NDArray[np.intp]:
+    """Indices of the lowest and the highest sample of each of DRAWN/2 equal pieces."""
+    if len(z) <= DRAWN:
+        return np.arange(len(z))
+    edges = np.linspace(0, len(z), DRAWN // 2 + 1).astype(int)
+    kept = {0, len(z) - 1}
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        piece = z[first:last]
+        if np.isfinite(piece).any():
+            kept.update((first + int(np.nanargmin(piece)), first + int(np.nanargmax(piece))))
+        else:
+            kept.add(first)
+    return np.array(sorted(kept))

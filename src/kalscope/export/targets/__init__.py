@@ -1,0 +1,1 @@
+"""One module per export target, each with `files(job) -> dict of file name -> text`."""

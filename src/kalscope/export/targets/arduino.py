@@ -1,0 +1,107 @@
+"""Arduino: `KalscopeFilter.h`, a C++ class in float32 with the tuned constants, and a sketch that uses it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING
+
+from kalscope.errors import BadSetting
+from kalscope.export.float32 import Float32Params, float32_params, float32_text
+from kalscope.export.header_text import about, about_channel, commented
+from kalscope.export.names import comment_text
+from kalscope.filtering.kernels import GATE_LIMIT
+
+if TYPE_CHECKING:
+    from kalscope.export.job import ExportJob
+
+TEMPLATES = Path(__file__).parent / "templates"
+
+ANALOGUE_PINS = 6
+"""Of an Uno: A0 … A5."""
+
+USUAL_PERIOD_US = 5000
+"""Where the tuning does not know its sample period: 200 samples a second."""
+
+LONGEST_PERIOD_US = 2_000_000_000
+"""Half the time in which micros() comes round."""
+
+
+def files(job: ExportJob) -> dict[str, str]:
+    """`KalscopeFilter.h` and `kalscope_filter.ino`.
+
+    Raises:
+        BadSetting: float32 cannot hold a value, an Uno has not enough analogue pins, or the period is out of
+            the range that it can count.
+    """
+    if len(job.channels) > ANALOGUE_PINS:
+        raise BadSetting(
+            f"the sketch must read 1 to {ANALOGUE_PINS} channels (got {len(job.channels)}): choose one"
+        )
+    held = [_held(job, i) for i in range(len(job.channels))]
+    return {"KalscopeFilter.h": _header(job, held), "kalscope_filter.ino": _sketch(job)}
+
+
+def constants(name: str, params: Float32Params) -> str:
+    """One constant of the header."""
+    values = (params.q, params.r, params.p0, params.x0, params.gate, params.settled_gain)
+    return f"const KalscopeTuning {name} = {{{', '.join(map(float32_text, values))}}};"
+
+
+def _held(job: ExportJob, index: int) -> Float32Params:
+    channel = job.channels[index]
+    try:
+        return float32_params(channel.params)
+    except BadSetting as error:
+        raise BadSetting(f"{comment_text(channel.name)}: {error}") from None
+
+
+def _constant_names(job: ExportJob) -> list[str]:
+    return [f"KALSCOPE_TUNING_{name.upper()}" for name in job.identifiers]
+
+
+def _header(job: ExportJob, held: list[Float32Params]) -> str:
+    names = _constant_names(job)
+    parts = []
+    for channel, name, params in zip(job.channels, names, held, strict=True):
+        said = about_channel(job, channel)
+        if params.settled_gain > 0:
+            said += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
+        parts.append(f"{commented(said, '//')}{constants(name, params)}\n")
+    return Template((TEMPLATES / "KalscopeFilter.h").read_text(encoding="utf-8")).substitute(
+        about=commented(about(job), "//").rstrip(), first=names[0], tunings="\n".join(parts), gate_limit=GATE_LIMIT
+    )
+
+
+def _sketch(job: ExportJob) -> str:
+    names, n = job.identifiers, len(job.channels)
+    columns = ",".join(f"{name},{name}_filtered" for name in names) if n > 1 else "raw,filtered"
+    pins = [f"A{i}" for i in range(n)]
+    period_us, said = _period(job)
+    return Template((TEMPLATES / "kalscope_filter.ino").read_text(encoding="utf-8")).substitute(
+        about=commented(about(job), "//").rstrip(),
+        pin_words=" ".join(pins),
+        columns=columns,
+        period_us=period_us,
+        period_words=said,
+        pins=", ".join(pins),
+        names=", ".join(f'"{name}"' for name in names),
+        filters=", ".join(f"KalscopeFilter({name})" for name in _constant_names(job)),
+        units=", ".join(
+            f"{name} in {_unit(channel.unit)}" for name, channel in zip(names, job.channels, strict=True)
+        ),
+    )
+
+
+def _unit(unit: str) -> str:
+    return comment_text(unit, 20) or "its own unit"
+
+
+def _period(job: ExportJob) -> tuple[int, str]:
+    """Microseconds between samples, and a remark on them."""
+    if job.sample_period is None:
+        return USUAL_PERIOD_US, " a guess: the tuning does not know its own"
+    period_us = round(job.sample_period * 1e6)
+    if not 1 <= period_us <= LONGEST_PERIOD_US:
+        raise BadSetting(f"the sample period must be 1e-6 to 2000 s for a board (got {job.sample_period:.6g} s)")
+    return period_us, " the period that q belongs to"

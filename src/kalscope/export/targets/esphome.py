@@ -1,0 +1,82 @@
+"""ESPHome: a Kalman combination sensor, which takes standard deviations, the process noise per √second.
+
+Its component (esphome/components/combination) adds process_std_dev² to the variance per second of the board's
+clock, and computes in float32.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.errors import BadSetting
+from kalscope.export.header_text import about, about_channel, commented
+from kalscope.export.names import comment_text, number_text, quoted
+
+if TYPE_CHECKING:
+    from kalscope.export.job import ExportJob
+    from kalscope.tuning.tuning import ChannelTuning
+
+_TRAPS = (
+    "",
+    "ESPHome wants standard deviations: process_std_dev = sqrt(q / sample period), per square root of a second;",
+    "error = sqrt(r). It computes in float32 and lets the variance grow with the time of its own clock.",
+    "Its start is its own: the first sample sets x = z and p = r but is not published, and the second is met with",
+    "the variance of the whole time since the board started. p0, x0 and an outlier gate it does not have.",
+    "A missing sample (NaN) is skipped while the variance grows: predict only, as here.",
+    "Older versions spell it 'platform: kalman_combinator' and have no 'type'.",
+)
+
+_SENSOR = """\
+{about}  - platform: combination
+    type: kalman
+    id: {word}_filtered
+    name: {name}
+    process_std_dev: {process}
+    sources:
+      - source: {word}  # id of your raw sensor
+        error: {error}
+"""
+
+
+def files(job: ExportJob) -> dict[str, str]:
+    """`kalscope_esphome.yaml`.
+
+    Raises:
+        BadSetting: The sample period is unknown, or float32 cannot hold the variances.
+    """
+    if job.sample_period is None:
+        raise BadSetting(
+            "sample_period of the tuning must be known for ESPHome, which counts q per second (got none)"
+        )
+    sensors = (_sensor(job, job.sample_period, *pair) for pair in zip(job.identifiers, job.channels, strict=True))
+    return {"kalscope_esphome.yaml": commented((*about(job), *_TRAPS), "#") + "sensor:\n" + "".join(sensors)}
+
+
+def _sensor(job: ExportJob, period: float, word: str, channel: ChannelTuning) -> str:
+    # √q/√T: q/T alone might overflow.
+    process, error = math.sqrt(channel.q) / math.sqrt(period), math.sqrt(channel.r)
+    _check("q", channel, process, 0.001)
+    _check("r", channel, error, 1.0)
+    return _SENSOR.format(
+        about=commented(about_channel(job, channel), "  #"),
+        word=word,
+        name=quoted(f"{comment_text(channel.name, 40)} filtered"),  # harmless: "${…}" would be substituted
+        process=number_text(process),
+        error=number_text(error),
+    )
+
+
+def _check(name: str, channel: ChannelTuning, deviation: float, factor: float) -> None:
+    """Refuse a variance that float32 loses; `factor` is what ESPHome multiplies it by."""
+    with np.errstate(over="ignore", under="ignore"):
+        variance = float(np.float32(deviation) * np.float32(deviation) * np.float32(factor))
+    smallest, largest = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+    if deviation > 0.0 and not smallest <= variance <= largest:
+        raise BadSetting(
+            f"{name} must be a variance that float32 holds, for ESPHome (got {getattr(channel, name)!r} of"
+            f" {comment_text(channel.name)}, {deviation * min(deviation, sys.float_info.max) * factor:.3g} inside)"
+        )

@@ -1,0 +1,79 @@
+"""ROS 2: a parameter file, written by hand because each value's type must be plain to its reader.
+
+rcl's parser (rcl_yaml_param_parser/src/parse.c) takes `1` for an integer, on which a node that declared a
+double stops; and what strtod reports as out of range, subnormal numbers too, for a text.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from kalscope.errors import BadSetting
+from kalscope.export.header_text import about, about_channel, commented
+from kalscope.export.names import comment_text, number_text, quoted
+
+if TYPE_CHECKING:
+    from kalscope.export.job import ExportJob
+    from kalscope.tuning.tuning import ChannelTuning
+
+_HEAD = """\
+# ROS 2 parameters: ros2 run PACKAGE NODE --ros-args --params-file kalscope_parameters.yaml
+{about}# "/**" gives them to every node; put the name of yours in its place.
+/**:
+  ros__parameters:
+    kalscope:
+{period}      channels: [{words}]
+"""
+
+_CHANNEL = """\
+{about}      {word}:
+        name: {name}
+        process_noise_q: {q}
+        measurement_noise_r: {r}
+{rest}"""
+
+
+def files(job: ExportJob) -> dict[str, str]:
+    """`kalscope_parameters.yaml`.
+
+    Raises:
+        BadSetting: A number is too small for the parser.
+    """
+    period = "" if job.sample_period is None else f"      sample_period: {_number(job.sample_period)}\n"
+    head = _HEAD.format(
+        about=commented(about(job), "#"), period=period, words=", ".join(map(quoted, job.identifiers))
+    )
+    channels = (_channel(job, word, c) for word, c in zip(job.identifiers, job.channels, strict=True))
+    return {"kalscope_parameters.yaml": head + "".join(channels)}
+
+
+def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> str:
+    """A parameter cannot be null or unset: what is automatic is said by a bool, and the number left out."""
+    known = {
+        "start_variance_known": ("start_variance_p0", channel.p0),
+        "start_value_known": ("start_value_x0", channel.x0),
+        "outlier_gate_on": ("outlier_gate", channel.gate),
+    }
+    rest = "".join(
+        f"        {switch}: {'false' if value is None else 'true'}\n"
+        + ("" if value is None else f"        {name}: {_number(value)}\n")
+        for switch, (name, value) in known.items()
+    )
+    return _CHANNEL.format(
+        about=commented(about_channel(job, channel), "      #"),
+        word=f"channel_{word}",  # no name of a channel is a word of the level above
+        name=quoted(comment_text(channel.name)),  # harmless: launch files may substitute "$(…)"
+        q=_number(channel.q),
+        r=_number(channel.r),
+        rest=rest,
+    )
+
+
+def _number(value: float) -> str:
+    if 0.0 < abs(value) < sys.float_info.min:
+        raise BadSetting(
+            f"numbers for ROS 2 must be 0 or at least {sys.float_info.min:.3g} (got {value!r}: its parser takes"
+            " smaller ones for texts)"
+        )
+    return number_text(value)

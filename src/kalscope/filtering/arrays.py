@@ -1,0 +1,97 @@
+"""Measurements, steps and parameters as the kernels want them, checked once for all drivers."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kalscope.errors import BadSetting
+
+if TYPE_CHECKING:
+    from kalscope.filtering.params import FilterParams, Parameter
+
+Array = NDArray[np.float64]
+
+
+def samples_of(z: ArrayLike) -> Array:
+    """Z as float64, a view where it can be; what is masked is missing, so NaN."""
+    if isinstance(z, np.ndarray) and np.iscomplexobj(z):  # asarray would drop the imaginary part
+        raise BadSetting("z must be an array of real numbers (got complex ones)")
+    try:
+        array = np.asarray(z, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise BadSetting("z must be an array of numbers (got something else)") from None
+    return np.where(np.ma.getmaskarray(z), np.nan, array) if isinstance(z, np.ma.MaskedArray) else array
+
+
+def one_channel(z: ArrayLike, params: FilterParams) -> Array:
+    """Z as float64, shape (n,), for what looks at one signal with scalar parameters."""
+    samples = samples_of(z)
+    if samples.ndim != 1 or params.channels is not None:
+        raise BadSetting(f"z must be one channel, shape (n,), with scalar parameters (got {samples.shape})")
+    return samples
+
+
+def columns_of(z: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+    """Z as contiguous rows, one a channel (a view where it can be), and z's own shape."""
+    array = samples_of(z)
+    if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
+        raise BadSetting(f"z must have shape (n,) or (n, channels) (got {array.shape})")
+    rows = array.reshape(1, -1) if array.ndim == 1 else array.T
+    return np.ascontiguousarray(rows), array.shape
+
+
+def shaped_like(rows: Array, shape: tuple[int, ...]) -> Array:
+    """Rows of channels back in the shape of z."""
+    return rows[0] if len(shape) == 1 else np.ascontiguousarray(rows.T)
+
+
+def kernel_values(params: FilterParams, channels: int) -> list[tuple[float, float, float, float, float]]:
+    """q, r, gate, x, p of each channel as the kernels start with them: NaN x and inf p say "automatic"."""
+    if params.channels not in (None, channels):
+        raise BadSetting(f"params must fit z: they hold {params.channels} channels (got z with {channels})")
+
+    def spread(value: Parameter | None, missing: float) -> list[float]:
+        return np.broadcast_to(missing if value is None else value, channels).astype(float).tolist()
+
+    return list(
+        zip(
+            spread(params.q, 0.0),
+            spread(params.r, 0.0),
+            spread(params.gate, math.inf),
+            spread(params.x0, math.nan),
+            spread(params.p0, math.inf),
+            strict=True,
+        )
+    )
+
+
+def steps_of(dt: ArrayLike | None, n: int) -> Array:
+    """Dt as the kernels want it: empty for regular sampling."""
+    if dt is None:
+        return np.empty(0)
+    steps = np.ascontiguousarray(dt, dtype=np.float64)
+    if steps.shape != (n,):
+        raise BadSetting(f"dt must have one value a sample, shape ({n},) (got {steps.shape})")
+    if n and not (np.all(np.isfinite(steps)) and steps.min() >= 0.0):
+        raise BadSetting(f"dt must be finite and not negative (got {steps.min()} to {steps.max()})")
+    return steps
+
+
+def refuse_infinite(columns: Array) -> None:
+    """BadSetting where z holds inf; NaN is a missing sample."""
+    for column in columns:
+        with np.errstate(over="ignore", invalid="ignore"):
+            if math.isfinite(column.sum()):
+                continue
+        where = np.flatnonzero(np.isinf(column))
+        if len(where):
+            raise infinite(column[where[0]], int(where[0]))
+
+
+def infinite(value: float, index: int) -> BadSetting:
+    """The error that names an infinite sample."""
+    return BadSetting(f"z must be finite, or NaN where missing (got {value} at sample {index})")

@@ -1,0 +1,120 @@
+"""The drivers of the filter: over a whole record, x only and fast, or sample by sample as it arrives.
+
+All three call the same compiled `step`; batch and streaming agree bit for bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.errors import BadSetting
+from kalscope.filtering import kernels
+from kalscope.filtering.arrays import (
+    Array,
+    columns_of,
+    infinite,
+    kernel_values,
+    refuse_infinite,
+    shaped_like,
+    steps_of,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from kalscope.filtering.params import FilterParams
+
+
+@dataclass(frozen=True)
+class FilterResult:
+    """What `kalman_filter` computed; arrays have the shape of z, (n,) or (n, channels)."""
+
+    x: Array
+    """Filtered value (posterior mean), unit; NaN before the first finite sample of an automatic start."""
+    p: Array
+    """Posterior variance, unit²; inf before the first finite sample of a diffuse start."""
+    k: Array
+    """Kalman gain, 0 … 1; 0 where a sample was missing or refused by the gate."""
+    innovation: Array
+    """z minus the predicted x, unit; NaN where z is missing or sets the start."""
+    s: Array
+    """Innovation variance, predicted p + r, unit²; inf where a diffuse start is set."""
+    loglik: float | Array
+    """Log-likelihood: sum over the m scored innovations of −½(ln 2π + ln s + v²/s); (channels,) for 2-D z."""
+    m: int | NDArray[np.int64]
+    """Scored innovations: neither missing, nor refused, nor the sample that sets the start."""
+    rejected: int | NDArray[np.int64]
+    """Samples refused by the outlier gate."""
+
+
+def kalman_filter(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> FilterResult:
+    """Filter a record and keep everything the filter knew at each sample.
+
+    Args:
+        z: measurements, shape (n,) or (n, channels: independent filters); NaN is a missing sample.
+        params: q, r, p0, x0 of the model, scalars or (channels,) arrays.
+        dt: nominal sample periods that elapse before each sample, shape (n,), ≥ 0; None = 1 each. dt[0] = 0
+            puts the prior at the first sample.
+
+    Raises:
+        BadSetting: z holds inf or has another shape; dt or params do not fit z.
+
+    Source: Ma'arif et al. (2019), equations (11)–(15); Durbin & Koopman (2012), section 2.2.
+    """
+    columns, shape = columns_of(z)
+    out = tuple(np.empty_like(columns) for _ in range(5))
+    per_channel = kernel_values(params, len(columns))
+    steps = steps_of(dt, columns.shape[1])
+    refuse_infinite(columns)
+    sums = [
+        kernels.filter_channel(column, steps, *values, 0, tuple(o[c] for o in out))
+        for c, (column, values) in enumerate(zip(columns, per_channel, strict=True))
+    ]
+    x, p, k, innovation, s = (shaped_like(o, shape) for o in out)
+    loglik, m, rejected, _ = zip(*sums, strict=True)
+    if len(shape) == 1:
+        return FilterResult(x, p, k, innovation, s, loglik[0], m[0], rejected[0])
+    return FilterResult(x, p, k, innovation, s, np.array(loglik), np.array(m), np.array(rejected))
+
+
+def denoise(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None, out: Array | None = None) -> Array:
+    """The filtered signal only, as fast as memory allows; within 1e-12 · max|z| of `kalman_filter`.
+
+    Args:
+        z: measurements, shape (n,) or (n, channels); NaN is a missing sample.
+        params: q, r, p0, x0 of the model, scalars or (channels,) arrays.
+        dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
+        out: float64 array of z's shape to write into (may be z itself); None = a new one.
+
+    Returns:
+        x, float64, shape of z.
+
+    Raises:
+        BadSetting: z holds inf or has another shape; dt, params or out do not fit z.
+    """
+    columns, shape = columns_of(z)
+    if out is not None:
+        _check_out(out, shape)
+    direct = out is not None and out.ndim == 1 and out.flags.c_contiguous and not np.may_share_memory(out, z)
+    target = out.reshape(1, -1) if out is not None and direct else np.empty_like(columns)
+    steps = steps_of(dt, columns.shape[1])
+    for c, values in enumerate(kernel_values(params, len(columns))):
+        stopped = kernels.denoise_channel(columns[c], steps, *values, target[c])
+        if stopped >= 0:
+            raise infinite(columns[c, stopped], stopped)
+    if out is None:
+        return shaped_like(target, shape)
+    if not direct:
+        out[...] = shaped_like(target, shape)
+    return out
+
+
+def _check_out(out: Array, shape: tuple[int, ...]) -> None:
+    if not isinstance(out, np.ndarray) or out.dtype != np.float64 or out.shape != shape:
+        what = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+        raise BadSetting(f"out must be a float64 array of z's shape {shape} (got {what})")
+    if not out.flags.writeable:
+        raise BadSetting("out must be writeable (got a read-only array)")

@@ -1,0 +1,124 @@
+"""The model's parameters as one frozen, checked value; and the values that a new recording starts with.
+
+The model is the local level: x moves as a random walk of variance q a sample, z = x + noise of variance r.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.errors import BadSetting
+
+LARGEST = 1e300
+"""Largest variance accepted: sums of two of them still fit a double."""
+
+
+Parameter = float | NDArray[np.float64]
+"""One number for every channel, or an array of shape (channels,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilterParams:
+    """Parameters of the scalar Kalman filter: scalars, or arrays of shape (channels,).
+
+    Raises:
+        BadSetting: a value is not a finite number in its range, q and r are both 0, x0 comes without p0, or
+            the arrays have different lengths.
+    """
+
+    q: Parameter
+    """Process-noise variance added per nominal sample period, unit², 0 … 1e300."""
+    r: Parameter
+    """Measurement-noise variance, unit², 0 … 1e300; q and r are not both 0."""
+    p0: Parameter | None = None
+    """Variance of the estimate before the first predict, unit², ≥ 0; None = exact diffuse start."""
+    x0: Parameter | None = None
+    """Estimate before the first predict, unit; None = the first finite sample. Needs p0."""
+    gate: Parameter | None = None
+    """Outlier gate: a sample whose v²/s exceeds it is not used (9 = three sigma), > 0; None = off."""
+
+    def __post_init__(self) -> None:
+        checked = {
+            "q": _variance("q", self.q),
+            "r": _variance("r", self.r),
+            "p0": None if self.p0 is None else _variance("p0", self.p0),
+            "x0": None if self.x0 is None else _estimate(self.x0),
+            "gate": None if self.gate is None else _gate(self.gate),
+        }
+        if self.x0 is not None and self.p0 is None:
+            raise BadSetting(f"x0 needs p0, the variance of that first estimate (got x0 = {self.x0} alone)")
+        lengths = {len(v) for v in checked.values() if isinstance(v, np.ndarray)}
+        if len(lengths) > 1:
+            raise BadSetting(f"parameters must have one value a channel (got {sorted(lengths)} values)")
+        if np.any((np.asarray(checked["q"]) == 0.0) & (np.asarray(checked["r"]) == 0.0)):
+            raise BadSetting("q and r must not both be 0: their ratio decides the filter (got q = 0, r = 0)")
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def channels(self) -> int | None:
+        """Number of channels the arrays speak of; None where all values are scalars."""
+        return next((len(v) for v in self._values() if isinstance(v, np.ndarray)), None)
+
+    @property
+    def ratio(self) -> Parameter:
+        """λ = q / r, dimensionless; inf for r = 0."""
+        with np.errstate(divide="ignore", over="ignore", under="ignore"):
+            value = np.divide(self.q, self.r)
+        return float(value) if np.ndim(value) == 0 else value
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, FilterParams):
+            return NotImplemented
+        return all(map(_same, self._values(), other._values()))
+
+    def __hash__(self) -> int:
+        return hash(tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in self._values()))
+
+    def _values(self) -> tuple[Parameter | None, ...]:
+        return self.q, self.r, self.p0, self.x0, self.gate
+
+
+def _number(name: str, must: str, value: Any) -> Parameter:
+    """`value` as a float or a read-only (channels,) array of finite numbers."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise BadSetting(f"{name} must be {must} (got {value!r})") from None
+    if array.ndim > 1 or array.size == 0 or not np.all(np.isfinite(array)):
+        raise BadSetting(f"{name} must be {must} (got {value})")
+    if array.ndim == 0:
+        return float(array)
+    array.setflags(write=False)
+    return array
+
+
+def _variance(name: str, value: Any) -> Parameter:
+    must = "a finite variance from 0 to 1e300"
+    number = _number(name, must, value)
+    if np.any(np.asarray(number) < 0.0) or np.any(np.asarray(number) > LARGEST):
+        raise BadSetting(f"{name} must be {must} (got {value})")
+    return number
+
+
+def _estimate(value: Any) -> Parameter:
+    return _number("x0", "a finite number in the unit of the signal", value)
+
+
+def _gate(value: Any) -> Parameter:
+    must = "a finite threshold on v²/s above 0, such as 9"
+    number = _number("gate", must, value)
+    if np.any(np.asarray(number) <= 0.0):
+        raise BadSetting(f"gate must be {must} (got {value})")
+    return number
+
+
+def _same(a: Parameter | None, b: Parameter | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    return math.prod(np.shape(a)) == math.prod(np.shape(b)) and np.array_equal(a, b)

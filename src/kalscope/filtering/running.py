@@ -1,0 +1,92 @@
+"""The filter over a record that grows at its end, as a live one does: only what is new is computed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.errors import BadSetting
+from kalscope.filtering import kernels
+from kalscope.filtering.arrays import Array, kernel_values, refuse_infinite, steps_of
+from kalscope.filtering.batch import FilterResult
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from kalscope.filtering.params import FilterParams
+
+FIRST_CAPACITY = 4096
+"""Samples that there is room for at first; the room doubles."""
+
+
+class RunningFilter:
+    """Everything that `kalman_filter` gives, of a record that comes in pieces; equal to it bit for bit.
+
+    What was given out stays as it was: it is a view of rows that are written once.
+    """
+
+    def __init__(self, params: FilterParams) -> None:
+        """Args: q, r, p0, x0 and gate of one channel, scalars."""
+        if params.channels is not None:
+            raise BadSetting(f"params must be of one channel (got {params.channels} channels)")
+        self.params = params
+        self._q, self._r, self._gate, self._x, self._p = kernel_values(params, 1)[0]
+        self._in_a_row = 0
+        self._rows = np.empty((5, FIRST_CAPACITY))
+        self._first = self._last = 0
+        self._loglik, self._m, self._rejected = 0.0, 0, 0
+
+    def __len__(self) -> int:
+        return self._last - self._first
+
+    def extend(self, z: ArrayLike, dt: ArrayLike | None = None) -> None:
+        """Filter the samples that follow.
+
+        Args:
+            z: measurements, shape (n,); NaN is a missing sample.
+            dt: nominal sample periods that elapse before each, shape (n,), ≥ 0; None = 1 each.
+
+        Raises:
+            BadSetting: z holds inf; dt does not fit. What was filtered stays.
+        """
+        new = np.ascontiguousarray(z, dtype=np.float64)
+        if new.ndim != 1:
+            raise BadSetting(f"z must have shape (n,) (got {new.shape})")
+        refuse_infinite(new[None])
+        steps = steps_of(dt, len(new))
+        if not len(new):
+            return
+        self._make_room(len(new))
+        end = self._last + len(new)
+        x, p, k, v, s = (row[self._last : end] for row in self._rows)
+        loglik, m, refused, self._in_a_row = kernels.filter_channel(
+            new, steps, self._q, self._r, self._gate, self._x, self._p, self._in_a_row, (x, p, k, v, s)
+        )
+        self._x, self._p = float(x[-1]), float(p[-1])
+        self._last = end
+        self._loglik, self._m, self._rejected = self._loglik + loglik, self._m + m, self._rejected + refused
+
+    def forget(self, count: int) -> None:
+        """Let the oldest `count` samples go, as many as there are at most; the filter goes on as it would have."""
+        self._first = min(self._first + max(count, 0), self._last)
+
+    @property
+    def result(self) -> FilterResult:
+        """What is kept, arrays of shape (len(self),); loglik, m and rejected are of all that was ever filtered."""
+        x, p, k, v, s = (self._view(row) for row in self._rows)
+        return FilterResult(x, p, k, v, s, self._loglik, self._m, self._rejected)
+
+    def _view(self, row: Array) -> Array:
+        view = row[self._first : self._last]
+        view.flags.writeable = False
+        return view
+
+    def _make_room(self, count: int) -> None:
+        """Move what is kept into new rows where the present ones end: old views must not change."""
+        if self._last + count <= self._rows.shape[1]:
+            return
+        kept = self._last - self._first
+        rows = np.empty((5, max(FIRST_CAPACITY, 2 * (kept + count))))
+        rows[:, :kept] = self._rows[:, self._first : self._last]
+        self._rows, self._first, self._last = rows, 0, kept

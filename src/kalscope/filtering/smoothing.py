@@ -1,0 +1,58 @@
+"""The smoother: the best that can be said of each sample once the whole record is known.
+
+It looks forward as well as back, so a device cannot run it; in the chart it shows what is left to gain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.filtering import smoothing_kernels
+from kalscope.filtering.arrays import columns_of, kernel_values, refuse_infinite, shaped_like, steps_of
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from kalscope.filtering.params import FilterParams
+
+
+@dataclass(frozen=True)
+class SmootherResult:
+    """What `smooth` computed; arrays have the shape of z, (n,) or (n, channels)."""
+
+    x: NDArray[np.float64]
+    """Smoothed value, the mean given all samples, unit; NaN only where z holds no sample and x0 is None."""
+    p: NDArray[np.float64]
+    """Its variance, unit², at most the filter's; inf only where z holds no sample and p0 is None."""
+
+
+def smooth(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> SmootherResult:
+    """Smooth a record over its whole length (fixed interval, Rauch–Tung–Striebel).
+
+    The filter runs forward, then each estimate is corrected by the one after it, with j = p / (p + q dt):
+    x_s = x + j (x_s' − x), p_s = j q dt + j² p_s'. Samples before a diffuse start, and all missing ones, get
+    the value and the variance that their neighbours leave them. A sample that the gate refuses on the way
+    forward counts as missing.
+
+    Args:
+        z: measurements, shape (n,) or (n, channels: independent records); NaN is a missing sample.
+        params: q, r, p0, x0, gate of the model, scalars or (channels,) arrays.
+        dt: nominal sample periods that elapse before each sample, shape (n,), ≥ 0; None = 1 each. dt[0] = 0
+            puts the prior at the first sample.
+
+    Raises:
+        BadSetting: z holds inf or has another shape; dt or params do not fit z.
+
+    Source: Rauch, Tung & Striebel (1965), AIAA J. 3(8); Durbin & Koopman (2012), section 2.4, same values.
+    """
+    columns, shape = columns_of(z)
+    x, p = np.empty_like(columns), np.empty_like(columns)
+    per_channel = kernel_values(params, len(columns))
+    steps = steps_of(dt, columns.shape[1])
+    refuse_infinite(columns)
+    for c, values in enumerate(per_channel):
+        smoothing_kernels.smooth_channel(columns[c], steps, *values, x[c], p[c])
+    return SmootherResult(shaped_like(x, shape), shaped_like(p, shape))

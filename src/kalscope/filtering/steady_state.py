@@ -1,0 +1,160 @@
+"""λ ⇄ gain ⇄ lag ⇄ hertz ⇄ decibel: what a pair (q, r) means once the start is forgotten.
+
+Only λ = q/r shapes the steady filter, x += K (z − x), which is exponential smoothing with α = K. Formulas:
+K solves K² = λ(1 − K) (Durbin & Koopman 2012, section 2.11); computed from √q and √r, so that 1e300 and
+1e-300 neither overflow nor lose digits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.errors import BadSetting
+
+if TYPE_CHECKING:
+    from kalscope.filtering.params import FilterParams
+
+SETTLED = 0.01
+"""A step counts as followed when 1 % of it is left."""
+
+Value = float | NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """The settled filter in the words people ask for; floats, or (channels,) arrays."""
+
+    gain: Value
+    """K, the share of each new difference that is taken over, 0 … 1."""
+    p: Value
+    """Posterior variance K·r, unit²."""
+    lag_samples: Value
+    """Samples by which the output trails a ramp, (1 − K)/K; inf for q = 0."""
+    lag_s: Value | None
+    """The same in s; None without a sample period."""
+    noise_reduction_db: Value
+    """White noise, in to out: −10·log10(K/(2 − K)) dB, 0 = none."""
+    cutoff_hz: Value | None
+    """−3 dB frequency asin(√λ/2)/(πT) in Hz; NaN above λ = 4, where there is none; None without a period."""
+    settle_samples: Value
+    """Samples until a step is followed to within 1 %, ln(0.01)/ln(1 − K)."""
+    time_constant_s: Value | None
+    """−T/ln(1 − K) in s, where 63 % of a step is followed; None without a sample period."""
+
+
+def steady_state(params: FilterParams, sample_period: float | None = None) -> SteadyState:
+    """The settled filter of q and r.
+
+    Args:
+        params: q and r, scalars or (channels,) arrays; p0 and x0 play no part.
+        sample_period: nominal sample period in s, > 0; None leaves the answers in s and Hz out.
+
+    Raises:
+        BadSetting: the sample period is not a positive finite number.
+    """
+    period = None if sample_period is None else _positive("sample_period", sample_period)
+    rows = [_one(q, r, period) for q, r in zip(_flat(params.q, params), _flat(params.r, params), strict=True)]
+    if params.channels is None:
+        return rows[0]
+    names = SteadyState.__dataclass_fields__
+
+    def column(name: str) -> Value | None:
+        values = [getattr(row, name) for row in rows]
+        return None if values[0] is None else np.array(values)
+
+    return SteadyState(**{name: column(name) for name in names})  # pyright: ignore[reportArgumentType]
+
+
+def ratio_for(
+    *,
+    gain: float | None = None,
+    lag_samples: float | None = None,
+    lag_s: float | None = None,
+    cutoff_hz: float | None = None,
+    noise_reduction_db: float | None = None,
+    sample_period: float | None = None,
+) -> float:
+    """λ = q/r of the steady filter that has what is asked; exactly one wish.
+
+    Args:
+        gain: K, 0 < K < 1: λ = K²/(1 − K).
+        lag_samples: samples behind a ramp, > 0: λ = 1/(lag (1 + lag)).
+        lag_s: the same in s; needs sample_period.
+        cutoff_hz: −3 dB frequency, > 0 and at most half the sample rate; needs sample_period:
+            λ = 4 sin²(π f T).
+        noise_reduction_db: white noise in to out, > 0 dB: with ρ = 10^(−dB/10), λ = 4ρ²/(1 − ρ²).
+        sample_period: nominal sample period in s.
+
+    Returns:
+        λ; 0 where it is too small for a float, as for lags beyond 1e154 samples.
+
+    Raises:
+        BadSetting: no wish or several, one out of range, or a wish in s or Hz without a sample period.
+    """
+    wishes = {
+        "gain": gain,
+        "lag_samples": lag_samples,
+        "lag_s": lag_s,
+        "cutoff_hz": cutoff_hz,
+        "noise_reduction_db": noise_reduction_db,
+    }
+    given = {name: value for name, value in wishes.items() if value is not None}
+    if len(given) != 1:
+        raise BadSetting(f"exactly one of {', '.join(wishes)} must be given (got {', '.join(given) or 'none'})")
+    ((name, wish),) = given.items()
+    value = _positive(name, wish)
+    if name == "gain":
+        if value >= 1.0:
+            raise BadSetting(f"gain must lie between 0 and 1 (got {value:g})")
+        return value * value / (1.0 - value)
+    if name == "noise_reduction_db":
+        rho = 10.0 ** (-value / 10.0)
+        return -4.0 * rho * rho / math.expm1(-0.2 * math.log(10.0) * value)
+    if name == "lag_samples":
+        return 1.0 / value / (1.0 + value)
+    if sample_period is None:
+        raise BadSetting(f"{name} needs sample_period, the time between two samples in s (got None)")
+    period = _positive("sample_period", sample_period)
+    if name == "lag_s":
+        return ratio_for(lag_samples=value / period)
+    if value * period > 0.5:
+        raise BadSetting(f"cutoff_hz must be at most half the sample rate, {0.5 / period:g} Hz (got {value:g})")
+    return 4.0 * math.sin(math.pi * value * period) ** 2
+
+
+def _one(q: float, r: float, period: float | None) -> SteadyState:
+    root_q, root_r = math.sqrt(q), math.sqrt(r)
+    widest = root_q + math.hypot(root_q, 2.0 * root_r)  # √q + √(q + 4r)
+    gain = 2.0 * root_q / widest
+    lag = math.inf if q == 0.0 else 2.0 * (root_r / root_q) * (root_r / widest)
+    kept = 2.0 * (root_r / widest) * (2.0 * root_r / widest)  # 1 − K = K²/λ without cancellation
+    decay = -math.log1p(-gain) if gain < 0.5 else (-math.log(kept) if kept > 0.0 else math.inf)
+    constant = math.inf if decay == 0.0 else 1.0 / decay
+    reduction = math.inf if gain == 0.0 else 10.0 * math.log10((2.0 - gain) / gain)
+    cutoff = math.asin(0.5 * root_q / root_r) / math.pi if 0.5 * root_q <= root_r else math.nan
+    return SteadyState(
+        gain=gain,
+        p=gain * r,
+        lag_samples=lag,
+        lag_s=None if period is None else lag * period,
+        noise_reduction_db=reduction,
+        cutoff_hz=None if period is None else cutoff / period,
+        settle_samples=-math.log(SETTLED) * constant,
+        time_constant_s=None if period is None else constant * period,
+    )
+
+
+def _flat(value: Value, params: FilterParams) -> list[float]:
+    return np.broadcast_to(value, params.channels or 1).astype(float).tolist()
+
+
+def _positive(name: str, value: float) -> float:
+    number = float(value)
+    if not (0.0 < number < math.inf):
+        raise BadSetting(f"{name} must be a finite number above 0 (got {value})")
+    return number

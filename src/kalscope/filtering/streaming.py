@@ -1,0 +1,107 @@
+"""The streaming filter: one update a sample."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.errors import BadSetting
+from kalscope.filtering import kernels
+from kalscope.filtering.arrays import (
+    Array,
+    kernel_values,
+    samples_of,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from kalscope.filtering.params import FilterParams
+
+
+class KalmanFilter:
+    """The streaming filter: one `update` a sample, equal to `kalman_filter` bit for bit.
+
+    `x`, `p` and `k` are the state after the last update: floats, or arrays of shape (channels,) once the
+    samples are arrays. Before the first finite sample of a diffuse start x is NaN, p inf and k 0.
+    """
+
+    def __init__(self, params: FilterParams) -> None:
+        self.params = params
+        self._scalar = params.channels is None
+        self._states: list[_State] = [_State(*values) for values in kernel_values(params, params.channels or 1)]
+
+    @property
+    def x(self) -> float | Array:
+        """Filtered value, unit."""
+        return self._gather([state.x for state in self._states])
+
+    @property
+    def p(self) -> float | Array:
+        """Posterior variance, unit²."""
+        return self._gather([state.p for state in self._states])
+
+    @property
+    def k(self) -> float | Array:
+        """Gain of the last update, 0 … 1."""
+        return self._gather([state.k for state in self._states])
+
+    def update(self, z: ArrayLike, dt: float | None = None) -> float | Array:
+        """Take one sample and return the filtered value.
+
+        Args:
+            z: the sample, a number or shape (channels,); NaN is a missing sample (predict only).
+            dt: nominal sample periods since the last sample, ≥ 0; None = 1.
+
+        Raises:
+            BadSetting: z is infinite or has another number of channels; dt is negative. The state stays.
+        """
+        step = 1.0 if dt is None else float(dt)
+        if not (0.0 <= step < math.inf):
+            raise BadSetting(f"dt must be finite and not negative (got {dt})")
+        if self._scalar and isinstance(z, float) and not math.isinf(z):  # the usual case, without arrays
+            state = self._states[0]
+            state.take(z, step)
+            return state.x
+        samples = np.atleast_1d(samples_of(z))
+        if np.ndim(z) == 1 and self._scalar:
+            self._spread(len(samples))
+        if samples.shape != (len(self._states),):
+            raise BadSetting(f"z must hold {len(self._states)} channels (got shape {samples.shape})")
+        if np.isinf(samples).any():
+            raise BadSetting(f"z must be finite, or NaN where missing (got {z})")
+        for state, sample in zip(self._states, samples, strict=True):
+            state.take(float(sample), step)
+        return self.x
+
+    def _spread(self, channels: int) -> None:
+        """Scalar parameters meet an array of channels: one filter each, if none has started."""
+        if self._states[0].started:
+            raise BadSetting(f"z must stay a single number (got {channels} channels)")
+        self._scalar = False
+        self._states = [_State(*values) for values in kernel_values(self.params, channels)]
+
+    def _gather(self, values: list[float]) -> float | Array:
+        return values[0] if self._scalar else np.array(values)
+
+
+class _State:
+    """One channel of the streaming filter."""
+
+    def __init__(self, q: float, r: float, gate: float, x: float, p: float) -> None:
+        self.q, self.r, self.gate, self.x, self.p = q, r, gate, x, p
+        self.k = 0.0
+        self.started = False
+        self._in_a_row = 0
+
+    def take(self, z: float, dt: float) -> None:
+        self.started = True
+        self.x, self.p, self.k, _, _, done = kernels.step(
+            z, dt, self.q, self.r, self.gate, self.x, self.p, self._in_a_row
+        )
+        if done == kernels.REJECTED:
+            self._in_a_row += 1
+        elif done != kernels.MISSING:
+            self._in_a_row = 0

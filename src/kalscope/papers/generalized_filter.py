@@ -1,0 +1,229 @@
+"""The filter of "Single Dimensional Generalized Kalman Filter" (Khan et al.), in two readings.
+
+Both begin with K = σE/(σE + σM) and E ← E + K (M − E), equations (1) and (2). Then
+
+    "printed"        σE ← (1 − K) E(t−1)    equation (3) as it stands: the estimate itself becomes the error
+    "without_slip"   σE ← (1 − K) σE        what was surely meant
+
+The first is a filter whose gain follows the level of the signal; the second is the five-line filter with q = 0,
+r = σM and p0 = σE, whose gain falls like 1/n until it no longer moves. Neither knows time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kalscope.errors import BadSetting
+from kalscope.filtering.arrays import Array, columns_of, refuse_infinite, shaped_like, steps_of
+from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.params import LARGEST, FilterParams
+from kalscope.filtering.streaming import KalmanFilter
+from kalscope.papers import generalized_kernels as kernels
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+READINGS = ("printed", "without_slip")
+"""How equation (3) is read."""
+
+
+@dataclass(frozen=True)
+class GeneralizedParams:
+    """Parameters of the generalized filter, the same for every channel.
+
+    Raises:
+        BadSetting: a value is not a finite number in its range, or the reading is unknown.
+    """
+
+    sigma_m: float
+    """Measured error σM, above 0: in the printed reading an amount in the unit of the signal, in the other
+    one a variance, unit²."""
+    sigma_e0: float | None = None
+    """First estimated error σE, above 0, measured like σM; None = the first estimate itself ("printed"), or an
+    exact diffuse start ("without_slip")."""
+    e0: float | None = None
+    """First estimate E, unit; above 0 in the printed reading; None = the first finite sample."""
+    reading: str = "printed"
+    """Equation (3) as "printed", or "without_slip"."""
+
+    def __post_init__(self) -> None:
+        if self.reading not in READINGS:
+            raise BadSetting(f"reading must be one of {', '.join(READINGS)} (got {self.reading!r})")
+        _check_above_zero("sigma_m", self.sigma_m)
+        if self.sigma_e0 is not None:
+            _check_above_zero("sigma_e0", self.sigma_e0)
+        if self.e0 is not None and self.reading == "printed":
+            _check_above_zero("e0", self.e0)
+        if self.e0 is not None and self.sigma_e0 is None and self.reading == "without_slip":
+            raise BadSetting(f"e0 needs sigma_e0, the error of that first estimate (got e0 = {self.e0} alone)")
+
+    @property
+    def five_line_params(self) -> FilterParams:
+        """The five-line filter that the reading without the slip is: q = 0, r = σM, p0 = σE, x0 = E.
+
+        Raises:
+            BadSetting: the reading is the printed one, which no (q, r) describes.
+        """
+        if self.reading == "printed":
+            raise BadSetting('reading must be "without_slip" to have a q and an r (got "printed")')
+        return FilterParams(q=0.0, r=self.sigma_m, p0=self.sigma_e0, x0=self.e0)
+
+
+@dataclass(frozen=True)
+class FixedPoint:
+    """Where the printed filter settles on a constant signal."""
+
+    sigma_e: float
+    """Estimated error σE, unit."""
+    gain: float
+    """K = σE/(σE + σM), 0 … 1."""
+
+
+def printed_fixed_point(level: float, sigma_m: float) -> FixedPoint:
+    """Where equation (3) as printed settles on a signal of constant `level` E: gain from the level alone.
+
+    σE = (1 − K) E with K = σE/(σE + σM) gives σE² + σM σE − σM E = 0, so
+    σE = (−σM + √(σM² + 4 E σM))/2. The map's slope there is −K, so it is reached with alternating sign, and
+    the closer K to 1 the more slowly.
+
+    Args:
+        level: the estimate E, unit, > 0.
+        sigma_m: measured error σM, unit, > 0.
+
+    Raises:
+        BadSetting: a value is not above 0: then there is no fixed point with a gain between 0 and 1.
+
+    Source: derived from Khan et al., equations (1) and (3).
+    """
+    _check_above_zero("level", level)
+    _check_above_zero("sigma_m", sigma_m)
+    # s = σE/σM solves s² + s = E/σM; this form loses no digits where E is small against σM.
+    u = level / sigma_m
+    s = 2.0 * u / (1.0 + math.sqrt(1.0 + 4.0 * u))
+    return FixedPoint(sigma_e=sigma_m * s, gain=s / (1.0 + s))
+
+
+def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | None = None) -> FilterResult:
+    """Filter a record with the generalized filter; the call and the answer of `kalman_filter`.
+
+    Args:
+        z: measurements, shape (n,) or (n, channels: independent filters); NaN is a missing sample, in which
+            nothing changes.
+        params: σM, the start and the reading of equation (3).
+        dt: checked as everywhere, shape (n,), ≥ 0, but without effect: the filter has no process noise.
+
+    Returns:
+        A FilterResult of z's shape: `x` is E, `p` is σE, `k` is K, `innovation` is M − E, `s` is σE + σM. In the
+        printed reading σE is no variance, so `loglik` is NaN and `m` is 0.
+
+    Raises:
+        BadSetting: z holds inf or has another shape; dt does not fit z; in the printed reading an estimate
+            that is not above 0.
+
+    Source: Khan et al., equations (1)–(3).
+    """
+    columns, shape = columns_of(z)
+    steps_of(dt, columns.shape[1])
+    if params.reading == "without_slip":
+        return kalman_filter(z, params.five_line_params, dt)
+    refuse_infinite(columns)
+    out = tuple(np.empty_like(columns) for _ in range(5))
+    start = _start(params)
+    for c, column in enumerate(columns):
+        stopped = kernels.run(column, params.sigma_m, *start, tuple(o[c] for o in out))
+        if stopped >= 0:
+            raise _not_above_zero(f"at sample {stopped}", float(column[stopped]))
+    x, p, k, innovation, s = (shaped_like(o, shape) for o in out)
+    if len(shape) == 1:
+        return FilterResult(x, p, k, innovation, s, math.nan, 0, 0)
+    none = np.zeros(len(columns), dtype=np.int64)
+    return FilterResult(x, p, k, innovation, s, np.full(len(columns), math.nan), none, none.copy())
+
+
+class GeneralizedFilter:
+    """The streaming generalized filter: one `update` a sample, equal to `generalized_filter` bit for bit.
+
+    `x`, `p` and `k` are E, σE and K after the last update: floats, or arrays of shape (channels,) once the
+    samples are arrays.
+    """
+
+    def __init__(self, params: GeneralizedParams) -> None:
+        self.params = params
+        self._kalman = KalmanFilter(params.five_line_params) if params.reading == "without_slip" else None
+        self._states: list[tuple[float, float, float]] = [(*_start(params), 0.0)]
+        self._scalar, self._started = True, False
+
+    @property
+    def x(self) -> float | Array:
+        """Filtered value E, unit."""
+        return self._gather(0) if self._kalman is None else self._kalman.x
+
+    @property
+    def p(self) -> float | Array:
+        """Estimated error σE."""
+        return self._gather(1) if self._kalman is None else self._kalman.p
+
+    @property
+    def k(self) -> float | Array:
+        """Gain of the last update, 0 … 1."""
+        return self._gather(2) if self._kalman is None else self._kalman.k
+
+    def update(self, z: ArrayLike, dt: float | None = None) -> float | Array:
+        """Take one sample and return the filtered value.
+
+        Args:
+            z: the sample, a number or shape (channels,); NaN is a missing sample.
+            dt: checked, ≥ 0, but without effect.
+
+        Raises:
+            BadSetting: z is infinite or has another number of channels; dt is negative; in the printed
+                reading an estimate that would not be above 0. The state stays.
+        """
+        if self._kalman is not None:
+            return self._kalman.update(z, dt)
+        if dt is not None and not (0.0 <= float(dt) < math.inf):
+            raise BadSetting(f"dt must be finite and not negative (got {dt})")
+        samples = np.atleast_1d(np.asarray(z, dtype=np.float64))
+        if np.isinf(samples).any():
+            raise BadSetting(f"z must be finite, or NaN where missing (got {z})")
+        first_array = np.ndim(z) == 1 and self._scalar and not self._started
+        states = self._states * len(samples) if first_array else self._states
+        if samples.shape != (len(states),):
+            raise BadSetting(f"z must hold {len(states)} channels (got shape {samples.shape})")
+        self._states = [self._advanced(float(m), *state) for m, state in zip(samples, states, strict=True)]
+        self._scalar, self._started = self._scalar and not first_array, True
+        return self.x
+
+    def _advanced(self, m: float, e: float, sigma_e: float, _: float) -> tuple[float, float, float]:
+        e, sigma_e, k, _, _ = kernels.step(m, self.params.sigma_m, e, sigma_e)
+        if e <= 0.0:
+            raise _not_above_zero("now", m)
+        return e, sigma_e, k
+
+    def _gather(self, field: int) -> float | Array:
+        values = [state[field] for state in self._states]
+        return values[0] if self._scalar else np.array(values)
+
+
+def _start(params: GeneralizedParams) -> tuple[float, float]:
+    """E and σE as the kernel starts with them: NaN and inf say "automatic"."""
+    e = math.nan if params.e0 is None else float(params.e0)
+    return e, math.inf if params.sigma_e0 is None else float(params.sigma_e0)
+
+
+def _not_above_zero(when: str, sample: float) -> BadSetting:
+    return BadSetting(
+        "equation (3) as printed needs estimates above 0, because it takes the estimate for an error"
+        f" (got an estimate of 0 or less {when}, where the sample is {sample:g}); add an offset to the signal,"
+        ' start from an e0 above 0, or choose the reading "without_slip"'
+    )
+
+
+def _check_above_zero(name: str, value: Any) -> None:
+    number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    if not number or not 0.0 < value <= LARGEST:
+        raise BadSetting(f"{name} must be a finite number above 0 (got {value!r})")

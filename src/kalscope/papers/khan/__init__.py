@@ -1,0 +1,1 @@
+"""Khan et al.: the single-dimensional generalized Kalman filter."""

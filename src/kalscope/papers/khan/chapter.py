@@ -1,0 +1,262 @@
+"""The chapter of the page on Khan et al.: the slip in equation (3), its fixed point, figures 7–10."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.common.svg import Line, Panel, draw
+from kalscope.errors import BadSetting
+from kalscope.filtering.batch import denoise
+from kalscope.papers.diagrams import block_diagram
+from kalscope.papers.generalized_filter import GeneralizedParams, generalized_filter, printed_fixed_point
+from kalscope.papers.khan import paper
+from kalscope.papers.khan.paper import GainRow, LevelRow, channel
+from kalscope.papers.parts import Chapter, Check, Figure, Report, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def chapter(report: Report) -> Chapter:
+    """Everything of this paper, drawn and checked."""
+    report(0.0, "figures 7 to 10")
+    gains, levels = paper.try_gains(), paper.try_levels()
+    recovered = _samples_to_forget()
+    smooth, honest = paper.water_noise(paper.WATER), paper.water_noise(paper.WATER_DATASHEET)
+    return Chapter(
+        key="generalized",
+        title="Single Dimensional Generalized Kalman Filter",
+        citation="Z. Khan, H. Bugti, A. S. Bugti, BUITEMS, Quetta. Equations (1)–(3).",
+        intro=(
+            "Three lines without q: gain, estimate, error. The third, as printed, multiplies 1 − K by the previous"
+            " estimate instead of the previous error. Both readings are filters of their own here, “printed” and"
+            " “without_slip”; neither is the five-line filter with a process noise.",
+        ),
+        blocks=(
+            _figure_1(),
+            _level_table(levels),
+            _figure_7(recovered),
+            _figure_8(),
+            _figure_9(smooth, honest),
+            _figure_10(),
+            _gain_table(gains),
+            _failure_table(),
+        ),
+        checks=_checks(gains, levels, recovered, smooth),
+        results={
+            "fixed_point": [asdict(row) for row in levels],
+            "figure_7": {"samples_to_forget_the_start": recovered},
+            "figure_9": {"noise_left_sigma_m_200": smooth, "noise_left_sigma_m_0_8": honest},
+            "figure_10": [asdict(row) for row in gains],
+            "frozen_gain_after_1000": paper.frozen_gain(1000),
+        },
+    )
+
+
+def _checks(
+    gains: Sequence[GainRow], levels: Sequence[LevelRow], recovered: int, smooth: float
+) -> tuple[Check, ...]:
+    """What the figures show beside what the theory says."""
+    return (
+        *(
+            Check(f"Printed filter at {row.level}: settled gain", row.simulated, row.formula, 1e-9, relative=True)
+            for row in levels
+        ),
+        Check("Without the slip: gain after 1000 samples", paper.frozen_gain(1000), 1e-3, 1e-12, relative=True),
+        Check(
+            "Figure 7: samples until a start at 1500 is forgotten",
+            recovered,
+            paper.expected_recovery(3.0),
+            0.35,
+            relative=True,
+        ),
+        Check(
+            "Figure 9: noise left with σM = 200 °C",
+            smooth,
+            paper.expected_water_noise(paper.WATER),
+            0.15,
+            relative=True,
+        ),
+        *(
+            Check(
+                f"Figure 10: lag at K = {row.gain:g}, samples",
+                row.lag,
+                row.lag_theory,
+                0.2 + 0.03 * row.lag_theory,
+            )
+            for row in gains
+        ),
+    )
+
+
+def _samples_to_forget() -> int:
+    """Figure 7: samples until the start at 1500 counts is within 3 counts of a start at the first sample."""
+    z = channel("flex_sensor")
+    started_well = generalized_filter(z, GeneralizedParams(paper.FLEX.sigma_m)).x
+    return paper.samples_to_recover(generalized_filter(z, paper.FLEX).x, started_well, within=3.0)
+
+
+def _figure_1() -> Figure:
+    return Figure(
+        "Figure 1: the data flow, and the slip",
+        block_diagram(),
+        "σE and σM give the gain; the gain and M give the estimate; the gain and one more value give the next"
+        " σE. The dashed arrow is what equation (3) prints, the solid one below what its words ask for.",
+        "With the dashed arrow the error follows the signal, not the noise: σE settles at (−σM + √(σM² +"
+        " 4EσM))/2, which knows nothing of how noisy the sensor is. With the solid one there is no process"
+        " noise, and the gain falls as 1/n.",
+    )
+
+
+def _level_table(levels: Sequence[LevelRow]) -> Table:
+    rows = tuple(
+        (row.level, f"{row.sigma_m:g}", f"{row.formula:.4f}", f"{abs(row.simulated - row.formula):.0g}")
+        for row in levels
+    )
+    return Table(
+        "The printed filter's gain comes from the level and the unit",
+        ("constant signal", "σM in its unit", "settled gain", "|simulated − formula|"),
+        rows,
+        "Gain at the fixed point, and the filter after 5000 samples of that constant. Multiplying E and σM by"
+        " the same factor changes nothing; moving the zero (°C, °F, K) does.",
+        "The same sensor with the same noise is filtered at 1 count and hardly at all at 1000; the same water gets"
+        " another filter in °C, °F and K.",
+    )
+
+
+def _figure_7(recovered: int) -> Figure:
+    z = channel("flex_sensor")
+    time = 0.02 * np.arange(len(z))
+    frozen = generalized_filter(z, paper.without_slip(paper.FLEX, 12.0)).x
+    first, whole = slice(0, 400), slice(0, 1000)
+    printed = generalized_filter(z, paper.FLEX).x
+    panels = [
+        Panel(
+            "Equation (3) as printed, σM = 1500, first estimate 1500",
+            (
+                Line(time[first], z[first], "raw", "raw"),
+                Line(time[first], printed[first], "as printed", "s2"),
+            ),
+            "time / s",
+            "counts",
+        ),
+        Panel(
+            "Without the slip: σM and σE are variances, 12² and 1500²",
+            (
+                Line(time[whole], z[whole], "raw", "raw"),
+                Line(time[whole], frozen[whole], "without the slip", "s1"),
+            ),
+            "time / s",
+            "counts",
+        ),
+    ]
+    return Figure(
+        "Figure 7: flex sensor with a high first estimate",
+        draw(panels, "Flex sensor filtered by both readings"),
+        "Servo sweeps of 1.8 s. The paper gives no σM; the one above makes the printed equation look like its"
+        " picture.",
+        f"The start is forgotten after {recovered} samples, as the paper says, and the output trails the servo."
+        " Only the printed reading can do that: without the slip the filter freezes within one sweep. But σM ="
+        " 1500 counts on a sensor of at most 650 is no data sheet's error.",
+    )
+
+
+def _figure_8() -> Figure:
+    z = channel("ldr_pwm")
+    time = 0.02 * np.arange(len(z))
+    result = generalized_filter(z, paper.LDR)
+    panels = [
+        Panel(
+            "LDR under a brightening LED, as printed, σM = 500",
+            (Line(time, z, "raw", "raw"), Line(time, result.x, "as printed", "s2")),
+            "time / s",
+            "counts",
+        ),
+        Panel("Its gain", (Line(time, result.k, "gain K", "s3"),), "time / s", "K", (0.0, 0.25)),
+    ]
+    return Figure(
+        "Figure 8: LDR ramp",
+        draw(panels, "LDR ramp and the gain of the printed filter", columns=2, height=280),
+        "First estimate 1 count, σE = 1: at 0 the printed equation would never leave its start.",
+        f"As in the paper the curve rises late and then follows with some noise left; the printed equation explains"
+        f" both: its gain grows with the level, from {result.k[:50].mean():.3f} in the dark to"
+        f" {result.k[-50:].mean():.2f} in the light.",
+    )
+
+
+def _figure_9(smooth: float, honest: float) -> Figure:
+    z = channel("hot_water")
+    time = 0.1 * np.arange(len(z))
+    panels = []
+    for params, style in ((paper.WATER, "s2"), (paper.WATER_DATASHEET, "s4")):
+        x = generalized_filter(z, params).x
+        lines = (Line(time, z, "raw", "raw"), Line(time, x, f"as printed, σM = {params.sigma_m:g} °C", style))
+        panels.append(Panel(f"σM = {params.sigma_m:g} °C", lines, "time / s", "temperature / °C", (0.0, 70.0)))
+    return Figure(
+        "Figure 9: temperature",
+        draw(panels, "Temperature filtered with two measured errors", columns=2, height=280),
+        "A coarse sensor, 0.49 °C a count, noise of 0.8 °C; hot water at 60 s.",
+        f"With σM = 200 °C it is the smooth, late curve of the paper ({100 * smooth:.0f} % of the noise left)."
+        f" With the error that the sensor really has, 0.8 °C, {100 * honest:.0f} % of the noise is left: the data"
+        " sheet's value, which the paper advises, hardly filters.",
+    )
+
+
+def _figure_10() -> Figure:
+    z = channel("ldr_pwm")
+    time = 0.02 * np.arange(len(z))
+    filtered = [denoise(z, paper.fixed_gain(gain, float(z[0]))) for gain in paper.GAINS]
+    panels = []
+    for title, shown in (("LDR ramp", slice(0, 1500)), ("2 s of it", slice(700, 800))):
+        lines = [Line(time[shown], z[shown], "raw", "raw")]
+        for gain, x, style in zip(paper.GAINS, filtered, ("s1", "s3", "s2", "s4"), strict=True):
+            lines.append(Line(time[shown], x[shown], f"K = {gain:g}", style))
+        panels.append(Panel(title, tuple(lines), "time / s", "counts"))
+    return Figure(
+        "Figure 10: LDR under fixed gains",
+        draw(panels, "LDR ramp under four fixed gains", columns=2, height=340),
+        "The five-line filter with λ = K²/(1 − K) and p0 = K r, whose gain is K from the first sample on. The"
+        " paper does not give its gains.",
+        "The smaller the gain, the farther the curve drifts from the reading, as the paper shows (its next"
+        " sentence, that it gets worse as the gain increases, is a slip).",
+    )
+
+
+def _gain_table(gains: Sequence[GainRow]) -> Table:
+    rows = tuple(
+        (f"{row.gain:g}", f"{row.lag:.2f}", f"{row.lag_theory:.2f}", f"{100 * row.noise:.0f} %") for row in gains
+    )
+    return Table(
+        "Figure 10 in numbers",
+        ("gain K", "lag measured / samples", "(1 − K)/K", "jumps left"),
+        rows,
+        "Lag: mean distance to the raw ramp over its slope. Jumps: second differences, output over input.",
+        "The paper's “delayed estimate” has a formula, and it holds, as well as the ramp is straight.",
+    )
+
+
+def _failure_table() -> Table:
+    rows = []
+    cases = (
+        ("a reading of −50 after one of 3", np.array([3.0, -50.0]), GeneralizedParams(3.0)),
+        ("a first sample of 0", np.array([0.0, 1.0]), GeneralizedParams(4.0)),
+    )
+    for name, z, params in cases:
+        try:
+            generalized_filter(z, params)
+        except BadSetting as error:
+            rows.append((name, str(error)))
+    settled = printed_fixed_point(100.0, 4.0)
+    return Table(
+        "The printed filter at zero and below",
+        ("signal", "what Kalscope answers"),
+        tuple(rows),
+        f"At 100 counts and σM = 4 the filter settles at K = {settled.gain:.3f}. At an estimate of 0 the error is"
+        " 0, so the gain is 0 and stays 0; below it the “error” is negative, and the gain leaves 0 … 1.",
+        "A signal that crosses zero cannot be filtered by equation (3) as printed; the filter says so instead of"
+        " freezing or exploding.",
+        words=True,
+    )

@@ -1,0 +1,134 @@
+"""What a reproduced document consists of: an entry to open, checks with tolerances, figures and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from kalscope.filtering.params import FilterParams
+from kalscope.papers.generalized_filter import GeneralizedParams
+
+if TYPE_CHECKING:
+    from kalscope.recording import Recording
+
+Settings = FilterParams | GeneralizedParams
+"""Parameters of one of the filters; `run_filter` knows them all."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One figure or table of a source document, as something to open."""
+
+    name: str
+    """What follows "experiment:", letters, digits and underscores."""
+    title: str
+    """For a list, such as "Figure 6: R = 1, Q = 0.01"."""
+    paper: str
+    """The document, in short."""
+    figure: str
+    """Where in the document, such as "Figure 6"."""
+    summary: str
+    """One line: what is to be seen."""
+    load: Callable[[], tuple[Recording, dict[str, Settings]]]
+    """Makes the recording and the settings by channel; equal at every call."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """A reproduced number, what it should be, and how far it may be off."""
+
+    name: str
+    """What the number is, in words."""
+    value: float
+    """The number reproduced."""
+    expected: float
+    """The number printed, or derived."""
+    tolerance: float
+    """Largest |value − expected|, in the same unit; with `relative` a share of |expected|."""
+    relative: bool = False
+    """Whether the tolerance is a share of |expected|."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the number stays in its tolerance; NaN never does."""
+        allowed = self.tolerance * abs(self.expected) if self.relative else self.tolerance
+        return abs(self.value - self.expected) <= allowed
+
+    def __str__(self) -> str:
+        share = f"{100 * self.tolerance:g} %" if self.relative else f"{self.tolerance:g}"
+        return f"{self.name} must be {self.expected:.6g} within {share} (got {self.value:.6g})"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture with its words."""
+
+    title: str
+    """The document's own number and what is drawn."""
+    svg: str
+    """The picture, an inline <svg> element."""
+    caption: str
+    """What was drawn, and with which settings."""
+    verdict: str
+    """One sentence: does it look as the document says?"""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers with their words."""
+
+    title: str
+    """What the table holds."""
+    head: tuple[str, ...]
+    """Column headings."""
+    rows: tuple[tuple[str, ...], ...]
+    """Cells, as text; one a heading."""
+    caption: str
+    """How the numbers were made."""
+    verdict: str
+    """One sentence: what they say."""
+    words: bool = False
+    """Whether the cells are sentences, not numbers."""
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """One document, reproduced."""
+
+    key: str
+    """Its name in results.json."""
+    title: str
+    """Its title."""
+    citation: str
+    """Authors, place and year."""
+    intro: tuple[str, ...]
+    """Paragraphs before the first figure."""
+    blocks: tuple[Figure | Table, ...]
+    """Figures and tables, in the order of the document."""
+    checks: tuple[Check, ...]
+    """What must stay in its tolerance."""
+    results: dict[str, Any]
+    """The numbers, as JSON takes them."""
+
+
+Report = Callable[[float, str], None]
+"""Told the fraction of a chapter that is done, 0 … 1, and what is being done."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How many random draws an average is taken over."""
+
+    table_draws: int
+    """Signals behind each simulated number of Table 1."""
+    limit_draws: int
+    """Signals behind each point of the tests of the advice."""
+    estimate_draws: int
+    """Recordings whose q and r are estimated."""
+
+
+FULL = Effort(table_draws=4000, limit_draws=200, estimate_draws=200)
+"""Averages good to a few parts in a thousand."""
+QUICK = Effort(table_draws=1000, limit_draws=40, estimate_draws=60)
+"""Rougher averages, inside the same tolerances."""

@@ -1,0 +1,82 @@
+"""All three documents in one go: chapters, checks, the page and the numbers."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+from kalscope.papers.disagreements import DISAGREEMENTS
+from kalscope.papers.interactive_matter_2009 import chapter as lis302dl_page
+from kalscope.papers.khan import chapter as generalized_page
+from kalscope.papers.maarif_2019 import chapter as noise_reducer_page
+from kalscope.papers.page import page
+from kalscope.papers.parts import FULL, QUICK, Chapter, Check, Report
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """What `kalscope reproduce` writes. Equal at every run with the same effort on the same machine."""
+
+    chapters: tuple[Chapter, ...]
+    """One a document."""
+    html: str
+    """The whole page, self-contained."""
+    results: dict[str, Any]
+    """The numbers, as JSON takes them: "checks", "disagreements", and one entry a document."""
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """The checks of all documents."""
+        return tuple(check for chapter in self.chapters for check in chapter.checks)
+
+    @property
+    def failed(self) -> tuple[Check, ...]:
+        """Reproduced numbers that left their tolerance."""
+        return tuple(check for check in self.checks if not check.passed)
+
+    @property
+    def json(self) -> str:
+        """`results` as text, indented."""
+        return json.dumps(self.results, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def reproduce(quick: bool = False, progress: Callable[[float, str], None] | None = None) -> Reproduction:
+    """Reproduce the documents' figures and tables.
+
+    Args:
+        quick: fewer random draws, inside the same tolerances.
+        progress: called with the fraction done, 0 … 1, and what is being done; None = nobody looks.
+
+    Returns:
+        The page, the numbers and the checks; numbers outside their tolerance are in `failed`, not raised.
+    """
+    effort = QUICK if quick else FULL
+
+    def from_to(start: float, stop: float) -> Report:
+        """The reporter of the chapter that takes this part of the time."""
+
+        def report(fraction: float, text: str) -> None:
+            if progress is not None:
+                progress(start + (stop - start) * fraction, text)
+
+        return report
+
+    chapters = (
+        noise_reducer_page.chapter(effort, from_to(0.0, 0.7)),
+        generalized_page.chapter(from_to(0.7, 0.8)),
+        lis302dl_page.chapter(effort, from_to(0.8, 1.0)),
+    )
+    installed = version("kalscope")
+    results: dict[str, Any] = {"kalscope": installed, "quick": quick}
+    results["passed"] = all(check.passed for chapter in chapters for check in chapter.checks)
+    results |= {chapter.key: chapter.results for chapter in chapters}
+    results["disagreements"] = [asdict(one) for one in DISAGREEMENTS]
+    results["checks"] = [
+        {**asdict(check), "passed": check.passed} for chapter in chapters for check in chapter.checks
+    ]
+    return Reproduction(chapters, page(chapters, DISAGREEMENTS, installed), results)

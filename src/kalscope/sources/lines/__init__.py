@@ -1,0 +1,1 @@
+"""Lines of text to rows of numbers, sans-I/O."""

@@ -1,0 +1,188 @@
+"""How one line of a source may be written, and how it comes apart: tables, labels, Teleplot, stamps, checksums.
+
+Pure functions on one line of text. What the cells mean is for `columns` and `timestamps`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from functools import reduce
+from typing import TYPE_CHECKING, Literal
+
+from kalscope.sources.lines.cells import NUMBER, is_number, split_fields
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Pairs = list[tuple[str, str]]
+
+_LABEL_PAIR = re.compile(r"([^\s:]+)\s*:\s*(\S+)")
+# The Arduino IDE writes "->", PlatformIO's monitor ">".
+_MONITOR_STAMP = re.compile(r"\s*([0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]+)?)\s*-?>\s?(.*)", re.DOTALL)
+_CHECKSUM = re.compile(r"\s*\$?(.*)\*([0-9A-Fa-f]{2})\s*", re.DOTALL)
+_TELEPLOT = re.compile(r"\s*>([^:>|§]+):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class LineFormat:
+    """How the data lines of one source are written."""
+
+    kind: Literal["table", "labels", "teleplot"] = "table"
+    """"table": values in fixed places; "labels": `name:value` pairs; "teleplot": `>name:ms:value§unit`."""
+    delimiter: str = ","
+    """Between the cells of a table: one of `, ; TAB |`, or a space for any run of blanks."""
+    decimal: str = "."
+    """Decimal mark, "." or ","; never equal to the delimiter."""
+    labels: tuple[str, ...] = ()
+    """Labels in column order; () for a table."""
+    stamped: bool = False
+    """True where each line begins with the Arduino IDE's `12:00:00.023 -> `; that stamp is cell 0."""
+    checksum: bool = False
+    """True where each line ends with a checksum: one without it was cut."""
+
+
+@dataclass(frozen=True)
+class Teleplot:
+    """One line of Teleplot: a variable and its samples."""
+
+    name: str
+    """Name of the variable."""
+    samples: tuple[tuple[str, str], ...]
+    """(stamp in ms or "", value) of each sample, as text."""
+    unit: str = ""
+    """What follows the §; "" where nothing does."""
+
+
+def split_labels(line: str) -> Pairs | None:
+    """(label, value text) pairs of `a:1,b:2`, `a: 1 b: 2`, `Sensor Value: 155, Volts: 0.76`, `>a:1`.
+
+    Returns:
+        None where the line is not wholly made of pairs, or a label is a number (`12:30:05`).
+    """
+    found = find_labels(line)
+    return None if found is None or found[1] else found[0]
+
+
+def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
+    """The pairs of a line, and the bare numbers among them that no label claims: `a:1 5`.
+
+    Returns:
+        None where anything else stands on the line. Between commas a bare number could be the decimals of
+        the value before it, so there it is refused as well.
+    """
+    text = line.strip().removeprefix(">")
+    ignored: list[str] = []
+    if any(mark in text for mark in ",;\t"):
+        parts = [part for part in re.split(r"[,;\t]", text) if part.strip()]
+        pairs = [(label.strip(), value.strip()) for label, _, value in (part.partition(":") for part in parts)]
+        complete = all(":" in part for part in parts)
+    elif text.count(":") == 1 and not _trailing_numbers(text):
+        label, _, value = text.partition(":")
+        pairs, complete = [(label.strip(), value.strip())], True
+    else:
+        pairs = _LABEL_PAIR.findall(text)
+        ignored = _LABEL_PAIR.sub(" ", text).split()
+        complete = all(is_number(token) for token in ignored)
+    if not pairs or not complete or any(not label or is_number(label) for label, _ in pairs):
+        return None
+    return pairs, ignored
+
+
+def _trailing_numbers(text: str) -> bool:
+    """True for `a:1 5`: a value that is a number, and numbers behind it."""
+    words = text.partition(":")[2].split()
+    return len(words) > 1 and all(map(is_number, words))
+
+
+def split_teleplot(line: str) -> Teleplot | None:
+    """The parts of `>name:value`, `>name:ms:value§unit`, `>name:1000:1;2000:2`; None for any other line.
+
+    Texts (`|t`) and shapes (`>3D|…`) are no samples.
+    """
+    match = _TELEPLOT.fullmatch(line)
+    if match is None or "t" in (match[4] or "").split(","):
+        return None
+    samples = []
+    for part in match[2].split(";"):
+        stamp, colon, value = part.rpartition(":")
+        if ":" in stamp or (colon and not is_number(stamp.strip())):
+            return None
+        samples.append((stamp.strip(), value.strip()))
+    return Teleplot(match[1].strip(), tuple(samples), (match[3] or "").strip())
+
+
+def split_stamp(line: str) -> tuple[str, str] | None:
+    """(`12:00:00.023`, rest) of a line copied from the Arduino IDE's monitor; None for any other line."""
+    match = _MONITOR_STAMP.fullmatch(line)
+    return (match[1], match[2]) if match else None
+
+
+def split_checksum(line: str) -> tuple[str, int, int] | None:
+    """(payload, checksum written, checksum of the payload) of `1,2,3*02`; None where none is written.
+
+    As in NMEA 0183: two hexadecimal digits, the XOR of all bytes between a leading `$`, if any, and the `*`.
+    """
+    match = _CHECKSUM.fullmatch(line)
+    if match is None:
+        return None
+    return match[1], int(match[2], 16), reduce(int.__xor__, match[1].encode(), 0)
+
+
+def split_line(line: str, form: LineFormat) -> list[str] | None:
+    """Cells of one line of a table or of labels, in column order; the checksum taken off before.
+
+    Returns:
+        None where a labelled line holds no pairs, an unknown label or one label twice, and where the
+        stamp of a stamped line is missing. The number of cells of a table line is for the caller to check.
+    """
+    head: list[str] = []
+    if form.stamped:
+        stamped = split_stamp(line)
+        if stamped is None:
+            return None
+        head, line = [stamped[0]], stamped[1]
+    if form.kind == "table":
+        return head + split_fields(line, form.delimiter)
+    pairs = split_labels(line)
+    if pairs is None:
+        return None
+    found = dict(pairs)
+    if len(found) != len(pairs) or not found.keys() <= set(form.labels):
+        return None
+    return head + [found.get(label, "") for label in form.labels]
+
+
+def plain_row_parser(form: LineFormat, width: int) -> Callable[[str], list[float] | None]:
+    """The fast path: a function from a line of nothing but `width` numbers, newline included, to the numbers.
+
+    It answers None for every other line, which then takes the slow path; the two agree wherever it answers.
+    """
+    if form.kind != "table" or form.stamped or form.checksum:
+        return lambda _: None
+    delimiter, decimal = form.delimiter, form.decimal
+    allowed = re.compile(f"[-+0-9eE \t{re.escape(delimiter)}{re.escape(decimal)}]+\n")
+    number = NUMBER[decimal]
+
+    def parse(line: str) -> list[float] | None:
+        if not allowed.fullmatch(line):
+            return None
+        cells = line.split() if delimiter == " " else line.split(delimiter)
+        if len(cells) != width:
+            return None
+        if decimal == ",":
+            # float() takes "5." but this grammar does not take "5,": leave the odd ones to the slow path.
+            if not all(number.fullmatch(cell.strip(" \t\n")) for cell in cells):
+                return None
+            cells = [cell.replace(",", ".") for cell in cells]
+        try:
+            values = list(map(float, cells))
+        except ValueError:
+            return None
+        # Only an exponent or 300 digits can reach infinity.
+        if (len(line) > 300 or "e" in line or "E" in line) and not all(map(math.isfinite, values)):
+            return None
+        return values
+
+    return parse

@@ -1,0 +1,282 @@
+"""Bytes in, lines of a log out, as they come: for the live port, for stdin, for replays. No file, no port.
+
+    parser = LineParser()
+    parser.feed(port.read())
+    while (event := parser.next_line()) is not None:
+        ...
+
+The layout is found by looking, as for a file: at the first line with data, and again while the head of the
+stream shows lines that do not fit. From then on each line is read by the `LineReader` of the file reader, so
+the same bytes mean the same everywhere. The functions that take a single line apart are offered here as well.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from typing import TYPE_CHECKING
+
+from kalscope.sources.lines.cells import (
+    COMMENT_MARKS,
+    MISSING,
+    is_blank,
+    is_comment,
+    is_number,
+    parse_number,
+    split_fields,
+)
+from kalscope.sources.lines.line_format import (
+    LineFormat,
+    plain_row_parser,
+    split_checksum,
+    split_labels,
+    split_line,
+    split_stamp,
+    split_teleplot,
+)
+from kalscope.sources.lines.line_reader import LONGEST_TEXT, TAIL_LINES, Kind, LineEvent, LineReader, rejected
+from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.lines.sniffer import Layout, sniff
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+__all__ = [
+    "COMMENT_MARKS",
+    "LONGEST_LINE",
+    "MISSING",
+    "LineEvent",
+    "LineFormat",
+    "LineParser",
+    "comma_line",
+    "is_blank",
+    "is_comment",
+    "is_number",
+    "parse_number",
+    "plain_row_parser",
+    "split_checksum",
+    "split_fields",
+    "split_labels",
+    "split_line",
+    "split_stamp",
+    "split_teleplot",
+]
+
+LONGEST_LINE = 65_536
+"""Bytes of one line, ten times the widest table; a longer one is no line of numbers and is dropped as it comes."""
+
+HEAD_BYTES = 65_536
+"""How much of the stream may still change the layout, as much as is looked at of a file."""
+
+_ALIKE, _MANY_ALIKE = 3, 8
+"""Different lines with words beside numbers, or any, that it takes to believe that these are rows."""
+
+_NEWLINE = re.compile(rb"[\r\n]")
+
+
+class LineParser:
+    r"""Turns a stream of bytes into `LineEvent`s. Holds one line and the head of the stream, no more.
+
+    Lines end with \n, \r\n or \r. They are UTF-8, or where they are not, Latin-1.
+    """
+
+    def __init__(
+        self, options: ReadOptions = DEFAULTS, *, layout: Layout | None = None, skip_first: bool = False
+    ) -> None:
+        """Begin a stream.
+
+        Args:
+            options: What is decided already; everything else is found by looking.
+            layout: How the lines are written, where that is known; it then never changes.
+            skip_first: Drop the first line: a port that was just opened may begin inside it.
+        """
+        self._options = options
+        self._reader = LineReader(layout, options) if layout is not None else None
+        self._settled = layout is not None
+        self._skip_first = skip_first
+        self._buffer = bytearray()
+        self._searched = 0  # bytes of the buffer known to hold no newline
+        self._after_cr = False
+        self._overlong = False
+        self._head: list[str] = []
+        self._head_bytes = 0
+        self._misfits = 0
+        self._before: deque[str] = deque(maxlen=TAIL_LINES)
+        self._number = 0
+
+    @property
+    def layout(self) -> Layout | None:
+        """How the lines are written, as far as is known; None before the first line with data.
+
+        The rows of an event are of the layout at that moment: it is another object after an event that
+        changed it, because new labels bring new columns.
+        """
+        return None if self._reader is None else self._reader.layout
+
+    @property
+    def buffered(self) -> int:
+        """Bytes that wait for the end of their line or for `next_line`."""
+        return len(self._buffer)
+
+    def feed(self, data: bytes) -> None:
+        """Store what has come; any number of bytes, cut anywhere."""
+        self._buffer += data
+
+    def restart(self) -> bool:
+        """The stream was broken off and begins anew; the layout stays known.
+
+        Returns:
+            True where the beginning of a line was thrown away.
+        """
+        torn = bool(self._buffer) and not (self._after_cr and self._buffer == b"\n")
+        self._buffer, self._searched = bytearray(), 0
+        self._after_cr = self._overlong = False
+        return torn
+
+    def look_anew(self, head: Sequence[str]) -> LineEvent | None:
+        """Take the layout of these lines, of which the last is the one that `next_line` gave last.
+
+        Returns:
+            That line, read anew; None, and nothing is changed, where they show no other layout, or one in which
+            it is no row.
+        """
+        layout, known = sniff(head, self._options), self.layout
+        if layout is None or (known and (layout.form, layout.columns) == (known.form, known.columns)):
+            return None
+        reader = LineReader(layout, self._options)
+        event = reader.read(self._number, head[-1])
+        if event.kind != "row" or not self._is_surely_data(head, layout):
+            return None
+        self._reader, self._settled, self._misfits = reader, False, 0
+        self._head, self._head_bytes = list(head), sum(len(line) + 1 for line in head)
+        return event
+
+    def next_line(self) -> LineEvent | None:
+        """The next line that is complete; None where more bytes are needed."""
+        while (line := self._maybe_extract_line()) is not None:
+            if self._skip_first:
+                self._skip_first = False
+                continue
+            self._number += 1
+            return self._read(line)
+        return None
+
+    def close(self) -> LineEvent | None:
+        """The stream has ended: the last line, where it lacks its newline; torn unless it proves whole."""
+        if self._overlong:
+            self._buffer, self._overlong = bytearray(), False
+            return self._overlong_event()
+        if not self._buffer or self._skip_first:
+            return None
+        line, self._buffer = _decoded(self._buffer), bytearray()
+        self._number += 1
+        if self._reader is None:
+            return rejected(self._number, line, "must end with a newline (torn: the stream ends inside this line)")
+        return self._reader.read_last(self._number, line, list(self._before))
+
+    def __iter__(self) -> Iterator[LineEvent]:
+        """All lines that are complete."""
+        while (event := self.next_line()) is not None:
+            yield event
+
+    def _maybe_extract_line(self) -> str | None:
+        buffer = self._buffer
+        if self._after_cr and buffer:
+            # \r ended the last line at once, without waiting to see whether \n follows.
+            if buffer[:1] == b"\n":
+                del buffer[:1]
+            self._after_cr = False
+        match = _NEWLINE.search(buffer, self._searched)
+        if match is None:
+            self._searched = len(buffer)
+            if len(buffer) > LONGEST_LINE:
+                self._overlong = True
+                del buffer[LONGEST_TEXT:]
+                self._searched = len(buffer)
+            return None
+        line, self._after_cr, self._searched = bytes(buffer[: match.start()]), match[0] == b"\r", 0
+        del buffer[: match.end()]
+        return _decoded(line)
+
+    def _overlong_event(self) -> LineEvent:
+        self._number += 1
+        return rejected(self._number, "", f"must be at most {LONGEST_LINE} bytes long")
+
+    def _read(self, line: str) -> LineEvent:
+        if self._overlong or len(line) > LONGEST_LINE:
+            self._overlong = False
+            return rejected(self._number, line, f"must be at most {LONGEST_LINE} bytes long")
+        if self._number == 1:
+            line = line.removeprefix("\ufeff")
+        self._before.append(line)
+        event = self._reader.read(self._number, line) if self._reader else None
+        if self._settled:
+            return event or _without_layout(self._number, line)
+        self._head.append(line)
+        self._head_bytes += len(line) + 1
+        if event is None or event.kind in ("rejected", "text") or event.issues:
+            event = self._look_again(line, event)
+        if self._head_bytes >= HEAD_BYTES:
+            # As long as nothing was data, the head is still to come.
+            self._settled, self._head, self._head_bytes = self._reader is not None, [], 0
+        return event
+
+    def _look_again(self, line: str, event: LineEvent | None) -> LineEvent:
+        """Sniff the head anew, at the 1st, 2nd, 4th, 8th, … line that does not fit: new labels, a new header."""
+        self._misfits += 1
+        if self._reader is None or self._misfits & (self._misfits - 1) == 0:
+            layout = sniff(self._head, self._options) if any(c.isdigit() for c in line) else None
+            known = None if self._reader is None else self._reader.layout
+            if layout and known is None and not self._is_surely_data(self._head, layout):
+                layout = None
+            if layout and (known is None or (layout.form, layout.columns) != (known.form, known.columns)):
+                self._reader = LineReader(layout, self._options)
+                event = self._reader.read(self._number, line)
+        return event or _without_layout(self._number, line)
+
+    def _is_surely_data(self, head: Sequence[str], layout: Layout) -> bool:
+        """Whether lines that look like rows are rows: `sine 1,sine 2` is a header, and only looks like one.
+
+        A row of words beside numbers is believed once there are others like it.
+        """
+        form = layout.form
+        if form.kind != "table" or not any(column.role == "text" for column in layout.columns):
+            return True
+        reader = LineReader(layout, self._options)
+        rows = [text for text in head if reader.read(0, text).kind == "row"]
+        return len(set(rows)) >= _ALIKE or len(rows) >= _MANY_ALIKE
+
+
+def comma_line(parser: LineParser, line: bytes) -> str:
+    """One line as numbers with commas between them, in the order of the channels.
+
+    What is written so already, or is no data, comes back as it is: whoever filters it says what is wrong.
+    """
+    parser.feed(line if line.endswith(b"\n") else line + b"\n")
+    events, layout = list(parser), parser.layout
+    if len(events) != 1 or events[0].kind != "row" or layout is None:
+        return _decoded(line)
+    form = layout.form
+    if form.kind == "table" and (form.delimiter, form.stamped, form.checksum) == (",", False, False):
+        return _decoded(line)
+    return ",".join("" if math.isnan(x := events[0].rows[-1][i]) else repr(x) for i in layout.channels)
+
+
+def _decoded(line: bytes | bytearray) -> str:
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
+
+
+def _without_layout(number: int, line: str) -> LineEvent:
+    """A line before any data: boot text, or an attempt at a number that is none (`12abc`, `0x1F`, `Infinity`)."""
+    kind: Kind = "text"
+    if is_blank(line):
+        kind = "blank"
+    elif is_comment(line):
+        kind = "comment"
+    elif re.match(r"\s*[-+]?(?:[0-9]|\.[0-9]|inf)", line, re.IGNORECASE):
+        return rejected(number, line, "must be numbers, or name:value pairs")
+    return LineEvent(number, kind, line[:LONGEST_TEXT])

@@ -1,0 +1,225 @@
+"""One line of a log whose layout is known: rows of numbers, a header, a comment, or why it is neither.
+
+The file reader, stdin and the live port all end here, so that a recording and the wire agree.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from kalscope.recording import LineIssue
+from kalscope.sources.lines.cells import is_blank, is_comment, parse_number, split_fields
+from kalscope.sources.lines.line_format import find_labels, split_checksum, split_stamp, split_teleplot
+from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.lines.timestamps import row_stamp_parser
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from kalscope.sources.lines.sniffer import Layout
+
+Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
+"""What became of a line; "text" is prose that is no attempt at data: boot text, a program's log."""
+
+LONGEST_TEXT = 200
+"""Characters of a line that are kept in an issue."""
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+_TAIL_NUMBER = {mark: re.compile(rf'[0-9]{re.escape(mark)}([0-9]+)"?[ \t]*') for mark in ".,"}
+TAIL_LINES = 64
+"""Rows before a last line without newline by which it is judged."""
+_FEWEST_NEIGHBOURS = 5
+
+
+@dataclass(frozen=True)
+class LineEvent:
+    """What one line holds."""
+
+    number: int
+    """Line number, from 1."""
+    kind: Kind
+    """What became of it."""
+    text: str
+    """The line, without its newline, cut at 200 characters."""
+    rows: tuple[tuple[float, ...], ...] = ()
+    """Rows of one value a column, in the order of the layout; NaN where missing or not read. One for a "row"
+    line, except where one line of Teleplot brings several samples."""
+    issues: tuple[LineIssue, ...] = ()
+    """Why it was rejected, or which of its cells are missing samples."""
+
+
+class _Fault(Exception):
+    """The line has the wrong shape; the message says what must hold."""
+
+
+class LineReader:
+    """Reads lines of one layout."""
+
+    def __init__(self, layout: Layout, options: ReadOptions = DEFAULTS) -> None:
+        self.layout = layout
+        self._form = layout.form
+        self._width = len(layout.columns)
+        self._channels = layout.channels
+        self._missing = options.missing_texts
+        self._numbers = frozenset(options.missing_numbers)
+        # A spreadsheet's trailing empty column may be left out.
+        self._least = self._width
+        while self._least > 1 and layout.columns[self._least - 1].role == "empty":
+            self._least -= 1
+        self._stamp = row_stamp_parser(layout.time, self._form.decimal) if layout.time else None
+        self._labels = frozenset(self._form.labels)
+        names = "|".join(map(re.escape, self._form.labels))
+        self._known_label = re.compile(rf"(?:^|[\s,;>])(?:{names})\s*:")
+
+    def read(self, number: int, line: str) -> LineEvent:
+        """Take one whole line, with or without its newline."""
+        text = line.rstrip("\r\n")
+        kind = self._kind_without_data(text)
+        if kind is not None:
+            return LineEvent(number, kind, text[:LONGEST_TEXT])
+        issues: list[LineIssue] = []
+        try:
+            rows = self._rows(number, text, issues)
+        except _Fault as fault:
+            return rejected(number, text, str(fault))
+        if rows is None:
+            return LineEvent(number, "text", text[:LONGEST_TEXT])
+        return LineEvent(number, "row", text[:LONGEST_TEXT], rows, tuple(issues))
+
+    def _kind_without_data(self, text: str) -> Kind | None:
+        if is_blank(text, self._form.delimiter if self._form.kind == "table" else ""):
+            return "blank"
+        if is_comment(text):
+            return "comment"
+        rows = self.layout.header_rows
+        if rows and tuple(split_fields(text, self._form.delimiter)) in rows:
+            return "header"
+        return None
+
+    def _rows(self, number: int, text: str, issues: list[LineIssue]) -> tuple[tuple[float, ...], ...] | None:
+        """The rows of a line; None for prose; _Fault for a wrong shape."""
+        if _CONTROL.search(text):
+            # Damaged on the wire or on the disk: nor can the other cells be trusted.
+            raise _Fault("must be printable text (got control bytes)")
+        head: list[str] = []
+        if self._form.stamped:
+            stamped = split_stamp(text)
+            if stamped is None:
+                raise _Fault("must begin with a stamp and ->, as the other lines do")
+            head, text = [stamped[0]], stamped[1]
+        text = self._checked(text)
+        if self._form.kind == "teleplot":
+            return self._teleplot(number, text, issues)
+        cells = split_fields(text, self._form.delimiter) if self._form.kind == "table" else None
+        cells = self._labelled(number, text, issues) if cells is None else cells
+        return None if cells is None else (self._row(number, head + cells, issues),)
+
+    def _checked(self, text: str) -> str:
+        """The line without its checksum, which must be right where there is one."""
+        parts = split_checksum(text)
+        if parts is None:
+            if self._form.checksum:
+                raise _Fault("must end with its checksum, as the other lines do")
+            return text
+        if parts[1] != parts[2]:
+            raise _Fault(f"must end with the checksum *{parts[2]:02X} (got *{parts[1]:02X})")
+        return parts[0]
+
+    def _labelled(self, number: int, text: str, issues: list[LineIssue]) -> list[str] | None:
+        """Cells in column order; what no column claims is an issue; None for prose."""
+        found = find_labels(text)
+        if found is None:
+            if self._known_label.search(text):
+                raise _Fault("must be written as the other lines are")
+            return None
+        pairs, ignored = found
+        values = dict(pairs)
+        if len(values) != len(pairs):
+            raise _Fault("must hold each label once")
+        if not values.keys() & self._labels:
+            if all(parse_number(value) is None for value in values.values()):
+                return None
+            raise _Fault(f"must hold one of the labels {', '.join(self._form.labels[:8])}")
+        strangers = [f"{label}:{value}" for label, value in pairs if label not in self._labels]
+        for token in strangers + ignored:
+            issues.append(LineIssue(number, "must belong to a known label, it is left out", token, ""))
+        return [values.get(label, "") for label in self._form.labels]
+
+    def _teleplot(self, number: int, text: str, issues: list[LineIssue]) -> tuple[tuple[float, ...], ...] | None:
+        if not text.lstrip().startswith(">"):
+            return None  # on a serial line Teleplot leaves all else to the program's log
+        plot = split_teleplot(text)
+        if plot is None or plot.name not in self._labels:
+            raise _Fault("must be >name:value or >name:ms:value, of a name above")
+        timed = self.layout.time is not None or self._width > len(self._labels)
+        at = self._form.labels.index(plot.name) + timed
+        rows = []
+        for stamp, value in plot.samples:
+            cells = [""] * self._width
+            cells[at] = value
+            if timed:
+                cells[0] = stamp
+            rows.append(self._row(number, cells, issues))
+        return tuple(rows)
+
+    def _row(self, number: int, cells: Sequence[str], issues: list[LineIssue]) -> tuple[float, ...]:
+        if not self._least <= len(cells) <= self._width:
+            raise _Fault(f"must have {self._width} fields (got {len(cells)})")
+        layout = self.layout
+        values = [math.nan] * self._width
+        if layout.time is not None and self._stamp is not None:
+            stamp = self._stamp(cells)
+            if stamp is None:
+                raise _Fault("must have a readable time stamp")
+            values[layout.time.index] = stamp
+        for i in self._channels:
+            if cells[i].lower() in self._missing:
+                continue
+            value = parse_number(cells[i], self._form.decimal)
+            if value is None:
+                name = layout.columns[i].name
+                issues.append(LineIssue(number, "must be a number", cells[i][:LONGEST_TEXT], name))
+            elif value not in self._numbers:
+                values[i] = value
+        return tuple(values)
+
+    def read_last(self, number: int, line: str, before: Sequence[str]) -> LineEvent:
+        """Take a last line that has no newline: torn, unless it shows that nothing of it was cut.
+
+        That is so where its checksum is right, or where it is a row whose last number has exactly as many
+        decimals as that of all the rows before it. A whole number may have lost a digit.
+
+        Args:
+            number: Its line number.
+            line: The line.
+            before: The lines before it, TAIL_LINES are plenty.
+        """
+        event = self.read(number, line)
+        if event.kind in ("blank", "comment"):
+            return event
+        if event.kind == "row" and (split_checksum(line) or self._is_whole(line, before)):
+            return event
+        return rejected(number, line, "must end with a newline (torn: the file ends inside this line)")
+
+    def _is_whole(self, line: str, before: Sequence[str]) -> bool:
+        mark = self._form.decimal
+        decimals = _decimals(line, mark)
+        rows = [text for text in before[-TAIL_LINES:] if self.read(0, text).kind == "row"]
+        alike = all(_decimals(row, mark) == decimals for row in rows)
+        return alike and decimals > 0 and len(rows) >= _FEWEST_NEIGHBOURS
+
+
+def rejected(number: int, text: str, reason: str) -> LineEvent:
+    """The event of a line of the wrong shape."""
+    text = text.rstrip("\r\n")[:LONGEST_TEXT]
+    return LineEvent(number, "rejected", text, (), (LineIssue(number, reason, text),))
+
+
+def _decimals(line: str, mark: str) -> int:
+    """Digits behind the decimal mark of the number that ends the line; 0 where none does."""
+    text = line.rstrip("\r\n")
+    matches = [match for match in _TAIL_NUMBER[mark].finditer(text) if match.end() == len(text)]
+    return len(matches[-1][1]) if matches else 0

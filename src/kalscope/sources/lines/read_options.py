@@ -1,0 +1,114 @@
+"""What a person may decide about a file, where the reader would otherwise decide by looking."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from kalscope.errors import BadSetting
+from kalscope.sources.lines.cells import MISSING, is_number
+from kalscope.sources.lines.timestamps import SECONDS_PER_UNIT, UNIT_OF_WORD
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from kalscope.recording import Gaps
+
+DELIMITERS = (",", ";", "\t", "|", " ")
+"""What may stand between cells; a space is any run of blanks."""
+
+_DELIMITER_WORDS = {
+    "comma": ",",
+    "semicolon": ";",
+    "tab": "\t",
+    "\\t": "\t",
+    "bar": "|",
+    "pipe": "|",
+    "space": " ",
+    "blank": " ",
+    "blanks": " ",
+}
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How a file is to be read. Every field left alone is found by looking at the file."""
+
+    delimiter: str | None = None
+    """Between cells: one of `, ; TAB |`, or a space for any run of blanks."""
+    decimal: str | None = None
+    """Decimal mark, "." or ","; another mark than the delimiter."""
+    time_column: str | int | None = None
+    """Name of the time column, or its index from 0; "none" where samples are to be counted."""
+    time_unit: str | None = None
+    """Unit of a numeric time column: s, ms, us, ns, min, h, day or year."""
+    missing: tuple[float | str, ...] = ()
+    """Values that say "no sample": numbers such as -200, compared as numbers, or texts, compared as cells."""
+    header: bool | None = None
+    """True: the line above the data holds the names, numbers or not; False: no line does."""
+    gaps: Gaps = "rows"
+    """A gap in time is nothing special ("rows"), rows of missing samples ("missing"), or elapsed time ("dt")."""
+
+    def __post_init__(self) -> None:
+        if self.delimiter is not None and self.delimiter not in DELIMITERS:
+            raise BadSetting(f"delimiter must be one of , ; TAB | or a space (got {self.delimiter!r})")
+        if self.decimal not in (None, ".", ","):
+            raise BadSetting(f'decimal must be "." or "," (got {self.decimal!r})')
+        if self.decimal is not None and self.decimal == self.delimiter:
+            raise BadSetting(f"decimal and delimiter must differ (got {self.decimal!r} twice)")
+        if self.time_unit is not None and self.time_unit not in SECONDS_PER_UNIT:
+            raise BadSetting(f"time_unit must be one of {', '.join(SECONDS_PER_UNIT)} (got {self.time_unit!r})")
+        if self.gaps not in ("rows", "missing", "dt"):
+            raise BadSetting(f"gaps must be rows, missing or dt (got {self.gaps!r})")
+        for value in self.missing:
+            if not isinstance(value, str) and not math.isfinite(value):
+                raise BadSetting(f"missing must be finite numbers or texts (got {value!r})")
+
+    @property
+    def missing_texts(self) -> frozenset[str]:
+        """Cells, in lower case, that say "no sample": the ordinary words and those of `missing`."""
+        return MISSING | {value.strip().lower() for value in self.missing if isinstance(value, str)}
+
+    @property
+    def missing_numbers(self) -> tuple[float, ...]:
+        """The numbers of `missing`."""
+        return tuple(float(value) for value in self.missing if not isinstance(value, str))
+
+    def without_numbers(self) -> ReadOptions:
+        """The same for a reader of lines, where the numbers of `missing` are taken away all at once later."""
+        texts = tuple(value for value in self.missing if isinstance(value, str))
+        return replace(self, missing=texts) if texts != self.missing else self
+
+
+DEFAULTS = ReadOptions()
+"""Everything is found by looking."""
+
+
+def options_from_text(
+    delimiter: str | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    missing: Sequence[str] = (),
+    gaps: str | None = None,
+) -> ReadOptions:
+    r"""Options as a person types them, on the command line or into a form.
+
+    Args:
+        delimiter: The mark itself, or comma, semicolon, tab, bar, space.
+        time_column: A name, "none", or "column 2" / "2" counted from 1 as the reports do.
+        time_unit: Any common word for the unit: ms, millis, µs, seconds.
+        missing: Numbers and texts.
+        gaps: rows, missing or dt.
+
+    Raises:
+        BadSetting: a choice that is none of these.
+    """
+    mark = delimiter if delimiter is None else _DELIMITER_WORDS.get(delimiter.lower(), delimiter)
+    unit = time_unit if time_unit is None else UNIT_OF_WORD.get(time_unit.strip().lower(), time_unit)
+    column: str | int | None = time_column
+    number = (time_column or "").lower().removeprefix("column").strip()
+    if number.isascii() and number.isdecimal() and number != "0":
+        column = int(number) - 1
+    values = tuple(float(text) if is_number(text.strip()) else text for text in missing)
+    return ReadOptions(mark, None, column, unit, values, gaps=gaps or "rows")  # type: ignore[arg-type]

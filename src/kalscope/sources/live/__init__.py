@@ -1,0 +1,1 @@
+"""A board that keeps sending: its newest samples, status and commands."""

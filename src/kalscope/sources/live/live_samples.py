@@ -1,0 +1,123 @@
+"""The samples of a live source: what their channels are called, when each was taken, and a view of all of them.
+
+Not for several threads: whoever owns it holds a lock around each call.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from kalscope.recording import ReadReport, Recording
+from kalscope.sources.live.sample_store import SampleStore
+from kalscope.sources.live.sample_times import LiveTime, Row
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from kalscope.sources.lines.line_reader import LineEvent
+    from kalscope.sources.lines.sniffer import Layout
+    from kalscope.sources.live.live_lines import Counts
+    from kalscope.sources.port.clock import Clock
+    from kalscope.sources.port.port_spec import PortSpec
+
+_PERIOD_EVERY = 0.25
+_PERIOD_MOVES = 0.005
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What has come so far. It never changes, and costs the same however much is kept."""
+
+    recording: Recording
+    """Time from the first sample, in s, and values; its arrays are views that cannot be written."""
+    first: int
+    """Number of its first sample, counted from the first one of this generation; those before left memory."""
+    generation: int
+    """Another number where the channels are others: their names, units or count."""
+    version: int
+    """Another number, larger, where samples were added."""
+
+
+class LiveSamples:
+    """The samples of one board, of the layout that it sends now."""
+
+    def __init__(self, spec: PortSpec, keep: int, clock: Clock) -> None:
+        """Args: the port, for the names of the record; samples a channel kept at least; what measures time."""
+        self._spec, self._keep, self._clock = spec, keep, clock
+        self._layout: Layout | None = None
+        self.time = LiveTime(None)
+        """When the samples were taken."""
+        self._store: SampleStore | None = None
+        self._names: tuple[str, ...] = ()
+        self._units: tuple[str, ...] = ()
+        self._generation = self._version = 0
+        self._snapshot: Snapshot | None = None
+        self._period: float | None = None
+        self._period_at = -1e9
+
+    @property
+    def left_memory(self) -> int:
+        """Samples of this generation that are no longer kept."""
+        return self._store.first if self._store is not None else 0
+
+    def snapshot(self, counts: Counts) -> Snapshot | None:
+        """All that is kept, with the account of the lines so far; the same object while nothing was added."""
+        store, known = self._store, self._snapshot
+        if store is None or not len(store):
+            return None
+        if known is not None and (known.version, known.generation) == (self._version, self._generation):
+            return known
+        time, values = store.views()
+        report = ReadReport(
+            lines=counts.received,
+            rows=counts.accepted,
+            rejected=counts.rejected,
+            comments=counts.dropped,
+            notes=self._layout.notes if self._layout else (),
+        )
+        url, period = self._spec.url, self._steady_period()
+        recording = Recording(
+            time, self._names, self._units, values, period, report, source=self._spec.text, title=url
+        )
+        self._snapshot = Snapshot(recording, store.first, self._generation, self._version)
+        return self._snapshot
+
+    def keep(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout) -> None:
+        """Take the rows among lines of one layout, each with the monotonic moment at which it came, s."""
+        if layout is not self._layout:
+            self._adopt(layout)
+        at, channels = (layout.time.index if layout.time else -1), layout.channels
+        rows = [
+            Row(host, row[at] if at >= 0 else float("nan"), tuple(row[i] for i in channels))
+            for host, event in stamped
+            if event.kind == "row"
+            for row in event.rows
+        ]
+        if not rows:
+            return
+        time, values = self.time.place(rows)
+        if time and self._store is not None:
+            self._store.append(time, values)
+            self._version += 1
+
+    def _adopt(self, layout: Layout) -> None:
+        """Another layout: a new generation, unless the channels and the time are the same."""
+        known, self._layout = self._layout, layout
+        names = tuple(layout.columns[i].name for i in layout.channels)
+        units = tuple(layout.columns[i].unit for i in layout.channels)
+        if known is not None and (names, units, layout.time) == (self._names, self._units, known.time):
+            return
+        self._names, self._units = names, units
+        self.time, self._store = LiveTime(layout.time), SampleStore(len(names), self._keep)
+        self._generation += 1
+        self._period, self._period_at = None, -1e9
+
+    def _steady_period(self) -> float | None:
+        """The period, which moves only when it has changed: whatever is derived from it would flicker."""
+        now = self._clock.monotonic()
+        if self._period is None or now - self._period_at > _PERIOD_EVERY:
+            period, self._period_at = self.time.period, now
+            if period is None or self._period is None or abs(period / self._period - 1) > _PERIOD_MOVES:
+                self._period = period
+        return self._period

@@ -1,0 +1,120 @@
+"""How a live source stands: its counts, and the sentence for the person where something is wrong."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from kalscope.sources.port.events import PortState, Word
+    from kalscope.sources.port.port_spec import PortSpec
+    from kalscope.sources.recorder.counts import RecorderCounts
+    from kalscope.sources.recorder.recorder import Recorder
+
+_RATE_OVER = 2.0
+"""Seconds of which the lines a second are the mean."""
+_RATE_EVERY = 0.1
+"""Seconds between two counts that are kept for it."""
+_MANY_LINES = 20
+"""Lines after which one that holds numbers should have been among them."""
+
+
+@dataclass(frozen=True)
+class RecordingStatus:
+    """How a recording stands that runs."""
+
+    name: str
+    """Name of the file that is written now, without its folder."""
+    counts: RecorderCounts
+    """Its account: received = written + rejected + dropped, always."""
+    trouble: str
+    """What keeps lines from reaching the disk; "" where nothing does."""
+    warning: str
+    """That the disk will soon be full; "" where it will not."""
+
+
+@dataclass(frozen=True)
+class LiveStatus:
+    """How a live source stands. received = accepted + rejected + dropped, always."""
+
+    word: Word
+    """closed, connecting, connected, or "disconnected, waiting"."""
+    hint: str
+    """A sentence for the person: what is wrong and what to do; "" where nothing is."""
+    port: str
+    """What is open, or was last."""
+    since: float
+    """Monotonic time at which it came to stand so, s."""
+    received: int
+    """Lines that came."""
+    lines_per_s: float
+    """Lines a second, over the last 2 s."""
+    period: float | None
+    """Measured sample period in s, the median step; None before two samples."""
+    jitter: float | None
+    """Half the width that holds nine of ten steps, in s; None before ten steps."""
+    device_time: bool
+    """True where the time is the board's own, false where it is that of arrival."""
+    accepted: int
+    """Lines that became samples."""
+    rejected: int
+    """Lines that should have become samples and did not."""
+    dropped: int
+    """Other lines: comments, headers, boot text, the first line after each opening, torn ones."""
+    reconnects: int
+    """How many times the port was opened again."""
+    left_memory: int
+    """Samples of this generation that are no longer kept."""
+    longest_pause: float
+    """Longest time in s for which bytes waited to be read, at most."""
+    recording: RecordingStatus | None = None
+    """The recording that runs; None where none does."""
+
+    @property
+    def recording_trouble(self) -> str:
+        """What keeps the recorder from writing; "" where nothing does, or none runs."""
+        return self.recording.trouble if self.recording is not None else ""
+
+
+def hint_of(state: PortState, spec: PortSpec, *, noise: bool, accepted: int, received: int) -> str:
+    """What is wrong with a port and what to do, in a sentence; "" where nothing is.
+
+    Args:
+        state: How the port stands.
+        spec: What was to be opened.
+        noise: Whether what comes is no text.
+        accepted: Lines that became samples.
+        received: Lines that came.
+    """
+    if state.why:
+        return state.why
+    if noise:
+        return f"wrong baud rate? What comes is no text ({spec.baud} baud is set)"
+    if state.word == "connected" and received > _MANY_LINES and not accepted:
+        return "lines come, but none holds numbers"
+    return ""
+
+
+def recording_status(recorder: Recorder) -> RecordingStatus:
+    """How a recording stands now."""
+    return RecordingStatus(recorder.paths[-1].name, recorder.counts, recorder.trouble, recorder.warning)
+
+
+class LineRate:
+    """Lines a second over the last seconds. One thread notes, any may ask."""
+
+    def __init__(self) -> None:
+        self._noted: deque[tuple[float, int]] = deque()
+        self.now = 0.0
+        """Lines a second."""
+
+    def note(self, at: float, received: int) -> None:
+        """So many lines had come at the monotonic moment `at`, s."""
+        noted = self._noted
+        if not noted or at - noted[-1][0] >= _RATE_EVERY:
+            noted.append((at, received))
+        while len(noted) > 2 and at - noted[1][0] > _RATE_OVER:
+            noted.popleft()
+        (begin, old), (end, new) = noted[0], noted[-1]
+        self.now = (new - old) / (end - begin) if end > begin else 0.0

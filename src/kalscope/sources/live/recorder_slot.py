@@ -1,0 +1,70 @@
+"""The recorder of a live source: it comes and goes while lines arrive, and never while one is handed over."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+from kalscope.errors import BadSetting
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from kalscope.sources.lines.line_reader import LineEvent
+    from kalscope.sources.lines.sniffer import Layout
+    from kalscope.sources.recorder.recorder import Recorder
+
+
+class RecorderSlot:
+    """Holds one recorder or none; what is handed over while there is none is nobody's."""
+
+    def __init__(self) -> None:
+        self._recorder: Recorder | None = None
+        self._lock = threading.Lock()
+
+    @property
+    def recorder(self) -> Recorder | None:
+        """The recorder that runs; None where none does."""
+        return self._recorder
+
+    def begin(self, path: Path, *, source: str, started: float, wall: float, resume: bool) -> Recorder:
+        """Record from now on; the arguments are those of `Recorder` and `Recorder.resume`.
+
+        Raises:
+            BadSetting: a recording runs already.
+            BadFile: as the recorder says.
+        """
+        from kalscope.sources.recorder.recorder import Recorder
+
+        with self._lock:
+            if self._recorder is not None:
+                raise BadSetting("a recording must be stopped before the next begins (got one that runs)")
+            make = Recorder.resume if resume else Recorder
+            self._recorder = make(path, source=source, started=started, wall=wall)
+            return self._recorder
+
+    def end(self) -> None:
+        """End the recording and close its file; does nothing where none runs."""
+        with self._lock:
+            recorder, self._recorder = self._recorder, None
+            if recorder is not None:
+                recorder.close()
+
+    def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
+        """Hand over lines of one layout, each with its monotonic moment in s."""
+        with self._lock:
+            if self._recorder is not None:
+                self._recorder.write(stamped, layout)
+
+    def gap(self, kind: str, seconds: float) -> None:
+        """Say that nothing came for so long, and why."""
+        with self._lock:
+            if self._recorder is not None:
+                self._recorder.gap(kind, seconds)
+
+    def drop(self, count: int) -> None:
+        """Count lines that were lost on the way here."""
+        with self._lock:
+            if self._recorder is not None:
+                self._recorder.drop(count)

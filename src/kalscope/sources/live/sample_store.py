@@ -1,0 +1,78 @@
+"""Samples that come one after the other, kept so that a view of them costs nothing and never changes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+_FIRST_SIZE = 1 << 14
+_ROOM = 4
+"""Old samples leave memory all at once, when `keep / _ROOM` new ones have come beyond `keep`."""
+
+
+class SampleStore:
+    """Time and values of the last samples, at least `keep` of them where so many have come.
+
+    Rows are only ever written behind the last one. When the room is used up, or old ones leave, the rows go
+    to new arrays: whoever holds views of the old ones keeps what they saw. Not for two writers at once.
+    """
+
+    def __init__(self, channels: int, keep: int) -> None:
+        """Begin with no rows; `keep` >= 1."""
+        self.keep = keep
+        self.first = 0
+        """Number of the first row that is kept, counted from the first that ever came."""
+        self._most = keep + max(keep // _ROOM, 1)
+        self._time = np.empty(min(_FIRST_SIZE, self._most))
+        # One channel after the other in memory: each is filtered and drawn by itself.
+        self._values = np.empty((channels, self._time.size))
+        self._used = 0
+
+    def __len__(self) -> int:
+        return self._used
+
+    @property
+    def end(self) -> int:
+        """Rows that ever came."""
+        return self.first + self._used
+
+    def append(self, time: Sequence[float], values: Sequence[Sequence[float]]) -> None:
+        """Add rows.
+
+        Args:
+            time: Times, shape (n,).
+            values: One row of values a time, shape (n, channels).
+        """
+        done = 0
+        while done < len(time):
+            if self._used == self._time.size:
+                self._make_room()
+            count = min(len(time) - done, self._time.size - self._used)
+            new = slice(self._used, self._used + count)
+            self._time[new] = time[done : done + count]
+            self._values[:, new] = np.asarray(values[done : done + count], dtype=np.float64).T
+            self._used += count
+            done += count
+
+    def views(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Time, shape (n,), and values, shape (n, channels), of what is kept; neither can be written."""
+        time, values = self._time[: self._used], self._values[:, : self._used].T
+        time.flags.writeable = values.flags.writeable = False
+        return time, values
+
+    def _make_room(self) -> None:
+        size = self._time.size
+        leave = max(self._used - self.keep, 0) if size == self._most else 0
+        kept = slice(leave, self._used)
+        room = self._most if leave else min(2 * size, self._most)
+        time, values = np.empty(room), np.empty((len(self._values), room))
+        count = self._used - leave
+        time[:count], values[:, :count] = self._time[kept], self._values[:, kept]
+        self._time, self._values, self._used = time, values, count
+        self.first += leave

@@ -1,0 +1,1 @@
+"""Serial ports and pyserial URLs: names, opening, reading."""

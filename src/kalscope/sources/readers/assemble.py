@@ -1,0 +1,128 @@
+"""From the columns and counts that a reader found to the Recording, the same way for every reader."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.errors import BadFile, BadSetting
+from kalscope.recording import ReadReport, Recording
+from kalscope.sources.readers.gaps import fill_gaps
+from kalscope.sources.readers.sentinels import Ends, suggest_missing
+from kalscope.sources.readers.time_axis import TimeAxis, read_time
+
+if TYPE_CHECKING:
+    from kalscope.sources.lines.read_options import ReadOptions
+    from kalscope.sources.lines.sniffer import Layout
+    from kalscope.sources.readers.csv_rows import Tally
+
+Columns = dict[int, NDArray[np.float64]]
+"""Columns by index, each of shape (n,): the channels and the time."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a reader found in a file."""
+
+    columns: Columns
+    """The channels and the time, NaN where missing, before numbers of `ReadOptions.missing` are taken away;
+    `assemble` empties it."""
+    tally: Tally
+    """The account of all lines."""
+    layout: Layout
+    """What the columns are."""
+
+
+def assemble(reading: Reading, options: ReadOptions, sample_period: float | None, name: str) -> Recording:
+    """Build the Recording, without source, title and hash.
+
+    Raises:
+        BadFile: no sample is left.
+        BadSetting: an option that this file cannot have.
+    """
+    tally, layout = reading.tally, reading.layout
+    if tally.rows == 0:
+        last = tally.issues[-1].reason if tally.issues else "no data lines"
+        raise BadFile(f"{name} must hold a whole line of numbers (got {tally.rejected} rejected lines: {last})")
+    channels = layout.channels
+    values, taken = _values(reading.columns, channels, options)
+    axis = _axis(reading, len(values), options, sample_period)
+    period = sample_period or axis.period
+    notes = [*layout.notes, *axis.notes, *taken, *([tally.ending] if tally.ending else [])]
+    with np.errstate(invalid="ignore"):
+        ends = np.fmin.reduce(values), np.fmax.reduce(values)
+    notes += _about_columns(layout, ends, len(values), name)
+    notes += suggest_missing(values, [layout.columns[i].name for i in channels], ends)
+    time, inserted = axis.time, 0
+    if options.gaps != "rows":
+        if period is None or layout.time is None:
+            raise BadSetting(f"gaps must be rows where a file has no time (got {options.gaps!r})")
+        if options.gaps == "missing":
+            time, values, inserted = fill_gaps(time, values, period)
+            notes.append(f"{inserted} rows of missing samples were put into the gaps")
+    report = ReadReport(
+        lines=tally.lines,
+        rows=tally.rows,
+        rejected=tally.rejected,
+        blank=tally.blank,
+        comments=tally.comments,
+        headers=tally.headers,
+        bad_cells=tally.bad_cells,
+        clipped_times=axis.backward,
+        inserted=inserted,
+        issues=tuple(tally.issues),
+        notes=tuple(notes),
+    )
+    names = tuple(layout.columns[i].name for i in channels)
+    units = tuple(layout.columns[i].unit for i in channels)
+    return Recording(time, names, units, values, period, report, gaps=options.gaps)
+
+
+def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tuple[NDArray[np.float64], list[str]]:
+    """Samples, shape (n, channels), without the values that the user calls missing; and how many those were."""
+    # Column by column in memory: each channel is filtered, drawn and judged by itself.
+    values = np.empty((len(columns[channels[0]]), len(channels)), order="F")
+    for j, i in enumerate(channels):
+        values[:, j] = columns.pop(i)  # no column is held twice
+    notes = []
+    for number in options.missing_numbers:
+        found = values == number
+        notes.append(f"{int(np.count_nonzero(found))} samples of {number:.15g} are missing, as was asked")
+        values[found] = np.nan
+    return values, notes
+
+
+def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float | None) -> TimeAxis:
+    column = reading.layout.time
+    if column is None:
+        if options.time_unit is not None:
+            raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
+        return TimeAxis(np.arange(n, dtype=np.float64) * (sample_period or 1.0), None, 0, ())
+    return read_time(reading.columns[column.index], column, options.time_unit)
+
+
+def _about_columns(layout: Layout, ends: Ends, n: int, name: str) -> list[str]:
+    """What to say about columns; BadFile where no sample is left."""
+    low, high = ends
+    if not np.isfinite(low).any():
+        raise BadFile(f"{name} must hold at least one number in a channel (got only missing samples)")
+    names = [column.name or f"column {i + 1}" for i, column in enumerate(layout.columns)]
+    what = {"text": "text", "row name": "row names", "row number": "row numbers"}
+    notes = [
+        f'"{names[i]}" holds {what[column.role]}, it is not a channel'
+        for i, column in enumerate(layout.columns)
+        if column.role in what
+    ]
+    if n == 1:
+        notes.append("there is only one sample")
+    empty, constant = ~np.isfinite(low), (low == high) & (n > 1)
+    for which, one, many in ((empty, "holds only", "hold only"), (constant, "is", "are")):
+        found = [f'"{names[i]}"' for i, chosen in zip(layout.channels, which.tolist(), strict=True) if chosen]
+        if found:
+            listed = ", ".join(found[:8]) + (f" and {len(found) - 8} more" if len(found) > 8 else "")
+            said = "constant" if which is constant else "missing samples"
+            notes.append(f"{listed} {one if len(found) == 1 else many} {said}")
+    return notes

@@ -1,0 +1,139 @@
+"""CSV logs of every common dialect into a Recording, with an account of every line.
+
+Rules. A line of the right shape keeps its place in time; a cell of it that is no number is a missing sample,
+reported with line, column and text. A line of the wrong shape is rejected and reported; where there is no
+time column it still leaves one missing sample, because the sensor did sample then. A last line without a
+newline is torn, its last number may have been cut: it is kept only where it shows that nothing was. A line
+whose stamp cannot be read is rejected: its samples have no place.
+
+Two ways lead to the same values and the same account: the own parser, which reads everything, and for large
+plain tables the bulk path of `bulk`, which hands every line that is not plain to the own parser.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kalscope.common.progress import Progress, Watch
+from kalscope.errors import BadFile, BadSetting
+from kalscope.sources.lines.cells import is_blank, is_comment
+from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.lines.sniffer import Layout, sniff
+from kalscope.sources.readers.assemble import Reading, assemble
+from kalscope.sources.readers.csv_rows import read_rows
+from kalscope.sources.readers.text_file import (
+    PARQUET,
+    RawFile,
+    encoding_of_head,
+    find_encoding,
+    open_raw,
+    open_text,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kalscope.recording import Recording
+
+__all__ = ["find_encoding", "read_recording"]
+
+HEAD_BYTES = (65536, 1 << 20)
+"""How much is sniffed: 64 KiB, and where that shows no data (a long preamble) 1 MiB."""
+
+BULK_BYTES = 20_000_000
+"""Files from this size on take the bulk path where they can: below it the own parser needs less than 0.7 s."""
+
+
+def read_recording(
+    path: str | Path,
+    options: ReadOptions = DEFAULTS,
+    *,
+    sample_period: float | None = None,
+    progress: Progress | None = None,
+    cancelled: Callable[[], bool] | None = None,
+    _bulk_bytes: float = BULK_BYTES,
+) -> Recording:
+    """Read a CSV log or a Parquet file.
+
+    Delimiter (`, ; TAB |` or blanks), decimal mark, header, units, comment lines (# % //) and time column are
+    found by looking; UTF-8 with or without BOM, UTF-16 with BOM and Latin-1; any line ends; .gz and .zst as
+    well. Lines of `name:value` pairs, Teleplot, the Arduino IDE's `12:00:00.023 -> ` stamps and checksums
+    `*XX` are understood.
+
+    Args:
+        path: The file.
+        options: What is decided by the caller instead.
+        sample_period: Nominal sample period in s, > 0; overrides the median step of the time column, and
+            gives a file without one its time.
+        progress: Called from the first second on with the fraction done, 0…1, and what is being done.
+        cancelled: Asked as often whether to stop.
+
+    Returns:
+        A Recording: values (n, channels) with NaN for missing samples, time (n,) in s, `report` with the
+        account of all lines and, among its notes, questions such as whether −200 is a missing value.
+
+    Raises:
+        BadFile: the file cannot be read, or holds no number.
+        BadSetting: `sample_period` is no positive finite number; an option that this file cannot have.
+        Cancelled: `cancelled()` was true.
+    """
+    if sample_period is not None and not (math.isfinite(sample_period) and sample_period > 0):
+        raise BadSetting(f"sample_period must be a positive number of seconds (got {sample_period!r})")
+    name = Path(path).name or str(path)
+    watch = Watch(progress, cancelled)
+    with open_raw(path, watch, _bulk_bytes) as raw:
+        raw.name = name
+        reading = _read_parquet(raw, options) if raw.head.startswith(PARQUET) else _read_text(raw, options, watch)
+        recording = assemble(reading, options, sample_period, name)
+        # An absolute path, so that a tuning file reopens it from any folder.
+        return replace(recording, source=os.path.abspath(path), title=name, sha256=raw.sha256)
+
+
+def _read_text(raw: RawFile, options: ReadOptions, watch: Watch) -> Reading:
+    if raw.content is None:
+        layout = _sniff_head(raw, encoding_of_head(raw.head, raw.name), options)
+        from kalscope.sources.readers.bulk import read_bulk
+
+        reading = read_bulk(raw, layout, options, watch)
+        if reading is not None:
+            return reading
+    data = raw.bytes(watch)
+    encoding = find_encoding(data, raw.name)
+    layout = _sniff_head(raw, encoding, options)
+    table, tally = read_rows(data, encoding, layout, options, watch)
+    columns = {i: table[:, i] for i in (*layout.channels, *(layout.time.indices if layout.time else ()))}
+    return Reading(columns, tally, layout)
+
+
+def _read_parquet(raw: RawFile, options: ReadOptions) -> Reading:
+    from kalscope.sources.readers.parquet_file import read_parquet
+
+    return read_parquet(raw, options)
+
+
+def _sniff_head(raw: RawFile, encoding: str, options: ReadOptions) -> Layout:
+    name, data = raw.name, raw.head
+    lines: list[str] = []
+    for size in HEAD_BYTES:
+        lines = list(open_text(data[:size], encoding))
+        if raw.size > size and len(lines) > 1:
+            lines.pop()  # cut by us
+        layout = sniff([line.rstrip("\n") for line in lines], options)
+        if layout is not None:
+            if layout.channels:
+                return layout
+            raise BadFile(f"{name} must hold a column of numbers besides the time (got only text)")
+        if raw.size <= size:
+            break
+    said = [line for line in lines if not is_blank(line) and not is_comment(line)]
+    if not said:
+        raise BadFile(f"{name} must hold lines of numbers (got {len(lines)} blank or comment lines)")
+    if len(said) <= 2:
+        raise BadFile(f"{name} must hold numbers below its header (got only {said[0].strip()[:80]!r})")
+    raise BadFile(
+        f"{name} must be a table of numbers, one sample a line (got text such as {said[-1].strip()[:60]!r})"
+    )

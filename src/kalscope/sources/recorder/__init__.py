@@ -1,0 +1,1 @@
+"""Lines of a board to a file that survives crashes."""

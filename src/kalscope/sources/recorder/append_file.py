@@ -1,0 +1,274 @@
+"""A file that only grows, by whole entries, whatever the disk does.
+
+An entry is the text of one line from the board (or a comment). All entries at hand go out in one `os.write`: a
+program that is killed between two writes leaves whole lines. A full disk cuts a write short, inside a number; the
+file is then cut back to its last whole entry at once, and the entries wait in memory until there is room.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from kalscope.errors import BadFile
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+RETRY_S = 1.0
+"""Pause between two attempts to write to a disk that refuses, s."""
+WAIT_S = 60.0
+"""Seconds of entries that wait in memory for such a disk; what comes later is lost, and counted."""
+WAIT_BYTES = 32_000_000
+"""Memory that these may take: 60 s of 1,000 lines/s are 11 MB, and of 10,000 lines/s some 18 s fit."""
+_OVERHEAD = 150  # bytes of memory that an entry takes besides its text
+
+_FULL = {
+    errno.ENOSPC: "the disk is full",
+    errno.EFBIG: "the file may not grow any further",
+    getattr(errno, "EDQUOT", errno.ENOSPC): "the disk is full (quota)",
+}
+_fdatasync = getattr(os, "fdatasync", os.fsync)
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """What is written whole or not at all."""
+
+    data: bytes
+    """Its bytes, which end in a newline."""
+    at: float
+    """Monotonic moment of the line, s."""
+    lines: int
+    """1 for a line of the board, 0 for what we say ourselves."""
+
+
+class AppendFile:
+    """One growing file. Not for several threads, except `sync`, which may be called from another."""
+
+    def __init__(self, path: Path) -> None:
+        """Name the file; it is opened by `open`, or by the first `flush`."""
+        self.path = path
+        self.trouble = ""
+        """What keeps entries from reaching the file; "" while they do."""
+        self.sync_trouble = ""
+        """What the disk said when it was last asked to keep what it has; "" if nothing."""
+        self.waiting = 0
+        """Lines in memory that have not reached the file."""
+        self._fd: int | None = None
+        self._fd_lock = threading.Lock()
+        self._size = 0
+        self._torn = False
+        self._dirty = False
+        self._waiting: deque[_Entry] = deque()
+        self._bytes = 0
+        self._losing = False
+        self._lost = 0
+        self._kind = ""
+        self._since = self._retry_at = 0.0
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file."""
+        return self._size
+
+    @property
+    def idle(self) -> bool:
+        """True where nothing waits."""
+        return not self._waiting
+
+    def open(self, *, new: bool) -> None:
+        """Open the file, as a new one that nobody had (FileExistsError), or to go on with it.
+
+        Raises:
+            OSError: It cannot be opened.
+            BadFile: Another program appends to it.
+        """
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | (os.O_EXCL if new else 0) | getattr(os, "O_BINARY", 0)
+        fd = os.open(self.path, flags, 0o666)
+        try:
+            _lock(fd, self.path)
+            self._size = os.fstat(fd).st_size
+        except BaseException:
+            os.close(fd)
+            raise
+        self._fd = fd
+
+    def put(self, data: bytes, at: float, lines: int = 0) -> bool:
+        """Queue one entry for the next flush; False where it is lost because too much waits already."""
+        if self._losing or self._is_too_much(at):
+            self._losing = True  # until all that waits is written: one gap, not a hundred
+            self._lost += lines
+            return False
+        self._queue(data, at, lines)
+        return True
+
+    def flush(self, now: float, *, at_once: bool = False) -> int:
+        """Write what waits; never raises for the disk.
+
+        Args:
+            now: Monotonic moment, s: a disk that refused is asked again after RETRY_S.
+            at_once: Do not wait for that.
+
+        Returns:
+            How many lines reached the file.
+        """
+        if not self._waiting or (self.trouble and now < self._retry_at and not at_once):
+            return 0
+        lines, error = self._write()
+        if error is None and self.trouble:
+            lost = f"{self._lost} lines dropped"
+            self.put_note(f"# gap {self._kind} {now - self._since:.3f} s ({lost})\n", now)
+            more, error = self._write()
+            lines += more
+        if error is not None:
+            self._begin_trouble(error, now)
+        elif self.trouble:
+            self.trouble, self._losing, self._lost = "", False, 0
+        return lines
+
+    def put_note(self, text: str, at: float) -> None:
+        """Queue what we say ourselves, even while lines are being lost."""
+        self._queue(text.encode("utf-8", "backslashreplace"), at, 0)
+
+    def give_up(self) -> int:
+        """Forget what waits: the file is about to be closed. How many lines that were."""
+        lost = self.waiting
+        self._waiting.clear()
+        self._bytes = self.waiting = 0
+        return lost
+
+    def sync(self) -> None:
+        """Ask the disk to keep what was written; from any thread."""
+        with self._fd_lock:
+            if self._fd is None or not self._dirty:
+                return
+            self._dirty = False
+            try:
+                _fdatasync(self._fd)
+                gone = os.fstat(self._fd).st_nlink == 0
+                self.sync_trouble = f"{self.path.name} was deleted while it is recorded" if gone else ""
+            except OSError as error:
+                self._dirty = True  # ask once more
+                self.sync_trouble = f"the disk did not confirm what was written ({error.strerror or error})"
+
+    def close(self) -> None:
+        """Free the file once the disk has it; safe to call twice."""
+        self.sync()
+        with self._fd_lock:
+            if self._fd is not None:
+                with suppress(OSError):  # network disks report here what they did not keep
+                    os.close(self._fd)
+                self._fd = None
+
+    def _queue(self, data: bytes, at: float, lines: int) -> None:
+        self._waiting.append(_Entry(data, at, lines))
+        self._bytes += len(data) + _OVERHEAD
+        self.waiting += lines
+
+    def _is_too_much(self, at: float) -> bool:
+        if not self.trouble or not self._waiting:
+            return False
+        return self._bytes > WAIT_BYTES or at - self._waiting[0].at > WAIT_S
+
+    def _write(self) -> tuple[int, OSError | None]:
+        """One pass over what waits: lines that reached the file, and why it was not all."""
+        data = memoryview(b"".join(entry.data for entry in self._waiting))
+        done, error = 0, None
+        try:
+            if self._fd is None:
+                self.open(new=False)
+            self._cut_back()
+            while done < len(data):
+                done += self._write_some(data[done:])
+        except OSError as failure:
+            error = failure
+        except BadFile as failure:  # somebody else's file by now
+            error = OSError(errno.EBUSY, str(failure))
+        lines, whole = 0, 0
+        while self._waiting and whole + len(self._waiting[0].data) <= done:
+            entry = self._waiting.popleft()
+            whole += len(entry.data)
+            lines += entry.lines
+            self._bytes -= len(entry.data) + _OVERHEAD
+        self.waiting -= lines
+        self._size += whole
+        self._dirty |= done > 0
+        self._torn |= done > whole
+        if self._torn:
+            with suppress(OSError):  # tried again before the next write
+                self._cut_back()
+        return lines, error
+
+    def _write_some(self, data: memoryview) -> int:
+        assert self._fd is not None
+        count = os.write(self._fd, data)
+        if count == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return count
+
+    def _cut_back(self) -> None:
+        """Cut what a refused write left behind the last whole entry."""
+        if self._torn and self._fd is not None:
+            os.ftruncate(self._fd, self._size)
+            self._torn = False
+
+    def _begin_trouble(self, error: OSError, now: float) -> None:
+        if not self.trouble:
+            self._since = now
+        full = error.errno in _FULL
+        self._kind = "disk full" if full else "write error"
+        reason = _FULL[error.errno] if full and error.errno else error.strerror or str(error)
+        self.trouble = f"{reason}: {self.path.name} waits for room" if full else f"{self.path.name}: {reason}"
+        self._retry_at = now + RETRY_S
+
+
+class SyncThread:
+    """Asks the disk once a second to keep what the files were given.
+
+    On a laptop that takes 0.1 ms, on a memory card seconds: in the thread that writes it would let lines pile up
+    in memory, where a crash loses them.
+    """
+
+    def __init__(self, every: float = 1.0) -> None:
+        """Start; `every` is the pause in s."""
+        self._every = every
+        self._files: tuple[AppendFile, ...] = ()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="kalscope-sync", daemon=True)
+        self._thread.start()
+
+    def watch(self, files: tuple[AppendFile, ...]) -> None:
+        """From now on these files."""
+        self._files = files
+
+    def close(self) -> None:
+        """End the thread, after a last round."""
+        self._stop.set()
+        self._thread.join()
+        for file in self._files:
+            file.sync()
+
+    def _run(self) -> None:
+        while not self._stop.wait(self._every):
+            for file in self._files:
+                file.sync()
+
+
+def _lock(fd: int, path: Path) -> None:
+    """Two programs that append to one file would mix their lines. Windows has no such lock."""
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise BadFile(f"{path.name} must be free to append to (got a file that is being recorded)") from None
+    except OSError:  # a file system without locks
+        return

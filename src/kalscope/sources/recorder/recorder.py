@@ -1,0 +1,295 @@
+"""The recorder of a live source: every line that the board sends, as it came, never filtered.
+
+    NAME.csv      host time, device time if sent, the values; gaps and the final account as comment lines
+    NAME-2.csv    the same again, where the board began to send other columns
+    NAME.rejects  the lines that are no data, with their numbers and reasons
+    NAME.torn     what a crash left behind the last whole line, moved there when the recording is resumed
+
+Written as received, in one `os.write` a hand-over: a program that is killed loses what it was not yet handed.
+All clocks are given: host time is the difference of two monotonic moments, so that no step of the wall clock
+changes a row.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kalscope.common.files import sync_folder
+from kalscope.recording import LineIssue
+from kalscope.sources.recorder.append_file import AppendFile, SyncThread
+from kalscope.sources.recorder.counts import RecorderCounts, Tally
+from kalscope.sources.recorder.disk_space import RoomWatch
+from kalscope.sources.recorder.format import escaped, header_line, preamble, restart_note, row_encoder
+from kalscope.sources.recorder.paths import (
+    check_free,
+    continues_line,
+    existing_parts,
+    free_part,
+    rejects_path,
+    taken,
+    unwritable,
+)
+from kalscope.sources.recorder.rejects import RejectsFile
+from kalscope.sources.recorder.repair import read_ends, repair
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from kalscope.sources.lines.line_reader import LineEvent
+    from kalscope.sources.lines.sniffer import Layout
+
+__all__ = ["Recorder", "RecorderCounts"]
+
+_WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
+
+
+class Recorder:
+    """Writes one recording. Any thread may ask; one at a time hands over lines."""
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        source: str,
+        started: float,
+        wall: float,
+        clock: Callable[[], float] = time.monotonic,
+        sync_every: float = 1.0,
+    ) -> None:
+        """Create the recording; nothing is ever overwritten.
+
+        Args:
+            path: NAME.csv; its folder exists, and the caller has made sure that it may be written to.
+            source: What is recorded, as the command line names it.
+            started: Monotonic moment of host time 0, s.
+            wall: Unix time at that moment, s.
+            clock: Monotonic clock, s, by which a full disk is asked again.
+            sync_every: Pause between two requests that the disk keep what it has, s.
+
+        Raises:
+            BadFile: The name is taken (a free one is proposed), or the file cannot be created.
+        """
+        path = Path(path)
+        check_free(path)
+        self._set_up(path, source=source, started=started, wall=wall, clock=clock)
+        try:
+            self._csv.open(new=True)
+        except FileExistsError:
+            raise taken(path) from None
+        except (OSError, ValueError) as error:
+            raise unwritable(path, error) from None
+        self._csv.put_note(preamble(source, wall), started)
+        self._begin(sync_every)
+
+    @classmethod
+    def resume(
+        cls,
+        path: Path,
+        *,
+        source: str,
+        started: float,
+        wall: float,
+        clock: Callable[[], float] = time.monotonic,
+        sync_every: float = 1.0,
+    ) -> Recorder:
+        """Go on with a recording that ended, or that a crash cut short.
+
+        Its torn tail is moved into NAME.torn, then a comment says how long nothing was recorded. Host time goes
+        on where the wall clock says; where that was set back, at the last row. Lines with other columns
+        than the file has go into a new part.
+
+        `path` is NAME.csv, the first part; the other arguments are those of a new recording.
+
+        Raises:
+            BadFile: There is no such recording, it is being recorded, or it cannot be written to.
+        """
+        new = cls.__new__(cls)
+        new._set_up(Path(path), source=source, started=started, wall=wall, clock=clock)
+        parts = existing_parts(new.path)
+        new._csv, new._part, last = AppendFile(parts[-1]), len(parts), parts[-1]
+        try:
+            new._csv.open(new=False)  # locked first: nobody else appends while the tail is judged
+            repair(last)
+            new._rejects.go_on()
+            new._csv.close()
+            new._csv.open(new=False)
+            new._go_on(last)
+        except OSError as error:
+            new._csv.close()
+            raise unwritable(last, error) from None
+        except BaseException:
+            new._csv.close()
+            raise
+        new._begin(sync_every)
+        return new
+
+    def _set_up(self, path: Path, *, source: str, started: float, wall: float, clock: Callable[[], float]) -> None:
+        self.path = path
+        """NAME.csv, the first part."""
+        self.trouble = ""
+        """What keeps lines from reaching the disk, in words; "" if nothing."""
+        self.warning = ""
+        """That the disk will soon be full; "" if it will not."""
+        self.counts = RecorderCounts()
+        """The account up to the last hand-over."""
+        self._source, self._started, self._wall, self._clock = source, started, wall, clock
+        self._offset = 0.0
+        self.rejects_path = rejects_path(path)
+        """NAME.rejects; it exists once there is something in it."""
+        self._csv = AppendFile(path)
+        self._rejects = RejectsFile(path, source)
+        self._older: list[AppendFile] = []  # parts that wait for room
+        self._older_paths: list[Path] = []
+        self._part = 1
+        self._header = ""
+        self._layout: Layout | None = None
+        self._encode = None
+        self._width = 0
+        self._tally = Tally()
+        self._room = RoomWatch(path.parent)
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def _begin(self, sync_every: float) -> None:
+        """Everything is open: write the first comments, and keep the disk awake from now on."""
+        self._sync = SyncThread(sync_every)
+        sync_folder(self.path.parent)
+        with self._lock:
+            self._flush()
+
+    def _go_on(self, last: Path) -> None:
+        """Take up host time and columns of the part to be continued."""
+        ends = read_ends(last)
+        if ends.wall is None:  # a crash in the first moment left no header
+            self._csv.put_note(preamble(self._source, self._wall), self._started)
+            return
+        since = self._wall - ends.wall - ends.host
+        self._offset = ends.host + max(since, 0.0)
+        self._header = ends.header
+        self._csv.put_note(restart_note(self._source, self._wall, since, self._offset), self._started)
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The parts written so far in this session, the present one last."""
+        return (*self._older_paths, self._csv.path)
+
+    def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
+        """Take lines and write them; called often, with no lines too, and never raises for the disk.
+
+        Args:
+            stamped: (monotonic moment in s, line), in order of time.
+            layout: Of all these rows: lines before and after a new layout are two hand-overs. None as long as
+                nothing is known, then no line is a row.
+        """
+        with self._lock:
+            if self._closed:
+                return
+            if layout is not None and layout is not self._layout:
+                self._use(layout)
+            for at, event in stamped:
+                self._take(at, event)
+            self._flush()
+
+    def gap(self, kind: str, seconds: float) -> None:
+        """Say in the file that nothing came for so long, and why: "unplugged", "suspend"."""
+        with self._lock:
+            if not self._closed:
+                self._csv.put(f"# gap {escaped(kind)} {seconds:.3f} s\n".encode(), self._clock())
+                self._flush()
+
+    def drop(self, count: int) -> None:
+        """Count lines that were lost before they could be handed over."""
+        with self._lock:
+            if not self._closed:
+                self._tally.taken += count
+                self._tally.dropped += count
+                self._publish()
+
+    def close(self) -> RecorderCounts:
+        """Write the account as a last comment and free the files; safe to call twice, never raises for the disk."""
+        with self._lock:
+            if self._closed:
+                return self.counts
+            self._closed = True
+            self._flush(at_once=True)
+            for file in self._files():
+                self._tally.refused(file.give_up())
+            self._publish()
+            if not self._csv.trouble:
+                self._csv.put_note(f"# end: {self.counts}\n", self._clock())
+                self._csv.flush(self._clock(), at_once=True)
+            self._sync.close()
+            self._publish()
+            for file in self._files():
+                file.close()
+            return self.counts
+
+    def _files(self) -> tuple[AppendFile, ...]:
+        return (*self._older, self._csv, self._rejects.file)
+
+    def _use(self, layout: Layout) -> None:
+        """From now on rows of this layout; a new part where their columns are others."""
+        header = header_line(layout)
+        if not self._header:
+            self._csv.put_note(header, self._started)
+        elif header != self._header:
+            self._next_part()
+            self._csv.put_note(header, self._started)
+        self._layout, self._header = layout, header
+        self._encode, self._width = row_encoder(layout), len(layout.columns)
+
+    def _next_part(self) -> None:
+        before = self._csv
+        self._part, path = free_part(self.path, self._part + 1)
+        before.put_note(f"# continued in {escaped(path.name)}: the columns changed\n", self._clock())
+        self._older.append(before)
+        self._older_paths.append(before.path)
+        self._csv = AppendFile(path)
+        start = preamble(self._source, self._wall - self._offset) + continues_line(before.path)
+        self._csv.put_note(start, self._started)
+
+    def _take(self, at: float, event: LineEvent) -> None:
+        host = at - self._started + self._offset
+        if event.kind == "row":
+            self._tally.taken += 1
+            if self._encode is None or any(len(row) != self._width for row in event.rows):
+                why = LineIssue(event.number, f"must have {self._width} values, as the columns say", event.text)
+                self._reject(host, at, event, (why,), 1)
+                return
+            rows = "".join(self._encode(host, row) for row in event.rows)
+            self._tally.refused(not self._csv.put(rows.encode(), at, 1))
+            if event.issues:  # of single cells: the row has empty cells there
+                self._reject(host, at, event, event.issues, 0)
+        elif event.kind == "rejected":
+            self._tally.taken += 1
+            self._reject(host, at, event, event.issues, 1)
+        else:
+            self._tally.other += 1
+            if event.kind != "blank":
+                why = LineIssue(event.number, f"is {_WHAT.get(event.kind, event.kind)}", event.text)
+                self._reject(host, at, event, (why,), 0)
+
+    def _reject(self, host: float, at: float, event: LineEvent, issues: Sequence[LineIssue], lines: int) -> None:
+        if not self._rejects.put(host, at, self._wall - self._offset, event, issues, lines):
+            self._tally.refused(lines)
+
+    def _flush(self, *, at_once: bool = False) -> None:
+        now = self._clock()
+        for file in (*self._older, self._csv):
+            self._tally.written += file.flush(now, at_once=at_once)
+        self._tally.rejected += self._rejects.file.flush(now, at_once=at_once)
+        for file in [file for file in self._older if file.idle]:
+            self._older.remove(file)
+            file.close()
+        self._sync.watch(self._files())
+        self.warning = self._room.look(now, sum(file.size for file in self._files()))
+        self._publish()
+
+    def _publish(self) -> None:
+        waiting = sum(file.waiting for file in self._files())
+        self.counts = self._tally.counts(waiting)
+        troubles = (getattr(file, name) for name in ("trouble", "sync_trouble") for file in self._files())
+        self.trouble = next(filter(None, troubles), "")

@@ -1,0 +1,60 @@
+"""The recordings of sample_data: list them, open one by its name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kalscope.errors import BadFile, BadSetting
+from kalscope.sources.readers.csv_file import read_recording
+
+if TYPE_CHECKING:
+    from kalscope.recording import Recording
+
+DEMO = "flex_sensor"
+"""The sample behind "demo": a clean periodic truth under a noise one can see."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One recording of sample_data."""
+
+    name: str
+    """What follows "sample:"."""
+    title: str
+    """Heading of its note."""
+    summary: str
+    """First line of its note below the heading."""
+
+
+def sample_data_dir() -> Path:
+    """The folder of the samples: beside the installed package, or at the top of a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "sample_data", package.parents[1] / "sample_data"):
+        if folder.is_dir():
+            return folder
+    raise BadFile(f"sample_data must be installed with kalscope (got nothing beside {package})")
+
+
+def list_samples() -> list[Sample]:
+    """All samples by name, the one for a first look first."""
+    samples = [_describe(path) for path in sorted(sample_data_dir().glob("*.csv"))]
+    return sorted(samples, key=lambda sample: sample.name != DEMO)
+
+
+def _describe(path: Path) -> Sample:
+    note = path.with_suffix(".md")
+    lines = note.read_text(encoding="utf-8").splitlines() if note.is_file() else []
+    said = [line.strip() for line in lines if line.strip()]
+    title = said[0].lstrip("# ") if said else path.stem
+    return Sample(path.stem, title, said[1] if len(said) > 1 else "")
+
+
+def open_sample(name: str, sample_period: float | None = None) -> Recording:
+    """Open the sample of this name; BadSetting where there is none."""
+    samples = {sample.name: sample for sample in list_samples()}
+    if name not in samples:
+        raise BadSetting(f"sample must be one of {', '.join(samples)} (got {name!r})")
+    recording = read_recording(sample_data_dir() / f"{name}.csv", sample_period=sample_period)
+    return replace(recording, source=f"sample:{name}", title=samples[name].title)

@@ -1,0 +1,142 @@
+"""Which filter a command runs: its options, the tuning file, or a guess from the signal, in this order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from kalscope.errors import BadSetting
+from kalscope.estimation.starting import starting_params
+from kalscope.filtering.params import FilterParams
+from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, same_period
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from kalscope.recording import Recording
+
+Given = dict[str, float | None]
+"""Parameters by name, those that were given; None is an automatic start."""
+
+
+def params_for(
+    recording: Recording, config: Path | None, given: Given, channel: str | None
+) -> tuple[dict[str, FilterParams], list[str]]:
+    """Choose the filter of each channel of a recording.
+
+    Args:
+        recording: What is to be filtered.
+        config: Tuning file, or None. Its q is rescaled to the recording's sample period.
+        given: Parameters that outrank it, by name; None is an automatic start.
+        channel: The one channel to be filtered, or None for all.
+
+    Returns:
+        (params, notes): scalar parameters by channel, and sentences a person should know about the choice.
+
+    Raises:
+        BadFile: `config` is no tuning file.
+        BadSetting: No such channel, the tuning has none of the channels, or a parameter is out of its range.
+    """
+    if channel is not None:
+        recording.index(channel)
+    if config is not None:
+        return _tuned_params(recording, config, given, channel)
+    names = recording.names if channel is None else (channel,)
+    chosen = [_untuned_params(recording, name, given) for name in names]
+    notes = [note for _, note in chosen if note]
+    return {name: params for name, (params, _) in zip(names, chosen, strict=True)}, notes
+
+
+def _untuned_params(recording: Recording, name: str, given: Given) -> tuple[FilterParams, str]:
+    values: dict[str, Any] = dict(given)
+    note = ""
+    if "q" not in given or "r" not in given:
+        values.setdefault("r", starting_params(recording.channel(name)).r)
+        values.setdefault("q", values["r"] / 100.0)
+        note = (
+            f"{name}: q = {values['q']:.6g}, r = {values['r']:.6g}; what was not given is the starting value"
+            " r = var(Δz)/2, q = r/100"
+        )
+    return FilterParams(**values), note
+
+
+def _tuned_params(
+    recording: Recording, config: Path, given: Given, channel: str | None
+) -> tuple[dict[str, FilterParams], list[str]]:
+    pairs, notes = adapt_tuning(recording, load_tuning(config), given, channel)
+    return {name: replace(entry.params, **given) for name, entry in pairs.items()}, notes
+
+
+def adapt_tuning(
+    recording: Recording, tuning: Tuning, given: Given | None = None, channel: str | None = None
+) -> tuple[dict[str, ChannelTuning], list[str]]:
+    """Which entry of a tuning belongs to which channel of a recording, q rescaled to its sample period.
+
+    Args:
+        recording: What is to be filtered.
+        tuning: What was found, perhaps on another recording.
+        given: Parameters that will outrank the tuning; a given q is not rescaled.
+        channel: The one channel that is wanted, or None for all.
+
+    Returns:
+        (entries, notes): a tuning by channel, and sentences a person should know about the choice.
+
+    Raises:
+        BadSetting: The tuning has none of the channels.
+    """
+    tuning, notes = _rescaled(tuning, recording.sample_period, given or {})
+    if recording.sample_period is None and tuning.sample_period is not None and "q" not in (given or {}):
+        notes.append(
+            f"q is used as it was tuned at a sample period of {tuning.sample_period:.6g} s: the recording"
+            " says none (see --sample-period)"
+        )
+    if tuning.sha256 and recording.sha256 and tuning.sha256 != recording.sha256:
+        notes.append(
+            f"the recording is not the one of the tuning (SHA-256 {recording.sha256[:12]}…,"
+            f" tuned on {tuning.sha256[:12]}…)"
+        )
+    tuned = {entry.name: entry for entry in tuning.channels}
+    wanted = recording.names if channel is None else (channel,)
+    pairs = {name: tuned[name] for name in wanted if name in tuned}
+    if not pairs and len(wanted) == len(tuned) == 1:
+        pairs = {wanted[0]: tuning.channels[0]}
+        notes.append(f"{wanted[0]}: filtered as the tuning's only channel, {tuning.channels[0].name}")
+    if not pairs:
+        raise BadSetting(f"the tuning must hold {' or '.join(wanted)} (got channels {', '.join(tuned)})")
+    left_out = [name for name in wanted if name not in pairs]
+    if left_out:
+        notes.append(f"the tuning has no such channel: {', '.join(left_out)}")
+    return pairs, notes
+
+
+def _rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:
+    """The tuning at the recording's sample period in s, and a note where q had to change."""
+    if "q" in given or period is None or tuning.sample_period is None:
+        return tuning, []
+    if same_period(period, tuning.sample_period):
+        return tuning, []
+    note = (
+        f"q was multiplied by {period / tuning.sample_period:.6g}: it was tuned at a sample period of"
+        f" {tuning.sample_period:.6g} s, here it is {period:.6g} s"
+    )
+    return tuning.rescaled(period), [note]
+
+
+def params_for_stdin(
+    config: Path | None, given: Given, channel: str | None, period: float | None
+) -> tuple[FilterParams | list[FilterParams], list[str]]:
+    """Choose the filters of a stream without names; arguments and errors as `params_for`.
+
+    Returns:
+        (params, notes): one filter for all columns, or with `config` one a column, in the order of the file.
+    """
+    if config is None:
+        if channel is not None:
+            raise BadSetting(f"--channel needs --config, because stdin has no names (got {channel!r})")
+        values: dict[str, Any] = dict(given)
+        if "q" not in values or "r" not in values:
+            raise BadSetting('filtering "-" must begin with q and r: give --config, or --q and --r')
+        return FilterParams(**values), []
+    tuning, notes = _rescaled(load_tuning(config), period, given)
+    channels = tuning.channels if channel is None else (tuning.channel(channel),)
+    return [replace(entry.params, **given) for entry in channels], notes

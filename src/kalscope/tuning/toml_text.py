@@ -1,0 +1,231 @@
+"""The text of a tuning file: TOML tables in, text out and back, before anything is known of filters.
+
+Read with the standard library's tomllib; written with tomlkit, which keeps comments.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import tomlkit
+
+from kalscope.errors import BadFile
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping, MutableMapping
+
+    from tomlkit.items import AoT, Item, Table
+
+FORMAT = 1
+"""Number of the file format; a reader refuses the numbers it does not know."""
+MAX_BYTES = 1_000_000
+"""Largest file read: some thousand channels. More is no tuning file."""
+MAX_DEPTH = 64
+"""Deepest dotted key read: the memory that tomllib takes grows with the square of the depth (40 kB of dots
+took 1.5 GB)."""
+
+_STRING_OR_COMMENT = re.compile(
+    r""""{3}(?:[^\\]|\\.)*?"{3}|'{3}.*?'{3}|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'|\#[^\n]*""", re.DOTALL
+)
+_DEEP_KEY = re.compile(rf'(?<![\w-])(?:(?:[\w-]+|"")[ \t]*\.[ \t]*){{{MAX_DEPTH}}}')
+
+_TITLE = "Kalscope tuning: the parameters of a scalar Kalman noise filter. Edit freely: your comments are kept."
+_COMMENTS = {
+    "date": "UTC",
+    "selected": "the channel on the screen",
+    "spec": "what reopens the recording",
+    "sha256": "of the recording's bytes",
+    "sample_period": "s; q belongs to this period",
+    "unit": "of the signal; variances are in its square",
+    "q": "process-noise variance added per sample, unit²",
+    "r": "measurement-noise variance, unit²",
+    "p0": 'variance of the estimate before the first predict, unit²; or "diffuse": unknown',
+    "x0": 'estimate before the first predict, unit; or "first": the first sample',
+    "gate": "a sample whose v²/s exceeds it is not used",
+}
+"""What stands beside each key of a new file."""
+
+
+def parse(text: str) -> dict[str, Any]:
+    """The tables of a tuning file of our format; nothing but the format number is checked.
+
+    Raises:
+        BadFile: The text is too long, no TOML, or of another format.
+    """
+    if len(text) > MAX_BYTES:
+        raise BadFile(f"a tuning file must hold at most {MAX_BYTES} characters (got {len(text)})")
+    if _DEEP_KEY.search(_STRING_OR_COMMENT.sub('""', text)):
+        raise BadFile(f"keys must be nested at most {MAX_DEPTH} deep (got more)")
+    try:
+        document = tomllib.loads(text)
+    except RecursionError:
+        raise BadFile("a tuning file must be TOML text (got brackets nested without end)") from None
+    except ValueError as error:  # TOMLDecodeError, or an integer of 5000 digits
+        raise BadFile(f"a tuning file must be TOML text (got: {one_line(error)})") from None
+    found = document.get("format")
+    if isinstance(found, bool) or found != FORMAT:
+        raise BadFile(f"format must be {FORMAT} (got {shown(found)})")
+    return document
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """The text of a tuning file; BadFile where it is missing, too long or binary."""
+    try:
+        with open(path, "rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = getattr(error, "strerror", None) or error
+        raise BadFile(f"a tuning file must be readable (got: {reason})") from None
+    if len(data) > MAX_BYTES:
+        raise BadFile(f"a tuning file must hold at most {MAX_BYTES} bytes (got more)")
+    try:
+        return data.decode("utf-8-sig")  # the old Notepad of Windows begins a file with a BOM
+    except UnicodeDecodeError:
+        raise BadFile("a tuning file must be TOML text in UTF-8 (got binary data)") from None
+
+
+def fresh(tables: Mapping[str, Any]) -> str:
+    """The text of a new file with a comment beside each value.
+
+    Args:
+        tables: As `parse` returns them; None is a key that must be absent.
+    """
+    document = tomlkit.document()
+    document.add(tomlkit.comment(_TITLE))
+    _write(document, tables)
+    return tomlkit.dumps(document)
+
+
+def updated(before: str, tables: Mapping[str, Any]) -> str:
+    """The text `before` with the values of `tables`: unchanged values, comments and foreign keys stay.
+
+    Args:
+        before: A text that `parse` accepts, or "" for a new file.
+        tables: As for `fresh`.
+    """
+    if before:
+        # tomlkit has its limits (a table defined in two places, mixed inline tables), of many exception
+        # types; the values matter more than the comments, so what it wrote is read back and compared.
+        try:
+            document = tomlkit.parse(before)
+            _write(document, tables)
+            text = tomlkit.dumps(document)
+            if _holds(parse(text), tables):
+                return text
+        except Exception:
+            pass
+    return fresh(tables)
+
+
+def _write(table: MutableMapping[str, Any], values: Mapping[str, Any]) -> None:
+    """Put `values` into a tomlkit table, touching only what differs."""
+    for key, value in values.items():
+        if value is None:
+            table.pop(key, None)
+        elif isinstance(value, dict):
+            if key not in table:
+                table[key] = _new_table()
+            _write(table[key], value)
+        elif isinstance(value, list):
+            _write_channels(table, key, value)
+        elif key not in table:
+            table[key] = _commented(key, value)
+        elif not _same(table[key], value):
+            table[key] = value
+
+
+def _write_channels(table: MutableMapping[str, Any], key: str, channels: list[Mapping[str, Any]]) -> None:
+    """Put the channels into an array of tables in their order; a channel of the same name is updated."""
+    array: AoT = table.setdefault(key, tomlkit.aot())
+    there = {str(entry["name"]): entry for entry in array.body}
+    if list(there) != [channel["name"] for channel in channels]:
+        del array[:]
+        for channel in channels:
+            array.append(there.get(channel["name"], _new_table()))
+    for entry, channel in zip(array.body, channels, strict=True):
+        _write(entry, channel)
+
+
+def _new_table() -> Table:
+    table = tomlkit.table()
+    table.trivia.indent = "\n"  # an empty line above its [header]
+    return table
+
+
+def _commented(key: str, value: Any) -> Item:
+    item = tomlkit.item(value)
+    return item.comment(_COMMENTS[key]) if key in _COMMENTS else item
+
+
+def _holds(document: Mapping[str, Any], tables: Mapping[str, Any]) -> bool:
+    """Whether `document` says all that `tables` says."""
+    return all(_same(document.get(key), value) for key, value in tables.items())
+
+
+def _same(found: Any, value: Any) -> bool:
+    """Equal as the reader sees it: 1 and 1.0 are the same number, 0.0 and -0.0 are not."""
+    if isinstance(value, dict):
+        return isinstance(found, dict) and _holds(found, value)
+    if isinstance(value, list):
+        return isinstance(found, list) and len(found) == len(value) and all(map(_same, found, value))
+    if isinstance(value, float):
+        number = isinstance(found, int | float) and not isinstance(found, bool)
+        return number and float(found).hex() == value.hex()
+    return isinstance(found, type(value)) and found == value
+
+
+def table_of(value: object, where: str) -> Mapping[str, Any]:
+    """`value` as a table; `where` names it in the BadFile otherwise."""
+    if not isinstance(value, dict):
+        raise BadFile(f"{where} must be a table (got {shown(value)})")
+    return value
+
+
+def text_of(table: Mapping[str, Any], key: str, where: str) -> str:
+    """The text under `key`, "" where it is absent; BadFile for anything else."""
+    value = table.get(key, "")
+    if not isinstance(value, str):
+        raise BadFile(f"{key} of {where} must be a text in quotes (got {shown(value)})")
+    return value
+
+
+def number_of(table: Mapping[str, Any], key: str, where: str) -> float:
+    """The finite number under `key`; BadFile otherwise."""
+    if key not in table:
+        raise BadFile(f"{key} of {where} must be given (got nothing)")
+    value = table[key]
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        with suppress(OverflowError):  # an integer of 400 digits
+            if math.isfinite(number := float(value)):
+                return number
+    raise BadFile(f"{key} of {where} must be a finite number (got {shown(value)})")
+
+
+def optional_number_of(table: Mapping[str, Any], key: str, where: str, word: str = "") -> float | None:
+    """As `number_of`, but None where `key` is absent or holds `word`."""
+    if key not in table or (word and table[key] == word):
+        return None
+    if word and isinstance(table[key], str):
+        raise BadFile(f'{key} of {where} must be a finite number or "{word}" (got {shown(table[key])})')
+    return number_of(table, key, where)
+
+
+def clean(text: str) -> str:
+    """`text` without the lone surrogates that file names may hold and UTF-8 may not."""
+    return text.encode("utf-8", "replace").decode()
+
+
+def shown(value: object) -> str:
+    """A value as it stands in a message, cut at 60 characters."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}…"
+
+
+def one_line(value: object) -> str:
+    """A message of another library without its line ends."""
+    return " ".join(str(value).split())

@@ -1,0 +1,297 @@
+"""The tuning: which filter was found for which channel of which recording, and the TOML file that keeps it.
+
+This is the one file that Kalscope reads back. It is made to be edited and annotated by hand: saving over it
+changes only the values that changed, and keeps every comment and every key that is not ours.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, field, replace
+from datetime import UTC, date, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kalscope.common.files import write_atomic
+from kalscope.errors import BadFile, BadSetting
+from kalscope.filtering.params import FilterParams
+from kalscope.tuning.toml_text import (
+    FORMAT,
+    MAX_BYTES,
+    clean,
+    fresh,
+    number_of,
+    optional_number_of,
+    parse,
+    read_text,
+    shown,
+    table_of,
+    text_of,
+    updated,
+)
+
+SAME_PERIOD = 1e-3
+"""Sample periods that differ relatively by less are the same: a median of time stamps is no more exact."""
+
+
+def _tool() -> str:
+    try:
+        return f"kalscope {version('kalscope')}"
+    except PackageNotFoundError:  # run from a checkout that is not installed
+        return "kalscope"
+
+
+def _now() -> str:
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+@dataclass(frozen=True)
+class ChannelTuning:
+    """The filter of one channel.
+
+    Raises:
+        BadSetting: The numbers are no parameters of a filter (see `FilterParams`).
+    """
+
+    name: str
+    """Name of the channel, as in the recording."""
+    unit: str
+    """Unit of the signal, "" where unknown."""
+    q: float
+    """Process-noise variance added per nominal sample period, unit², 0 … 1e300."""
+    r: float
+    """Measurement-noise variance, unit², 0 … 1e300; q and r are not both 0."""
+    p0: float | None = None
+    """Variance of the estimate before the first predict, unit², ≥ 0; None = exact diffuse start."""
+    x0: float | None = None
+    """Estimate before the first predict, unit; None = the first finite sample. Needs p0."""
+    how: str = "by hand"
+    """How q and r were found, for a person: "by hand", "maximum likelihood", …"""
+    gate: float | None = None
+    """Outlier gate on v²/s, > 0; None = off."""
+
+    def __post_init__(self) -> None:
+        params = self.params
+        for name in ("q", "r", "p0", "x0", "gate"):
+            value = getattr(params, name)
+            if isinstance(value, np.ndarray):
+                raise BadSetting(f"{name} of a channel must be one number (got {value})")
+            object.__setattr__(self, name, value)
+
+    @property
+    def params(self) -> FilterParams:
+        """The parameters as the filter takes them, scalars."""
+        return FilterParams(self.q, self.r, self.p0, self.x0, self.gate)
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What the tuning file holds.
+
+    Raises:
+        BadSetting: No channel, two of one name, `selected` is none of them, or the period is not positive.
+    """
+
+    channels: tuple[ChannelTuning, ...]
+    """At least one, names distinct."""
+    source: str = ""
+    """What reopens the recording: a path, "sample:NAME", "synthetic:SHAPE?…"; "" where unknown."""
+    source_name: str = ""
+    """Name of the recording for a person."""
+    sha256: str = ""
+    """SHA-256 of the recording's bytes; "" where unknown."""
+    sample_period: float | None = None
+    """Nominal sample period that q belongs to, s, > 0; None where unknown."""
+    selected: str = ""
+    """Channel that was on the screen; "" = the first."""
+    tool: str = field(default_factory=_tool)
+    """Program and version that made the tuning."""
+    date: str = field(default_factory=_now)
+    """When it was made, UTC, ISO 8601."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", tuple(self.channels))
+        names = [channel.name for channel in self.channels]
+        if not names:
+            raise BadSetting("tuning must hold at least one channel (got none)")
+        if len(set(names)) < len(names):
+            raise BadSetting(f"channels must have distinct names (got {shown(names)})")
+        if self.selected and self.selected not in names:
+            raise BadSetting(f"selected must be one of {shown(names)} (got {self.selected!r})")
+        if self.sample_period is not None:
+            object.__setattr__(self, "sample_period", _period(self.sample_period))
+
+    def channel(self, name: str) -> ChannelTuning:
+        """The tuning of the channel `name`; BadSetting names the choices."""
+        for channel in self.channels:
+            if channel.name == name:
+                return channel
+        choices = ", ".join(channel.name for channel in self.channels)
+        raise BadSetting(f"channel must be one of {choices} (got {name!r})")
+
+    def params(self, channel_name: str | None = None) -> FilterParams:
+        """Parameters of one channel as scalars, or of all as arrays of shape (channels,) for None.
+
+        Raises:
+            BadSetting: No such channel; or some channels have a p0, x0 or gate and others have not, which
+                arrays cannot say. Ask for each channel by its name then.
+        """
+        if channel_name is not None:
+            return self.channel(channel_name).params
+        return FilterParams(
+            np.array([channel.q for channel in self.channels]),
+            np.array([channel.r for channel in self.channels]),
+            *(self._together(name) for name in ("p0", "x0", "gate")),
+        )
+
+    def rescaled(self, sample_period: float) -> Tuning:
+        """The same filter in continuous time, for another sample period in s.
+
+        A random walk gains variance in proportion to time, so q per sample becomes q·T_new/T_old; r and p0
+        are properties of one sample and of the start, and stay.
+
+        Raises:
+            BadSetting: Either period is unknown or not positive, or q leaves its range.
+        """
+        period = _period(sample_period)
+        if self.sample_period is None:
+            raise BadSetting("sample_period of the tuning must be known to rescale q (got none)")
+        ratio = period / self.sample_period  # first, so that an equal period changes no bit of q
+        channels = tuple(replace(channel, q=channel.q * ratio) for channel in self.channels)
+        return replace(self, channels=channels, sample_period=period)
+
+    def _together(self, name: str) -> np.ndarray | None:
+        values = [getattr(channel, name) for channel in self.channels]
+        given = [value for value in values if value is not None]
+        if given and len(given) < len(values):
+            raise BadSetting(f"{name} must be given for all channels or for none (got {shown(values)})")
+        return np.array(given) if given else None
+
+
+def same_period(a: float, b: float) -> bool:
+    """Whether two sample periods in s are the same but for the resolution of time stamps."""
+    return math.isclose(a, b, rel_tol=SAME_PERIOD)
+
+
+def save_tuning(tuning: Tuning, path: str | os.PathLike[str]) -> None:
+    """Write the tuning file, whole or not at all; the comments of a tuning file that is there are kept.
+
+    Raises:
+        BadFile: There is a file that is no tuning file of this format: a slip of the keyboard must not cost
+            anybody a recording.
+        BadSetting: The file would be too large to be read again.
+        OSError: The file cannot be written; it is unchanged.
+    """
+    before = ""
+    if Path(path).is_file() and Path(path).stat().st_size:
+        try:
+            before = read_text(path)
+            parse(before)
+        except BadFile as error:
+            raise BadFile(f"{os.fspath(path)!r} must be a tuning file to be saved over (got: {error})") from None
+    data = updated(before, _plain(tuning)).encode()
+    if len(data) > MAX_BYTES:
+        raise BadSetting(f"a tuning file must hold at most {MAX_BYTES} bytes (got {len(data)})")
+    write_atomic(path, data)
+
+
+def load_tuning(path: str | os.PathLike[str]) -> Tuning:
+    """Read a tuning file.
+
+    Raises:
+        BadFile: The file cannot be read or is no tuning file; one line says what must hold and what came.
+    """
+    try:
+        return loads(read_text(path))
+    except BadFile as error:
+        raise BadFile(f"{os.fspath(path)!r}: {error}") from None
+
+
+def dumps(tuning: Tuning) -> str:
+    """The text of a new tuning file. Every float comes back from it bit for bit."""
+    return fresh(_plain(tuning))
+
+
+def loads(text: str) -> Tuning:
+    """The tuning in the text of a file. Keys that are not ours are ignored.
+
+    Raises:
+        BadFile: As `load_tuning`.
+    """
+    document = parse(text)
+    if isinstance(document.get("date"), date):  # without quotes TOML has dates of its own
+        document["date"] = document["date"].isoformat()
+    source = table_of(document.get("source", {}), "[source]")
+    channels = document.get("channel")
+    if not isinstance(channels, list) or not channels:
+        raise BadFile(f"there must be at least one [[channel]] (got {shown(channels)})")
+    try:
+        return Tuning(
+            channels=tuple(_channel(entry, i) for i, entry in enumerate(channels, 1)),
+            source=text_of(source, "spec", "[source]"),
+            source_name=text_of(source, "name", "[source]"),
+            sha256=text_of(source, "sha256", "[source]"),
+            sample_period=optional_number_of(source, "sample_period", "[source]"),
+            selected=text_of(document, "selected", "the file"),
+            tool=text_of(document, "tool", "the file"),
+            date=text_of(document, "date", "the file"),
+        )
+    except BadSetting as error:
+        raise BadFile(str(error)) from None
+
+
+def _plain(tuning: Tuning) -> dict[str, Any]:
+    """The tuning as the tables of the file; None is a key that is absent."""
+    name, spec, sha256 = (clean(text) for text in (tuning.source_name, tuning.source, tuning.sha256))
+    source = {"name": name, "spec": spec, "sha256": sha256, "sample_period": tuning.sample_period}
+    channels = [
+        {
+            "name": clean(channel.name),
+            "unit": clean(channel.unit),
+            "q": channel.q,
+            "r": channel.r,
+            "p0": "diffuse" if channel.p0 is None else channel.p0,
+            "x0": "first" if channel.x0 is None else channel.x0,
+            "gate": channel.gate,
+            "how": clean(channel.how),
+        }
+        for channel in tuning.channels
+    ]
+    head = {"format": FORMAT, "tool": clean(tuning.tool), "date": clean(tuning.date)}
+    return {**head, "selected": clean(tuning.selected), "source": source, "channel": channels}
+
+
+def _channel(entry: object, number: int) -> ChannelTuning:
+    where = f"[[channel]] {number}"
+    table = table_of(entry, where)
+    if "name" not in table:
+        raise BadFile(f"name of {where} must be given (got nothing)")
+    name = text_of(table, "name", where)
+    where = f"channel {shown(name)}"
+    try:
+        return ChannelTuning(
+            name=name,
+            unit=text_of(table, "unit", where),
+            q=number_of(table, "q", where),
+            r=number_of(table, "r", where),
+            p0=optional_number_of(table, "p0", where, "diffuse"),
+            x0=optional_number_of(table, "x0", where, "first"),
+            how=text_of(table, "how", where),
+            gate=optional_number_of(table, "gate", where),
+        )
+    except BadSetting as error:
+        raise BadFile(f"{where}: {error}") from None
+
+
+def _period(value: float) -> float:
+    try:
+        period = float(value)
+    except (TypeError, ValueError):
+        period = math.nan
+    if not (math.isfinite(period) and period > 0.0):
+        raise BadSetting(f"sample_period must be a positive number of seconds (got {value!r})")
+    return period

@@ -1,0 +1,322 @@
+"""Simpler filters at equal lag or noise, measured on ramps and noise made here."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
+from kalscope.analysis.alternatives import filters
+from kalscope.analysis.alternatives.candidates import at_lag, at_noise
+from kalscope.analysis.alternatives.comparison import LIMIT, compare_alternatives, is_matched, stretch_of
+from kalscope.analysis.alternatives.measured_response import Bench, bench_of
+from kalscope.analysis.alternatives.verdict import difference, verdict
+
+ONE_EURO = Path(__file__).parents[3] / "../shared/data/one_euro_truth/groundTruth.csv"
+RNG = np.random.default_rng(20)
+WINDOWED = {"Moving average", "Median", "Delayed Savitzky-Golay"}
+MEASURED = {"Median", "One-euro"}
+
+
+def bench_for(lag, speed=0.2):
+    return Bench(noise=RNG.normal(size=5000), speed=speed, samples=100_000, present_lag=lag)
+
+
+def ramp_lag(run, bench):
+    """Lag on a noisy ramp up and down, by its definition, with other noise than the bench's."""
+    n = int(60 * (bench.present_lag + 1)) + 6000
+    noise, ramp = np.random.default_rng(99).normal(size=n), bench.speed * np.arange(n)
+    apart = (run(ramp + noise) - run(noise - ramp)) / 2
+    return float(np.mean((ramp - apart)[n // 3 :])) / bench.speed
+
+
+def noise_left(run, n=400_000):
+    noise = np.random.default_rng(98).normal(size=n)
+    left = run(noise)[n // 5 : -n // 5]
+    return float(np.mean(left**2))
+
+
+@pytest.mark.parametrize("lag", [1.0, 3.0, 9.512, 40.0, 400.0])
+def test_each_alternative_has_the_lag_it_is_said_to_have_and_the_one_asked_or_its_nearest(lag):
+    bench = bench_for(lag)
+    for one in at_lag(lag, bench):
+        tolerance = 0.05 if one.name in MEASURED else 1e-3
+        assert ramp_lag(one.run, bench) == pytest.approx(one.lag, rel=tolerance, abs=tolerance), one.name
+        if not one.causal:
+            assert one.lag == 0.0
+        elif one.name == "Power-of-two gain":
+            assert min(abs(2**k - 1 - lag) for k in range(12)) == pytest.approx(abs(one.lag - lag))
+        elif one.name in WINDOWED:
+            assert abs(one.lag - lag) <= max(0.5, 0.05 * lag) + 0.5 * (one.name != "Moving average"), one.name
+        else:
+            assert one.lag == pytest.approx(lag, rel=0.02), one.name
+
+
+@pytest.mark.parametrize("decibel", [2.0, 6.0, 13.02, 20.0])
+def test_each_alternative_leaves_the_noise_it_is_said_to_leave_and_the_one_asked_or_its_nearest(decibel):
+    gain = 10 ** (-decibel / 10)
+    lag = (1 / (2 * gain / (1 + gain))) - 1
+    for one in at_noise(gain, bench_for(lag)):
+        # A median sees how dense the noise is in its middle, which 5000 draws of it tell to a tenth.
+        tolerance = 0.15 if one.name in MEASURED else 0.06
+        assert noise_left(one.run) == pytest.approx(one.noise_gain, rel=tolerance), one.name
+        missed = abs(10 * math.log10(one.noise_gain / gain))
+        if one.name == "Power-of-two gain":
+            nearest = min(abs(10 * math.log10(2**k * 2 - 1) - decibel) for k in range(20))  # α/(2 − α), α = 2⁻ᵏ
+            assert missed == pytest.approx(nearest)
+        elif one.name in WINDOWED or not one.causal:
+            window = int(one.words.split()[-1])
+            assert missed <= max(0.3, 10 * math.log10((window + 2) / window)), one.name
+        else:
+            assert missed < 0.2, one.name
+
+
+def test_a_long_parabola_is_the_same_by_fourier_transform(monkeypatch):
+    z = 1e3 + np.cumsum(RNG.normal(size=3000))
+    fast = filters.savitzky_golay(z, 701)
+    monkeypatch.setattr(filters, "LONG", 10_000)
+    assert np.allclose(fast, filters.savitzky_golay(z, 701), rtol=0, atol=1e-8)
+
+
+def test_savitzky_golay_delayed_is_the_centred_one_later():
+    z = RNG.normal(size=300)
+    centred = filters.savitzky_golay(z, 21)
+    weights = np.linalg.pinv(np.vander(np.arange(-10, 11), 3))[2]  # the parabola's height in the middle
+    assert np.allclose(centred[10:-10], np.convolve(z, weights[::-1], "valid"))
+    late = filters.delayed(centred, 10)
+    assert np.isnan(late[:10]).all()
+    assert np.array_equal(late[10:], centred[:-10])
+
+
+def test_exponential_smoothing_is_the_steady_kalman_filter():
+    z = np.cumsum(RNG.normal(size=3000)) + RNG.normal(size=3000)
+    params = FilterParams(q=0.04, r=1.0)
+    steady = steady_state(params)
+    settled = FilterParams(q=0.04, r=1.0, p0=steady.p, x0=z[0])  # begun where its variance settles
+    assert np.allclose(kalman_filter(z, settled).x, filters.exponential(z, steady.gain), rtol=0, atol=1e-10)
+    apart = np.abs(kalman_filter(z, params).x - filters.exponential(z, steady.gain))
+    assert apart[:20].max() > 0.1
+    assert apart[400:].max() < 1e-10 * np.abs(z).max()
+
+
+def test_moving_average_and_median_are_those_of_the_last_samples_that_came():
+    z = RNG.normal(size=60)
+    z[[3, 4, 20]] = np.nan
+    seen = z[np.isfinite(z)]
+    mean, middle = filters.moving_average(z, 7), filters.median(z, 7)
+    came = 0
+    for i, value in enumerate(z):
+        came += not math.isnan(value)
+        assert mean[i] == pytest.approx(seen[max(0, came - 7) : came].mean())
+        full = np.concatenate([np.full(7, seen[0]), seen[:came]])[-7:]
+        assert middle[i] == np.median(full)
+
+
+def test_one_euro_is_its_published_lines():
+    z, x, dx, t = RNG.normal(size=50).cumsum(), None, 0.0, 0
+    z[[10, 11]] = np.nan
+    for value, got in zip(z, filters.one_euro(z, 0.02, 0.1, 0.05), strict=True):
+        t += 1
+        if not math.isnan(value):
+            if x is None:
+                x = value
+            else:
+                share = lambda cutoff: 1 / (1 + 1 / (2 * math.pi * cutoff) / t)  # noqa: E731, B023
+                dx = share(0.05) * ((value - x) / t) + (1 - share(0.05)) * dx
+                a = share(0.02 + 0.1 * abs(dx))
+                x = a * value + (1 - a) * x
+            t = 0
+        assert got == pytest.approx(x)
+
+
+@pytest.mark.skipif(not ONE_EURO.is_file(), reason="shared/data is not beside the repository")
+def test_one_euro_is_its_authors_own_ground_truth():
+    _, _, noisy, filtered = np.loadtxt(ONE_EURO, delimiter=",", skiprows=1).T
+    ours = filters.one_euro(noisy, 1.0 / 120.0, 0.1, 1.0 / 120.0)  # 120 Hz, cut-offs 1 Hz, β 0.1
+    assert np.abs(ours - filtered).max() < 1e-5  # times and values are printed with six digits
+
+
+def test_missing_samples_leave_no_hole_and_no_future_in_a_causal_filter():
+    z = RNG.normal(size=400).cumsum()
+    z[:5] = z[100:140] = np.nan
+    for one in at_lag(4.0, bench_for(4.0)):
+        curve = one.run(z)
+        assert np.isnan(curve[:5]).all(), one.name
+        assert np.isfinite(curve[5 + (one.name == "Delayed Savitzky-Golay") * 4 :]).all(), one.name
+        if one.causal:
+            changed = z.copy()
+            changed[300:] += 1e6
+            before = 296 if one.name == "Delayed Savitzky-Golay" else 300
+            assert np.array_equal(one.run(changed)[5:before], curve[5:before], equal_nan=True), one.name
+
+
+def test_every_alternative_is_equivariant_in_unit_and_level():
+    z = np.cumsum(RNG.normal(size=2000)) + 3 * RNG.normal(size=2000)
+    a = compare_alternatives(z, FilterParams(q=0.1, r=9.0))
+    b = compare_alternatives(1e-3 * z + 50.0, FilterParams(q=0.1e-6, r=9e-6))
+    for one, other in zip(a.others, b.others, strict=True):
+        assert np.allclose(1e-3 * one.curve + 50.0, other.curve, rtol=0, atol=1e-6, equal_nan=True), one.name
+        assert one.lag_samples == pytest.approx(other.lag_samples, rel=1e-3, abs=1e-6)
+    assert a.verdict == b.verdict
+
+
+def test_on_a_random_walk_under_white_noise_nothing_beats_the_true_kalman_filter():
+    truth = np.cumsum(0.2 * RNG.normal(size=60_000))
+    z = truth + RNG.normal(size=60_000)
+    for match in ("lag", "noise"):
+        found = compare_alternatives(z, FilterParams(q=0.04, r=1.0), match=match, truth=truth)
+        words = {"lag": "lag", "noise": "noise reduction"}[match]
+        assert found.verdict.startswith(f"At equal {words}, nothing simpler does better")
+        assert "No real difference: exponential." in found.verdict
+        least = min(one.rmse for one in found.others if one.causal)
+        assert found.present.rmse <= least * (1 + 1e-4)
+        offline = found.others[-1]
+        assert offline.name == "Smoother (offline bound)"
+        assert (
+            offline.rmse
+            < found.present.rmse
+            == pytest.approx(math.sqrt(steady_state(FilterParams(0.04, 1)).p), rel=0.02)
+        )
+
+
+def test_on_rare_spikes_the_median_wins_and_the_verdict_says_so():
+    n = 40_000
+    z = np.sin(np.arange(n) / 300) + 0.01 * RNG.normal(size=n)
+    z[RNG.random(n) < 0.01] += 20.0
+    found = compare_alternatives(
+        z, FilterParams(q=ratio_for(lag_samples=4.0), r=1.0), truth=np.sin(np.arange(n) / 300)
+    )
+    assert found.verdict.startswith("At equal lag, median does better than your filter here")
+    assert "More than chance" in found.verdict
+
+
+def test_chance_is_not_called_a_difference():
+    a, b = RNG.normal(size=(2, 20_000)) ** 2
+    assert not difference(a, b, lag=5.0, comparisons=7).real
+    assert difference(1.1 * a, b, lag=5.0).real
+    assert difference(a, b, lag=5000.0).high == math.inf
+    same = difference(b, b, lag=5.0)
+    assert (same.ratio, same.real) == (1.0, False)
+    assert "too short" in verdict(["Median"], [difference(a, b, lag=5000.0)], "error", "lag")
+
+
+def test_the_interval_covers_no_difference_as_often_as_it_promises():
+    wrong = 0
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        a, b = (np.convolve(rng.normal(size=4009), np.ones(10) / 10, "valid") ** 2 for _ in range(2))
+        wrong += difference(a, b, lag=9.0).real
+    assert 3 <= wrong <= 32  # 5 % of 300, four standard deviations about
+
+
+@pytest.mark.parametrize(
+    ("params", "words"),
+    [
+        (FilterParams(q=0.0, r=1.0), "With q = 0 the filter never settles"),
+        (FilterParams(q=1.0, r=0.0), "passes the signal through"),
+        (FilterParams(q=1e-9, r=1.0), "more than a quarter"),
+    ],
+)
+def test_settings_that_nothing_can_match_are_said_to_be(params, words):
+    found = compare_alternatives(RNG.normal(size=500), params)
+    assert words in found.verdict
+    assert found.others == ()
+    assert np.isfinite(found.present.curve[1:]).all()
+
+
+def test_odd_records_are_survived():
+    params = FilterParams(q=0.1, r=1.0)
+    assert "only 3 samples" in compare_alternatives([1.0, 2.0, np.nan, 3.0], params).verdict
+    assert "only 0 samples" in compare_alternatives([], params).verdict
+    flat = compare_alternatives(np.full(200, 5.0), params)
+    assert all(np.allclose(one.curve[20:], 5.0) for one in flat.others)
+    assert "nothing to judge" in flat.verdict
+    with pytest.raises(BadSetting, match='match must be "lag" or "noise"'):
+        compare_alternatives(np.zeros(50), params, match="both")
+    with pytest.raises(BadSetting, match="one channel"):
+        compare_alternatives(np.zeros((50, 2)), params)
+
+
+def test_the_identity_tells_start_and_gaps_with_this_recordings_numbers():
+    z = RNG.normal(size=3000)
+    z[1000:1100] = np.nan
+    params = FilterParams(q=0.01, r=1.0)
+    said = compare_alternatives(z, params).identity
+    k = kalman_filter(z, params).k
+    assert f"α = K = {steady_state(params).gain:.4g}" in said
+    assert (
+        f"after the longest (100 samples) the gain is {k[1100]:.3g} instead of {steady_state(params).gain:.3g}"
+        in said
+    )
+    apart = np.abs(kalman_filter(z, params).x - filters.exponential(z, steady_state(params).gain))
+    assert f"differ by up to {apart[:1000].max():.2g} standard deviations" in said
+    assert "No samples are missing" in compare_alternatives(z[:900], params).identity
+
+
+def test_the_stretch_is_all_or_the_most_around_what_is_looked_at():
+    assert stretch_of(1000, (10, 20)) == (0, 1000)
+    assert stretch_of(10 * LIMIT, None) == (4.5 * LIMIT, 5.5 * LIMIT)
+    assert stretch_of(10 * LIMIT, (0, 10)) == (0, LIMIT)
+    assert stretch_of(10 * LIMIT, (10 * LIMIT - 5, 10 * LIMIT)) == (9 * LIMIT, 10 * LIMIT)
+    z = np.resize(RNG.normal(size=9999), LIMIT + 5000)
+    found = compare_alternatives(z, FilterParams(q=0.1, r=1.0), window=(LIMIT, LIMIT + 5000))
+    assert (found.first, found.last) == (5000, LIMIT + 5000)
+    assert found.note.startswith(f"Compared on samples 5000 to {LIMIT + 4999} of {LIMIT + 5000}.")
+    assert all(len(one.curve) == LIMIT for one in (found.present, *found.others))
+
+
+def test_equal_means_five_percent_or_half_a_sample():
+    assert is_matched(0.5, 3.0)
+    assert is_matched(-5.0, 100.0)
+    assert not is_matched(0.6, 3.0)
+    assert not is_matched(5.1, 100.0)
+
+
+def test_the_bench_takes_noise_and_speed_from_the_recording():
+    walk = np.cumsum(0.01 * RNG.normal(size=50_000))
+    z = walk + 2.0 * RNG.normal(size=50_000)
+    bench = bench_of(z, np.arange(50_000) * 0.3, 5.0)
+    assert bench.noise.std() == pytest.approx(2.0, rel=0.03)
+    assert bench.speed == pytest.approx(0.3)
+    assert bench.longest_window == 24_999
+
+
+def test_the_interval_of_a_large_ratio_covers_it_as_often_as_it_promises():
+    """The mean squared error of exponential smoothing of a walk is known: αr/(2 − α) + q(1 − α)²/(α(2 − α))."""
+    q, present, quick, covered = 0.01, 0.0951, 0.9, 0
+    expected = [a / (2 - a) + q * (1 - a) ** 2 / (a * (2 - a)) for a in (quick, present)]
+    ratio = math.sqrt(expected[0] / expected[1])
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        walk = np.cumsum(0.1 * rng.normal(size=6000))
+        z = walk + rng.normal(size=6000)
+        a, b = ((filters.exponential(z, alpha) - walk)[500:] ** 2 for alpha in (quick, present))
+        found = difference(a, b, lag=9.5)
+        covered += found.low <= ratio <= found.high
+    assert 178 <= covered <= 200  # 95 % of 200, four standard deviations below
+
+
+def test_a_difference_that_is_certain_but_negligible_is_none():
+    b = RNG.normal(size=20_000) ** 2
+    assert not difference(b * (1.0 + 1e-5), b, lag=5.0).real
+    assert difference(b * (1.0 + 1e-3), b, lag=5.0).worse
+    assert difference(b * (1.0 - 1e-3), b, lag=5.0).better
+
+
+def test_what_passes_the_signal_through_is_equal_to_no_filter():
+    found = compare_alternatives(RNG.normal(size=2000), FilterParams(q=ratio_for(lag_samples=0.3), r=1.0))
+    median = next(one for one in found.others if one.name == "Median")
+    assert median.parameters == "window of 1"
+    assert not median.matched
+    assert "not judged" in found.verdict
+    assert "median" in found.verdict.partition("not judged")[2]
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e200])
+def test_values_too_large_or_small_to_square_are_refused_in_words(scale):
+    found = compare_alternatives(scale * RNG.normal(size=500), FilterParams(q=scale / 10, r=scale))
+    assert "give them in a unit" in found.verdict
+    assert found.others == ()

@@ -1,0 +1,491 @@
+"""Published diagnostics, false-alarm rates, detection, and whether following the advice mends the filter."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, FilterParams, FilterResult, kalman_filter
+from kalscope.analysis.diagnostics import NO_FAULT, Diagnostics, diagnose, diagnose_held_out
+from kalscope.analysis.residual_tests import correlation, nis_band, slow_wave, variance_change
+
+NORWAY = [560.0, 533, 490, 511, 509, 539, 471, 442, 434, 437, 362, 338, 401, 409, 407, 402, 452]
+NORWAY += [398.0, 378, 381, 332, 323, 325, 281, 283, 305, 255, 303, 352, 304, 341, 275, 312, 280]
+"""Road-traffic fatalities in Norway, 1970-2003: Commandeur & Koopman (2007), appendix A."""
+
+
+def noisy_walk(n=1000, q=0.01, r=1.0, seed=0, missing=0.0):
+    g = np.random.default_rng(seed)
+    z = np.cumsum(g.normal(0, math.sqrt(q), n)) + g.normal(0, math.sqrt(r), n)
+    z[g.random(n) < missing] = np.nan
+    return z
+
+
+def judge(z, q, r=1.0, dt=None, **kwargs) -> Diagnostics:
+    found = diagnose(kalman_filter(z, FilterParams(q, r, **kwargs), dt))
+    assert isinstance(found, Diagnostics)
+    assert_no_nan(found)
+    return found
+
+
+def assert_no_nan(found: Diagnostics):
+    for field in dataclasses.fields(found):
+        if field.name not in ("e", "advice"):
+            assert np.all(np.isfinite(getattr(found, field.name))), field.name
+    assert found.advice
+
+
+# --- published tables -----------------------------------------------------------------------------------
+
+
+def test_nile_diagnostics_are_those_of_durbin_and_koopman(nile):
+    """Durbin & Koopman (2012), section 2.12.3: H(33), Q(9), N, skewness, kurtosis at r 15099, q 1469.1."""
+    found = diagnose(kalman_filter(nile, FilterParams(q=1469.1, r=15099.0)), lags=9)
+    assert isinstance(found, Diagnostics)
+    assert found.ljung_box == pytest.approx(8.84, abs=0.005)
+    assert found.variance_ratio == pytest.approx(0.61, abs=0.005)
+    assert found.normality == pytest.approx(0.05, abs=0.005)
+    assert found.skewness == pytest.approx(-0.03, abs=0.005)
+    assert found.excess_kurtosis == pytest.approx(0.09, abs=0.005)
+    assert found.nis == pytest.approx(1.0, abs=1e-4)  # by construction at the maximum of the likelihood
+    assert found.advice == NO_FAULT
+
+
+def test_nile_diagnostics_are_those_of_eviews(nile):
+    """Van den Bossche (2011), J. Stat. Software 41(8): Q(10) and its p, Jarque-Bera and its p."""
+    params = FilterParams(q=math.exp(7.348705), r=math.exp(9.600350))
+    found = diagnose(kalman_filter(nile, params), lags=10)
+    assert isinstance(found, Diagnostics)
+    assert found.ljung_box == pytest.approx(13.117, abs=0.0005)
+    assert found.ljung_box_p == pytest.approx(0.217, abs=0.0005)
+    assert found.normality == pytest.approx(0.041686, abs=5e-7)
+    assert found.normality_p == pytest.approx(0.979373, abs=5e-7)
+
+
+def test_norwegian_diagnostics_are_those_of_commandeur_and_koopman():
+    """Commandeur & Koopman (2007), table 2.3, to its printed digits."""
+    result = kalman_filter(np.log(NORWAY), FilterParams(q=0.0047026, r=0.00326838))
+    found = diagnose(result, lags=10, fitted=True)
+    assert isinstance(found, Diagnostics)
+    assert found.ljung_box == pytest.approx(6.228, abs=0.0005)
+    assert found.r1 == pytest.approx(-0.127, abs=0.0005)
+    assert found.correlation[3] == pytest.approx(-0.105, abs=0.0005)
+    assert found.variance_ratio == pytest.approx(1.746, abs=0.0005)
+    assert found.normality == pytest.approx(1.191, abs=0.0005)
+    assert found.ljung_box_p == pytest.approx(0.717, abs=0.001)  # χ²(9), 5 % limit 16.92 in the table
+    assert found.advice == NO_FAULT
+
+
+@pytest.mark.parametrize(("n", "low", "high"), [(30, 0.560, 1.566), (100, 0.742, 1.296), (1000, 0.914, 1.090)])
+def test_nis_bands_are_the_published_ones(n, low, high):
+    """Bar-Shalom, Li & Kirubarajan (2001), section 5.4, as kept in the project's notes."""
+    assert nis_band(n) == pytest.approx((low, high), abs=0.0006)
+
+
+# --- oracles and laws of the single tests ---------------------------------------------------------------
+
+
+def test_correlation_is_the_textbook_sum():
+    e = np.random.default_rng(1).normal(size=200)
+    d = e - e.mean()
+    r = [np.sum(d[k:] * d[:-k]) / np.sum(d * d) for k in range(1, 8)]
+    found = correlation(e, 7)
+    assert found.r == pytest.approx(r, rel=1e-12)
+    assert found.q == pytest.approx(200 * 202 * sum(r[k - 1] ** 2 / (200 - k) for k in range(1, 8)), rel=1e-12)
+    assert found.bound == pytest.approx(1.96 / math.sqrt(200))
+
+
+def test_correlation_over_gaps_counts_only_pairs_with_both_samples():
+    e = np.random.default_rng(2).normal(size=400)
+    e[np.random.default_rng(3).random(400) < 0.3] = np.nan
+    seen = np.isfinite(e)
+    d = np.where(seen, e - np.nanmean(e), 0.0)
+    n, total = seen.sum(), np.sum(d * d)
+    last = len(e) - np.argmax(seen[::-1])
+    pairs = np.sum(seen[3:last] & seen[: last - 3])
+    found = correlation(e, 3)
+    assert found.r[2] == pytest.approx(np.sum(d[3:] * d[:-3]) / total * (n - 3) / pairs, rel=1e-12)
+
+
+def test_correlation_does_not_depend_on_where_the_record_starts():
+    e = np.random.default_rng(4).normal(size=100)
+    padded = np.r_[np.full(7, np.nan), e, np.full(5, np.nan)]
+    assert correlation(padded, 5).q == correlation(e, 5).q
+
+
+def test_lag_without_pairs_says_nothing():
+    e = np.random.default_rng(5).normal(size=200)
+    e[1::2] = np.nan
+    found = correlation(e, 4)
+    assert found.r[0] == found.r[2] == 0.0
+    assert found.r[1] != 0.0
+
+
+def test_variance_change_is_symmetric_in_time():
+    e = np.random.default_rng(6).normal(size=90)
+    e[60:] *= 1.5
+    forward, back = variance_change(e), variance_change(e[::-1])
+    assert forward[0] == pytest.approx(1.0 / back[0])
+    assert forward[1] == pytest.approx(back[1])
+
+
+def test_slow_wave_tells_its_share_and_its_scale():
+    t = np.arange(4096)
+    e = np.random.default_rng(7).normal(size=4096) + 0.5 * np.sin(2 * math.pi * t / 200)
+    share, samples, p = slow_wave(e)
+    assert share == pytest.approx(0.125 / 1.125, abs=0.03)
+    assert 4 <= samples <= 100
+    assert p < 1e-6
+
+
+# --- false alarms ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("n", "ratio", "missing"), [(100, 0.1, 0.0), (300, 0.001, 0.0), (300, 5.0, 0.3)])
+def test_false_alarm_rates_are_near_their_nominal_levels(n, ratio, missing):
+    """400 well-specified records, each test at 5 %: the rate's own standard error is 1.1 %."""
+    runs = 400
+    alarms = dict.fromkeys(("r1", "ljung_box", "nis", "variance", "normality", "slow", "advice"), 0)
+    for seed in range(runs):
+        found = judge(noisy_walk(n, ratio, seed=seed, missing=missing), ratio)
+        alarms["r1"] += abs(found.r1) > found.r1_bound
+        alarms["ljung_box"] += found.ljung_box_p < 0.05
+        alarms["nis"] += not found.nis_low <= found.nis <= found.nis_high
+        alarms["variance"] += found.variance_ratio_p < 0.05
+        alarms["normality"] += found.normality_p < 0.05
+        alarms["slow"] += found.slow_p < 0.05
+        alarms["advice"] += found.advice != NO_FAULT
+    rates = {name: count / runs for name, count in alarms.items()}
+    assert all(0.01 <= rates[name] <= 0.09 for name in rates if name != "advice"), rates
+    assert rates["advice"] <= 0.10, rates
+
+
+def test_spikes_by_chance_are_as_many_as_expected():
+    found = judge(noisy_walk(500_000), 0.01)
+    assert found.spikes_expected == pytest.approx(31.7, abs=0.1)
+    assert abs(found.spikes - found.spikes_expected) < 4 * math.sqrt(found.spikes_expected)
+    assert found.advice == NO_FAULT
+
+
+# --- detection, and the amount of the advice ------------------------------------------------------------
+
+RATIOS = [0.003, 0.01, 0.1, 1.0]
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+@pytest.mark.parametrize(("wrong", "word"), [(0.1, "too slow: raise q about"), (10.0, "too fast: lower q about")])
+def test_wrong_q_is_named_and_the_factor_is_about_right(ratio, wrong, word):
+    factors = []
+    for seed in range(20):
+        found = judge(noisy_walk(2000, ratio, seed=seed), ratio * wrong)
+        assert word in found.advice
+        factors.append(found.q_factor * wrong)
+        assert 0.3 < found.q_factor * wrong < 3.0
+        assert found.r_factor == pytest.approx(1.0, abs=0.4)
+    assert math.exp(np.mean(np.log(factors))) == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.parametrize("ratio", [0.01, 0.1])
+@pytest.mark.parametrize(("wrong", "word"), [(4.0, "r is too large by about"), (0.25, "r is too small by about")])
+def test_wrong_r_is_named_and_the_factor_is_about_right(ratio, wrong, word):
+    right_words = 0
+    for seed in range(20):
+        found = judge(noisy_walk(2000, ratio, seed=seed), ratio, wrong)
+        right_words += word in found.advice
+        assert 0.7 < found.r_factor * wrong < 1.4
+        assert 0.4 < found.q_factor < 2.5
+    assert right_words >= 17
+
+
+@pytest.mark.parametrize("wrong", [0.25, 4.0])
+def test_wrong_size_of_both_leaves_the_curve_and_says_so(wrong):
+    found = judge(noisy_walk(2000, 0.05), 0.05 * wrong, wrong)
+    assert found.advice.startswith(f"q and r both too {'small' if wrong < 1 else 'large'} by about 4 ×")
+    assert found.q_factor == found.r_factor == pytest.approx(1 / wrong, rel=0.1)
+
+
+@pytest.mark.parametrize(("q_wrong", "r_wrong"), [(0.1, 2.0), (10.0, 0.5), (0.01, 1.0), (30.0, 30.0), (1e-5, 1.0)])
+def test_following_the_advice_raises_the_likelihood_and_ends_in_no_fault(q_wrong, r_wrong):
+    z = noisy_walk(3000, 0.02, seed=8)
+    q, r = 0.02 * q_wrong, r_wrong
+    likelihood = -math.inf
+    for _ in range(4):
+        result = kalman_filter(z, FilterParams(q, r))
+        found = judge(z, q, r)
+        assert float(result.loglik) > likelihood
+        likelihood = float(result.loglik)
+        if found.advice == NO_FAULT:
+            break
+        q, r = q * found.q_factor, r * found.r_factor
+    assert found.advice == NO_FAULT
+    assert 0.5 < q / 0.02 < 2.0
+    assert 0.8 < r < 1.25
+
+
+def test_sign_of_r1_tells_too_slow_from_too_fast():
+    z = noisy_walk(5000, 0.05)
+    assert judge(z, 0.005).r1 > judge(z, 0.05).r1_bound
+    assert judge(z, 0.5).r1 < -judge(z, 0.05).r1_bound
+
+
+def test_spikes_are_counted_located_and_sent_to_the_gate():
+    z = noisy_walk(2000)
+    where = np.array([200, 555, 901, 1300, 1999])
+    z[where] += np.array([30.0, -20.0, 15.0, -12.0, 25.0])
+    found = judge(z, 0.01)
+    assert found.spikes == 5
+    assert found.jumps == 0
+    assert found.spike_indices.tolist() == [200, 1999, 555, 901, 1300]
+    assert found.advice == "spikes: 5 beyond 4 σ: switch the outlier gate on"
+    assert judge(z, 0.01, gate=16.0).advice == NO_FAULT
+    assert judge(z, 0.01, gate=16.0).n == found.n - 5
+
+
+def test_jump_that_stays_is_no_spike():
+    z = noisy_walk(1000, 0.01, seed=2)
+    z[500:] += 30.0
+    found = judge(z, 0.01)
+    assert found.jumps == 1
+    assert "jumps: 1 beyond 4 σ that stay" in found.advice
+    assert "gate on" not in found.advice
+
+
+def test_bursts_are_not_sent_to_the_gate():
+    z = noisy_walk(2000)
+    z[::15] += np.random.default_rng(1).normal(0, 30, len(z[::15]))
+    assert "too many for outliers" in judge(z, 0.01).advice
+
+
+def test_doubled_noise_in_the_second_half_is_a_change_of_variance():
+    z = np.random.default_rng(1).normal(size=3000)
+    z[1500:] *= 2.0
+    found = judge(z + noisy_walk(3000, 0.01, 1e-6), 0.01)
+    assert found.variance_ratio == pytest.approx(3.7, abs=0.7)
+    assert found.variance_ratio_p < 1e-6
+    assert "the noise changes: its variance at the end is" in found.advice
+
+
+@pytest.mark.parametrize("wave", ["ramp", "sine"])
+def test_trend_leaves_a_slow_wave_whatever_q(wave):
+    t = np.arange(3000)
+    signal = 0.2 * t if wave == "ramp" else 8.0 * np.sin(t / 20)
+    z = signal + np.random.default_rng(3).normal(size=3000)
+    first = judge(z, 0.001)
+    assert first.slow_p < 1e-6
+    assert first.advice.startswith("too slow: raise q")
+    second = judge(z, 0.001 * first.q_factor, first.r_factor)
+    assert second.advice.startswith("slow wave left in the residuals")
+
+
+def test_hum_is_correlation_that_no_q_and_r_cure():
+    z = noisy_walk(2000) + 2.0 * np.sin(1.3 * np.arange(2000))
+    assert "residuals stay correlated whatever q and r" in judge(z, 0.01).advice
+
+
+def test_start_far_from_the_signal_is_named():
+    z = noisy_walk(1000) + 500.0
+    found = judge(z, 0.01, p0=1.0, x0=0.0)
+    assert found.advice.startswith("the first sample lies 3")
+    assert "leave x0 and p0 unset" in found.advice
+    assert found.spikes == 0
+    assert judge(z, 0.01).advice == NO_FAULT
+
+
+@pytest.mark.parametrize(
+    ("q", "r", "word"), [(0.0, 1.0, "q = 0 cannot follow"), (0.01, 0.0, "r = 0 lets all noise")]
+)
+def test_edges_of_the_model_are_named_where_they_do_not_fit(q, r, word):
+    found = judge(noisy_walk(2000), q, r)
+    assert found.advice.startswith(word)
+    assert found.q_factor == found.r_factor == 1.0
+
+
+def test_edges_of_the_model_pass_where_they_fit():
+    g = np.random.default_rng(9)
+    assert judge(g.normal(size=1000), 0.0).advice == NO_FAULT
+    assert judge(np.cumsum(g.normal(size=1000)), 1.0, 0.0).advice == NO_FAULT
+
+
+# --- gaps, irregular time, long records ----------------------------------------------------------------
+
+
+def test_gaps_neither_raise_alarms_nor_hide_faults():
+    z = noisy_walk(3000, 0.02, missing=0.4)
+    assert judge(z, 0.02).advice == NO_FAULT
+    assert judge(z, 0.002).q_factor == pytest.approx(10.0, rel=0.6)
+    assert judge(z, 0.02).n == np.isfinite(z).sum() - 1
+
+
+@pytest.mark.parametrize("r", [1.0, 1e-6])
+def test_irregular_time_is_taken_from_the_result(r):
+    g = np.random.default_rng(10)
+    dt = g.exponential(1.0, 4000)
+    z = np.cumsum(g.normal(size=4000) * np.sqrt(0.05 * dt)) + g.normal(0, math.sqrt(r), 4000)
+    assert judge(z, 0.05, r, dt).advice == NO_FAULT
+    assert judge(z, 0.005, r, dt).q_factor == pytest.approx(10.0, rel=0.4)
+
+
+def test_long_record_is_judged_by_stretches_with_the_same_verdict():
+    z = noisy_walk(200_000, 0.01)
+    assert judge(z, 0.01).advice == NO_FAULT
+    assert judge(z, 0.001).advice.startswith("too slow: raise q about")
+    assert judge(z, 0.001).q_factor == pytest.approx(10.0, rel=0.4)
+
+
+def test_verdict_does_not_depend_on_the_unit():
+    z = noisy_walk(1000, 0.01)
+    plain = judge(z, 0.001, 2.0)
+    for unit in (1e-9, 1e9, 1e140, 1e-140):
+        scaled = judge(z * unit, 0.001 * unit**2, 2.0 * unit**2)
+        assert scaled.advice == plain.advice
+        assert scaled.q_factor == pytest.approx(plain.q_factor, rel=1e-6)
+        assert scaled.ljung_box == pytest.approx(plain.ljung_box, rel=1e-6)
+
+
+def test_two_dimensional_result_gives_one_diagnosis_a_channel():
+    z = np.column_stack([noisy_walk(500, 0.01, seed=1), noisy_walk(500, 1.0, seed=2)])
+    both = diagnose(kalman_filter(z, FilterParams(q=[0.01, 0.05], r=1.0)))
+    assert isinstance(both, tuple)
+    for c, q in enumerate((0.01, 0.05)):
+        one = judge(z[:, c], q)
+        assert both[c].advice == one.advice
+        assert both[c].ljung_box == one.ljung_box
+    assert both[0].advice == NO_FAULT
+    assert both[1].advice.startswith("too slow")
+
+
+# --- held-out half --------------------------------------------------------------------------------------
+
+
+def overfit(z, dt):
+    """The best q of white noise by eye: the worst thing one can do to a record, r = 0 and q = var(Δz)."""
+    return FilterParams(q=float(np.nanvar(np.diff(z))), r=0.0)
+
+
+def test_nis_of_the_held_out_half_tells_what_the_fitted_half_cannot():
+    g = np.random.default_rng(11)
+    z = np.r_[np.cumsum(g.normal(size=400)), np.cumsum(3.0 * g.normal(size=400))]
+    inside = judge(z[:400], overfit(z[:400], None).q, 0.0)
+    outside = diagnose_held_out(z, overfit)
+    assert inside.nis == pytest.approx(1.0, abs=0.01)
+    assert outside.nis > outside.nis_high
+    assert outside.nis == pytest.approx(9.0, rel=0.2)
+
+
+def test_held_out_half_of_a_good_filter_passes():
+    z = noisy_walk(2000, 0.05)
+    found = diagnose_held_out(z, FilterParams(0.05, 1.0))
+    assert found.nis_low < found.nis < found.nis_high
+    assert found.advice == NO_FAULT
+    assert found.n == 1000
+    assert found.e.shape == (1000,)
+    assert np.array_equal(found.e, judge(z, 0.05).e[1000:])
+
+
+def test_held_out_half_is_not_shown_to_the_fit_and_its_spikes_count_in_the_record():
+    z = noisy_walk(1001)
+    z[[700, 800]] += 40.0
+    seen = []
+
+    def fit(first, dt):
+        seen.append((first, dt))
+        return FilterParams(0.01, 1.0)
+
+    found = diagnose_held_out(z, fit, np.ones(1001))
+    assert np.array_equal(seen[0][0], z[:500])
+    assert len(seen[0][1]) == 500
+    assert sorted(found.spike_indices) == [700, 800]
+
+
+# --- edge cases -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("z", "q", "r", "word"),
+    [
+        (np.full(100, 20.1), 0.01, 1.0, "stands still"),
+        (np.full(100, 20.1), 0.01, 0.0, "stands still"),
+        (np.full(100, 20.1), 0.0, 1.0, "stands still"),
+        (np.full(100, np.nan), 0.01, 1.0, "too few samples to judge"),
+        (np.zeros(0), 0.01, 1.0, "too few samples to judge"),
+        (np.ones(1), 0.01, 1.0, "too few samples to judge"),
+        (noisy_walk(20), 0.01, 1.0, "too few samples to judge (19 scored, 20 needed)"),
+        (noisy_walk(1000, missing=0.99), 0.01, 1.0, "too few samples to judge"),
+    ],
+)
+def test_record_with_nothing_to_judge_says_so(z, q, r, word):
+    assert word in judge(z, q, r).advice
+
+
+@pytest.mark.parametrize("q", [0.0, 1e-300, 1e-9, 1.0, 1e9, 1e300])
+@pytest.mark.parametrize("r", [0.0, 1e-300, 1.0, 1e300])
+@pytest.mark.parametrize("p0", [None, 0.0, 1.0])
+def test_no_parameters_make_it_fail(q, r, p0):
+    if q == r == 0.0:
+        return
+    g = np.random.default_rng(12)
+    with np.errstate(all="ignore"):
+        for z in (
+            g.normal(size=60),
+            np.round(g.normal(size=60)),
+            np.arange(60.0),
+            np.r_[np.zeros(59), 1e6],
+            np.where(g.random(200) < 0.8, np.nan, 1e9 + g.normal(size=200)),
+            np.repeat([0.0, 1.0], 30),
+        ):
+            judge(z, q, r, p0=p0)
+
+
+@pytest.mark.parametrize("size", [1e150, 1e290])
+def test_noise_of_another_world_is_named(size):
+    found = judge(np.random.default_rng(13).normal(size=100), 0.01 * size, size)
+    assert found.advice.startswith("q and r both too large by about 1000 × or more")
+
+
+def test_quantised_signal_that_mostly_stands_still_is_judged_without_failing():
+    z = np.round(noisy_walk(2000, 1e-5, 0.01))
+    z[100] = 1.0
+    judge(z, 0.01)
+
+
+def test_lags_must_be_a_whole_number_of_at_least_one(nile):
+    result = kalman_filter(nile, FilterParams(1469.1, 15099.0))
+    with pytest.raises(BadSetting, match="lags must be a whole number of at least 1"):
+        diagnose(result, lags=0)
+    with pytest.raises(BadSetting, match="z must have shape"):
+        diagnose_held_out(np.zeros((10, 2)), FilterParams(1.0, 1.0))
+
+
+def test_more_lags_than_samples_are_left_at_zero(nile):
+    found = diagnose(kalman_filter(nile[:30], FilterParams(1469.1, 15099.0)), lags=50)
+    assert isinstance(found, Diagnostics)
+    assert found.correlation.shape == (50,)
+    assert_no_nan(found)
+
+
+def test_result_is_left_as_it_was():
+    result = kalman_filter(noisy_walk(200), FilterParams(0.01, 1.0))
+    copies = {f.name: np.copy(getattr(result, f.name)) for f in dataclasses.fields(FilterResult)}
+    diagnose(result)
+    assert all(np.array_equal(copies[name], getattr(result, name), equal_nan=True) for name in copies)
+
+
+def test_a_million_samples_are_judged_while_the_hand_rests():
+    result = kalman_filter(noisy_walk(1_000_000), FilterParams(0.01, 1.0))
+    times = []
+    for _ in range(8):
+        began = time.perf_counter()
+        diagnose(result)
+        times.append(time.perf_counter() - began)
+    assert min(times) < 0.15  # 50 ms on the machine it was written on, 100 ms while others load it
+
+
+def test_long_record_whose_samples_all_lie_between_the_stretches_is_not_an_error():
+    z = np.full(100_000, np.nan)
+    z[10_000:10_100] = noisy_walk(100)
+    assert judge(z, 0.01, 0.0).n == 99
+    assert judge(z, 0.01, 1.0).advice == NO_FAULT

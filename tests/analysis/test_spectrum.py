@@ -1,0 +1,158 @@
+"""Densities and Allan deviations of signals whose laws are known, and the filter's response by brute force."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, FilterParams, ratio_for, steady_state
+from kalscope.analysis.allan import allan_deviation, allan_model, best_average, first_minimum, log_sizes
+from kalscope.analysis.spectrum import magnitude_response, spectrum, whole_stretch
+
+RNG = np.random.default_rng(21)
+PARAMS = FilterParams(q=0.01, r=1.0)
+
+
+@pytest.mark.parametrize("period", [None, 0.01, 86400.0])
+def test_the_density_of_white_noise_is_flat_and_integrates_to_its_variance(period):
+    z = 3.0 * RNG.normal(size=200_000)
+    found = spectrum(z, PARAMS, sample_period=period)
+    step = found.frequency[1] - found.frequency[0]
+    assert np.sum(found.raw) * step == pytest.approx(z.var(), rel=0.01)
+    assert found.frequency[-1] == pytest.approx(0.5 / (period or 1.0))
+    assert np.mean(found.raw[:200]) == pytest.approx(np.mean(found.raw[-200:-1]), rel=0.1)
+    assert found.in_hertz == (period is not None)
+
+
+def test_filtered_density_is_the_raw_one_times_the_response_squared():
+    found = spectrum(RNG.normal(size=400_000), PARAMS)
+    passed = (found.filtered / found.raw)[5:-1]
+    assert np.median(passed / found.response[5:-1] ** 2) == pytest.approx(1.0, rel=0.02)
+    kept = (found.residual / found.raw)[5:-1]
+    hold = np.abs(1 - transfer(float(steady_state(PARAMS).gain), found.frequency[5:-1])) ** 2
+    assert np.median(kept / hold) == pytest.approx(1.0, rel=0.02)
+
+
+def transfer(gain, frequency):
+    return gain / (1 - (1 - gain) * np.exp(-2j * np.pi * frequency))
+
+
+@pytest.mark.parametrize("gain", [1e-3, 0.0951, 0.5, 0.99, 1.0])
+def test_the_response_is_the_fourier_transform_of_the_impulse_response(gain):
+    n = 1 << 15
+    impulse = gain * (1 - gain) ** np.arange(n)
+    dense = np.abs(np.fft.rfft(impulse))
+    frequency = np.arange(len(dense)) / n
+    assert np.allclose(magnitude_response(gain, frequency), dense, rtol=0, atol=1e-9 + (1 - gain) ** n)
+    assert magnitude_response(gain, 0.0) == 1.0
+    assert np.all(magnitude_response(0.0, frequency) == 0.0)
+
+
+@pytest.mark.parametrize("hertz", [0.2, 1.59, 20.0])
+def test_the_response_is_minus_three_decibel_at_the_cutoff(hertz):
+    ratio = ratio_for(cutoff_hz=hertz, sample_period=0.01)
+    found = spectrum(RNG.normal(size=4000), FilterParams(q=ratio, r=1.0), sample_period=0.01)
+    assert found.cutoff == pytest.approx(hertz)
+    gain = float(steady_state(FilterParams(q=ratio, r=1.0)).gain)
+    assert magnitude_response(gain, hertz * 0.01) == pytest.approx(math.sqrt(0.5))
+
+
+def test_a_tone_stands_where_it_is():
+    t = np.arange(20_000) * 0.01
+    found = spectrum(np.sin(2 * np.pi * 7.0 * t) + 0.1 * RNG.normal(size=len(t)), PARAMS, sample_period=0.01)
+    assert found.frequency[np.argmax(found.raw)] == pytest.approx(7.0, abs=0.06)
+
+
+def test_missing_samples_the_longest_whole_stretch_or_lines_and_the_note_says_which():
+    z = RNG.normal(size=1000)
+    assert whole_stretch(z) == (slice(0, 1000), "No sample is missing.")
+    z[100] = np.nan
+    part, note = whole_stretch(z)
+    assert part == slice(101, 1000)
+    assert "Samples 101 to 999, the longest stretch" in note
+    z[::5] = np.nan
+    z[:3] = np.nan
+    part, note = whole_stretch(z)
+    assert part == slice(3, 1000)
+    assert note.startswith("202 missing samples lie on straight lines")
+    assert np.isfinite(spectrum(z, PARAMS).filtered).all()
+    assert whole_stretch(np.full(5, np.nan))[0] == slice(0, 0)
+
+
+def test_too_short_records_have_no_density_and_no_allan_deviation():
+    for n in (0, 1, 31):
+        found = spectrum(np.arange(float(n)), PARAMS)
+        assert (found.samples, len(found.frequency)) == (0, 0)
+        assert "needs 32 samples" in found.note
+    assert "too short" in allan_deviation(np.arange(3.0), PARAMS).message
+    assert "too short" in allan_deviation(np.full(100, np.nan), PARAMS).message
+    with pytest.raises(BadSetting, match="one channel"):
+        spectrum(np.zeros((40, 2)), PARAMS)
+    with pytest.raises(BadSetting, match="one channel"):
+        allan_deviation(np.zeros((40, 2)), PARAMS)
+
+
+def test_a_constant_has_no_power():
+    found = spectrum(np.full(500, 1e6), PARAMS)
+    assert np.all(found.raw == 0.0)
+    assert np.all(allan_deviation(np.full(500, 1e6), PARAMS).deviation < 1e-6)
+
+
+@pytest.mark.parametrize(("q", "r"), [(0.0, 4.0), (1e-4, 1.0), (0.25, 0.0), (1e-2, 9.0)])
+def test_allan_of_simulated_noise_and_walk_follows_the_model(q, r):
+    n = 400_000
+    z = 5.0 + math.sqrt(r) * RNG.normal(size=n) + np.cumsum(math.sqrt(q) * RNG.normal(size=n))
+    found = allan_deviation(z, FilterParams(q=q, r=r), sample_period=0.5)
+    assert np.all(np.abs(found.deviation - found.model) < 5.0 * found.spread + 1e-12)
+    assert np.array_equal(found.tau, 0.5 * found.size)
+    assert found.size[-1] > 1e4
+
+
+def test_allan_deviation_is_its_definition_gaps_left_out():
+    z = RNG.normal(size=400)
+    z[[50, 51, 170]] = np.nan
+    found = allan_deviation(z, PARAMS)
+    for size, deviation in zip(found.size.astype(int), found.deviation, strict=True):
+        means = np.array([z[i : i + size].mean() for i in range(len(z) - size + 1)])
+        jumps = means[size:] - means[:-size]
+        assert deviation == pytest.approx(math.sqrt(np.nanmean(jumps**2) / 2))
+
+
+def test_the_minimum_of_the_model_is_its_minimum():
+    for q, r in ((0.01, 1.0), (1e-6, 3.0), (2.0, 5.0)):
+        best = best_average(q, r)
+        near = best * np.array([0.98, 1.0, 1.02])
+        assert np.argmin(allan_model(near, q, r)) == 1
+    assert best_average(0.0, 1.0) == math.inf
+    assert best_average(1.0, 0.0) == 1.0
+
+
+def test_the_words_name_the_minimum_of_model_and_recording():
+    n = 100_000
+    z = RNG.normal(size=n) + np.cumsum(0.01 * RNG.normal(size=n))
+    said = allan_deviation(z, FilterParams(q=1e-4, r=1.0), sample_period=0.01).message
+    assert "averaging longer than 1732 ms (173 samples) does not help" in said
+    assert "In this recording it stops helping at" in said
+    assert "always help" in allan_deviation(RNG.normal(size=n), FilterParams(q=0.0, r=1.0)).message
+    walk = allan_deviation(np.cumsum(RNG.normal(size=n)), FilterParams(q=1.0, r=0.0)).message
+    assert "does not help at all" in walk
+    assert "averaging never helps" in walk
+    assert "stands still" in allan_deviation(np.full(500, 5.0), FilterParams(q=1.0, r=1.0)).message
+    swing = np.sin(np.arange(n) * 2 * np.pi / 60) + 0.001 * RNG.normal(size=n)
+    assert re.search(r"over less than \d+ samples does not help", allan_deviation(swing, PARAMS).message)
+
+
+def test_a_period_is_not_taken_for_a_minimum():
+    z = 10 * np.sin(np.arange(20_000) * 2 * np.pi / 500) + RNG.normal(size=20_000)
+    found = allan_deviation(z, PARAMS)
+    assert found.size[np.argmin(found.deviation)] >= 400  # a whole period leaves nothing of the wave
+    assert found.size[first_minimum(found.deviation, found.spread)] < 30
+
+
+def test_averaging_lengths_are_log_spaced_whole_numbers():
+    assert log_sizes(0).tolist() == []
+    assert log_sizes(1).tolist() == [1]
+    assert log_sizes(16).tolist() == [1, 2, 3, 4, 5, 6, 8, 10, 13, 16]

@@ -1,0 +1,122 @@
+"""The engine without a browser: the latest request wins, nothing stops it, failures are told."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from kalscope import Recording, kalman_filter
+from kalscope_app.engine.engine import LEAST_INTERVAL, Engine, pause_before_frame
+from kalscope_app.session.changes import set_exponent, set_text
+from kalscope_app.session.opening import opened
+from kalscope_app.session.session import Session
+
+
+class Screen:
+    """Collects frames as a view would; `delay` makes it slow."""
+
+    def __init__(self, delay=0.0):
+        self.frames, self.told, self.delay = [], [], delay
+        self.news = threading.Condition()
+
+    def show(self, frame):
+        time.sleep(self.delay)
+        with self.news:
+            self.frames.append(frame)
+            self.news.notify_all()
+
+    def tell(self, message):
+        with self.news:
+            self.told.append(message)
+            self.news.notify_all()
+
+    def wait(self, condition):
+        with self.news:
+            assert self.news.wait_for(condition, timeout=20)
+
+
+@pytest.fixture
+def session():
+    z = np.random.default_rng(0).normal(size=(3000, 1))
+    return Session(opened(Recording(np.arange(3000.0), ("z",), ("",), z, 1.0)))
+
+
+@pytest.fixture
+def running(session):
+    screen = Screen()
+    engine = Engine(session, screen.show, screen.tell)
+    engine.start()
+    yield session, screen
+    engine.stop()
+    assert not any(thread.name == "kalscope-engine" for thread in threading.enumerate())
+
+
+@pytest.mark.parametrize(
+    ("now", "last", "pause"),
+    [(10.0, 0.0, 0.0), (1.0, 1.0, LEAST_INTERVAL), (1.03, 1.0, 0.01), (0.0, 5.0, LEAST_INTERVAL)],
+)
+def test_frames_keep_their_distance(now, last, pause):
+    assert pause_before_frame(now, last) == pytest.approx(pause)
+
+
+def test_the_first_frame_comes_by_itself(running):
+    _, screen = running
+    screen.wait(lambda: screen.frames)
+
+
+@pytest.mark.parametrize("burst", range(5))
+def test_after_a_burst_of_requests_the_last_frame_holds_the_last_value(running, burst):
+    session, screen = running
+    for exponent in np.linspace(-4, 1, 200):
+        session.request(set_exponent("q", float(exponent)))
+    last = session.request(set_exponent("q", -1.0 - burst / 10))
+    screen.wait(lambda: screen.frames and screen.frames[-1].serial == last)
+    frame = screen.frames[-1]
+    assert frame.state.tuning.q == pytest.approx(10 ** (-1.0 - burst / 10), rel=0.01)
+    expected = kalman_filter(frame.state.recording.channel("z"), frame.state.params).x
+    assert np.array_equal(frame.filtered, expected[frame.shown.indices])
+    assert len(screen.frames) < 100
+
+
+def test_a_refused_request_is_told_and_the_next_one_works(running):
+    session, screen = running
+    session.request(set_text("q", "-1"))
+    session.request(set_text("r", "5"))
+    screen.wait(lambda: screen.told and screen.frames and screen.frames[-1].state.tuning.r == 5)
+    assert screen.told[0].startswith("q must be")
+
+
+def test_a_failing_view_does_not_stop_the_engine(session):
+    screen = Screen()
+
+    def show(frame):
+        if frame.state.tuning.q == 7:
+            raise RuntimeError("a view broke")
+        screen.show(frame)
+
+    engine = Engine(session, show, screen.tell)
+    engine.start()
+    session.request(set_text("q", "7"))
+    screen.wait(lambda: screen.told)
+    session.request(set_text("q", "8"))
+    screen.wait(lambda: screen.frames and screen.frames[-1].state.tuning.q == 8)
+    assert str(screen.told[0]) == "a view broke"
+    engine.stop()
+
+
+def test_a_delayed_request_is_shown_without_another_ring(running):
+    session, screen = running
+    session.request(set_text("q", "7"), delay=0.2)
+    screen.wait(lambda: screen.frames and screen.frames[-1].state.tuning.q == 7)
+
+
+def test_drawn_indices_are_chosen_once_for_one_view(running):
+    session, screen = running
+    last = session.request(set_exponent("q", -1.0))
+    screen.wait(lambda: screen.frames and screen.frames[-1].serial == last)
+    again = session.request(set_exponent("q", -2.0))
+    screen.wait(lambda: screen.frames[-1].serial == again)
+    assert screen.frames[-1].shown is screen.frames[-2].shown

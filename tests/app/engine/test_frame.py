@@ -1,0 +1,122 @@
+"""The Frame holds what the filter gives on the full data; the drawn points depend on the signal alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kalscope import FilterParams, Recording, kalman_filter, steady_state
+from kalscope_app.engine.decimation import POINT_LIMIT
+from kalscope_app.engine.frame import choose_shown, compute_frame, gain_axis, samples_to_settle
+from kalscope_app.session.changes import set_text, set_window
+from kalscope_app.session.opening import opened
+
+
+def recording(n=20_000, missing=0.0, truth=False, period=0.01):
+    g = np.random.default_rng(1)
+    signal = np.cumsum(g.normal(0, 0.1, n))
+    z = signal + g.normal(size=n)
+    z[g.random(n) < missing] = np.nan
+    return Recording(
+        np.arange(n) * (period or 1.0),
+        ("z",),
+        ("V",),
+        z[:, None],
+        period,
+        truth=signal[:, None] if truth else None,
+    )
+
+
+def frame_of(state):
+    return compute_frame(state, 0, choose_shown(state.recording, state.channel, state.window))
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 300, POINT_LIMIT, POINT_LIMIT + 1, 50_000])
+@pytest.mark.parametrize("truth", [False, True])
+def test_never_more_than_the_limit_is_drawn_and_all_of_a_short_record(n, truth):
+    shown = choose_shown(recording(n, truth=truth), "z", None)
+    assert len(shown.indices) <= POINT_LIMIT
+    assert (np.diff(shown.indices) > 0).all()
+    assert shown.decimated == (len(shown.indices) < n)
+    assert n > POINT_LIMIT or len(shown.indices) == n
+
+
+def test_what_is_drawn_is_the_filter_on_all_samples():
+    state = opened(recording(missing=0.01))
+    result = kalman_filter(state.recording.channel("z"), state.params)
+    frame = frame_of(state)
+    at = frame.shown.indices
+    assert frame.shown.decimated
+    assert np.array_equal(frame.filtered, result.x[at])
+    assert np.array_equal(frame.spread, 2 * np.sqrt(result.p[at]))
+    assert np.array_equal(frame.innovation, result.innovation[at], equal_nan=True)
+    assert np.array_equal(frame.innovation_spread, 2 * np.sqrt(result.s[at]))
+    assert np.array_equal(frame.gain, result.k[frame.gain_samples.astype(int)])
+    assert frame.shown.missing == np.isnan(state.recording.values).sum()
+
+
+def test_extremes_of_the_signal_survive_the_decimation():
+    rec = recording(200_000)
+    z = rec.channel("z").copy()
+    z[123_457] = 1e3
+    rec = Recording(rec.time, rec.names, rec.units, z[:, None], rec.sample_period)
+    assert 123_457 in choose_shown(rec, "z", None).indices
+
+
+def test_a_parameter_changes_y_only():
+    state = opened(recording())
+    before, after = frame_of(state), frame_of(set_text("q", "100")(state))
+    assert np.array_equal(before.shown.time, after.shown.time)
+    assert np.array_equal(before.shown.raw, after.shown.raw)
+    assert not np.array_equal(before.filtered, after.filtered)
+
+
+def test_a_window_draws_its_part_and_filters_the_whole():
+    state = opened(recording())
+    part = frame_of(set_window(100.0, 120.0)(state))
+    assert (part.shown.time[0], part.shown.time[-1]) == (100.0, 120.0)
+    x = kalman_filter(state.recording.channel("z"), state.params).x
+    assert np.array_equal(part.filtered, x[10_000:12_001])
+
+
+@pytest.mark.parametrize("window", [(0.001, 0.002), (199.99, 199.99), (0.0, 0.0)])
+def test_the_narrowest_window_still_has_two_samples(window):
+    shown = choose_shown(recording(), "z", window)
+    assert len(shown.indices) >= 2
+
+
+def test_time_that_steps_back_is_drawn_without_stepping_back():
+    rec = recording(100)
+    time = rec.time.copy()
+    time[50:] -= 0.2
+    shown = choose_shown(Recording(time, rec.names, rec.units, rec.values, 0.01), "z", None)
+    assert (np.diff(shown.time) >= 0).all()
+
+
+def test_numbers_come_from_the_steady_state():
+    state = opened(recording())
+    assert frame_of(state).steady == steady_state(state.params, 0.01)
+
+
+@pytest.mark.parametrize("q", [1e-4, 1e-2, 1.0, 100.0])
+def test_the_start_up_ends_where_the_gain_is_within_one_percent(q):
+    result = kalman_filter(np.zeros(5000), FilterParams(q, 1.0))
+    settled = float(steady_state(FilterParams(q, 1.0)).gain)
+    at = samples_to_settle(result, settled)
+    assert abs(result.k[at] / settled - 1) <= 0.01
+    assert at == 0 or abs(result.k[at - 1] / settled - 1) > 0.01
+
+
+def test_a_gain_that_never_settles_takes_the_whole_record():
+    result = kalman_filter(np.zeros(300), FilterParams(0.0, 1.0))
+    assert samples_to_settle(result, 0.0) == 300
+
+
+@pytest.mark.parametrize(
+    ("start_up", "n", "last"),
+    [(0, 9999, 19), (10, 9999, 19), (11, 9999, 49), (60, 9999, 199), (60, 30, 29), (0, 1, 0)],
+)
+def test_the_gain_axis_rests_on_round_lengths(start_up, n, last):
+    axis = gain_axis(start_up, n)
+    assert (axis[0], axis[-1]) == (0, last)
+    assert len(axis) <= 500

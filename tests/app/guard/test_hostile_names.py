@@ -1,0 +1,223 @@
+"""Names of files, columns, serial labels and uploads are text wherever they appear.
+
+One real program for all tests of this file, as a browser gets it.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+import threading
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+from program import end, labels, port_of, running, token_of
+from wire import Guest
+
+from kalscope_app.views.export.files import WIDE
+from kalscope_app.views.window.css import RULES
+
+MARKUP = [
+    "<img src=x onerror=alert(1)>",
+    "<script>alert(1)</script>",
+    "<iframe srcdoc='<script>alert(1)</script>'>",
+    "![x](http://evil.example/x.png)",
+    "[x](javascript:alert(1))",
+    "`code` **bold** # head",
+    "=cmd|' /C calc'!A0",
+    "a|b",
+    "$(touch pwned) `touch pwned`; touch pwned #",
+    "../../etc/passwd",
+    "*/ #define PWN 1",
+    "a\u202eb\u2028c",
+]
+ALIVE = re.compile(r"(?<!\\)(<[a-zA-Z/!]|\]\(|`code`|\*\*bold|!\[)")
+"""Markup from outside that no backslash disarms."""
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory):
+    """The program, and the folder in which it was started; at its end nothing outside has appeared."""
+    folder = tmp_path_factory.mktemp("outer") / "work"
+    folder.mkdir()
+    with running(folder) as (program, url):
+        yield folder, url
+        assert end(program)[0] == 0
+    assert [path for path in folder.parent.rglob("*") if path.name == "pwned"] == []
+    assert [path.name for path in folder.parent.iterdir()] == ["work"]
+
+
+@pytest.fixture
+def guest(shared):
+    _, url = shared
+    with Guest(port_of(url), token_of(url)) as guest:
+        guest.read_until(lambda: "Upload a file …" in labels(guest))
+        yield guest
+        assert_disarmed(guest.texts)
+        html = [made["props"]["content"] for made in guest.widgets.values() if made["type"] == "GuiHtmlMessage"]
+        assert set(html) <= {RULES, WIDE}  # constants of ours: nothing from outside comes into them
+
+
+def assert_disarmed(texts):
+    """Nothing of ours in the markdown is an image, a link or a tag, so whatever is came from outside."""
+    for text in texts:
+        # Inside a code span of ours nothing acts; the view puts no name with a backtick there.
+        assert [found.group() for found in ALIVE.finditer(re.sub(r"`kalscope [^`]*`", "", text))] == [], text
+
+
+def wait_for_rows(guest, *numbers):
+    """Until the recording on screen has one of these lengths."""
+    wanted = re.compile(rf"\b({'|'.join(map(str, numbers))}) samples ×")
+    guest.read_until(lambda: any(map(wanted.search, guest.markdown.values())))
+
+
+def let_rest(guest):
+    """Until the studies of what is on screen have been drawn too: they begin 0.2 s after the last change."""
+    while guest.read(timeout=1.0):
+        pass
+
+
+def test_files_that_are_named_like_markup_are_shown_as_text(shared, guest):
+    folder, _ = shared
+    for rows, name in zip(range(50, 900, 10), MARKUP, strict=False):
+        file = folder / f"{name.replace('/', '_')[:60]}.csv"
+        head = f'time,"{name.replace(chr(34), "")}",plain\n'
+        bad = f"bad {name},1\n"
+        file.write_text(head + "".join(f"{i},{i % 7},{i % 3}\n" for i in range(rows)) + bad, "utf-8")
+        guest.set(guest.find("path"), file.name)
+        guest.set(guest.find("Open this path"), True)
+        wait_for_rows(guest, rows, rows + 1)  # the bad line counts where it splits well
+
+
+def test_columns_and_units_that_are_markup_are_text_in_every_tab(shared, guest):
+    folder, _ = shared
+    names = [name.replace('"', "").replace("\u2028", "") for name in MARKUP]
+    head = ",".join(f'"{name} [{name[:20].strip("[]()")}]"' for name in names)
+    cells = "\n".join(",".join(str((i * k) % 11) for k in range(1, len(names) + 1)) for i in range(77))
+    (folder / "columns.csv").write_text(f"{head}\n{cells}\n", "utf-8")
+    guest.set(guest.find("path"), "columns.csv")
+    guest.set(guest.find("Open this path"), True)
+    wait_for_rows(guest, 77)
+    guest.set(guest.find("Pin this setting"), True)
+    for name in guest.widgets[guest.find("channel")]["props"]["options"][:2]:
+        guest.set(guest.find("channel"), name)
+        let_rest(guest)
+    assert any("onerror" in text for text in guest.texts)
+
+
+LABELS = [name.replace(",", " ").replace(":", " ").replace("\u2028", " ") for name in MARKUP]
+
+
+def test_labels_that_a_board_sends_are_shown_as_text(guest):
+    lines = [b"<script>alert(2)</script> **bold** starting\n"]
+    lines += [
+        ",".join(f"{name}:{(i * k) % 9}" for k, name in enumerate(LABELS, 1)).encode() + b"\n" for i in range(99)
+    ]
+    lines += [b"# <img src=x onerror=alert(3)>\n", b"<iframe srcdoc='x'>:1,2\n"]
+    with talking(lines) as address:
+        guest.set(guest.find("port"), "type it below")
+        guest.set(guest.find("port or address"), address)
+        guest.set(guest.find("Connect"), True)
+        board = guest.find("board's own curve")
+        guest.read_until(lambda: any("onerror" in option for option in guest.options[board]))
+        guest.read_until(lambda: any("onerror" in text for text in guest.texts))
+        guest.set(guest.find("Disconnect"), True)
+        guest.read_until(lambda: any("**closed**" in text for text in guest.markdown.values()))
+
+
+@contextmanager
+def talking(lines):
+    """The address of a board that says these lines over and over, slowly enough to be read."""
+    over = threading.Event()
+
+    def say(listener):
+        with suppress(OSError):
+            other, _ = listener.accept()
+            with other:
+                other.settimeout(0.5)  # nobody may read any more
+                while not over.is_set():
+                    for line in lines:
+                        other.sendall(line)
+                        over.wait(0.002)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(20.0)
+        thread = threading.Thread(target=say, args=(listener,))
+        thread.start()
+        try:
+            yield f"socket://127.0.0.1:{listener.getsockname()[1]}"
+        finally:
+            over.set()
+            thread.join()
+
+
+UPLOADS = [
+    "../../x.csv",
+    "..\\..\\x.csv",
+    "C:\\windows\\x.csv",
+    "/etc/x.csv",
+    "nul\0.csv",
+    "a" * 300 + ".csv",
+    "",
+    ".",
+    "..",
+    "-rf.csv",
+    "con.csv",
+    *MARKUP[:4],
+]
+
+
+def test_an_upload_may_have_any_name_and_stays_in_its_own_folder(shared, guest):
+    folder, _ = shared
+    before = files_around(folder.parent)
+    button = guest.find("Upload a file …")
+    for i, name in enumerate(UPLOADS):
+        rows = 1060 + i
+        content = b"t,z\n" + b"".join(b"%d,%d\n" % (n, n % 5) for n in range(rows))
+        transfer = {"source_component_uuid": button, "transfer_uuid": f"t{i}"}
+        size = {"part_count": 1, "size_bytes": len(content)}
+        guest.send("FileTransferStartUpload", **transfer, **size, filename=name, mime_type="text/csv")
+        guest.send("FileTransferPart", **transfer, part_index=0, content=content)
+        wait_for_rows(guest, f"{rows // 1000} {rows % 1000:03}", rows)
+    assert files_around(folder.parent) == before
+
+
+def files_around(folder: Path):
+    """Every file that is there, but for the program's own state."""
+    return {path for path in folder.rglob("*") if "state" not in path.parts and "numba" not in str(path)}
+
+
+OUT = ["../out{}", "/tmp/kalscope-out{}", "..\\..\\out", "a\0b{}", ".bashrc", "x.sh", "link/out{}", "nul{}"]
+OUT += ["x" * 300 + "{}", "no/such/folder/out{}", "com1.a{}", " "]
+PLACES = {
+    "tuning file": ("Save tuning file", ".toml"),
+    "folder": ("Save to the folder", ""),
+    "record to": ("Record", ".csv"),
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_nothing_is_written_outside_the_folder_or_under_an_odd_name(shared, guest, place):
+    folder, _ = shared
+    link = folder / "link"
+    if not link.is_symlink():
+        link.symlink_to(folder.parent)
+    before = files_around(folder.parent)
+    button, ending = PLACES[place]
+    refused = [path.format(ending) for path in OUT]
+    if place == "tuning file":
+        refused.remove(" ")  # stands for tuning.toml
+    if place == "folder":  # a folder may be new, and be called anything
+        refused = [path for path in refused if path not in ("x.sh", "no/such/folder/out", "..\\..\\out")]
+    if place == "record to":  # these are refused when the file is opened, for which a board must send
+        refused = [path for path in refused if not path.startswith(("no/such", "xxx"))]
+    for i, path in enumerate(refused):
+        guest.notices.clear()
+        guest.set(guest.find(place), path)
+        guest.set(guest.find(button), True)
+        guest.read_until(lambda: re.search("That cannot be used|Something went wrong", "".join(guest.notices)))
+        told = "".join(guest.notices)
+        assert "That cannot be used" in told, (i, path)
+        assert "must be connected" not in told, (i, path)
+    assert files_around(folder.parent) == before

@@ -1,0 +1,99 @@
+"""Which values a widget takes, decided without a server."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from viser import _messages as messages
+
+from kalscope_app.guard.message_filter import BURST, MESSAGES_PER_SECOND, Allowance
+from kalscope_app.guard.message_schema import FIELDS, LONGEST_TEXT, Misbehaviour, check_fields, fitting_value
+
+TAKEN = {
+    "within the range": (0.5, 0.7, 0.0, 1.0, 0.7),
+    "above": (0.5, 99, 0.0, 4.0, 4.0),
+    "below": (0.5, -5, 0.001, 10.0, 0.001),
+    "no range": (0.5, -1e300, None, None, -1e300),
+    "a whole number for a fraction": (0.5, 1, 0.0, 1.0, 1),
+    "a tick": (False, True, None, None, True),
+    "two thumbs": ((0.0, 1.0), [0.2, 7], 0.0, 1.0, (0.2, 1.0)),
+}
+LEFT = {
+    "not a number": (0.5, math.nan),
+    "infinite": (0.5, math.inf),
+    "beyond every float": (0.5, 10**400),
+    "a text for a number": (0.5, "0.4"),
+    "a tick for a number": (0.5, True),
+    "a number for a tick": (False, 1),
+    "a text for a tick": (False, "false"),
+    "a number for a text": ("a", 1),
+    "an endless text": ("a", "x" * (LONGEST_TEXT + 1)),
+    "one thumb too many": ((0.0, 1.0), [0.1, 0.2, 0.3]),
+    "a thumb nowhere": ((0.0, 1.0), [0.1, math.nan]),
+    "nested": ((0.0, 1.0), [[0.1], 0.2]),
+    "no list": ((0.0, 1.0), 0.1),
+    "nothing": (0.5, None),
+    "a widget of unknown kind": (object(), 1),
+}
+
+
+@pytest.mark.parametrize(("current", "value", "low", "high", "expected"), TAKEN.values(), ids=TAKEN.keys())
+def test_a_number_is_held_within_its_range(current, value, low, high, expected):
+    assert fitting_value(current, value, low, high) == expected
+
+
+@pytest.mark.parametrize(("current", "value"), LEFT.values(), ids=LEFT.keys())
+def test_what_does_not_fit_leaves_the_widget_as_it_is(current, value):
+    assert fitting_value(current, value) is None
+
+
+def test_a_menu_takes_only_what_is_on_it():
+    assert fitting_value("a", "b", options=("a", "b")) == "b"
+    assert fitting_value("a", "c", options=("a", "b")) is None
+
+
+junk = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.binary(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=2), inner, max_size=2),
+)
+
+
+@given(st.sampled_from([0.5, False, "a", (0.0, 1.0)]), junk)
+def test_whatever_comes_the_result_is_of_the_kind_and_within_the_range(current, value):
+    taken = fitting_value(current, value, 0.0, 1.0, ("a", "b") if isinstance(current, str) else None)
+    if taken is None:
+        return
+    if isinstance(current, tuple):
+        assert isinstance(taken, tuple)
+        assert len(taken) == 2
+        assert all(0.0 <= part <= 1.0 for part in taken)
+    elif isinstance(current, float):
+        assert isinstance(taken, int | float)
+        assert 0.0 <= taken <= 1.0
+    elif isinstance(current, bool):
+        assert isinstance(taken, bool)
+    else:
+        assert taken in ("a", "b")
+
+
+@given(st.sampled_from(sorted(FIELDS, key=lambda kind: kind.__name__)), st.data())
+def test_a_message_of_junk_is_judged_and_nothing_else_is_raised(kind, data):
+    message = kind(**{name: data.draw(junk) for name in FIELDS[kind]})
+    with contextlib.suppress(Misbehaviour):
+        check_fields(message)
+
+
+def test_an_unknown_message_is_not_judged():
+    check_fields(messages.ShareUrlRequest())
+
+
+def test_the_allowance_is_a_burst_and_then_a_rate():
+    allowance = Allowance(100.0)
+    assert all(allowance.take(100.0) for _ in range(int(BURST)))
+    assert not allowance.take(100.0)
+    allowance = Allowance(0.0)
+    assert all(allowance.take(i / (0.9 * MESSAGES_PER_SECOND)) for i in range(20 * int(BURST)))

@@ -1,0 +1,439 @@
+"""The guard before a real viser server: raw requests, websocket clients, settings that cannot work."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+import types
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+import viser
+import websockets.asyncio.server
+from attack_table import UPGRADE, exchange
+from viser import _messages as messages
+from viser.infra import _infra
+from websockets.datastructures import Headers
+from websockets.exceptions import InvalidStatus
+from websockets.http11 import Request
+from websockets.sync.client import ClientConnection, connect
+
+from kalscope.errors import BadSetting
+from kalscope_app.guard import request_filter as guard_door
+from kalscope_app.guard import rules as guard_rules
+from kalscope_app.guard.server import GuardedServer, GuardFailed, guarded_server
+
+TOKEN = "T0ken-T0ken_T0ken"
+HOME = guard_rules.Policy(8080, TOKEN).home
+PATIENCE = 10.0
+"""Seconds that a test waits for something that must come; nothing waits that long when all is well."""
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[GuardedServer]:
+    """One server for all requests that change nothing."""
+    with guarded_server(port=0, token=TOKEN) as running:
+        yield running
+
+
+def cookie(port: int) -> str:
+    return f"kalscope_{port}={TOKEN}"
+
+
+def status_of(answer: bytes) -> int:
+    return int(answer.split(b" ", 2)[1])
+
+
+def get(port: int, target: str = "/", host: str | None = None, extra: str = "") -> bytes:
+    host = f"127.0.0.1:{port}" if host is None else host
+    return exchange(port, f"GET {target} HTTP/1.1\r\nHost: {host}\r\n{extra}\r\n")
+
+
+def headers_of(answer: bytes) -> dict[str, str]:
+    lines = answer.partition(b"\r\n\r\n")[0].decode("latin-1").split("\r\n")[1:]
+    return {name.lower(): value for name, _, value in (line.partition(": ") for line in lines)}
+
+
+# --- pages ------------------------------------------------------------------------------------------------
+
+PAGES = {
+    "H1 no cookie": ("/", None, "", 403),
+    "H2 foreign Host": ("/", "evil.example", "{cookie}", 403),
+    "H3 our name as a prefix": ("/", "localhost.evil.example", "{cookie}", 403),
+    "H3 our address as a prefix": ("/", "127.0.0.1.nip.io", "{cookie}", 403),
+    "H5 two Hosts": ("/", None, "Host: evil.example\r\n{cookie}", 403),
+    "H6 malformed Host": ("/", "[::1", "{cookie}", 403),
+    "H6 long Host": ("/", "a" * 5000, "{cookie}", 403),
+    "H6 Host of bytes": ("/", "\xff\xfe", "{cookie}", 403),
+    "H7 wrong token": ("/?token=wrong", None, "", 403),
+    "H7 right token": (f"/?token={TOKEN}", None, "", 200),
+    "H8 right cookie": ("/", None, "{cookie}", 200),
+    "H9 ?websocket=": ("/?websocket=ws://evil:1", None, "{cookie}", 403),
+    "H10 ?playbackPath=": ("/?playbackPath=http://evil/x.viser", None, "{cookie}", 403),
+    "H11 traversal, encoded": ("/..%2f..%2f..%2f_viser.py", None, "{cookie}", 404),
+    "H11 traversal, encoded dots": ("/%2e%2e/%2e%2e/_viser.py", None, "{cookie}", 404),
+    "H11 traversal, backslash": ("/..\\..\\_viser.py", None, "{cookie}", 404),
+    "H12 cookie of bytes": ("/", None, "Cookie: x=\xff\r\n{cookie}", 400),
+    "page asked by another site": ("/", None, "Origin: http://evil.example\r\n{cookie}", 403),
+}
+
+
+@pytest.mark.parametrize(("target", "host", "extra", "expected"), PAGES.values(), ids=PAGES.keys())
+def test_page(shared, target, host, extra, expected):
+    extra = extra.replace("{cookie}", f"Cookie: {cookie(shared.port)}\r\n")
+    answer = get(shared.port, target, host, extra)
+    headers = headers_of(answer)
+    assert status_of(answer) == expected
+    assert "frame-ancestors 'none'" in headers["content-security-policy"]
+    assert headers["x-content-type-options"] == "nosniff"
+    assert headers["cache-control"] == "no-store"
+    assert headers["cross-origin-resource-policy"] == "same-origin"
+    assert b"import viser" not in answer
+
+
+def test_no_host_at_all_is_refused(shared):
+    answer = exchange(shared.port, f"GET / HTTP/1.1\r\nCookie: {cookie(shared.port)}\r\n\r\n")
+    assert status_of(answer) == 403
+
+
+@pytest.mark.parametrize(
+    "request_line", ["POST / HTTP/1.1", "OPTIONS / HTTP/1.1", "GET / HTTP/1.0", "\x16\x03\x01", "x"]
+)
+def test_what_is_no_get_leaves_the_server_serving(shared, request_line):
+    headers = f"Host: 127.0.0.1:{shared.port}\r\nCookie: {cookie(shared.port)}\r\n"
+    answer = exchange(shared.port, f"{request_line}\r\n{headers}\r\n")
+    assert not answer.startswith((b"HTTP/1.1 2", b"HTTP/1.1 101"))
+    assert status_of(exchange(shared.port, f"GET / HTTP/1.1\r\n{headers}\r\n")) == 200
+
+
+def test_the_link_gives_a_strict_cookie_that_opens_the_page(shared):
+    assert shared.url == f"http://127.0.0.1:{shared.port}/?token={TOKEN}"
+    link = headers_of(get(shared.port, f"/?token={TOKEN}"))
+    given, *attributes = link["set-cookie"].split("; ")
+    assert set(attributes) == {"HttpOnly", "SameSite=Strict", f"Path={HOME[:-1]}"}
+    assert b'<div id="root">' in get(shared.port, extra=f"Cookie: {given}\r\n")
+
+
+def test_without_the_cookie_the_page_says_what_to_do(shared):
+    answer = get(shared.port)
+    assert b"Open the link printed in the terminal" in answer
+    assert TOKEN.encode() not in answer
+
+
+# --- websockets -------------------------------------------------------------------------------------------
+
+
+def client(port: int, *, token: str = TOKEN) -> ClientConnection:
+    return connect(
+        f"ws://127.0.0.1:{port}/",
+        origin=f"http://127.0.0.1:{port}",  # pyright: ignore[reportArgumentType]
+        subprotocols=[f"viser-v{viser.__version__}"],  # pyright: ignore[reportArgumentType]
+        additional_headers={"Cookie": f"kalscope_{port}={token}"},
+        compression=None,
+        max_size=None,
+        proxy=None,
+        open_timeout=PATIENCE,
+    )
+
+
+SOCKETS = {
+    "W1 no Origin": (None, None, True, 403),
+    "W2 evil Origin": (None, "http://evil.example", False, 403),
+    "W3 evil Origin, stolen cookie": (None, "http://evil.example", True, 403),
+    "W4 null Origin": (None, "null", True, 403),
+    "W5 another local program": (None, "http://127.0.0.1:3000", True, 403),
+    "W6 our origin as a prefix": (None, "http://{own}.evil.example", True, 403),
+    "W7 rebinding": ("evil.example", "http://evil.example", True, 403),
+    "W8 no cookie": (None, "http://{own}", False, 403),
+    "W9 the user by 127.0.0.1": (None, "http://{own}", True, 101),
+    "W10 the user by localhost": ("localhost:{port}", "http://localhost:{port}", True, 101),
+    "W11 https Origin": (None, "https://{own}", True, 403),
+}
+
+
+@pytest.mark.parametrize("word", ["websocket", "WebSocket", "h2c, websocket"])
+@pytest.mark.parametrize(("host", "origin", "has_cookie", "expected"), SOCKETS.values(), ids=SOCKETS.keys())
+def test_socket(shared, host, origin, has_cookie, expected, word):
+    """W12: `Upgrade` in other letters, or beside another word, is held to the same rules."""
+    own = {"own": f"127.0.0.1:{shared.port}", "port": shared.port}
+    extra = f"Upgrade: {word}\r\n{UPGRADE}"
+    extra += f"Origin: {origin.format(**own)}\r\n" if origin else ""
+    extra += f"Cookie: {cookie(shared.port)}\r\n" if has_cookie else ""
+    answered = status_of(get(shared.port, "/", host.format(**own) if host else None, extra))
+    if expected == 101 and word != "websocket":
+        expected = 200  # viser takes it for a page; the user may see the page
+    assert answered == expected
+
+
+def test_a_wrong_token_opens_no_socket(shared):
+    with pytest.raises(InvalidStatus, match="403"), client(shared.port, token="x" * 17):
+        pass
+
+
+def test_sockets_wait_until_the_limits_stand():
+    """An old tab knocks every second while the server starts."""
+    door = guard_door.Door(guard_rules.Policy(8080, TOKEN))
+    request = Request("/", Headers())
+    for name, value in (
+        ("Host", "localhost"),
+        ("Origin", "http://localhost"),
+        ("Upgrade", "websocket"),
+        ("Cookie", cookie(8080)),
+    ):
+        request.headers[name] = value
+    let_viser_answer = object()
+    connection = types.SimpleNamespace()
+    assert door.answer(lambda *_: let_viser_answer, connection, request).status_code == 503  # pyright: ignore
+    door.is_open = True
+    assert door.answer(lambda *_: let_viser_answer, connection, request) is let_viser_answer  # pyright: ignore
+
+
+def test_an_error_in_viser_itself_is_not_let_through():
+    door = guard_door.Door(guard_rules.Policy(8080, TOKEN))
+    request = Request("/x", Headers({"Host": "localhost", "Cookie": cookie(8080)}))
+    assert door.answer(lambda *_: 1 / 0, types.SimpleNamespace(), request).status_code == 400  # pyright: ignore
+
+
+def threads_of_viser() -> set[threading.Thread]:
+    """The event loops of viser servers: viser starts them from a lambda, after which Python names them."""
+    return {thread for thread in threading.enumerate() if "<lambda>" in thread.name}
+
+
+# --- starting and stopping --------------------------------------------------------------------------------
+
+
+def test_a_busy_port_is_named_and_not_left_for_the_next():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(BadSetting) as error:
+            guarded_server(port=port)
+    assert str(error.value) == (
+        f"port {port} is in use by another program: choose another with --port, or --port 0 for any free one"
+    )
+
+
+@pytest.mark.parametrize(
+    "host", ["no-such-name.invalid", "203.0.113.7", "a..b", "x" * 300, "nul\0", "127.0.0.1:80"]
+)
+def test_an_unusable_host_is_named_at_once(host):
+    """Stock viser waits for ever."""
+    with pytest.raises(BadSetting, match="cannot be used on this machine: ") as error:
+        guarded_server(host, 0)
+    assert repr(host) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("port", [-1, 65536])
+def test_a_port_must_be_a_port(port):
+    with pytest.raises(BadSetting, match="port must be 0 to 65535"):
+        guarded_server(port=port)
+
+
+def test_no_host_is_not_all_networks():
+    with pytest.raises(BadSetting, match="host must be a name or an address"):
+        guarded_server("", 0)
+
+
+def test_a_port_below_1024_names_the_rights(monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(socket, "create_server", refuse)
+    with pytest.raises(BadSetting, match="port 80 needs administrator rights"):
+        guarded_server(port=80)
+
+
+def test_all_networks_need_a_name():
+    with pytest.raises(BadSetting, match="--allow-host"):
+        guarded_server("0.0.0.0", 0)
+
+
+def test_all_networks_with_a_name():
+    with guarded_server("0.0.0.0", 0, allow_hosts=["Raspberry.local"], token=TOKEN) as running:
+        assert running.url == f"http://raspberry.local:{running.port}/?token={TOKEN}"
+        host = f"raspberry.local:{running.port}"
+        assert status_of(get(running.port, f"/?token={TOKEN}", host)) == 200
+        assert status_of(get(running.port, f"/?token={TOKEN}", "other.local")) == 403
+
+
+def test_localhost_is_reached_by_its_address():
+    with guarded_server("localhost", 0, token=TOKEN) as running:
+        assert running.url.startswith(("http://127.0.0.1:", "http://[::1]:"))
+
+
+def test_loopback_does_not_answer_another_address():
+    with guarded_server(port=0) as running, pytest.raises(ConnectionRefusedError):
+        exchange(running.port, "GET / HTTP/1.1\r\n\r\n", address="127.0.0.2")
+
+
+def test_each_start_has_its_own_long_token():
+    with guarded_server(port=0) as one, guarded_server(port=0) as other:
+        tokens = [running.url.partition("token=")[2] for running in (one, other)]
+    assert tokens[0] != tokens[1]
+    assert min(map(len, tokens)) >= 43  # 32 bytes in base 64
+
+
+def test_two_servers_do_not_open_to_each_others_cookie():
+    with guarded_server(port=0, token="a" * 16) as one, guarded_server(port=0, token="b" * 16) as other:
+        foreign = f"Cookie: kalscope_{one.port}={'a' * 16}\r\n"
+        assert status_of(get(one.port, extra=foreign)) == 200
+        assert status_of(get(other.port, extra=foreign)) == 403
+
+
+def test_stop_frees_the_port_even_with_a_client_connected():
+    before = threads_of_viser()
+    running = guarded_server(port=0, token=TOKEN)
+    with client(running.port) as connected:
+        connected.recv(timeout=PATIENCE)
+        assert threads_of_viser() > before
+        running.stop()
+        running.stop()
+    assert threads_of_viser() <= before
+    with guarded_server(port=running.port) as again:
+        assert again.port == running.port
+
+
+def test_a_bad_token_leaves_the_port_free():
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    with pytest.raises(BadSetting, match="token must have"):
+        guarded_server(port=port, token="")
+    socket.create_server(("127.0.0.1", port)).close()
+
+
+def test_viser_prints_nothing(capfd):
+    guarded_server(port=0).stop()
+    assert capfd.readouterr().out == ""
+
+
+def test_the_call_that_was_replaced_is_back():
+    stock = websockets.asyncio.server.serve
+    with guarded_server(port=0):
+        assert websockets.asyncio.server.serve is stock
+
+
+def test_servers_started_at_once_do_not_mix_their_doors():
+    tokens = [letter * 16 for letter in "abcdefgh"]
+    with ThreadPoolExecutor() as pool, contextlib.ExitStack() as stack:
+        started = pool.map(lambda token: guarded_server(port=0, token=token), tokens)
+        for token, running in zip(tokens, map(stack.enter_context, started), strict=True):
+            extra = f"Cookie: kalscope_{running.port}={token}\r\n"
+            assert status_of(get(running.port, extra=extra)) == 200
+
+
+def test_the_log_keeps_the_token_to_itself(shared, caplog):
+    caplog.set_level("INFO", "kalscope_app.guard.request_filter")
+    get(shared.port, f"/?token={TOKEN}", "evil.example")
+    assert "refused '/'" in caplog.text
+    assert TOKEN not in caplog.text
+
+
+def test_environment_cannot_move_the_port(monkeypatch):
+    monkeypatch.setenv("_VISER_PORT_OVERRIDE", "1")
+    with guarded_server(port=0) as running:
+        assert running.port == running.server.get_port() != 1
+
+
+def test_no_argument_opens_the_public_tunnel(monkeypatch):
+    tunnels = []
+    monkeypatch.setattr("viser._viser.ViserTunnel", lambda *args: tunnels.append(args))
+    guarded_server(port=0, share=True).stop()
+    assert tunnels == []
+
+
+@pytest.mark.skipif(not socket.has_ipv6, reason="this machine has no IPv6")
+def test_the_link_of_an_ipv6_address_has_brackets():
+    with guarded_server("::1", 0, token=TOKEN) as running:
+        assert running.url == f"http://[::1]:{running.port}/?token={TOKEN}"
+        answer = exchange(
+            running.port, f"GET /?token={TOKEN} HTTP/1.1\r\nHost: [::1]:{running.port}\r\n\r\n", "::1"
+        )
+    assert status_of(answer) == 200
+
+
+def test_half_open_sockets_do_not_hold_up_the_user(shared):
+    with contextlib.ExitStack() as stack:
+        for i in range(200):
+            half = stack.enter_context(socket.create_connection(("127.0.0.1", shared.port)))
+            half.sendall(b"GET / HTTP/1.1\r\nHost: 127" if i % 2 else b"")
+        assert status_of(get(shared.port, extra=f"Cookie: {cookie(shared.port)}\r\n")) == 200
+
+
+# --- fail closed ------------------------------------------------------------------------------------------
+
+
+WEAKENED = {
+    "host": ("host_allowed", lambda *_: True),
+    "origin": ("origin_allowed", lambda *_, **__: True),
+    "cookie": ("_has_cookie", lambda *_: True),
+    "query": ("_answer_to_query", lambda *_: guard_rules.Allow()),
+    "everything": ("decide", lambda *_: guard_rules.Allow()),
+    "nobody gets in": ("decide", lambda *_: guard_rules.Refuse(403, "No.")),
+}
+
+
+@pytest.mark.parametrize(("name", "weak"), WEAKENED.values(), ids=WEAKENED.keys())
+def test_the_self_test_stops_a_server_that_lets_something_through(monkeypatch, name, weak):
+    before = threads_of_viser()
+    monkeypatch.setattr(guard_rules, name, weak)
+    with pytest.raises(GuardFailed, match="self-test failed"):
+        guarded_server(port=0)
+    assert threads_of_viser() <= before
+
+
+def test_a_viser_that_opens_its_socket_otherwise_is_stopped(monkeypatch):
+    """As if viser had bound the name at import: our replacement is never called."""
+    ports = []
+    stock = websockets.asyncio.server.serve
+
+    def serve(handler, host, port, **kwargs):
+        ports.append(port)
+        return stock(handler, host, port, **kwargs)
+
+    own_names = types.SimpleNamespace(
+        asyncio=types.SimpleNamespace(server=types.SimpleNamespace(serve=serve)),
+        datastructures=websockets.datastructures,
+        exceptions=websockets.exceptions,
+    )
+    monkeypatch.setattr(_infra, "websockets", own_names)
+    before = threads_of_viser()
+    with pytest.raises(GuardFailed, match=r"install viser 1\.1\.1"):
+        guarded_server(port=0)
+    assert ports
+    assert threads_of_viser() <= before
+
+
+@pytest.mark.parametrize(
+    "missing",
+    [
+        messages.ShareUrlRequest,
+        messages.ShareUrlDisconnect,
+        messages.GuiUpdateMessage,
+        messages.FileTransferStartUpload,
+        messages.FileTransferPart,
+    ],
+)
+def test_a_viser_without_a_known_handler_is_stopped(monkeypatch, missing):
+    stock = _infra.WebsockMessageHandler.register_handler
+    monkeypatch.setattr(
+        _infra.WebsockMessageHandler,
+        "register_handler",
+        lambda self, cls, callback: None if cls is missing else stock(self, cls, callback),
+    )
+    before = threads_of_viser()
+    with pytest.raises(GuardFailed, match="not the version Kalscope guards"):
+        guarded_server(port=0)
+    assert threads_of_viser() <= before
+
+
+def test_a_viser_without_a_known_private_name_is_stopped(monkeypatch):
+    def forget(self, *args, **kwargs):
+        stock(self, *args, **kwargs)
+        del self._current_file_upload_states
+
+    stock = viser.GuiApi.__init__
+    monkeypatch.setattr(viser.GuiApi, "__init__", forget)
+    with pytest.raises(GuardFailed, match="_current_file_upload_states"):
+        guarded_server(port=0)

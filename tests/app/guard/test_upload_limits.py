@@ -1,0 +1,377 @@
+"""What a connected client may send: updates of values, and uploads up to a cap. Each test is a raw client."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+from collections.abc import Callable, Iterator
+
+import msgspec
+import pytest
+import viser
+import wire
+from viser import _messages as messages
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection
+from websockets.sync.connection import Connection
+from wire import CAMERA, PATIENCE, close_code, messages_in, packed
+
+from kalscope_app.guard import request_filter as guard_door
+from kalscope_app.guard import server as guard
+from kalscope_app.guard import upload_limits as guard_limits
+from kalscope_app.guard.message_filter import BURST
+from kalscope_app.guard.message_schema import LONGEST_TEXT
+from kalscope_app.guard.server import GuardedServer, guarded_server
+
+TOKEN = "T0ken-T0ken_T0ken"
+CAP = 1 << 20
+
+
+def client(port: int) -> ClientConnection:
+    return wire.client(port, token=TOKEN)
+
+
+class Bench:
+    """A guarded server with one text box and one upload button in each scope, and one connected client."""
+
+    def __init__(self, running: GuardedServer, connection: Connection, refused: queue.Queue[str]) -> None:
+        self.running, self.connection, self.refused = running, connection, refused
+        self.changed: queue.Queue[str] = queue.Queue()
+        self.uploaded: queue.Queue[viser.UploadedFile] = queue.Queue()
+        self.guis: dict[str, viser.GuiApi] = {"shared": running.server.gui}
+        self.texts = {}
+        self.buttons = {}
+
+    def furnish(self, scope: str) -> None:
+        text = self.guis[scope].add_text("text", "old")
+        button = self.guis[scope].add_upload_button("upload")
+        text.on_update(lambda event: self.changed.put(event.target.value))
+        button.on_upload(lambda event: self.uploaded.put(event.target.value))
+        self.texts[scope], self.buttons[scope] = text, button
+
+    def send(self, kind: str, **fields: object) -> None:
+        self.connection.send(msgspec.msgpack.encode({"type": kind, **fields}))
+
+    def update(self, scope: str, **updates: object) -> None:
+        self.send("GuiUpdateMessage", uuid=self.texts[scope]._impl.uuid, updates=updates)
+
+    def start(self, uuid: str, size: object, parts: object, name: str = "t") -> None:
+        self.send(
+            "FileTransferStartUpload",
+            source_component_uuid=uuid,
+            transfer_uuid=name,
+            filename="x.csv",
+            mime_type="text/csv",
+            part_count=parts,
+            size_bytes=size,
+        )
+
+    def part(self, uuid: str, index: int, content: object, name: str = "t") -> None:
+        self.send(
+            "FileTransferPart",
+            source_component_uuid=uuid,
+            transfer_uuid=name,
+            part_index=index,
+            content=content,
+        )
+
+    def settle(self) -> None:
+        """Wait until everything sent before has been handled: messages are handled in their order."""
+        self.update("shared", value="settled")
+        while self.changed.get(timeout=PATIENCE) != "settled":
+            pass
+        self.update("shared", value="old")
+        while self.changed.get(timeout=PATIENCE) != "old":
+            pass
+
+    def under_way(self) -> dict[str, int]:
+        return {
+            name: upload["total_bytes"]
+            for gui in self.guis.values()
+            for name, upload in gui._current_file_upload_states.items()
+        }
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    refused: queue.Queue[str] = queue.Queue()
+    arrived: queue.Queue[viser.ClientHandle] = queue.Queue()
+    with (
+        guarded_server(port=0, token=TOKEN, max_upload_bytes=CAP, on_refused=refused.put) as running,
+        client(running.port) as connection,
+    ):
+        running.server.on_client_connect(arrived.put)
+        bench = Bench(running, connection, refused)
+        bench.send("ViewerCameraMessage", **CAMERA)
+        bench.guis["client"] = arrived.get(timeout=PATIENCE).gui
+        bench.furnish("shared")
+        bench.furnish("client")
+        yield bench
+
+
+SCOPES = pytest.mark.parametrize("scope", ["shared", "client"])
+
+
+@SCOPES
+def test_a_value_is_taken(bench, scope):
+    bench.update(scope, value="new")
+    assert bench.changed.get(timeout=PATIENCE) == "new"
+
+
+@SCOPES
+@pytest.mark.parametrize("attribute", ["removed", "update_cb", "is_button", "update_timestamp", "uuid", "sync_cb"])
+def test_no_other_attribute_of_a_widget_can_be_set(bench, scope, attribute):
+    state = bench.texts[scope]._impl
+    bench.update(scope, **{attribute: "hostile"})
+    bench.settle()
+    assert getattr(state, attribute) != "hostile"
+    bench.texts[scope].value = "still usable"
+
+
+@SCOPES
+def test_of_a_mixed_update_only_the_value_is_taken(bench, scope):
+    bench.update(scope, removed=True, value="new", update_cb=[])
+    assert bench.changed.get(timeout=PATIENCE) == "new"
+    assert bench.texts[scope]._impl.removed is False
+
+
+@SCOPES
+@pytest.mark.parametrize(
+    "value",
+    [1, None, True, ["x"], {"a": 1}, b"bytes", "x" * (LONGEST_TEXT + 1)],
+    ids=lambda value: repr(value)[:12],
+)
+def test_a_value_of_another_kind_leaves_the_widget_as_it_is(bench, scope, value):
+    bench.update(scope, value=value)
+    bench.settle()
+    assert bench.texts[scope].value == "old"
+
+
+def test_a_share_request_does_nothing(bench, monkeypatch):
+    """W13: stock viser opens a tunnel to a public server."""
+    tunnels = []
+    monkeypatch.setattr("viser._viser.ViserTunnel", lambda *args: tunnels.append(args))
+    bench.send("ShareUrlRequest")
+    bench.send("ShareUrlDisconnect")
+    bench.settle()
+    handlers = bench.running.server._websock_server._incoming_handlers
+    assert messages.ShareUrlRequest not in handlers
+    assert messages.ShareUrlDisconnect not in handlers
+    assert bench.running.server.request_share_url() is None
+    assert tunnels == []
+
+
+@SCOPES
+def test_an_upload_within_the_cap_arrives(bench, scope):
+    uuid = bench.buttons[scope]._impl.uuid
+    bench.start(uuid, 3, 1)
+    bench.part(uuid, 0, b"1,2")
+    assert bench.uploaded.get(timeout=PATIENCE) == viser.UploadedFile("x.csv", b"1,2")
+    assert bench.under_way() == {}
+
+
+@SCOPES
+def test_an_empty_upload_arrives(bench, scope):
+    bench.start(bench.buttons[scope]._impl.uuid, 0, 0)
+    assert bench.uploaded.get(timeout=PATIENCE).content == b""
+
+
+@SCOPES
+@pytest.mark.parametrize(("size", "parts"), [(CAP + 1, 3), (10**12, 2 * 10**6), (CAP, 10**9), (5, 0), (-1, 0)])
+def test_an_oversize_upload_is_refused_before_a_part_is_stored(bench, scope, size, parts):
+    uuid = bench.buttons[scope]._impl.uuid
+    bench.start(uuid, size, parts)
+    words = bench.refused.get(timeout=PATIENCE)
+    bench.part(uuid, 0, b"x" * 1000)
+    bench.settle()
+    assert bench.under_way() == {}
+    assert words.endswith("kalscope open FILE") if parts == 3 else words
+    assert bench.refused.empty()
+
+
+def test_uploads_together_stay_under_the_cap(bench):
+    shared, own = bench.buttons["shared"]._impl.uuid, bench.buttons["client"]._impl.uuid
+    bench.start(shared, CAP // 2, 2, "a")
+    bench.start(own, CAP // 2, 2, "b")
+    bench.start(own, 1, 1, "c")
+    assert "under way" in bench.refused.get(timeout=PATIENCE)
+    assert bench.under_way() == {"a": CAP // 2, "b": CAP // 2}
+
+
+def test_more_bytes_than_announced_are_refused_and_end_the_connection(bench):
+    uuid = bench.buttons["shared"]._impl.uuid
+    bench.start(uuid, 2000, 2)
+    bench.part(uuid, 0, b"x" * 1500)
+    bench.part(uuid, 1, b"x" * 1500)
+    assert "more bytes than it announced" in bench.refused.get(timeout=PATIENCE)
+    assert close_code(bench.connection) == 1008
+    assert bench.under_way() == {}
+
+
+def test_an_upload_that_stalls_gives_its_room_to_others(bench, monkeypatch):
+    uuid = bench.buttons["shared"]._impl.uuid
+    bench.start(uuid, CAP, 2, "never sent")
+    bench.settle()
+    monkeypatch.setattr(guard_limits, "STALLED", -1.0)
+    bench.start(uuid, CAP, 2, "next")
+    bench.settle()
+    assert bench.under_way() == {"next": CAP}
+    assert bench.refused.empty()
+
+
+def test_a_file_cannot_become_the_value_of_another_widget(bench):
+    """Stock viser stores it in whatever widget the client names, at the start or with the last part."""
+    button, text = bench.buttons["shared"]._impl.uuid, bench.texts["shared"]._impl.uuid
+    bench.start(text, 1, 1, "to the text")
+    bench.part(text, 0, b"x", "to the text")
+    bench.start(button, 1, 1, "moved")
+    bench.part(text, 0, b"x", "moved")
+    bench.settle()
+    assert bench.texts["shared"].value == "old"
+    assert bench.under_way() == {}
+
+
+def test_an_upload_cannot_be_announced_anew_while_it_runs(bench):
+    """Else a second client could replace the first one's upload by naming it."""
+    uuid = bench.buttons["shared"]._impl.uuid
+    bench.start(uuid, 2, 1)
+    bench.start(uuid, 9, 1)
+    bench.settle()
+    assert bench.under_way() == {"t": 2}
+
+
+def test_another_client_cannot_add_to_an_upload(bench):
+    uuid = bench.buttons["shared"]._impl.uuid
+    bench.start(uuid, 2, 2)
+    bench.start(uuid, 2, 1, "big enough")
+    bench.settle()
+    with client(bench.running.port) as other:
+        intruder = Bench(bench.running, other, bench.refused)
+        intruder.part(uuid, 0, b"!", "big enough")
+        intruder.start(uuid, 1, 1, "own")
+        intruder.part(uuid, 0, b"2", "own")
+        # No camera was sent, so viser stores the intruder's own file and calls nobody: wait for the file.
+        wait_for(lambda: getattr(bench.buttons["shared"].value, "content", b"") == b"2", bench)
+    bench.part(uuid, 0, b"ok", "big enough")
+    assert bench.uploaded.get(timeout=PATIENCE).content == b"ok"
+
+
+def test_a_client_that_leaves_takes_its_upload_with_it(bench):
+    """Also one that never sent its camera, whom stock viser forgets to clean up after."""
+    uuid = bench.buttons["shared"]._impl.uuid
+    with client(bench.running.port) as other:
+        Bench(bench.running, other, bench.refused).start(uuid, CAP, 2, "left behind")
+        wait_for(lambda: bench.under_way() == {"left behind": CAP}, bench)
+    wait_for(lambda: bench.under_way() == {}, bench)
+
+
+def test_a_refused_upload_frees_the_button(bench):
+    """The browser disables its button until the last acknowledgement, which would never come."""
+    sent = []
+    connection = next(iter(bench.running.server.get_clients().values()))._websock_connection
+    connection.queue_message = sent.append
+    bench.start(bench.buttons["client"]._impl.uuid, CAP + 1, 3, "big")
+    bench.refused.get(timeout=PATIENCE)
+    acknowledged, removed = sent
+    assert (acknowledged.transferred_bytes, acknowledged.total_bytes) == (0, 0)
+    assert acknowledged.source_component_uuid == bench.buttons["client"]._impl.uuid
+    assert removed.uuid == "upload-big"
+
+
+def wait_for(is_so: Callable[[], bool], bench: Bench) -> None:
+    """Ask after each round trip of the bench's own client; a round trip lets other clients' messages in."""
+    for _ in range(2000):
+        if is_so():
+            return
+        bench.settle()
+    raise AssertionError("it never became so")
+
+
+# --- who misbehaves is disconnected, and nobody else -------------------------------------------------------
+
+
+UPLOAD = {"source_component_uuid": "u", "transfer_uuid": "t", "filename": "x", "mime_type": "", "size_bytes": 1}
+PART = {"source_component_uuid": "u", "transfer_uuid": "t", "part_index": 0}
+IMPOSSIBLE = {
+    "garbage": (b"\xc1\xff garbage", 1011),
+    "a text": ("text", 1011),
+    "no known message": (packed("NoSuchMessage"), 1011),
+    "no mapping": (msgspec.msgpack.encode([1]), 1011),
+    "a frame beyond the limit": (b"x" * (guard.MAX_FRAME_BYTES + 1), 1009),
+    "updates in a list": (packed("GuiUpdateMessage", uuid="u", updates=[1]), 1008),
+    "updates missing": (packed("GuiUpdateMessage", uuid="u", updates=None), 1008),
+    "a number as name": (packed("GuiUpdateMessage", uuid=1, updates={}), 1008),
+    "an endless name": (packed("GuiFormSubmitMessage", uuid="u" * 101), 1008),
+    "a command of bytes": (packed("CommandTriggerMessage", uuid=b"u"), 1008),
+    "a camera nowhere": (packed("ViewerCameraMessage", **CAMERA | {"position": (float("nan"), 0, 0)}), 1008),
+    "an endless screen": (packed("ViewerCameraMessage", **CAMERA | {"image_width": 10**9}), 1008),
+    "a hold at no frequency": (packed("GuiButtonHoldMessage", uuid="u", frequency=float("inf")), 1008),
+    "an upload with an endless name": (
+        packed("FileTransferStartUpload", **UPLOAD | {"filename": "x" * 1001}, part_count=1),
+        1008,
+    ),
+    "a part of text": (packed("FileTransferPart", **PART, content="text"), 1008),
+}
+
+
+@pytest.mark.parametrize(("frame", "code"), IMPOSSIBLE.values(), ids=IMPOSSIBLE.keys())
+def test_what_no_browser_sends_ends_only_its_own_connection(bench, frame, code):
+    with client(bench.running.port) as hostile:
+        hostile.send(frame)
+        assert close_code(hostile) == code
+    bench.settle()
+
+
+def test_a_client_that_floods_is_disconnected(bench):
+    with client(bench.running.port) as hostile, contextlib.suppress(ConnectionClosed):
+        for _ in range(int(5 * BURST)):
+            hostile.send(packed("GuiFormSubmitMessage", uuid="u"))
+    assert close_code(hostile) == 1008
+    bench.settle()
+
+
+def test_a_form_that_nobody_made_leaves_nothing_behind(bench):
+    """Stock viser keeps a message for each name that a client makes up, and sends them to all who come."""
+    buffer = bench.running.server._websock_server._broadcast_buffer
+    before = len(buffer.message_from_id)
+    for i in range(100):
+        bench.send("GuiFormDirtyMessage", uuid=f"made up {i}")
+    bench.settle()
+    assert len(buffer.message_from_id) <= before + 1
+
+
+def test_no_more_clients_than_there_is_room_for(bench, monkeypatch):
+    monkeypatch.setattr(guard_door, "MAX_CLIENTS", 2)
+    with client(bench.running.port) as second:
+        second.recv(timeout=PATIENCE)
+        with client(bench.running.port) as third:
+            assert close_code(third) == 1013
+    bench.settle()
+    wait_for(lambda: len(bench.running.server._websock_server._live_connections) == 1, bench)
+    with client(bench.running.port) as after:
+        after.recv(timeout=PATIENCE)
+
+
+# --- several browsers -------------------------------------------------------------------------------------
+
+
+def test_after_a_gesture_every_browser_is_told_the_same_value(bench):
+    """Its sender too: stock viser never tells it, so crossing edits leave two screens that differ."""
+    uuid = bench.texts["shared"]._impl.uuid
+    with client(bench.running.port) as other:
+        second = Bench(bench.running, other, bench.refused)
+        second.send("ViewerCameraMessage", **CAMERA)
+        wait_for(lambda: len(bench.running.server.get_clients()) == 2, bench)
+        second.texts = bench.texts
+        second.update("shared", value="settled here")
+        assert value_heard(other, uuid) == "settled here"
+
+
+def value_heard(connection: Connection, uuid: str) -> object:
+    """The next value of a widget that the server sends to this client."""
+    while True:
+        frame = connection.recv(timeout=PATIENCE)
+        assert isinstance(frame, bytes)
+        for message in messages_in(frame):
+            if message["type"] == "GuiUpdateMessage" and message["uuid"] == uuid and "value" in message["updates"]:
+                return message["updates"]["value"]

@@ -1,0 +1,145 @@
+"""Whatever nobody caught: the person reads one sentence, the log has the details, and the program goes on."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import queue
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from viser import _scene_api
+from websockets.exceptions import ConnectionClosedOK
+
+from kalscope_app.guard.server import guarded_server
+from kalscope_app.program import error_reporting as module
+from kalscope_app.program.error_reporting import Trouble, sentence_for
+
+PATIENCE = 10.0
+
+
+@pytest.fixture
+def heard():
+    """A Trouble and what it told the person."""
+    told = queue.Queue()
+    trouble = Trouble()
+    trouble.tell_with(lambda error: told.put(sentence_for(error, None)))
+    return trouble, told
+
+
+def test_the_sentence_says_what_happened_and_what_to_do():
+    sentence = sentence_for(ValueError("odd\nvalue"), Path("kalscope.log"))
+    assert "ValueError: odd value" in sentence
+    assert "reload the page" in sentence
+    assert "kalscope.log" in sentence
+    assert "--log FILE" in sentence_for(ValueError(), None)
+    assert "more memory" in sentence_for(MemoryError(), None)
+
+
+def test_what_ends_a_thread_is_told(heard, caplog):
+    trouble, told = heard
+    before = threading.excepthook
+    with trouble.watch_threads():
+        reader = threading.Thread(target=lambda: 1 / 0, name="reader")
+        reader.start()
+        reader.join()
+    assert "ZeroDivisionError" in told.get(timeout=PATIENCE)
+    assert "thread reader" in caplog.text
+    assert threading.excepthook is before
+
+
+def test_what_cannot_be_raised_is_told(heard):
+    trouble, told = heard
+
+    class Broken:
+        def __del__(self):
+            raise RuntimeError("in a destructor")
+
+    with trouble.watch_threads():
+        Broken()
+        gc.collect()
+    assert "in a destructor" in told.get(timeout=PATIENCE)
+
+
+def test_a_callback_that_raises_is_told_and_the_next_one_runs(heard):
+    trouble, told = heard
+    loop = asyncio.new_event_loop()
+    with ThreadPoolExecutor(1) as pool:
+        trouble.watch_server(loop, pool)
+        assert pool.submit(lambda: {}["no such key"]).result(PATIENCE) is None
+        assert pool.submit(lambda a, b: a + b, 1, b=2).result(PATIENCE) == 3
+    loop.close()
+    assert "KeyError: 'no such key'" in told.get(timeout=PATIENCE)
+
+
+def test_callbacks_of_a_real_server_are_watched(heard):
+    """Both kinds: in the pool, and on the event loop."""
+    trouble, told = heard
+    with guarded_server(port=0) as running:
+        server = running.server
+        trouble.watch_server(server._event_loop, server._thread_executor)
+
+        async def broken():
+            raise LookupError("on the loop")
+
+        server._event_loop.call_soon_threadsafe(lambda: server._event_loop.create_task(broken()) and None)
+        assert "on the loop" in told.get(timeout=PATIENCE)
+        server._thread_executor.submit(lambda: 1 / 0).result(PATIENCE)
+        assert "ZeroDivisionError" in told.get(timeout=PATIENCE)
+
+
+def test_a_callback_of_the_scene_that_raises_is_told(heard, capfd):
+    """viser calls those on the event loop itself, and would print what they raise."""
+    trouble, told = heard
+    stock = _scene_api.print_awaited_callback_error
+    with trouble.watch_threads(), guarded_server(port=0) as running:
+        server = running.server
+
+        async def broken(_event):
+            raise LookupError("in the scene")
+
+        call = server.scene._dispatch_callback(broken, None)
+        asyncio.run_coroutine_threadsafe(call, server._event_loop).result(PATIENCE)
+        assert "in the scene" in told.get(timeout=PATIENCE)
+    assert _scene_api.print_awaited_callback_error is stock
+    assert "in the scene" not in capfd.readouterr().err
+
+
+def test_the_same_sentence_is_not_said_twice_in_a_row(heard, caplog, monkeypatch):
+    trouble, told = heard
+    for _ in range(5):
+        trouble.report("reader", ValueError("again"))
+    assert told.qsize() == 1
+    assert caplog.text.count("ValueError: again") >= 5  # each with its traceback
+    monkeypatch.setattr(module, "PAUSE", 0.0)
+    trouble.report("reader", ValueError("again"))
+    assert told.qsize() == 2
+
+
+@pytest.mark.parametrize(
+    "error", [ConnectionClosedOK(None, None), ConnectionResetError(), asyncio.CancelledError()], ids=repr
+)
+def test_a_browser_that_leaves_is_no_trouble(heard, error):
+    trouble, told = heard
+    trouble.report("socket", error)
+    assert told.empty()
+
+
+def test_at_the_end_nobody_is_told(heard):
+    trouble, told = heard
+    trouble.is_ending = True
+    trouble.report("callback", RuntimeError("cannot schedule new futures after shutdown"))
+    trouble.report("thread", SystemExit())
+    trouble.report("nothing", None)
+    assert told.empty()
+
+
+def test_a_failure_to_tell_is_logged(caplog):
+    trouble = Trouble()
+    trouble.tell_with(lambda _error: 1 / 0)
+    with caplog.at_level(logging.ERROR):
+        trouble.report("reader", ValueError("first"))
+    assert "could not be told" in caplog.text

@@ -1,0 +1,157 @@
+"""Undo and redo: one entry a gesture, at least a hundred states, and the view left alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import Recording
+from kalscope_app.session.changes import set_dark, set_exponent, set_text, set_window
+from kalscope_app.session.channel_changes import set_together
+from kalscope_app.session.history import LIMIT, SAME_GESTURE, History, record, step_back, step_forward
+from kalscope_app.session.linked_channels import SAME_NUMBERS
+from kalscope_app.session.opening import opened
+from kalscope_app.session.presets import PRESETS, take_preset
+from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.state import VIEW
+from kalscope_app.session.variant_changes import pin_present
+
+
+def recording(seed=0):
+    z = np.random.default_rng(seed).normal(size=(100, 1))
+    return Recording(np.arange(100.0), ("z",), ("",), z, 1.0)
+
+
+@pytest.fixture
+def state():
+    return opened(recording())
+
+
+@pytest.mark.parametrize(
+    ("key", "next_key", "pause", "entries"),
+    [
+        ("slider q", "slider q", 0.1, 1),
+        ("slider q", "slider q", SAME_GESTURE + 0.1, 2),
+        ("slider q", "slider q", SAME_GESTURE, 2),
+        ("slider q", "slider r", 0.1, 2),
+        ("text q", "text q", 0.9, 1),
+        ("text q", "slider q", 0.1, 2),
+        ("slider q", "", 0.1, 2),
+        ("", "slider q", 0.1, 2),
+        ("", "", 0.1, 2),
+    ],
+)
+def test_quick_changes_of_one_control_are_one_gesture(state, key, next_key, pause, entries):
+    first, second = set_text("q", "1")(state), set_text("q", "2")(state)
+    history = record(History(), state, first, key, 10.0)
+    history = record(history, first, second, next_key, 10.0 + pause)
+    assert len(history.past) == entries
+    assert history.past[0] is state
+
+
+def test_a_drag_of_many_moves_is_one_gesture_however_long_it_takes(state):
+    history, present = History(), state
+    for i in range(200):
+        after = set_exponent("q", -3 + i / 100)(present)
+        history, present = record(history, present, after, "slider q", 10.0 + 0.05 * i), after
+    assert history.past == (state,)
+
+
+def test_what_follows_an_undo_is_a_gesture_of_its_own(state):
+    first = set_text("q", "1")(state)
+    history, back = step_back(record(History(), state, first, "slider q", 10.0), first)
+    again = record(history, back, set_text("q", "3")(back), "slider q", 10.1)
+    assert again.past == (back,)
+
+
+def test_a_change_of_the_view_in_between_does_not_split_a_gesture(state):
+    first = set_text("q", "1")(state)
+    history = record(History(), state, first, "slider q", 10.0)
+    seen = set_window(1.0, 50.0)(first)
+    history = record(history, first, seen, "view", 10.1)
+    assert len(record(history, seen, set_text("q", "2")(seen), "slider q", 10.2).past) == 1
+
+
+TUNING_CHANGES = [pin_present, set_together(SAME_NUMBERS), take_preset(next(iter(PRESETS))), set_text("gate", "9")]
+
+
+@pytest.mark.parametrize("change", TUNING_CHANGES)
+def test_pins_presets_and_channels_are_remembered(state, change):
+    history = record(History(), state, change(state), "", 0.0)
+    assert history.past == (state,)
+    assert step_back(history, change(state))[1] == replace(state, note="", preset=change(state).preset)
+
+
+VIEW_CHANGES = [set_dark(True), set_window(1.0, 50.0), lambda s: s, lambda s: replace(s, note="x")]
+
+
+@pytest.mark.parametrize("name", VIEW)
+def test_undo_and_redo_leave_the_view_as_it_is(state, name):
+    history = record(History(), state, set_text("q", "1")(state), "", 0.0)
+    looked = replace(set_text("q", "1")(state), **{name: "otherwise"})
+    history, back = step_back(history, looked)
+    assert (back.tuning.q, getattr(back, name)) == (state.tuning.q, "otherwise")
+    _, forth = step_forward(history, replace(back, **{name: "again"}))
+    assert (forth.tuning.q, getattr(forth, name)) == (1.0, "again")
+
+
+@pytest.mark.parametrize("change", VIEW_CHANGES)
+def test_the_view_is_not_remembered(state, change):
+    assert record(History(), state, change(state), "", 0.0) == History()
+
+
+def test_back_and_forth_is_the_identity(state):
+    tuned = set_text("q", "1")(state)
+    history = record(History(), state, tuned, "", 0.0)
+    history, before = step_back(history, tuned)
+    assert before.tunings == state.tunings
+    history, after = step_forward(history, before)
+    assert after.tunings == tuned.tunings
+    assert step_forward(history, after) == (history, after)
+    assert step_back(History(), state) == (History(), state)
+
+
+def test_a_new_gesture_ends_the_future(state):
+    tuned = set_text("q", "1")(state)
+    history, before = step_back(record(History(), state, tuned, "", 0.0), tuned)
+    assert history.future
+    assert not record(history, before, set_text("q", "3")(before), "", 9.0).future
+
+
+def test_the_present_view_stays_while_values_go_back(state):
+    tuned = set_window(10.0, 20.0)(set_dark(True)(set_text("q", "1")(state)))
+    _, back = step_back(record(History(), state, tuned, "", 0.0), tuned)
+    assert (back.window, back.dark, back.resets) == ((10.0, 20.0), True, tuned.resets)
+
+
+def test_at_least_a_hundred_gestures_are_kept_but_few_recordings(state):
+    history, present = History(), state
+    for i in range(500):
+        after = set_exponent("q", -3 + i / 200)(present)
+        history, present = record(history, present, after, "", float(i)), after
+    assert LIMIT >= 100
+    assert 100 <= len(history.past) <= LIMIT
+    for seed in range(10):
+        after = opened(recording(seed), present)
+        history, present = record(history, present, after, "", 0.0), after
+    assert len({id(s.recording) for s in history.past}) <= 4
+
+
+def test_the_session_undoes_and_redoes_by_request(state):
+    session = Session(state)
+    session.request(set_text("q", "1"))
+    session.request(set_text("q", "2"))
+    session.request(undo)
+    assert session.settle()[0].tuning.q == 1
+    assert (session.can_undo, session.can_redo) == (True, True)
+    session.request(undo)
+    assert session.settle()[0].tuning.q == state.tuning.q
+    session.request(undo)
+    assert session.settle()[0].note == "There is nothing to undo."
+    session.request(redo)
+    session.request(redo)
+    session.request(redo)
+    settled = session.settle()[0]
+    assert (settled.tuning.q, settled.note) == (2, "There is nothing to redo.")

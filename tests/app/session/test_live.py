@@ -1,0 +1,328 @@
+"""A live board in the State: what follows, what stands still, what a person tuned stays; the filter goes on."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from feed import Board
+
+from kalscope import BadSetting, Recording, kalman_filter
+from kalscope.sources.live.live_status import RecordingStatus
+from kalscope.sources.recorder.counts import RecorderCounts
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope_app.engine.engine import LIVE_INTERVAL, Engine, wait_for_request
+from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.engine.frame import choose_shown, compute_frame
+from kalscope_app.session.changes import reset_parameters, select_channel, set_board_channel, set_text, set_window
+from kalscope_app.session.live import (
+    ENOUGH_SAMPLES,
+    SPANS,
+    STUDIED,
+    at_rest,
+    follow,
+    live_window,
+    opened_live,
+    refreshed,
+    set_paused,
+    set_span,
+    studied,
+)
+from kalscope_app.session.opening import opened
+from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.share import apply_options
+from kalscope_app.views.charts.signal import heading_of
+from kalscope_app.views.source.recording import recording_text
+
+
+@pytest.fixture
+def board():
+    return Board()
+
+
+def frame_of(state, runs=None):
+    return compute_frame(state, 0, choose_shown(state.recording, state.channel, live_window(state)), runs)
+
+
+def test_before_the_first_sample_the_screen_waits(board):
+    state = opened_live(board, "x")
+    assert np.isnan(state.recording.values).all()
+    frame = frame_of(state)
+    assert frame.status.word == "connected"
+    assert refreshed(state) is state
+
+
+def test_the_record_grows_and_what_was_tuned_stays(board):
+    state = refreshed(opened_live(board.send(500), "x"))
+    assert len(state.recording) == 500
+    state = set_text("q", "7")(select_channel("b")(state))
+    state = refreshed(replace_sent(board, 300, state))
+    assert (len(state.recording), state.channel, state.tuning.q) == (800, "b", 7.0)
+
+
+def replace_sent(board, count, state):
+    board.send(count)
+    return state
+
+
+def test_starting_values_are_measured_on_the_first_samples_and_then_stay(board):
+    state = opened_live(board.send(20), "x")
+    early = state.starts
+    state = refreshed(replace_sent(board, ENOUGH_SAMPLES - 20, state))
+    assert state.starts != early
+    settled = state.starts
+    state = refreshed(replace_sent(board, 5000, state))
+    assert state.starts == settled
+    assert reset_parameters(set_text("q", "7")(state)).tunings == settled
+    head = board.values[:ENOUGH_SAMPLES, 0]
+    assert state.starts[0].r == pytest.approx(np.var(np.diff(head)) / 2, rel=0.05)
+
+
+def test_new_channels_keep_what_was_tuned_by_name(board):
+    state = set_text("r", "9")(opened_live(board.send(500), "x"))
+    other = Board(("b", "a", "c"))
+    board.names, board.values, board.generation = other.names, other.send(500).values, 1
+    state = refreshed(state)
+    assert state.recording.names == ("b", "a", "c")
+    assert [t.r == 9.0 for t in state.tunings] == [False, True, False]
+    assert state.channel == "a"
+
+
+def test_a_tuning_file_decides_the_channels_that_it_names(board):
+    tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),))
+    state = opened_live(board, "x", tuning=tuning)
+    state = refreshed(replace_sent(board, 500, state))
+    assert (state.tunings[1].q, state.tunings[1].r) == (3.0, 4.0)
+    assert state.channel == "b"
+
+
+def test_the_window_follows_until_the_person_looks_back(board):
+    state = set_span("1 s")(opened_live(board.send(1000), "x"))
+    assert live_window(state) == (pytest.approx(8.99), pytest.approx(9.99))
+    state = refreshed(replace_sent(board, 100, state))
+    assert live_window(state) == (pytest.approx(9.99), pytest.approx(10.99))
+    back = set_window(2.0, 4.0)(state)
+    assert not back.live.following
+    back = refreshed(replace_sent(board, 100, back))
+    assert live_window(back) == (2.0, 4.0)
+    assert len(back.recording) == 1200
+    again = follow(back)
+    assert again.live.following
+    assert live_window(again) == (pytest.approx(10.99), pytest.approx(11.99))
+
+
+def test_all_shows_all(board):
+    assert live_window(set_span("all")(opened_live(board.send(100), "x"))) is None
+    assert math.inf in SPANS.values()
+    with pytest.raises(BadSetting, match="live window"):
+        set_span("3 h")
+
+
+def test_pause_stands_still_while_samples_come_in(board):
+    state = set_paused(True)(opened_live(board.send(100), "x"))
+    board.send(100)
+    assert refreshed(state) is state
+    tuned = set_text("q", "5")(state)
+    assert (len(tuned.recording), tuned.tuning.q) == (100, 5.0)
+    assert len(refreshed(set_paused(False)(tuned)).recording) == 200
+    assert len(follow(tuned).recording) == 200
+
+
+def test_the_filter_of_a_growing_record_equals_the_filter_of_the_whole(board):
+    state, runs = opened_live(board.send(200), "x"), FilterRuns()
+    for count in (1, 50, 3000, 7):
+        state = refreshed(replace_sent(board, count, state))
+        frame = frame_of(set_span("all")(state), runs)
+        whole = kalman_filter(state.recording.channel("a"), state.params)
+        np.testing.assert_array_equal(frame.filtered, whole.x[frame.shown.indices])
+    board.first = 1000  # older samples leave memory: the filter goes on from what it knew
+    state = refreshed(replace_sent(board, 10, state))
+    frame = frame_of(set_span("all")(state), runs)
+    whole = kalman_filter(board.values[:, 0], state.params)
+    np.testing.assert_array_equal(frame.filtered, whole.x[1000:][frame.shown.indices])
+
+
+def test_new_parameters_filter_all_that_is_kept(board):
+    runs = FilterRuns()
+    state = set_span("all")(opened_live(board.send(3000), "x"))
+    frame_of(state, runs)
+    tuned = set_text("q", "0.5")(state)
+    frame = frame_of(tuned, runs)
+    whole = kalman_filter(tuned.recording.channel("a"), tuned.params)
+    np.testing.assert_array_equal(frame.filtered, whole.x[frame.shown.indices])
+
+
+def test_undo_takes_back_the_tuning_and_leaves_the_samples(board):
+    session = Session(opened_live(board.send(500), "x"))
+    before = session.settle()[0].tuning.q
+    for text in ("2", "3"):
+        session.request(set_text("q", text))
+        board.send(100)
+        assert session.settle()[0].tuning.q == float(text)
+    session.request(undo)
+    state, _, failures = session.settle()
+    assert (state.tuning.q, len(state.recording), failures) == (2.0, 700, [])
+    session.request(undo)
+    assert session.settle()[0].tuning.q == before
+    session.request(redo)
+    assert session.settle()[0].tuning.q == 2.0
+    assert not any(len(kept.recording) > 2 for kept in session._history.past)
+
+
+def test_undo_on_a_paused_screen_keeps_it_paused(board):
+    session = Session(opened_live(board.send(500), "x"))
+    session.request(set_text("q", "2"))
+    session.request(set_paused(True))
+    session.settle()
+    board.send(100)
+    session.request(undo)
+    state = session.settle()[0]
+    assert (state.live.paused, len(state.recording)) == (True, 500)
+
+
+def test_undo_comes_back_from_another_recording_to_the_board(board):
+    session = Session(opened_live(board.send(500), "x"))
+    session.settle()
+    other = Recording(np.arange(50.0), ("z",), ("",), np.random.default_rng(0).normal(size=(50, 1)), 1.0)
+    session.request(lambda state: opened(other, state))
+    assert session.settle()[0].live is None
+    session.request(undo)
+    assert len(session.settle()[0].recording) == 500
+
+
+def test_at_rest_holds_no_samples_of_a_board(board):
+    state = opened_live(board.send(500), "x")
+    assert len(at_rest(state).recording) == 2
+    plain = opened(Recording(np.arange(50.0), ("z",), ("",), np.zeros((50, 1)), 1.0))
+    assert at_rest(plain) is plain
+
+
+def test_at_rest_keeps_no_array_of_a_board_alive(board):
+    state = opened_live(board.send(200), "x")
+    rested = at_rest(state)
+    for kept, of in (
+        (rested.recording.time, state.recording.time),
+        (rested.recording.values, state.recording.values),
+    ):
+        assert not np.shares_memory(kept, of)
+        np.testing.assert_array_equal(kept, of[:2])
+
+
+def test_studies_of_a_board_look_at_its_newest_samples(board):
+    state = opened_live(board.send(STUDIED + 500), "x")
+    assert studied(state).recording.values[-1, 0] == board.values[-1, 0]
+    assert len(studied(state).recording) == STUDIED
+
+
+def test_the_boards_own_filter_is_drawn_and_compared():
+    board = Board(("raw", "filtered"))
+    state = opened_live(board.send(300), "x")
+    assert (state.channel, state.board) == ("raw", "filtered")
+    state = set_span("all")(state)
+    own = kalman_filter(board.values[:, 0], state.params).x
+    board.values[:, 1] = own
+    board.values[200, 1] += 0.25
+    frame = frame_of(state)
+    assert frame.board_difference == pytest.approx(0.25)
+    np.testing.assert_array_equal(frame.board, board.values[:, 1][frame.shown.indices])
+    assert frame_of(set_board_channel(None)(state)).board is None
+
+
+@pytest.mark.parametrize(
+    ("next_due", "live", "wait"),
+    [
+        (None, False, None),
+        (0.2, False, 0.2),
+        (None, True, LIVE_INTERVAL),
+        (0.01, True, 0.01),
+        (1.0, True, LIVE_INTERVAL),
+    ],
+)
+def test_how_long_the_engine_waits(next_due, live, wait):
+    assert wait_for_request(next_due, live=live) == wait
+
+
+def test_the_engine_draws_what_comes_without_being_asked(board):
+    frames, news = [], threading.Condition()
+
+    def show(frame):
+        with news:
+            frames.append(frame)
+            news.notify_all()
+
+    session = Session(opened_live(board.send(500), "x"))
+    engine = Engine(session, show, pytest.fail)
+    engine.start()
+    try:
+        for _ in range(20):
+            board.send(10)
+            time.sleep(0.02)
+        with news:
+            assert news.wait_for(lambda: frames and len(frames[-1].state.recording) == 700, timeout=20)
+        sent = session.request(set_paused(True))
+        with news:
+            assert news.wait_for(lambda: frames[-1].serial >= sent, timeout=20)
+        board.send(10)
+        assert len(frames[-1].state.recording) == 700
+    finally:
+        engine.stop()
+
+
+def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(board):
+    state = apply_options(opened_live(board, "x"), "b", "1", "2", None, None, "9")
+    assert state.recording.names == ("signal",)
+    state = refreshed(replace_sent(board, 20, state))
+    assert state.channel == "a"
+    state = refreshed(replace_sent(board, 500, state))
+    tuning = state.tuning
+    assert (state.channel, tuning.q, tuning.r, tuning.gate) == ("b", 1.0, 2.0, 9.0)
+    assert state.starts[1].r != 2.0
+    assert refreshed(replace_sent(board, 500, set_text("q", "5")(state))).tuning.q == 5.0
+
+
+def test_a_channel_that_the_board_does_not_have_is_said_and_the_rest_goes_on(board):
+    state = refreshed(
+        replace_sent(board, 500, apply_options(opened_live(board, "x"), "c", "1", None, None, None, None))
+    )
+    assert "c" in state.note
+    assert state.channel == "a"
+    assert len(state.recording) == 500
+
+
+def test_a_setting_that_no_channel_could_have_is_refused_at_once(board):
+    with pytest.raises(BadSetting):
+        apply_options(opened_live(board, "x"), "b", "-1", None, None, None, None)
+
+
+@pytest.mark.parametrize(("period", "q"), [(0.01, 3.0), (0.0102, 3.0), (0.02, 1.5)])
+def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_percent(board, period, q):
+    tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)
+    state = refreshed(replace_sent(board, 500, opened_live(board, "x", tuning=tuning)))
+    assert state.tunings[1].q == pytest.approx(q)
+
+
+def test_another_window_leaves_a_paused_screen_paused(board):
+    state = set_paused(True)(opened_live(board.send(500), "x"))
+    board.send(100)
+    state = set_span("2 s")(state)
+    assert (state.live.paused, len(state.recording), state.live.span) == (True, 500, 2.0)
+
+
+def test_the_heading_says_what_is_wrong_and_how_a_recording_stands_with_names_escaped(board):
+    counts = RecorderCounts(received=1200, written=1199, rejected=1)
+    running = RecordingStatus("<b>run.csv", counts, "the disk is full", "")
+    status = SimpleNamespace(word="connected", hint="wrong *baud* rate?", recording=running)
+    frame = replace(frame_of(opened_live(board, "x")), status=status)
+    heading = heading_of(frame)
+    assert "no sample yet" in heading
+    assert "missing" not in heading
+    for part in (r"wrong \*baud\* rate?", r"\<b\>run\.csv", "1 199 lines", "the disk is full"):
+        assert part in heading
+    text = recording_text(running)
+    assert r"\<b\>run\.csv" in text
+    assert "1 200 lines = 1 199 written + 1 rejected + 0 dropped" in text

@@ -1,0 +1,84 @@
+"""The figures of the source documents in the dashboard, and the second paper's filter as a choice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, FilterParams, Recording, open_source, steady_state
+from kalscope.estimation.finding import Found
+from kalscope.papers.experiments import list_experiments, open_experiment, run_filter
+from kalscope.papers.generalized_filter import GeneralizedParams
+from kalscope_app.engine.frame import choose_shown, compute_frame
+from kalscope_app.session.changes import apply_found, reset_parameters, set_reading, set_rule_text, set_text
+from kalscope_app.session.history import History, record
+from kalscope_app.session.opening import opened, opened_experiment, opened_with
+from kalscope_app.studies.checks import compute_checks
+from kalscope_app.views.tune.numbers import table
+
+
+def frame_of(state):
+    return compute_frame(state, 0, choose_shown(state.recording, state.channel, None))
+
+
+@pytest.mark.parametrize("name", [experiment.name for experiment in list_experiments()])
+def test_every_experiment_opens_at_the_settings_of_its_figure(name):
+    recording, settings = open_experiment(name)
+    state = opened_experiment(name)
+    frame = frame_of(state)
+    expected = run_filter(recording.channel(state.channel), settings[state.channel]).x
+    assert np.array_equal(frame.filtered, expected[frame.shown.indices], equal_nan=True)
+    assert reset_parameters(set_text("q", "7")(state)).tunings == state.tunings
+    assert "gain K" in table(frame)
+
+
+@pytest.fixture
+def state():
+    z = 100.0 + np.random.default_rng(0).normal(size=(500, 1))
+    return opened(Recording(np.arange(500.0), ("z",), ("",), z, 1.0))
+
+
+@pytest.mark.parametrize("reading", ["printed", "without_slip"])
+def test_the_second_papers_filter_is_a_choice_and_can_be_left(state, reading):
+    chosen = set_reading(reading)(state)
+    typed = set_rule_text("sigma_m", "50")(chosen)
+    frame = frame_of(typed)
+    expected = run_filter(state.recording.channel("z"), GeneralizedParams(50.0, None, None, reading)).x
+    assert np.array_equal(frame.filtered, expected)
+    assert compute_checks(typed) is None
+    assert "| q / r | – |" in table(frame)
+    assert set_reading(None)(typed).rule is None
+    assert len(record(History(), state, chosen, "", 0.0).past) == 1
+
+
+def test_its_gain_is_told_in_the_words_of_the_five_lines(state):
+    frame = frame_of(set_rule_text("sigma_m", "100")(set_reading("printed")(state)))
+    assert float(frame.steady.gain) == pytest.approx(frame.gain[-1], abs=0.1)
+    assert frame.steady.lag_samples == pytest.approx((1 - frame.steady.gain) / frame.steady.gain)
+
+
+def test_finding_q_and_r_returns_to_the_five_lines(state):
+    chosen = set_reading("printed")(state)
+    found = apply_found(state.recording, "z", Found(FilterParams(1.0, 2.0), "x", "y"))(chosen)
+    assert found.rule is None
+    assert frame_of(found).steady == steady_state(FilterParams(1.0, 2.0), 1.0)
+
+
+def test_a_signal_below_zero_is_refused_by_the_printed_equation_in_words():
+    z = np.linspace(5, -5, 50)[:, None]
+    state = opened(Recording(np.arange(50.0), ("z",), ("",), z, 1.0))
+    with pytest.raises(BadSetting, match="0"):
+        frame_of(set_reading("printed")(state))
+
+
+def test_an_unknown_experiment_is_refused():
+    with pytest.raises(BadSetting, match="experiment must be one of"):
+        opened_experiment("experiment:nothing")
+
+
+def test_an_experiment_is_a_source_like_any_other():
+    name = list_experiments()[0].name
+    opened_alone, _ = open_experiment(name)
+    assert np.array_equal(open_source(f"experiment:{name}").values, opened_alone.values, equal_nan=True)
+    again = opened_with(opened_alone, opened_experiment(name).as_tuning())
+    assert again.tunings == opened_experiment(name).tunings

@@ -1,0 +1,157 @@
+"""The line that reopens what is on screen: printed, split as a shell does, parsed by the real program."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import open_source
+from kalscope.sources.lines.read_options import options_from_text
+from kalscope_app import main as program
+from kalscope_app.session.changes import select_channel, set_automatic_start, set_sample_period, set_text
+from kalscope_app.session.opening import opened, opened_experiment
+from kalscope_app.session.share import channel_named, share_line
+
+
+class Stopped(Exception):
+    """The program has its first state."""
+
+
+@pytest.fixture
+def reopen(monkeypatch):
+    """Run a line with the real command line, up to the first state."""
+
+    def run(line):
+        seen = []
+
+        def caught(_guarded, state, *_):
+            seen.append(state)
+            raise Stopped
+
+        monkeypatch.setattr("kalscope_app.dashboard.Dashboard", caught)
+        words = shlex.split(line)
+        assert words[:2] == ["kalscope", "open"]
+        with pytest.raises(Stopped):
+            program.app([*words[1:], "--port", "0", "--no-browser"], standalone_mode=False)
+        return seen[0]
+
+    return run
+
+
+def essence(state):
+    """What must come back: the samples, how they were read, the channel and its setting."""
+    tuning = state.tuning
+    setting = (tuning.q, tuning.r, tuning.p0, tuning.x0, tuning.gate)
+    recording = state.recording
+    return state.channel, setting, recording.sample_period, recording.gaps, state.options, state.rule
+
+
+def files(folder):
+    rows = "".join(f"{i},{i % 7},{-200 if i % 9 == 0 else i % 5}\n" for i in range(60))
+    for name in ("plain.csv", 'it\'s a log $(x) `y` & "z".csv', "-dash.csv", "ü ß.csv"):
+        (folder / name).write_text("t,a b's,$x\n" + rows)
+        yield name
+    (folder / "untimed.csv").write_text("z\n" + "".join(f"{i % 7}\n" for i in range(60)))
+
+
+CHANGES = [
+    [],
+    [set_text("q", "1e-9"), set_text("r", "12345.678901234567")],
+    [set_text("q", "0.1"), set_text("p0", "0"), set_text("x0", "-3.25")],
+    [set_text("p0", "1e-300"), set_text("gate", "9")],
+    [set_text("q", "0"), set_text("r", "2")],
+    [set_text("r", "0")],
+    [lambda state: select_channel(state.recording.names[-1])(state), set_text("q", "7")],
+    [set_automatic_start(False), set_automatic_start(True)],
+]
+
+
+@pytest.mark.parametrize("changes", CHANGES)
+def test_the_line_reopens_file_channel_and_setting(changes, reopen, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in files(tmp_path):
+        state = opened(open_source(f"./{name}" if name.startswith("-") else name))
+        for change in changes:
+            state = change(state)
+        again = reopen(share_line(state).line)
+        assert essence(again) == essence(state)
+        assert np.array_equal(again.recording.values, state.recording.values, equal_nan=True)
+
+
+@pytest.mark.parametrize("source", ["demo", "sample:lis302dl", "synthetic:sine?n=300&sigma=0.2&seed=1"])
+def test_samples_and_made_signals_reopen_too(source, reopen):
+    state = set_text("q", "0.3")(opened(open_source(source)))
+    assert essence(reopen(share_line(state).line)) == essence(state)
+
+
+@pytest.mark.parametrize("name", ["lis302dl_r_32", "noise_reducer_figure_6", "generalized_figure_7"])
+def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(name, reopen):
+    state = opened_experiment(f"experiment:{name}")
+    assert essence(reopen(share_line(state).line)) == essence(state)
+    tuned = set_automatic_start(True)(set_text("r", "3")(state.with_rule(None)))
+    again = reopen(share_line(tuned).line)
+    assert essence(again) == essence(tuned)
+
+
+def test_how_the_file_was_read_comes_along(reopen, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    name = next(files(tmp_path))
+    options = options_from_text("comma", "none", None, ["-200", "n/x"], "rows")
+    state = replace(opened(open_source(name, options)), options=options)
+    line = share_line(state).line
+    assert "--missing=-200.0" in line
+    assert essence(reopen(line)) == essence(state)
+    timed = options_from_text(None, "t", "ms", [], "dt")
+    state = replace(opened(open_source(name, timed)), options=timed)
+    assert essence(reopen(share_line(state).line)) == essence(state)
+
+
+def test_a_sample_period_that_was_typed_comes_along(reopen, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    list(files(tmp_path))
+    state = set_sample_period("0.02")(opened(open_source("untimed.csv")))
+    assert "--sample-period 0.02" in share_line(state).line
+    assert essence(reopen(share_line(state).line)) == essence(state)
+    again = set_sample_period("5")(state)  # a recording that has a period keeps it
+    assert share_line(again) == share_line(state)
+
+
+def test_an_upload_says_that_its_place_is_not_known():
+    state = opened(replace(open_source("demo"), source="", title="my log.csv"))
+    shared = share_line(state)
+    assert shared.line.startswith("kalscope open FILE --q ")
+    assert "a browser does not tell" in " ".join(shared.remarks)
+
+
+def test_names_that_no_line_can_show_become_numbers():
+    recording = open_source("sample:lis302dl")
+    state = opened(replace(recording, names=("x", "y\nz", "3"), source="a\nb.csv"))
+    shared = share_line(select_channel("y\nz")(state))
+    assert shared.line.startswith("kalscope open FILE --channel 2 --q ")
+    assert "\n" not in shared.line
+
+
+@pytest.mark.parametrize(("text", "name"), [("x", "x"), ("1", "x"), ("2", "3"), ("3", "3"), ("9", "9"), ("0", "0")])
+def test_a_channel_is_named_by_name_first_and_then_by_number(text, name):
+    recording = replace(open_source("sample:lis302dl"), names=("x", "3", "z"))
+    assert channel_named(recording, text) == name
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--q", "much"], "q must be a number"),
+        (["--q", "-1"], "q must be a finite variance"),
+        (["--q", "0", "--r", "0"], "not both be 0"),
+        (["--x0", "3"], "x0 needs p0"),
+        (["--gate", "0"], "gate must be"),
+        (["--channel", "w"], "channel must be one of"),
+    ],
+)
+def test_a_setting_that_makes_no_filter_is_refused_in_one_line(words, message, capsys):
+    assert program.run(["open", "demo", *words, "--port", "0", "--no-browser"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert message in line

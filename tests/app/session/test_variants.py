@@ -1,0 +1,228 @@
+"""Pinned settings: how they are named and coloured, what can be done with them, and the numbers beside them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, Recording, kalman_filter, steady_state
+from kalscope.papers.generalized_filter import GeneralizedParams
+from kalscope_app.engine.frame import choose_shown
+from kalscope_app.engine.variant_curves import Curves
+from kalscope_app.session.changes import select_channel, set_dark, set_text
+from kalscope_app.session.opening import opened, reopened
+from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.variant_changes import delete_variant, pin_present, rename_variant, use_variant
+from kalscope_app.session.variants import DARK, LIGHT, LIMIT, checked_name, css, next_name
+from kalscope_app.studies.variant_table import VariantTable
+from kalscope_app.views.tune.variants import EMPTY, NOTHING, _follow, table_text
+
+
+def recording(n=400, truth=True):
+    g = np.random.default_rng(3)
+    signal = np.cumsum(g.normal(0, 0.1, (n, 2)), axis=0)
+    return Recording(
+        np.arange(n) * 0.01,
+        ("a", "b"),
+        ("V", "V"),
+        signal + g.normal(size=(n, 2)),
+        0.01,
+        truth=signal if truth else None,
+    )
+
+
+@pytest.fixture
+def state():
+    return opened(recording())
+
+
+def pin(state, *values):
+    for value in values:
+        state = pin_present(set_text("q", str(value))(state))
+    return state
+
+
+def names(state):
+    return [variant.name for variant in state.variants]
+
+
+@pytest.mark.parametrize(
+    ("taken", "name"),
+    [
+        ([], "A"),
+        (["A"], "B"),
+        (["A", "B", "C"], "D"),
+        (["B", "C"], "A"),
+        (["A", "C"], "B"),
+        (["robot"], "A"),
+        (["robot", "A"], "B"),
+        (["a"], "A"),
+    ],
+)
+def test_a_new_variant_takes_the_first_free_letter(taken, name):
+    assert next_name(taken) == name
+
+
+def test_letters_and_colours_that_were_freed_come_again(state):
+    three = pin(state, 1, 2, 3)
+    assert names(three) == ["A", "B", "C"]
+    without = delete_variant("B")(three)
+    again = pin(without, 4)
+    assert names(again) == ["A", "C", "B"]
+    assert [variant.colour for variant in again.variants] == [0, 2, 1]
+    assert again.variants[-1].tuning.q == 4
+
+
+def test_no_more_than_can_be_told_apart_are_pinned_and_that_is_said(state):
+    full = pin(state, *range(1, LIMIT + 1))
+    assert len({variant.colour for variant in full.variants}) == LIMIT
+    with pytest.raises(BadSetting, match="at most 8 pinned settings: delete one first"):
+        pin(full, 99)
+    assert names(pin(select_channel("b")(full), 1)) == ["A"]  # the limit is one of each channel
+
+
+def test_a_setting_is_pinned_once(state):
+    once = pin(state, 1)
+    with pytest.raises(BadSetting, match="must differ from those that are pinned"):
+        pin_present(once)
+
+
+def test_a_variant_belongs_to_its_channel(state):
+    both = pin(select_channel("b")(pin(state, 1)), 2)
+    assert [variant.tuning.q for variant in both.variants] == [2]
+    assert [variant.tuning.q for variant in select_channel("a")(both).variants] == [1]
+
+
+def test_using_a_variant_brings_all_of_its_setting(state):
+    tuned = set_text("gate", "9")(set_text("x0", "2")(set_text("p0", "3")(state)))
+    moved = set_text("x0", "first")(set_text("gate", "off")(set_text("r", "5")(pin(tuned, 7))))
+    back = use_variant("A")(moved)
+    assert back.tuning == pin(tuned, 7).tuning
+    with pytest.raises(BadSetting, match=r"variant must be one of A \(got 'B'\)"):
+        use_variant("B")(moved)
+
+
+def test_using_a_variant_ends_the_second_papers_filter(state):
+    other = pin(state, 7).with_rule(GeneralizedParams(1.0, None, None, "printed"))
+    assert use_variant("A")(other).rule is None
+    with pytest.raises(BadSetting, match="q and r to be pinned"):
+        pin_present(other)
+
+
+@pytest.mark.parametrize(
+    ("name", "kept"), [("robot", "robot"), ("  slow   one ", "slow one"), ("Ä <b>", "Ä <b>"), ("x" * 20, "x" * 20)]
+)
+def test_a_name_is_kept_without_blanks_around_it(name, kept):
+    assert checked_name(name, ["A"]) == kept
+
+
+@pytest.mark.parametrize("name", ["", "  ", "x" * 21, "a\x07b", "A", "raw", " now "])
+def test_a_name_that_is_none_or_taken_is_refused(name):
+    with pytest.raises(BadSetting, match="name must"):
+        checked_name(name, ["A"])
+
+
+def test_renaming_keeps_the_rest_and_frees_the_letter(state):
+    two = pin(state, 1, 2)
+    renamed = rename_variant("A", "robot")(two)
+    assert names(renamed) == ["robot", "B"]
+    assert renamed.variants[0] == replace(two.variants[0], name="robot")
+    assert names(pin(renamed, 3)) == ["robot", "B", "A"]
+    with pytest.raises(BadSetting, match="which another has"):
+        rename_variant("A", "B")(two)
+    assert rename_variant("A", "A")(two).pins == two.pins
+
+
+def test_each_of_them_can_be_undone_one_by_one(state):
+    session = Session(state)
+    for change in (pin_present, rename_variant("A", "first"), set_text("q", "9"), delete_variant("first")):
+        session.request(change)
+    seen = [names(session.settle()[0])]
+    for step in (undo, undo, undo, undo, redo):
+        session.request(step)
+        seen.append(names(session.settle()[0]))
+    assert seen == [[], ["first"], ["first"], ["A"], [], ["A"]]
+
+
+def test_variants_stay_for_channels_of_the_same_name_and_unit(state):
+    tuned = pin(state, 1)
+    assert names(reopened(replace(state.recording), tuned)) == ["A"]
+    assert names(reopened(replace(state.recording, source="other.csv"), tuned)) == ["A"]
+    for other in ({"names": ("b", "c")}, {"units": ("furlong", "furlong")}):
+        changed = replace(state.recording, source="other.csv", **other)
+        assert reopened(changed, tuned).pins == ()
+
+
+def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state):
+    tuned = pin(state, 1, 2)
+    curves, shown = Curves(), choose_shown(tuned.recording, "a", None)
+    first = curves.of(tuned, shown)
+    for curve, variant in zip(first, tuned.variants, strict=True):
+        z = tuned.recording.channel("a")
+        expected = kalman_filter(z, variant.tuning.params).x[shown.indices]
+        assert np.allclose(curve, expected, rtol=0, atol=1e-11 * np.abs(z).max())
+    again = curves.of(set_text("r", "3")(tuned), shown)
+    assert all(a is b for a, b in zip(first, again, strict=True))
+    narrower = choose_shown(tuned.recording, "a", (1.0, 2.0))
+    assert [len(curve) for curve in curves.of(tuned, narrower)] == [len(narrower.indices)] * 2
+    other = select_channel("b")(tuned)
+    assert curves.of(other, choose_shown(other.recording, "b", None)) == ()
+
+
+def test_the_table_holds_what_each_setting_does(state):
+    tuned = pin(state, 1, 2)
+    table = VariantTable().compute(set_text("q", "0.5")(tuned))
+    assert [row.variant for row in table.rows] == [None, *tuned.variants]
+    for row, q in zip(table.rows, (0.5, 1, 2), strict=True):
+        result = kalman_filter(tuned.recording.channel("a"), row.params)
+        error = result.x - tuned.recording.truth[:, 0]
+        assert row.params.q == q
+        assert row.measures.rmse == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-12)
+        assert row.measures.loglik == result.loglik
+        assert row.measures.steady == steady_state(row.params, 0.01)
+
+
+def test_what_was_measured_is_kept_until_the_channel_changes(state):
+    tuned, table = pin(state, 1, 2), VariantTable()
+    before = table.compute(tuned).rows
+    after = table.compute(set_text("q", "3")(tuned)).rows
+    assert [row.measures for row in before[1:]] == [row.measures for row in after[1:]]
+    assert before[1].measures is after[1].measures
+    other = pin(select_channel("b")(tuned), 1)
+    assert table.compute(other).rows[-1].measures is not before[1].measures
+
+
+def test_the_table_marks_the_best_and_escapes_names(state):
+    tuned = rename_variant("A", "<b>x|y</b>")(pin(state, 0.01, 100))
+    text = table_text(VariantTable().compute(tuned))
+    assert "<b>" not in text
+    assert text.count("\n| ") == 1 + 2  # the present setting and two variants, no cell broken by the bar
+    assert css(LIGHT[0]) in text
+    assert css(DARK[0]) in table_text(VariantTable().compute(set_dark(True)(tuned)))
+    best = max(VariantTable().compute(tuned).rows, key=lambda row: row.measures.loglik)
+    assert best.params.q == 0.01
+    assert table_text(VariantTable().compute(state)) == EMPTY
+
+
+def test_log_likelihoods_over_different_samples_are_not_compared(state):
+    by_value = set_text("p0", "1")(pin(state, 1))
+    text = table_text(VariantTable().compute(set_text("x0", "0")(by_value)))
+    assert "cannot be compared" in text
+    assert "**−" not in text.split("\n\n")[0]
+
+
+@pytest.mark.parametrize(
+    ("chosen", "before", "after", "then"),
+    [
+        (NOTHING, (NOTHING,), ("A",), "A"),
+        ("A", ("A",), ("A", "B"), "B"),
+        ("A", ("A", "B"), ("A",), "A"),
+        ("B", ("A", "B"), ("A",), "A"),
+        ("A", ("A", "B"), ("robot", "B"), "robot"),
+        ("A", ("A", "B", "C"), ("B", "C"), "B"),
+    ],
+)
+def test_the_chosen_variant_follows_its_name(chosen, before, after, then):
+    assert _follow(chosen, before, after) == then

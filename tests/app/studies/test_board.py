@@ -1,0 +1,136 @@
+"""A setting on its way to a board: which filter it is for, what a refusal leaves, what the comparison speaks of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, Recording
+from kalscope.errors import BadDevice
+from kalscope.export.float32 import Float32Params, filter_float32
+from kalscope.sources.live.live_samples import Snapshot
+from kalscope_app.session.opening import opened, opened_experiment
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import Live, Sent, State
+from kalscope_app.studies.board import BoardFilter, board_filter, send_setting
+from kalscope_app.views.export.board import BoardView, compared
+from kalscope_app.views.export.export import how_to_use
+
+ROWS = 400
+
+
+class Board:
+    """Obeys as the exported sketch does; `says` replaces its answer to a command that begins so."""
+
+    def __init__(self, says=None):
+        self.used = {"q": np.float32(1.0), "r": np.float32(1.0), "p": np.float32(np.inf)}
+        self.says, self.asked = says or {}, []
+
+    def snapshot(self):
+        return None
+
+    def send(self, line):
+        self.asked.append(line)
+        name, value = line.split()[-2:]
+        if name in self.says:
+            return (self.says[name],)
+        self.used[name] = np.float32(float(value))
+        bits = ",".join(f"{one.view(np.uint32):08X}" for one in self.used.values())
+        return (f"# light q=0 r=0 p=0 bits={bits}",)
+
+
+@pytest.fixture
+def state() -> State:
+    raw = np.random.default_rng(4).integers(300, 700, ROWS).astype(float)
+    used = Float32Params(np.float32(0.037), np.float32(11.3))
+    both = np.column_stack([raw, filter_float32(raw, used)])
+    recording = Recording(np.arange(ROWS) * 0.005, ("raw", "filtered"), ("", ""), both, 0.005)
+    snapshot = Snapshot(recording=recording, generation=1, version=1, first=0)
+    live = Live(feed=Board(), snapshot=snapshot, settled=True)  # pyright: ignore[reportArgumentType]
+    state = replace(opened(recording), live=live).with_tuning(q=0.037, r=11.3)
+    return replace(state, sent=Sent(state.record_key, "raw", "filtered", state.params, used, 0))
+
+
+def test_a_channel_is_known_by_its_place_among_the_filtered_ones():
+    assert board_filter(("raw", "filtered"), "raw") == BoardFilter(None, "filtered")
+    names = ("t", "light", "light_filtered", "temp", "temp_filtered")
+    assert [board_filter(names, name).number for name in ("light", "temp")] == [1, 2]
+    for sent, channel in ((("A0", "A1"), "A0"), (names, "t"), (names, "light_filtered")):
+        with pytest.raises(BadSetting, match="must run the exported sketch"):
+            board_filter(sent, channel)
+
+
+UNNAMED = ("value 1", "value 2", "value 3", "value 4")
+
+
+def test_a_board_that_told_its_names_before_we_listened_is_known_by_the_order_of_its_columns():
+    assert board_filter(UNNAMED[:2], "value 1", 1) == BoardFilter(None, "value 2")
+    assert board_filter(UNNAMED, "value 1", 2) == BoardFilter(1, "value 2")
+    assert board_filter(UNNAMED, "value 3", 2) == BoardFilter(2, "value 4")
+    for names, channel, filters in (
+        (UNNAMED, "value 2", 2),  # a filtered one
+        (UNNAMED, "value 1", 1),  # the board says that it has one filter: what are the others?
+        (UNNAMED, "value 1", 0),
+        (UNNAMED[:3], "value 1", 1),
+    ):
+        with pytest.raises(BadSetting, match="must run the exported sketch"):
+            board_filter(names, channel, filters)
+
+
+def test_what_the_board_says_it_uses_is_what_counts(state):
+    board = Board()
+    sent = send_setting(state, board)
+    assert [line.split()[0] for line in board.asked] == ["q", "r", "p"]
+    assert (sent.params.q, sent.params.r) == (np.float32(0.037), np.float32(11.3))
+    assert sent.asked == state.params
+
+
+@pytest.mark.parametrize("answer", ["# not understood; q VALUE", "# hello"])
+@pytest.mark.parametrize("at", ["q", "r", "p"])
+def test_a_command_that_fails_leaves_no_claim_of_what_the_board_uses(state, at, answer):
+    board = Board({at: answer})
+    state = replace(state, live=replace(state.live, feed=board))
+    session, told = Session(state), []
+    view = BoardView(MagicMock(), session, MagicMock(), told.append, lambda: board)
+    with pytest.raises(BadDevice, match=f"the board must .* '{at} "):
+        view._send(state)
+    after, _, failures = session.settle()
+    assert (after.sent, failures, told) == (None, [], [])
+    assert compared(after) == ""
+
+
+def test_the_second_papers_filter_is_not_sent():
+    board = Board()
+    with pytest.raises(BadSetting, match="must be the filter with q and r"):
+        send_setting(opened_experiment("generalized_figure_8"), board)
+    assert board.asked == []
+
+
+def test_the_comparison_names_the_setting_it_speaks_of_also_when_another_is_on_screen(state):
+    equal = "**Equal bit for bit** in 400 rows since the board took q = 0.037, r = 11.3, p0 = inf."
+    assert compared(state) == equal
+    assert compared(state.with_tuning(q=0.5)) == f"{equal} What is on screen now has not been sent."
+    assert compared(replace(state, sent=None)) == ""
+
+
+def test_a_board_with_other_values_is_said_to_differ(state):
+    other = replace(state.sent, params=replace(state.sent.params, q=np.float32(0.04)))
+    text = compared(replace(state, sent=other))
+    assert "of 400 rows differ since the board took q = 0.04" in text
+    assert "send once more" in text
+
+
+def test_a_live_board_is_no_file_to_filter(state):
+    live = replace(state, recording=replace(state.recording, source="serial:/dev/ttyACM0@115200"))
+    assert "`kalscope filter FILE --config tuning.toml -o out.csv`" in how_to_use(live)
+    assert "`kalscope filter serial:" in how_to_use(replace(live, live=None))
+
+
+def test_nobody_connected_is_said():
+    view = BoardView(MagicMock(), MagicMock(), MagicMock(), MagicMock(), lambda: None)
+    with pytest.raises(BadSetting, match="must be connected"):
+        view._send(SimpleNamespace(live=None))

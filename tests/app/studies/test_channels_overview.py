@@ -1,0 +1,188 @@
+"""Several channels: tuned together or one by one, copied, and seen side by side."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, Recording, denoise, open_source, steady_state
+from kalscope.estimation.finding import Found
+from kalscope.filtering.params import FilterParams
+from kalscope.papers.experiments import run_filter
+from kalscope.papers.generalized_filter import GeneralizedParams
+from kalscope.tuning.tuning import ChannelTuning
+from kalscope_app.session.changes import (
+    apply_found,
+    reset_parameters,
+    select_channel,
+    set_exponent,
+    set_text,
+    set_window,
+)
+from kalscope_app.session.channel_changes import ALL_OTHERS, copy_setting, set_together
+from kalscope_app.session.linked_channels import ALONE, SAME_LAG, SAME_NUMBERS, follower, in_step
+from kalscope_app.session.opening import opened
+from kalscope_app.session.session import Session, undo
+from kalscope_app.studies.channels_overview import LIMIT, POINTS, Overviews
+from kalscope_app.views.charts.channels import lanes_of, lead_of, table_of
+
+
+def recording(n=500, channels=3, scale=10.0):
+    z = np.random.default_rng(7).normal(size=(n, channels)) * scale ** np.arange(channels)
+    names = tuple(f"c{i}" for i in range(channels))
+    return Recording(np.arange(n) * 0.01, names, ("V",) * channels, z, 0.01)
+
+
+@pytest.fixture
+def state():
+    return opened(recording())
+
+
+def lags(state):
+    return [float(steady_state(tuning.params).lag_samples) for tuning in state.tunings]
+
+
+A = ChannelTuning("a", "", 2.0, 8.0, p0=1.0, x0=5.0, gate=9.0, how="by hand")
+B = ChannelTuning("b", "V", 1.0, 1.0, p0=3.0, x0=7.0)
+
+
+@pytest.mark.parametrize(
+    ("way", "expected"),
+    [
+        (ALONE, B),
+        (SAME_NUMBERS, ChannelTuning("b", "V", 2.0, 8.0, 1.0, 5.0, "by hand", 9.0)),
+        (SAME_LAG, ChannelTuning("b", "V", 200.0, 800.0, 100.0, 7.0, "by hand", 9.0)),
+    ],
+)
+def test_what_a_follower_takes_over(way, expected):
+    starts = (replace(A, r=0.5), replace(B, r=50.0))
+    assert in_step((A, B), starts, 0, way) == (A, expected)
+
+
+def test_a_scaled_setting_is_still_a_filter():
+    tiny = follower(replace(A, q=1e-299, r=0.0), B, 1e-10)
+    assert (tiny.q, tiny.r) == (1e-300, 0.0)
+    assert follower(replace(A, r=1e299), B, 1e10).r == 1e300
+    assert follower(replace(A, p0=None, x0=None), B, 3.0).x0 is None
+
+
+CHANGES = [
+    set_text("q", "0.3"),
+    set_exponent("r", 1.0),
+    set_text("p0", "4"),
+    set_text("gate", "9"),
+    reset_parameters,
+]
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_tuned_together_every_change_sets_all_channels(state, change):
+    together = change(set_together(SAME_NUMBERS)(set_text("q", "0.1")(state)))
+    assert len({tuning.params for tuning in together.tunings}) == 1
+    alone = change(set_text("q", "0.1")(state))
+    assert alone.tunings[1:] == state.tunings[1:]
+
+
+def test_the_same_lag_holds_for_channels_of_any_scale(state):
+    together = set_text("q", "0.3")(set_together(SAME_LAG)(state))
+    assert lags(together) == pytest.approx([lags(together)[0]] * 3)
+    noise = [start.r for start in state.starts]
+    assert [t.r / n for t, n in zip(together.tunings, noise, strict=True)] == pytest.approx([1.0] * 3)
+
+
+def test_a_search_sets_all_that_go_together(state):
+    found = Found(FilterParams(0.5, 2.0), "maximum likelihood", "")
+    together = apply_found(state.recording, "c0", found)(set_together(SAME_NUMBERS)(state))
+    assert {(tuning.q, tuning.r) for tuning in together.tunings} == {(0.5, 2.0)}
+
+
+def test_going_together_is_undone_in_one_step(state):
+    session = Session(select_channel("c1")(state))
+    session.request(set_together(SAME_NUMBERS))
+    together = session.settle()[0]
+    assert {tuning.q for tuning in together.tunings} == {state.tunings[1].q}
+    session.request(undo)
+    back = session.settle()[0]
+    assert (back.together, back.tunings) == (ALONE, state.tunings)
+    with pytest.raises(BadSetting, match="way of tuning channels must be one of"):
+        set_together("<img>")
+
+
+def test_a_setting_is_copied_to_one_or_to_all_others(state):
+    tuned = set_text("gate", "9")(set_text("q", "0.3")(state))
+    one = copy_setting("c2")(tuned)
+    assert (one.tunings[2].params, one.tunings[1]) == (tuned.params, state.tunings[1])
+    assert [t.name for t in one.tunings] == ["c0", "c1", "c2"]
+    every = copy_setting(ALL_OTHERS)(tuned)
+    assert {tuning.params for tuning in every.tunings} == {tuned.params}
+    assert "2 channels more" in every.note
+    assert copy_setting("c0")(tuned).tunings == tuned.tunings
+    with pytest.raises(BadSetting, match="channel must be one of c0, c1, c2"):
+        copy_setting("c9")(tuned)
+
+
+def test_lanes_hold_each_channel_on_its_own_scale(state):
+    overview = Overviews().compute(state)
+    assert [lane.name for lane in overview.lanes] == ["c0", "c1", "c2"]
+    for i, lane in enumerate(overview.lanes):
+        z = state.recording.values[:, i]
+        assert (lane.low, lane.high) == (z.min(), z.max())
+        middle, half = (z.max() + z.min()) / 2, (z.max() - z.min()) / 2
+        assert np.allclose(lane.raw, (z - middle) / half, atol=1e-12)
+        filtered = denoise(z, state.tunings[i].params)
+        assert np.allclose(lane.filtered, (filtered - middle) / half, atol=1e-9)
+
+
+@pytest.mark.parametrize(("channels", "lanes"), [(1, 0), (2, 2), (16, 16), (40, LIMIT)])
+def test_sixteen_channels_are_drawn_of_any_number(channels, lanes):
+    state = opened(recording(n=20_000, channels=channels, scale=1.5))
+    overview = Overviews().compute(state)
+    assert len(overview.lanes) == lanes
+    assert len(overview.time) <= POINTS + LIMIT
+    assert (np.diff(overview.time) > 0).all()
+    if lanes:
+        _, ys, layout = lanes_of(overview)
+        assert len(layout.series) == 1 + len(ys) == 1 + 2 * lanes
+        assert layout.y_range == (0.5, lanes + 0.5)
+        for i, y in enumerate(ys):
+            assert (np.abs(y - (i // 2 + 1)) < 0.5).all()  # no lane reaches into the next
+        assert table_of(overview).count("\n") == lanes + 1
+    assert ("24 more than 16" in lead_of(overview)) == (channels == 40)
+
+
+def test_a_window_shows_its_part_and_only_what_changed_is_filtered_again(state):
+    overviews = Overviews()
+    first = overviews.compute(state)
+    second = overviews.compute(set_text("q", "3")(state))
+    assert second.lanes[1].filtered.tolist() == first.lanes[1].filtered.tolist()
+    assert second.lanes[0].filtered.tolist() != first.lanes[0].filtered.tolist()
+    part = overviews.compute(set_window(1.0, 2.0)(state))
+    assert (part.time[0], part.time[-1]) == (1.0, 2.0)
+
+
+def test_constant_and_empty_channels_have_a_flat_lane():
+    values = np.column_stack([np.full(50, 3.0), np.full(50, np.nan), np.arange(50.0)])
+    values[0, 1] = 2.0
+    state = opened(Recording(np.arange(50.0), ("a", "b", "c"), ("", "", ""), values, 1.0))
+    overview = Overviews().compute(state)
+    assert (overview.lanes[0].raw == 0).all()
+    assert overview.lanes[1].missing == 49
+    assert "| 49 |" in table_of(overview)
+
+
+def test_the_second_papers_filter_has_a_lane_and_no_q(state):
+    other = state.with_rule(GeneralizedParams(1.0, None, None, "without_slip"))
+    overview = Overviews().compute(other)
+    expected = run_filter(state.recording.values[:, 0], other.rule).x
+    assert np.argmax(overview.lanes[0].filtered) == np.argmax(expected)
+    assert table_of(overview).count("| – | – |") == 1
+    assert "| – | – |" not in table_of(Overviews().compute(state))
+
+
+def test_channel_names_are_escaped_in_the_table():
+    rec = replace(open_source("sample:lis302dl"), names=("<b>|x", "y", "z"))
+    text = table_of(Overviews().compute(opened(rec)))
+    assert "<b>" not in text
+    assert text.splitlines()[2].replace(r"\|", "").count("|") == 9

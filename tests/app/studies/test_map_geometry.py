@@ -1,0 +1,132 @@
+"""Pixels, scene and exponents of the tuning map, as laws and truth tables."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from kalscope import FilterParams, steady_state
+from kalscope_app.studies.map_geometry import (
+    DISTANCE,
+    GRIP,
+    PIXELS,
+    decades,
+    diagonal,
+    field_of_view,
+    frame_for,
+    grabbed,
+    hit,
+    lag_lines,
+)
+
+FRAME = frame_for(452, 900, (-6, 2), (-4, 2))
+
+
+@pytest.mark.parametrize(
+    ("point", "corner"),
+    [
+        ((-6, -4), ("left", "bottom")),
+        ((2, -4), ("right", "bottom")),
+        ((-6, 2), ("left", "top")),
+        ((2, 2), ("right", "top")),
+    ],
+)
+def test_the_corners_are_the_ends_of_the_ranges_and_r_goes_up(point, corner):
+    x, y = FRAME.pixel(point)
+    assert (x, y) == pytest.approx((getattr(FRAME, corner[0]), getattr(FRAME, corner[1])))
+    assert FRAME.top < FRAME.bottom
+
+
+def test_there_and_back_is_the_same_place():
+    for q, r in np.random.default_rng(0).uniform(-9, 9, (50, 2)):
+        pixel = FRAME.pixel((q, r))
+        assert FRAME.point(pixel) == pytest.approx((q, r))
+        assert FRAME.of_scene(FRAME.scene(pixel)) == pytest.approx(pixel)
+
+
+def test_the_middle_of_the_canvas_is_the_origin_of_the_scene_and_y_goes_up():
+    assert FRAME.scene((226, 450)) == (0.0, 0.0)
+    assert FRAME.scene((226 + PIXELS, 450 - PIXELS)) == (1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("point", "held"),
+    [
+        ((0, 0), (0, 0)),
+        ((-99, 0), (-6, 0)),
+        ((99, 99), (2, 2)),
+        ((-math.inf, 1), (-6, 1)),
+        ((1, -math.inf), (1, -4)),
+    ],
+)
+def test_a_point_is_held_inside(point, held):
+    assert FRAME.held(point) == held
+
+
+@pytest.mark.parametrize("size", [(520, 1080), (452, 900), (380, 720), (380, 500), (120, 300)])
+def test_the_map_leaves_room_for_its_legend_and_stays_in_the_canvas(size):
+    frame = frame_for(*size, (-6, 2), (-4, 2))
+    assert 0 < frame.left < frame.right
+    assert 0 < frame.top < frame.bottom
+    if min(size) >= 380:
+        assert frame.right < frame.width
+        assert frame.bottom < frame.height - 200
+
+
+@pytest.mark.parametrize(("away", "taken"), [((0, 0), True), ((10, -10), True), ((GRIP + 1, 0), False)])
+def test_a_drag_near_the_point_takes_hold_of_it_and_one_far_away_calls_it(away, taken):
+    x, y = FRAME.pixel((0.0, 0.0))
+    offset = grabbed(FRAME, (0.0, 0.0), (x + away[0], y + away[1]))
+    assert offset == pytest.approx((-away[0], -away[1]) if taken else (0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("origin", "direction", "place"),
+    [
+        ((1.0, 2.0, 60.0), (0.0, 0.0, -1.0), (1.0, 2.0)),
+        ((0.0, 0.0, 60.0), (0.1, 0.0, -1.0), (6.0, 0.0)),
+        ((0.0, 0.0, 60.0), (0.0, 0.0, 1.0), None),
+        ((0.0, 0.0, 60.0), (1.0, 0.0, 0.0), None),
+        ((math.nan, 0.0, 60.0), (0.0, 0.0, -1.0), None),
+    ],
+)
+def test_where_a_ray_meets_the_map(origin, direction, place):
+    assert hit(origin, direction) == (None if place is None else pytest.approx(place))
+
+
+@pytest.mark.parametrize("shape", [0.3, 452 / 900, 1.0, 2.0])
+def test_the_whole_picture_is_seen_and_touches_one_pair_of_edges(shape):
+    height = 2 * DISTANCE * math.tan(field_of_view(FRAME, shape) / 2) * PIXELS
+    assert height >= FRAME.height - 1e-6
+    assert height * shape >= FRAME.width - 1e-6
+    assert height == pytest.approx(FRAME.height) or height * shape == pytest.approx(FRAME.width)
+
+
+@pytest.mark.parametrize("ratio", [1e-5, 0.01, 1.0, 300.0])
+def test_on_a_diagonal_the_ratio_and_so_the_lag_is_the_same(ratio):
+    line = diagonal(FRAME, ratio)
+    for end in (line.start, line.end):
+        q, r = FRAME.point(end)
+        assert q - r == pytest.approx(math.log10(ratio))
+        assert FRAME.inside((round(end[0], 6), round(end[1], 6)))
+    assert line.lag == pytest.approx(float(steady_state(FilterParams(q=ratio, r=1.0)).lag_samples))
+
+
+def test_a_ratio_that_misses_the_map_has_no_line():
+    assert diagonal(FRAME, 1e9) is None
+    assert diagonal(FRAME, 1e-9) is None
+
+
+def test_lines_of_equal_lag_are_1_and_3_of_every_decade_that_crosses_the_map():
+    lags = [line.lag * 10.0 for line in lag_lines(FRAME, 10.0)]  # ms, at 100 Hz
+    assert lags == pytest.approx([10, 30, 100, 300, 1e3, 3e3, 1e4, 3e4], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "written"),
+    [(-2, 2, [-2, -1, 0, 1, 2]), (-6, 6, [-6, -4, -2, 0, 2, 4, 6]), (3, 4, [3, 4])],
+)
+def test_an_axis_writes_at_most_nine_decades(low, high, written):
+    assert decades(low, high) == written

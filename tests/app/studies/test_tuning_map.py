@@ -1,0 +1,194 @@
+"""The tuning map of a state: where its best cell lies, what it is computed from, what it costs to move a slider."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import (
+    BadSetting,
+    FilterParams,
+    Recording,
+    denoise,
+    estimate,
+    kalman_filter,
+    log_likelihood,
+    synthesize,
+)
+from kalscope.catalogue import open_source
+from kalscope_app.session.changes import (
+    set_automatic_start,
+    set_exponent,
+    set_map_colour,
+    set_map_shown,
+    set_point,
+    set_reading,
+    set_window,
+)
+from kalscope_app.session.history import HELD, History, record, step_back
+from kalscope_app.session.opening import opened
+from kalscope_app.studies.tuning_map import CELLS, MapMaker, cell_exponents, errors_over_ratio, rms
+
+
+def walk(n=5000, q=0.02, r=1.0, seed=0, scale=1.0, period=0.01):
+    g = np.random.default_rng(seed)
+    z = scale * (np.cumsum(np.sqrt(q) * g.normal(size=n)) + np.sqrt(r) * g.normal(size=n))
+    return Recording(np.arange(n) * period, ("a",), ("V",), z[:, None], period)
+
+
+def known(**options):
+    return synthesize("random_walk", n=3000, seed=1, **options)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize(("n", "q"), [(300, 0.05), (5000, 0.001), (100_000, 4.0)])
+def test_the_brightest_cell_is_that_of_the_estimate(n, q, scale):
+    state = opened(walk(n, q, scale=scale))
+    shown = MapMaker()(state)
+    best = estimate(state.recording.channel("a"))
+    at = np.unravel_index(np.argmax(shown.shade), shown.shade.shape)
+    cell = [(ends[1] - ends[0]) / CELLS for ends in (shown.q, shown.r)]
+    assert cell_exponents(shown.q)[at[1]] == pytest.approx(math.log10(best.q), abs=cell[0])
+    assert cell_exponents(shown.r)[at[0]] == pytest.approx(math.log10(best.r), abs=cell[1])
+    assert shown.optimum == pytest.approx((math.log10(best.q), math.log10(best.r)))
+
+
+def test_each_cell_is_the_likelihood_of_its_pair():
+    state = opened(walk())
+    shown = MapMaker()(state)
+    z = state.recording.channel("a")
+    for row, column in np.random.default_rng(1).integers(0, CELLS, (20, 2)):
+        q, r = 10 ** cell_exponents(shown.q)[column], 10 ** cell_exponents(shown.r)[row]
+        expected = log_likelihood(z, FilterParams(q=q, r=r))
+        assert shown.values[row, column] == pytest.approx(expected, rel=1e-4, abs=0.1)
+
+
+def test_the_error_map_is_the_error_of_the_filter_at_its_pair():
+    state = set_map_colour("RMSE")(opened(known()))
+    shown = MapMaker()(state)
+    z, truth = state.recording.values[:, 0], state.recording.truth[:, 0]
+    for row, column in np.random.default_rng(1).integers(0, CELLS, (20, 2)):
+        q, r = 10 ** cell_exponents(shown.q)[column], 10 ** cell_exponents(shown.r)[row]
+        error = kalman_filter(z, FilterParams(q=q, r=r)).x - truth
+        assert shown.values[row, column] == pytest.approx(math.sqrt(np.mean(error**2)), rel=2e-3)
+
+
+def test_the_error_counts_only_samples_that_have_both():
+    recording = known()
+    values = recording.values.copy()
+    values[:5] = np.nan
+    state = opened(replace(recording, values=values))
+    errors = errors_over_ratio(state)
+    x = denoise(values[:, 0], FilterParams(q=1.0, r=1.0)) - recording.truth[:, 0]
+    assert errors.rmse[32] == pytest.approx(math.sqrt(np.nanmean(x**2)))
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1.0, 1e200])
+def test_the_root_mean_square_neither_vanishes_nor_overflows(scale):
+    assert rms(scale * np.array([3.0, np.nan, 4.0])) == pytest.approx(scale * math.sqrt(12.5))
+    assert math.isnan(rms(np.array([np.nan])))
+
+
+def test_moving_q_r_or_the_window_gives_the_same_map_without_work():
+    make, state = MapMaker(), opened(walk())
+    shown = make(state)
+    for change in (set_exponent("q", -1.0), set_exponent("r", 0.5), set_window(1.0, 5.0), set_point(-2.0, 0.2)):
+        state = change(state)
+        assert make(state) is shown
+    assert make(replace(state, dark=True)) is shown
+
+
+def test_another_recording_or_colour_gives_another_map():
+    make, state = MapMaker(), opened(known())
+    shown = make(state)
+    by_lag = make(set_map_colour("lag")(state))
+    assert by_lag is not shown
+    assert np.array_equal(by_lag.contour, shown.contour)
+    assert make(opened(known())) is not by_lag
+
+
+def test_the_map_widens_for_a_point_outside_and_not_for_one_at_its_edge():
+    make, state = MapMaker(), opened(walk())
+    low, high = make(state).q
+    assert make(set_point(float(low), 0.0)(state)).q == (low, high)
+    assert make(set_point(float(high), 0.0)(state)).q == (low, high)
+    assert make(set_point(low - 0.5, 0.0)(state)).q == (low - 1, high)
+
+
+def test_what_the_map_leaves_out_is_said():
+    state = opened(walk())
+    assert MapMaker()(state).note == ""
+    assert "start variance p0" in MapMaker()(set_automatic_start(False)(state)).note
+    assert "outlier gate" in MapMaker()(state.with_tuning(gate=9.0)).note
+
+
+def test_a_record_without_noise_or_movement_says_so():
+    constant = Recording(np.arange(9.0), ("a",), ("",), np.full((9, 1), 2.0), 1.0)
+    shown = MapMaker()(opened(constant))
+    assert (shown.colour, shown.optimum) == ("", None)
+    assert shown.note
+    white = Recording(np.arange(400.0), ("a",), ("",), np.random.default_rng(6).normal(size=(400, 1)), 1.0)
+    assert MapMaker()(opened(white)).optimum is not None
+
+
+def test_the_second_papers_filter_has_no_map():
+    shown = MapMaker()(set_reading("printed")(opened(walk())))
+    assert shown.colour == ""
+    assert "no q and r" in shown.note
+
+
+@pytest.mark.parametrize(
+    ("asked", "q", "r"),
+    [
+        ((-2.0, 1.0), 0.01, 10.0),
+        ((-2.123456, 0.0), 0.00753, 1.0),
+        ((-999.0, 999.0), 1e-300, 7.94e299),
+    ],
+)
+def test_a_point_becomes_q_and_r_at_three_digits_within_what_a_filter_takes(asked, q, r):
+    state = set_point(*asked)(opened(walk()))
+    assert (state.tuning.q, state.tuning.r, state.tuning.how) == (q, r, "by hand")
+
+
+@pytest.mark.parametrize("asked", [(math.nan, 0.0), (0.0, math.inf), (-math.inf, 0.0)])
+def test_a_point_that_is_no_point_changes_nothing(asked):
+    state = opened(walk())
+    assert set_point(*asked)(state) is state
+
+
+def test_the_second_papers_filter_takes_no_point():
+    state = set_reading("printed")(opened(walk()))
+    assert set_point(0.0, 0.0)(state) is state
+
+
+@pytest.mark.parametrize(("recording", "colour"), [(walk(), "RMSE"), (walk(), "mood"), (known(), "mood")])
+def test_a_colour_that_cannot_be_shown_is_refused(recording, colour):
+    with pytest.raises(BadSetting, match="the map's colour must be"):
+        set_map_colour(colour)(opened(recording))
+
+
+def test_what_is_seen_stays_over_a_new_recording_and_over_undo():
+    state = set_map_shown(False)(set_map_colour("RMSE")(opened(known())))
+    after = opened(walk(), state)
+    assert (after.map_shown, after.map_colour) == (False, "RMSE")
+    assert MapMaker()(after).colour == "likelihood"  # no truth there
+    history = record(History(), set_map_colour("lag")(state), set_point(0.0, 0.0)(state), "", 0.0)
+    _, back = step_back(history, state)
+    assert (back.map_shown, back.map_colour) == (False, "RMSE")
+
+
+@pytest.mark.parametrize(("key", "entries"), [(HELD + "map 1", 1), ("q", 2)])
+def test_a_held_gesture_stays_one_however_long_it_rests(key, entries):
+    state = opened(walk())
+    history, now = History(), 0.0
+    for exponent in (-3.0, -2.0):
+        after = set_point(exponent, 0.0)(state)
+        history, state, now = record(history, state, after, key, now), after, now + 60.0
+    assert len(history.past) == entries
+
+
+def test_a_demo_has_a_map():
+    assert MapMaker()(opened(open_source("demo"))).optimum is not None

@@ -1,0 +1,90 @@
+"""What may reach uPlot, as truth tables: it goes blank on NaN in front, on inf and on empty arrays."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from kalscope_app.engine.decimation import choose_indices
+from kalscope_app.views.charts.chart import drawable
+from kalscope_app.views.scales import scale_for, time_scale_for
+
+NAN, INF = math.nan, math.inf
+
+
+@pytest.mark.parametrize(
+    ("y", "drawn"),
+    [
+        ([1, 2, 3], [1, 2, 3]),
+        ([NAN, 2, 3], [2, 2, 3]),
+        ([1, NAN, 3], [1, 1, 3]),
+        ([1, 2, NAN], [1, 2, 2]),
+        ([INF, 2, -INF], [2, 2, 2]),
+        ([NAN, NAN, NAN], [0, 0, 0]),
+    ],
+)
+def test_every_y_becomes_finite(y, drawn):
+    x, seen = drawable(np.arange(3.0), [np.array(y, dtype=float)])
+    assert seen.tolist() == drawn
+    assert x.tolist() == [0, 1, 2]
+
+
+def test_nothing_and_a_single_point_become_a_line():
+    x, y = drawable(np.empty(0), [np.empty(0)])
+    assert (x.tolist(), y.tolist()) == ([0, 1], [0, 0])
+    x, y = drawable(np.array([5.0]), [np.array([7.0])])
+    assert (x.tolist(), y.tolist()) == ([5, 6], [7, 7])
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3, 1.0])
+def test_indices_are_few_ascending_and_inside(missing):
+    g = np.random.default_rng(0)
+    z = g.normal(size=30_000)
+    z[g.random(len(z)) < missing] = NAN
+    at = choose_indices(z, limit=1000)
+    assert len(at) <= 1000
+    assert (np.diff(at) > 0).all()
+    assert at[0] >= 0
+    assert at[-1] < len(z)
+
+
+@pytest.mark.parametrize(
+    ("largest", "unit", "factor", "shown"),
+    [
+        (3.3, "V", 1.0, "V"),
+        (0.012, "V", 1e3, "mV"),
+        (4e-6, "V", 1e6, "µV"),
+        (2e5, "Pa", 1e-3, "kPa"),
+        (2e-6, "counts", 1e6, "1e-6 counts"),
+        (5e-5, "", 1e6, "1e-6"),
+        (0.3, "V", 1e3, "mV"),
+        (0.3, "", 1.0, ""),
+        (0.04, "", 1e3, "1e-3"),
+        (0.0, "V", 1.0, "V"),
+        (1e-300, "V", 1e300, "1e-300 V"),
+        (1023.0, "counts", 1.0, "counts"),
+    ],
+)
+def test_small_and_large_signals_are_brought_to_readable_numbers(largest, unit, factor, shown):
+    scale = scale_for(np.array([0.0, -largest, NAN]), unit)
+    assert scale.factor == pytest.approx(factor)
+    assert scale.unit == shown
+
+
+@pytest.mark.parametrize(
+    ("span", "period", "unit"),
+    [
+        (0.5, 1e-3, "ms"),
+        (10.0, 0.01, "s"),
+        (300.0, 0.01, "min"),
+        (86400.0, 60.0, "h"),
+        (1e6, 60.0, "days"),
+        (3e9, 3e7, "years"),
+        (1e-9, 1e-12, "ms"),
+        (100.0, None, "samples"),
+    ],
+)
+def test_time_is_shown_in_the_unit_that_suits_it(span, period, unit):
+    assert time_scale_for(span, period).unit == unit

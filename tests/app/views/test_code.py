@@ -1,0 +1,87 @@
+"""The folder "Code for a device": what leaves is what is on screen, or it is refused in plain words."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, Recording, export_tuning
+from kalscope_app.session.changes import set_text
+from kalscope_app.session.history import History, record, step_back
+from kalscope_app.session.opening import opened, opened_experiment
+from kalscope_app.views.export.code import GAPS, TITLES, Choice, files_of, limits_text, packed
+
+
+@pytest.fixture
+def state():
+    z = np.random.default_rng(2).normal(500.0, 3.0, (300, 2))
+    recording = Recording(np.arange(300) * 0.005, ("a", "b"), ("V", ""), z, 0.005)
+    return set_text("q", "0.02")(opened(recording))
+
+
+def undated(files):
+    """The files without the moment at which each was made."""
+    return {name: re.sub(r"\d{4}-\d\d-\d\dT[\d:]+Z", "", text) for name, text in files.items()}
+
+
+@pytest.mark.parametrize("target", [name for name in TITLES.values() if "filter" not in name])
+def test_the_files_are_those_of_the_setting_on_screen(state, target):
+    one, both = (export_tuning(state.as_tuning(), target, channel=name) for name in ("a", None))
+    assert undated(files_of(state, Choice(target))) == undated(one)
+    assert undated(files_of(state, Choice(target, all_channels=True))) == undated(both)
+
+
+def test_another_period_of_the_device_carries_q_over(state):
+    (text,) = files_of(state, Choice("json", period=" 0,02 ")).values()
+    assert '"process_noise_q": 0.08' in text
+    assert "q times 4, found at 0.005 s" in text
+    with pytest.raises(BadSetting, match="period must be a number"):
+        files_of(state, Choice("json", period="often"))
+
+
+def test_the_second_papers_filter_is_refused_wherever_it_would_leave():
+    state = opened_experiment("generalized_figure_8")
+    with pytest.raises(BadSetting, match="must be the filter with q and r"):
+        files_of(state, Choice())
+    assert "second paper" in limits_text(state)
+    assert files_of(state.with_rule(None), Choice())
+
+
+def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
+    assert limits_text(state) == ""
+    assert "an Uno needs 232 µs" in limits_text(state, Choice(period="0.0001"))
+    assert "an Uno needs 464 µs" in limits_text(state, Choice(period="0.0001", all_channels=True))
+    assert limits_text(state, Choice("python", period="0.0001")) == ""
+    assert "period must be a number" in limits_text(state, Choice(period="often"))
+    small = set_text("q", "1e-12")(state)
+    assert "goes on with exactly this gain" in limits_text(small)
+    for target in ("platformio", "esphome", "bachagas"):
+        assert "has no constant gain to go on with" in limits_text(small, Choice(target))
+    assert limits_text(small, Choice("c")) == ""
+
+
+def test_gaps_that_count_on_screen_are_said_not_to_count_on_a_device(state):
+    uneven = replace(state.recording, time=state.recording.time + (np.arange(300) > 100) * 1.0, gaps="dt")
+    assert GAPS in limits_text(replace(state, recording=uneven))
+    assert GAPS not in limits_text(replace(state, recording=replace(uneven, gaps="rows")))
+    assert GAPS not in limits_text(replace(state, recording=replace(state.recording, gaps="dt")))
+
+
+def test_one_file_is_sent_as_it_is_and_several_as_a_zip(state):
+    assert packed("json", {"a.json": "{}"}) == ("a.json", b"{}")
+    files = files_of(state, Choice(), vectors=True)
+    name, content = packed("arduino", files)
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        assert {one: archive.read(one).decode() for one in archive.namelist()} == files
+    assert name == "kalscope-arduino.zip"
+
+
+def test_undo_brings_no_earlier_sending_back(state):
+    before, present = replace(state, sent="first"), replace(set_text("q", "0.5")(state), sent="second")
+    history = record(History(), before, present, "", 0.0)
+    assert step_back(history, present)[1].sent == "second"

@@ -1,0 +1,182 @@
+"""The ways to find q and r, what is filed, and what is written: without a browser."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, FilterParams, Recording, compare_methods, steady_state
+from kalscope.analysis.advice import as_sentences
+from kalscope.estimation.finding import Found, find_parameters
+from kalscope_app.engine.frame import choose_shown, compute_frame
+from kalscope_app.session.changes import apply_found, select_channel, set_opinions, set_smoother, set_text
+from kalscope_app.session.opening import opened
+from kalscope_app.session.session import Session, undo
+from kalscope_app.studies.checks import compute_checks
+from kalscope_app.views.tune.checks import correlation_lines, table
+from kalscope_app.views.tune.find import WAYS, answer_text, opinions_text
+
+
+def recording(n=2000, q=0.05, r=1.0, period=0.01, seed=0):
+    g = np.random.default_rng(seed)
+    walk = np.cumsum(g.normal(0, np.sqrt(q), (n, 2)), axis=0)
+    values = walk + g.normal(0, np.sqrt(r), (n, 2))
+    return Recording(np.arange(n) * (period or 1.0), ("a", "b"), ("V", "V"), values, period)
+
+
+@pytest.fixture
+def state():
+    return opened(recording())
+
+
+def search(state, way, *texts):
+    rec = state.recording
+    arguments = WAYS[way].arguments(state, list(texts))
+    return find_parameters(rec.channel(state.channel), sample_period=rec.sample_period, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("way", "text", "field", "value"),
+    [
+        ("least noise within a lag", "50", "lag_s", 0.05),
+        ("least noise within a lag", "50,5", "lag_s", 0.0505),
+        ("cut-off frequency", "3", "cutoff_hz", 3.0),
+        ("noise reduction", "12", "noise_reduction_db", 12.0),
+        ("gain K", "0.1", "gain", 0.1),
+        ("lag in samples", "10", "lag_samples", 10.0),
+    ],
+)
+def test_a_wish_is_met_exactly_and_r_is_kept(state, way, text, field, value):
+    found = search(state, way, text)
+    assert getattr(steady_state(found.params, 0.01), field) == pytest.approx(value)
+    assert found.params.r == state.params.r
+
+
+@pytest.mark.parametrize("way", [way for way in WAYS if not WAYS[way].boxes])
+def test_every_way_without_a_box_answers(state, way):
+    found = search(state, way)
+    assert found.params is not None
+    assert found.message
+
+
+def test_the_likelihood_finds_what_made_the_signal(state):
+    found = search(state, "maximum likelihood")
+    assert found.params.r == pytest.approx(1.0, rel=0.1)
+    assert found.params.q == pytest.approx(0.05, rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("texts", "samples"), [(("1", "3"), 201), (("3", "1"), 201), (("", ""), 501), (("", "12"), 201)]
+)
+def test_a_still_stretch_is_typed_or_the_part_on_screen(texts, samples):
+    resting = recording(q=0.0)
+    state = replace(opened(resting), window=(10.0, 15.0))
+    found = search(state, "a still stretch, fit q", *texts)
+    assert f"over {samples} readings" in found.message
+
+
+@pytest.mark.parametrize(
+    ("way", "texts"),
+    [
+        ("least noise within a lag", ["soon"]),
+        ("least noise within a lag", ["-5"]),
+        ("gain K", ["1"]),
+        ("cut-off frequency", ["51"]),
+        ("data sheet σ, fit q", [""]),
+        ("data sheet density, fit q", ["0.1", "x"]),
+        ("a still stretch, fit q", ["99", "100"]),
+        ("a still stretch, fit q", ["1", "1.02"]),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(state, way, texts):
+    with pytest.raises(BadSetting):
+        search(state, way, *texts)
+
+
+def test_applying_is_one_step_that_undo_takes_back(state):
+    session = Session(state)
+    found = search(state, "maximum likelihood")
+    session.request(apply_found(state.recording, "a", found))
+    applied = session.settle()[0]
+    assert applied.params == found.params
+    assert applied.tuning.how == "maximum likelihood"
+    assert (applied.outcome.before, applied.outcome.after) == (state.tuning, applied.tuning)
+    session.request(undo)
+    assert session.settle()[0].tuning == state.tuning
+
+
+def test_an_answer_without_parameters_changes_nothing_and_is_said(state):
+    found = Found(None, "maximum likelihood", "Your sensor shows no noise.")
+    after = apply_found(state.recording, "a", found)(state)
+    assert after.tunings == state.tunings
+    assert "nothing was changed" in answer_text(after)
+    assert "no noise" in answer_text(after)
+
+
+def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
+    found = Found(FilterParams(7.0, 8.0), "x", "y")
+    on_b = apply_found(state.recording, "a", found)(select_channel("b")(state))
+    assert (on_b.tunings[0].q, on_b.tuning, on_b.outcome) == (7.0, state.tunings[1], None)
+    elsewhere = opened(recording(seed=1))
+    late = apply_found(state.recording, "a", found)(elsewhere)
+    assert late.tunings == elsewhere.tunings
+    assert "another recording" in late.note
+
+
+def test_opinions_belong_to_their_channel(state):
+    opinions = compare_methods(state.recording.channel("a"))
+    asked = set_opinions(state.recording, "a", opinions)(state)
+    assert opinions_text(asked).count("\n|") >= 6
+    assert "They agree" in opinions_text(asked)
+    assert select_channel("b")(asked).opinions == ()
+    assert set_opinions(state.recording, "b", opinions)(state).opinions == ()
+
+
+def test_opinions_on_a_sine_name_the_disagreement():
+    n = 3000
+    z = np.sin(np.arange(n) / 30) + np.random.default_rng(0).normal(0, 0.1, n)
+    state = opened(Recording(np.arange(float(n)), ("z",), ("",), z[:, None], 1.0))
+    asked = set_opinions(state.recording, "z", compare_methods(z))(state)
+    assert "The model does not describe this signal" in opinions_text(asked)
+
+
+def test_before_and_after_stand_in_the_answer(state):
+    applied = apply_found(state.recording, "a", search(state, "least noise within a lag", "50"))(state)
+    assert "| lag | 95.1 ms | **50 ms** |" in answer_text(applied)
+    assert answer_text(state) == ""
+
+
+def test_the_smoother_is_drawn_only_when_asked(state):
+    shown = choose_shown(state.recording, "a", None)
+    assert compute_frame(state, 0, shown).smoothed is None
+    smoothed = compute_frame(set_smoother(True)(state), 0, shown).smoothed
+    assert np.std(np.diff(smoothed)) < np.std(np.diff(compute_frame(state, 0, shown).filtered))
+
+
+def test_the_gate_is_typed_and_its_refusals_are_counted(state):
+    values = state.recording.values.copy()
+    values[500, 0] += 1000.0
+    spiked = opened(replace(state.recording, values=values))
+    gated = set_text("gate", "25")(spiked)
+    assert compute_frame(gated, 0, choose_shown(gated.recording, "a", None)).rejected >= 1
+    assert set_text("gate", "off")(gated).tuning.gate is None
+    with pytest.raises(BadSetting, match="gate must be"):
+        set_text("gate", "0")(spiked)
+
+
+def test_checks_say_too_slow_and_how_much(state):
+    slow = set_text("q", "0.0005")(set_text("r", "1")(state))
+    checks = compute_checks(slow)
+    assert "raise q" in checks.all_samples.advice
+    assert table(checks).count("\n|") >= 8
+    lags, (low, high, correlation), _ = correlation_lines(checks)
+    assert lags[0] == 1
+    assert correlation[0] > high[0] > 0 > low[0]
+
+
+def test_sentences_begin_with_a_capital_and_end_with_a_stop():
+    assert as_sentences("too slow: raise q about 3 ×. spikes: 2") == "Too slow: raise q about 3 ×. Spikes: 2."
+    assert as_sentences("no fault found") == "No fault found."
+    assert as_sentences("q = 0: choose one") == "q = 0: choose one."

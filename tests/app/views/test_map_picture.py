@@ -1,0 +1,130 @@
+"""The picture of the tuning map: its best shade lies under the mark of the estimate; what is written on it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from kalscope import synthesize
+from kalscope_app.session.opening import opened
+from kalscope_app.studies.map_geometry import frame_for
+from kalscope_app.studies.tuning_map import MapMaker, nothing
+from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP
+from kalscope_app.views.map.pen import printable
+from kalscope_app.views.map.picture import (
+    SHARPNESS,
+    Plate,
+    chips,
+    colours,
+    draw_map_picture,
+    draw_ring,
+    lag_words,
+    tick,
+)
+
+SIZES = [(520, 1080), (452, 900), (380, 720)]
+
+
+def plate(width=452, height=900, dark=False, **changes):
+    recording = synthesize("random_walk", n=2000, seed=2)
+    state = opened(recording)
+    shown = MapMaker()(state)
+    frame = frame_for(width, height, shown.q, shown.r)
+    return replace(Plate(shown, frame, "V", recording.sample_period, dark, True), **changes)
+
+
+def rgb(colour):
+    return [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_the_best_shade_lies_under_the_mark_of_the_estimate(width, height, dark):
+    one = plate(width, height, dark)
+    palette = DARK_MAP if dark else LIGHT_MAP
+    bare = replace(one, map=replace(one.map, optimum=None, contour=None))
+    x, y = (SHARPNESS * at for at in one.frame.pixel(one.map.optimum))
+    around = draw_map_picture(bare)[round(y) - 6 : round(y) + 7, round(x) - 6 : round(x) + 7].astype(int)
+    best = colours(np.array([1.0]), palette)[0].astype(int)
+    assert np.abs(around - best).sum(axis=-1).min() < 30
+    marked = draw_map_picture(one)[round(y), round(x)]
+    assert marked.tolist() == rgb(palette.best)
+
+
+@pytest.mark.parametrize("palette", [LIGHT_MAP, DARK_MAP])
+def test_lightness_alone_tells_better_from_worse(palette):
+    shades = colours(np.linspace(0, 1, 50), palette).astype(float)
+    light = shades @ [0.2126, 0.7152, 0.0722]
+    steps = np.diff(light)
+    assert (steps <= 0).all() or (steps >= 0).all()
+    assert abs(light[-1] - light[0]) > 120
+
+
+def test_the_picture_has_the_size_of_the_canvas_and_nothing_leaves_it():
+    for width, height in SIZES:
+        picture = draw_map_picture(plate(width, height))
+        assert picture.shape == (SHARPNESS * height, SHARPNESS * width, 3)
+        edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+        assert (edge == rgb(LIGHT_MAP.background)).all()
+
+
+def test_pinned_variants_are_drawn_at_their_pair():
+    one = plate()
+    pinned = replace(one, pinned=(("A", "#009E73", (-3.0, -1.5)),))
+    x, y = (round(SHARPNESS * at) for at in one.frame.pixel((-3.0, -1.5)))
+    patch = draw_map_picture(pinned)[y - 10 : y + 10, x - 10 : x + 10].reshape(-1, 3).tolist()
+    assert rgb("#009E73") in patch
+
+
+def test_where_there_is_no_map_the_reason_is_written():
+    one = plate()
+    empty = replace(one, map=nothing("The signal is constant: there is nothing to tune."))
+    assert (draw_map_picture(empty) != draw_map_picture(replace(one, map=nothing("")))).any()
+
+
+def test_the_colourings_to_choose_from_do_not_overlap_and_need_a_truth_for_rmse():
+    one = plate(380, 720)
+    assert [name for name, _ in chips(one.frame, False)] == ["likelihood", "lag"]
+    boxes = [box for _, box in chips(one.frame, True)]
+    assert all(a[2] < b[0] for a, b in pairwise(boxes))
+    assert boxes[-1][2] < 380
+
+
+@pytest.mark.parametrize(
+    ("period", "lag", "words"),
+    [
+        (0.01, 3.0, "30 ms"),
+        (0.01, 1000.0, "10 s"),
+        (0.01, 1e5, "1000 s"),
+        (1e-6, 3.0, "3 µs"),
+        (31557600.0, 10.0, "10 years"),
+        (3600.0, 3.0, "3 h"),
+        (None, 30.0, "30"),
+    ],
+)
+def test_a_lag_is_told_in_one_unit(period, lag, words):
+    assert lag_words(lag, plate(period=period)) == words
+
+
+@pytest.mark.parametrize(
+    ("exponent", "text"), [(0, "1"), (-3, "0.001"), (-4, "1e-4"), (4, "10000"), (5, "1e5"), (-12, "1e-12")]
+)
+def test_ticks_are_plain_numbers(exponent, text):
+    assert tick(exponent) == text
+
+
+def test_letters_that_the_font_lacks_are_replaced():
+    assert printable("µT² −3 °C …") == "uT² -3 deg C ..."
+    assert printable("\u6e29") == "?"
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_mark_of_the_present_point_is_see_through_around_its_ring(dark):
+    ring = draw_ring(dark=dark)
+    assert ring.shape == (64, 64, 4)
+    assert ring[0, 0, 3] == 0
+    assert ring[20, 32, 3] == 0
+    assert ring[32, 32, 3] == ring[9, 32, 3] == 255

@@ -1,0 +1,533 @@
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import select
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kalscope.catalogue import open_source
+from kalscope.cli.app import run
+from kalscope.cli.console import LONGEST_LINE
+from kalscope.cli.line_filter import LineFilter
+from kalscope.estimation.starting import starting_params
+from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.streaming import KalmanFilter
+from kalscope.sources.readers.csv_file import read_recording
+from kalscope.tuning.tuning import ChannelTuning, Tuning, save_tuning
+
+posix_only = pytest.mark.skipif(os.name == "nt", reason="POSIX pipes and devices")
+PROGRAM = [sys.executable, "-m", "kalscope.cli"]
+NAN = math.nan
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """A recording of two channels at 100 Hz, one sample missing."""
+    path = tmp_path / "log.csv"
+    noise = np.random.default_rng(3).normal(size=(60, 2))
+    lines = [f"{i / 100},{a!r},{b!r}" for i, (a, b) in enumerate(noise.tolist())]
+    lines[7] = "0.07,,1.5"
+    path.write_text("\n".join(["time (s),a (V),b", *lines, ""]))
+    return path
+
+
+@pytest.fixture
+def config(tmp_path: Path, log: Path) -> Path:
+    """A tuning of both channels of `log`, made on it."""
+    path = tmp_path / "tuning.toml"
+    recording = read_recording(log)
+    channels = (
+        ChannelTuning("a", "V", 0.1 / 3.0, 1.7),
+        ChannelTuning("b", "", 1e-3, 2.0, p0=0.5, x0=-1.0, gate=9.0),
+    )
+    save_tuning(Tuning(channels, sha256=recording.sha256, sample_period=0.01), path)
+    return path
+
+
+Captured = pytest.CaptureFixture[str]
+
+
+def columns(text: str) -> dict[str, np.ndarray]:
+    header, *rows = csv.reader(io.StringIO(text))
+    table = np.array([[float(cell) if cell else NAN for cell in row] for row in rows])
+    return dict(zip(header, table.T, strict=True))
+
+
+# ---- filter FILE
+
+
+def test_the_filtered_column_is_kalman_filter_bit_for_bit(log: Path, config: Path, capsys: Captured) -> None:
+    assert run(["filter", str(log), "--config", str(config)]) == 0
+    out, err = capsys.readouterr()
+    table = columns(out)
+    recording = read_recording(log)
+    a = kalman_filter(recording.channel("a"), FilterParams(0.1 / 3.0, 1.7))
+    b = kalman_filter(recording.channel("b"), FilterParams(1e-3, 2.0, p0=0.5, x0=-1.0, gate=9.0))
+    np.testing.assert_array_equal(table["time"], recording.time)
+    np.testing.assert_array_equal(table["a"], recording.channel("a"))
+    np.testing.assert_array_equal(table["a_filtered"], a.x)
+    np.testing.assert_array_equal(table["a_variance"], a.p)
+    np.testing.assert_array_equal(table["b_filtered"], b.x)
+    assert err == ""
+
+
+def test_a_file_holds_what_stdout_would_show(log: Path, config: Path, tmp_path: Path, capsys: Captured) -> None:
+    assert run(["filter", str(log), "--config", str(config)]) == 0
+    shown = capsys.readouterr().out
+    assert run(["filter", str(log), "--config", str(config), "-o", str(tmp_path / "out.csv")]) == 0
+    assert capsys.readouterr().out == ""
+    assert (tmp_path / "out.csv").read_bytes() == shown.encode()
+
+
+def test_parameters_on_the_command_line_outrank_the_file(log: Path, config: Path, capsys: Captured) -> None:
+    line = ["filter", str(log), "--config", str(config), "--channel", "b"]
+    assert run([*line, "--q", "0.25", "--p0", "diffuse", "--x0", "first"]) == 0
+    expected = kalman_filter(read_recording(log).channel("b"), FilterParams(0.25, 2.0, gate=9.0)).x
+    table = columns(capsys.readouterr().out)
+    np.testing.assert_array_equal(table["b_filtered"], expected)
+    assert list(table) == ["time", "b", "b_filtered", "b_variance"]
+
+
+def test_parameters_alone_filter_every_channel(log: Path, capsys: Captured) -> None:
+    assert run(["filter", str(log), "--q", "0", "--r", "2", "--p0", "1", "--x0", "-0.5"]) == 0
+    out, err = capsys.readouterr()
+    for name in ("a", "b"):
+        expected = kalman_filter(read_recording(log).channel(name), FilterParams(0.0, 2.0, 1.0, -0.5)).x
+        np.testing.assert_array_equal(columns(out)[f"{name}_filtered"], expected)
+    assert err == ""
+
+
+def test_without_parameters_it_starts_as_the_dashboard_does_and_says_so(log: Path, capsys: Captured) -> None:
+    assert run(["filter", str(log), "--channel", "a"]) == 0
+    out, err = capsys.readouterr()
+    z = read_recording(log).channel("a")
+    params = starting_params(z)
+    np.testing.assert_array_equal(columns(out)["a_filtered"], kalman_filter(z, params).x)
+    assert f"a: q = {params.q:.6g}, r = {params.r:.6g}" in err
+    assert "r = var(Δz)/2, q = r/100" in err
+
+
+def test_a_given_r_alone_keeps_the_starting_ratio(log: Path, capsys: Captured) -> None:
+    assert run(["filter", str(log), "--channel", "a", "--r", "5"]) == 0
+    out, err = capsys.readouterr()
+    expected = kalman_filter(read_recording(log).channel("a"), FilterParams(0.05, 5.0)).x
+    np.testing.assert_array_equal(columns(out)["a_filtered"], expected)
+    assert "q = 0.05, r = 5;" in err
+
+
+def test_another_sample_period_rescales_q_and_says_so(log: Path, config: Path, capsys: Captured) -> None:
+    line = ["filter", str(log), "--config", str(config), "--channel", "a"]
+    assert run([*line, "--sample-period", "0.04"]) == 0
+    out, err = capsys.readouterr()
+    expected = kalman_filter(read_recording(log).channel("a"), FilterParams(0.1 / 3.0 * 4.0, 1.7)).x
+    np.testing.assert_allclose(columns(out)["a_filtered"], expected, rtol=1e-13)
+    assert "q was multiplied by 4" in err
+    assert "0.04 s" in err
+    assert run([*line, "--sample-period", "0.04", "--q", "1"]) == 0
+    assert "multiplied" not in capsys.readouterr().err
+
+
+def test_a_recording_without_time_gets_its_period_from_the_option(
+    tmp_path: Path, config: Path, capsys: Captured
+) -> None:
+    path = tmp_path / "bare.csv"
+    path.write_text("a\n" + "\n".join(f"{x}" for x in np.sin(np.arange(30.0))) + "\n")
+    assert run(["filter", str(path), "--config", str(config)]) == 0
+    assert "tuned at a sample period of 0.01 s: the recording says none" in capsys.readouterr().err
+    assert run(["filter", str(path), "--config", str(config), "--sample-period", "0.01"]) == 0
+    out, err = capsys.readouterr()
+    np.testing.assert_allclose(columns(out)["time"], np.arange(30) * 0.01, rtol=1e-15)
+    assert "sample period" not in err
+
+
+def test_another_recording_than_the_tuned_one_is_said(log: Path, config: Path, capsys: Captured) -> None:
+    log.write_text(log.read_text().replace("1.5", "1.6"))
+    assert run(["filter", str(log), "--config", str(config)]) == 0
+    err = capsys.readouterr().err
+    assert "not the one of the tuning (SHA-256 " in err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_tuning_of_one_channel_fits_a_recording_of_one_channel(tmp_path: Path, capsys: Captured) -> None:
+    config = tmp_path / "t.toml"
+    save_tuning(Tuning((ChannelTuning("volts", "", 1.0, 1.0),)), config)
+    assert run(["filter", "demo", "--config", str(config)]) == 0
+    out, err = capsys.readouterr()
+    recording = open_source("demo")
+    name = recording.names[0]
+    np.testing.assert_array_equal(
+        columns(out)[f"{name}_filtered"], kalman_filter(recording.channel(name), FilterParams(1.0, 1.0)).x
+    )
+    assert "the tuning's only channel, volts" in err
+
+
+def test_channels_that_the_tuning_has_not_are_left_out_and_said(
+    log: Path, tmp_path: Path, capsys: Captured
+) -> None:
+    config = tmp_path / "t.toml"
+    save_tuning(Tuning((ChannelTuning("b", "", 1.0, 1.0), ChannelTuning("c", "", 1.0, 1.0))), config)
+    assert run(["filter", str(log), "--config", str(config)]) == 0
+    out, err = capsys.readouterr()
+    assert list(columns(out)) == ["time", "b", "b_filtered", "b_variance"]
+    assert "no such channel: a" in err
+
+
+@pytest.mark.parametrize("source", ["demo", "sample:nile", "synthetic:sine?n=50&seed=1"])
+def test_every_kind_of_source_is_filtered(source: str, capsys: Captured) -> None:
+    assert run(["filter", source, "--q", "1", "--r", "1"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 1 + len(open_source(source))
+
+
+# ---- errors
+
+
+USER_ERRORS: list[tuple[list[str], str]] = [
+    ([], "Missing command"),
+    (["nope"], "No such command 'nope'"),
+    (["--nope"], "No such option: --nope"),
+    (["filter"], "Missing argument 'SOURCE'"),
+    (["filter", "demo", "extra"], "unexpected extra argument"),
+    (["filter", "demo", "--nope", "1"], "No such option: --nope"),
+    (["filter", "demo", "--q"], "'--q' requires an argument"),
+    (["filter", "demo", "--q", "abc"], "--q must be a number (got 'abc')"),
+    (["filter", "demo", "--q", "-1", "--r", "1"], "q must be a finite variance from 0 to 1e300 (got -1.0)"),
+    (["filter", "demo", "--q", "nan", "--r", "1"], "q must be"),
+    (["filter", "demo", "--q", "0", "--r", "0"], "q and r must not both be 0"),
+    (["filter", "demo", "--p0", "x"], "--p0 must be a number or \"diffuse\" (got 'x')"),
+    (["filter", "demo", "--x0", "x"], "--x0 must be a number or \"first\" (got 'x')"),
+    (["filter", "demo", "--x0", "1"], "x0 needs p0"),
+    (["filter", "demo", "--sample-period", "x"], "--sample-period must be a number (got 'x')"),
+    (["filter", "demo", "--sample-period", "-1"], "sample_period must be"),
+    (["filter", "demo", "--channel", "zz"], "channel must be one of"),
+    (["filter", "demo", "--config", "missing.toml"], "missing.toml"),
+    (["filter", "missing.csv"], "missing.csv"),
+    (["filter", ""], "source must be"),
+    (["filter", "two\nlines.csv"], "lines.csv"),
+    (["filter", "sample:nope"], "sample must be one of"),
+    (["filter", "synthetic:nope"], "nope"),
+    (["filter", "demo", "-o", "missing/out.csv"], "'missing/out.csv': No such file or directory"),
+    (["filter", "demo", "-o", "."], "'.': "),
+    (["filter", "-"], "give --config, or --q and --r"),
+    (["filter", "-", "--q", "1"], "give --config, or --q and --r"),
+    (["filter", "-", "--q", "1", "--r", "1", "-o", "x.csv"], "-o must be left out"),
+    (["filter", "-", "--q", "1", "--r", "1", "--channel", "a"], "--channel needs --config"),
+]
+
+
+@pytest.mark.parametrize(("argv", "says"), USER_ERRORS)
+def test_every_user_error_is_status_2_and_one_line_on_stderr(
+    argv: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(argv) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("kalscope: ")
+    assert len(err.splitlines()) == 1
+    assert says in err
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_tuning_of_other_channels_is_refused(log: Path, tmp_path: Path, capsys: Captured) -> None:
+    config = tmp_path / "t.toml"
+    save_tuning(Tuning((ChannelTuning("x", "", 1.0, 1.0), ChannelTuning("y", "", 1.0, 1.0))), config)
+    assert run(["filter", str(log), "--config", str(config)]) == 2
+    assert capsys.readouterr().err == "kalscope: the tuning must hold a or b (got channels x, y)\n"
+
+
+def test_the_recording_is_never_written_over(log: Path, capsys: Captured) -> None:
+    before = log.read_bytes()
+    assert run(["filter", str(log), "-o", str(log.parent / "." / log.name)]) == 2
+    assert "another file than SOURCE" in capsys.readouterr().err
+    assert log.read_bytes() == before
+
+
+def test_a_mistake_of_ours_is_not_blamed_on_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("kalscope.catalogue.open_source", broken)
+    with pytest.raises(ZeroDivisionError):
+        run(["filter", "demo"])
+
+
+def test_ctrl_c_is_status_130(monkeypatch: pytest.MonkeyPatch, capsys: Captured) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("kalscope.catalogue.open_source", interrupted)
+    assert run(["filter", "demo"]) == 130
+    assert capsys.readouterr().err == ""
+
+
+def test_version_and_help_are_status_0(capsys: Captured) -> None:
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out == f"kalscope {version('kalscope')}\n"
+    assert run(["--help"]) == 0
+    assert "filter" in capsys.readouterr().out
+    assert run(["filter", "--help"]) == 0
+    assert "--sample-period" in capsys.readouterr().out
+
+
+# ---- filter -
+
+
+@pytest.fixture
+def feed(monkeypatch: pytest.MonkeyPatch) -> Callable[[bytes], None]:
+    def set_stdin(data: bytes) -> None:
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
+
+    return set_stdin
+
+
+def test_stdin_answers_are_kalman_filter_bit_for_bit(feed: Callable[[bytes], None], capsys: Captured) -> None:
+    z = np.random.default_rng(9).normal(size=500)
+    feed("".join(f"{sample!r}\n" for sample in z.tolist()).encode())
+    assert run(["filter", "-", "--q", "0.01", "--r", "1"]) == 0
+    out, err = capsys.readouterr()
+    np.testing.assert_array_equal(
+        [float(line) for line in out.splitlines()], kalman_filter(z, FilterParams(0.01, 1.0)).x
+    )
+    assert err == ""
+
+
+def test_unreadable_lines_are_missing_samples_answered_by_an_empty_line(
+    feed: Callable[[bytes], None], capsys: Captured
+) -> None:
+    feed(b"1\nboot\n2,3\n\xff\xfe\n1_0\ninf\n\nnan\n0x1F\n 5 \r\n6")
+    assert run(["filter", "-", "--q", "1", "--r", "1"]) == 0
+    out, err = capsys.readouterr()
+    x = kalman_filter([1, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, 5, 6], FilterParams(1.0, 1.0)).x
+    assert out.split("\n") == ["1.0", *[""] * 8, repr(x[9].item()), repr(x[10].item()), ""]
+    bad = [line.split(" must")[0] for line in err.splitlines()]
+    assert bad == [f"kalscope: line {n}" for n in (2, 3, 4, 5, 6, 9)]
+
+
+def test_a_remark_on_stdin_is_no_sample(feed: Callable[[bytes], None], capsys: Captured) -> None:
+    feed(b"1\n# q 0.1\n2\n// ready\n5\n")
+    assert run(["filter", "-", "--q", "1", "--r", "1"]) == 0
+    out, err = capsys.readouterr()
+    x = kalman_filter([1, 2, 5], FilterParams(1.0, 1.0)).x
+    assert out.split("\n") == ["1.0", "", repr(x[1].item()), "", repr(x[2].item()), ""]
+    assert err == ""
+
+
+def test_a_sample_period_that_overrules_the_time_of_the_file_is_said(tmp_path: Path, capsys: Captured) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("time,a\n" + "".join(f"{i / 100},{i % 7}\n" for i in range(50)))
+    assert run(["filter", str(log), "--q", "1", "--r", "1", "--sample-period", "0.5"]) == 0
+    assert "sample period is taken as 0.5 s; by its time it would be 0.01 s" in capsys.readouterr().err
+    assert run(["filter", str(log), "--q", "1", "--r", "1", "--sample-period", "0.01"]) == 0
+    assert capsys.readouterr().err == ""
+    assert run(["tune", str(log), "--sample-period", "0.5"]) == 0
+    assert "by its time it would be 0.01 s" in capsys.readouterr().err
+
+
+def test_channels_of_a_line_are_filtered_side_by_side(
+    feed: Callable[[bytes], None], config: Path, capsys: Captured
+) -> None:
+    feed(b"1,10\n,11\n3,12\n")
+    assert run(["filter", "-", "--config", str(config)]) == 0
+    rows = [line.split(",") for line in capsys.readouterr().out.splitlines()]
+    a = kalman_filter([1.0, NAN, 3.0], FilterParams(0.1 / 3.0, 1.7)).x
+    b = kalman_filter([10.0, 11.0, 12.0], FilterParams(1e-3, 2.0, 0.5, -1.0, 9.0)).x
+    assert [row[0] for row in rows] == [repr(a[0].item()), "", repr(a[2].item())]
+    assert [row[1] for row in rows] == [repr(x) for x in b.tolist()]
+
+
+def test_one_channel_of_a_tuning_filters_a_single_column(
+    feed: Callable[[bytes], None], config: Path, capsys: Captured
+) -> None:
+    feed(b"10\n11\n")
+    assert run(["filter", "-", "--config", str(config), "--channel", "a", "--sample-period", "0.02"]) == 0
+    out, err = capsys.readouterr()
+    expected = kalman_filter([10.0, 11.0], FilterParams(0.2 / 3.0, 1.7)).x
+    np.testing.assert_allclose([float(line) for line in out.split()], expected, rtol=1e-14)
+    assert "q was multiplied by 2" in err
+
+
+def test_lines_before_the_first_readable_one_count_as_missing() -> None:
+    params = FilterParams(1.0, 1.0, p0=1.0, x0=0.0)
+    lines = LineFilter(params)
+    answers = [lines.answer(line)[0] for line in ("volts,amperes", "", "4,-8")]
+    x = kalman_filter([NAN, NAN, 4.0], params).x[2].item()
+    assert answers == ["", "", f"{x!r},{-2 * x!r}"]
+
+
+def test_a_line_without_end_is_one_unreadable_line(feed: Callable[[bytes], None], capsys: Captured) -> None:
+    feed(b"1\n" + b"1," * (LONGEST_LINE * 2) + b"1\n" + b"3\n")
+    assert run(["filter", "-", "--q", "1", "--r", "1"]) == 0
+    out, err = capsys.readouterr()
+    x = kalman_filter([1.0, NAN, 3.0], FilterParams(1.0, 1.0)).x
+    assert out == f"1.0\n\n{x[2].item()!r}\n"
+    assert err.startswith("kalscope: line 2 must hold")
+    assert len(err) < 300
+
+
+# ---- as a program
+
+
+def test_the_program_gives_the_status_and_the_line() -> None:
+    done = subprocess.run([*PROGRAM, "filter", "demo", "--nope"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("kalscope: No such option: --nope")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@posix_only
+def test_each_line_of_stdin_is_answered_before_the_next_is_sent() -> None:
+    with subprocess.Popen(
+        [*PROGRAM, "filter", "-", "--q", "1", "--r", "1"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as program:
+        assert program.stdin is not None
+        assert program.stdout is not None
+        twin = KalmanFilter(FilterParams(1.0, 1.0))
+        for z in (1.0, 2.5, -4.0):
+            program.stdin.write(f"{z}\n".encode())
+            program.stdin.flush()
+            assert select.select([program.stdout], [], [], 30.0)[0], "no answer to a line"
+            assert float(program.stdout.readline()) == twin.update(z)
+        program.stdin.close()
+        assert program.wait() == 0
+
+
+@posix_only
+def test_a_reader_that_leaves_is_no_error() -> None:
+    with subprocess.Popen(
+        [*PROGRAM, "filter", "synthetic:sine?n=100000", "--q", "1", "--r", "1"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as program:
+        assert program.stdout is not None
+        assert program.stderr is not None
+        program.stdout.read(10)
+        program.stdout.close()
+        assert program.stderr.read() == b""
+        assert program.wait() == 0
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+@pytest.mark.parametrize("output", [[], ["-o", "/dev/full"]])
+def test_a_full_disk_is_one_line(output: list[str]) -> None:
+    with open("/dev/full", "wb") as full:
+        done = subprocess.run(
+            [*PROGRAM, "filter", "demo", *output], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.returncode == 2
+    assert done.stderr.endswith("No space left on device\n")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_help_imports_neither_the_dashboard_nor_what_is_slow() -> None:
+    probe = (
+        "import sys; from kalscope.cli.app import run; run(['--help'])\n"
+        "slow = ('viser', 'serial', 'rich', 'scipy.signal', 'scipy.stats')\n"
+        "print([name for name in slow if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+# How a file is to be read, and the account of how it was.
+
+AWKWARD = "n;time (ms);a\n" + "".join(f"{i};{20 * i};{-200 if i % 5 == 4 else i % 3}\n" for i in range(20))
+
+
+@pytest.fixture
+def awkward(tmp_path: Path) -> str:
+    path = tmp_path / "awkward.csv"
+    path.write_text(AWKWARD + "20;400\n21;420;ERR\n")
+    return str(path)
+
+
+def test_the_report_accounts_for_every_line_on_stderr(awkward: str, capsys: Captured) -> None:
+    assert run(["filter", awkward, "--report"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("time,n,n_filtered")
+    assert "23 lines = 21 with data + 1 rejected + 1 header" in err
+    assert "line 22: must have 3 fields (got 2) (got '20;400')" in err
+    assert "line 23, \"a\": must be a number (got 'ERR')" in err
+    assert "is -200 a missing value?" in err
+
+
+def test_a_missing_value_is_taken_away_when_told(awkward: str, capsys: Captured) -> None:
+    assert run(["filter", awkward, "--channel", "a", "--missing", "-200", "--missing", "ERR"]) == 0
+    found = columns(capsys.readouterr().out)
+    assert np.isnan(found["a"]).sum() == 5
+    assert "a_filtered" in found
+
+
+@pytest.mark.parametrize(("choice", "period"), [("n", 1.0), ("1", 1.0), ("time", 0.02), ("column 2", 0.02)])
+def test_a_time_column_is_chosen_by_name_or_number(
+    awkward: str, capsys: Captured, choice: str, period: float
+) -> None:
+    assert run(["filter", awkward, "--channel", "a", "--time-column", choice]) == 0
+    assert columns(capsys.readouterr().out)["time"][1] == period
+
+
+def test_without_time_column_and_with_another_unit(awkward: str, capsys: Captured) -> None:
+    assert run(["filter", awkward, "--channel", "a", "--time-column", "none"]) == 0
+    assert capsys.readouterr().out.startswith("sample,a,")
+    assert run(["filter", awkward, "--channel", "a", "--time-unit", "s"]) == 0
+    assert columns(capsys.readouterr().out)["time_s"][1] == 20.0
+
+
+def test_gaps_in_time_become_what_was_chosen(awkward: str, capsys: Captured) -> None:
+    assert run(["filter", awkward, "--channel", "a", "--gaps", "missing"]) == 0
+    assert len(columns(capsys.readouterr().out)["time"]) == 22
+    assert run(["filter", awkward, "--channel", "a", "--gaps", "dt", "--q", "1", "--r", "2"]) == 0
+    recording = read_recording(awkward)
+    expected = kalman_filter(recording.channel("a"), FilterParams(1.0, 2.0), recording.steps())
+    np.testing.assert_array_equal(columns(capsys.readouterr().out)["a_filtered"][:20], expected.x[:20])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--delimiter", "x"], "delimiter must be one of"),
+        (["--time-column", "t"], "the time column must be one of n, time, a"),
+        (["--time-unit", "weeks"], "time_unit must be one of"),
+        (["--gaps", "holes"], "gaps must be rows, missing or dt"),
+    ],
+)
+def test_an_option_that_cannot_be_is_one_line(
+    awkward: str, capsys: Captured, options: list[str], said: str
+) -> None:
+    assert run(["filter", awkward, *options]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert said in err
+
+
+def test_a_report_of_stdin_is_refused(capsys: Captured) -> None:
+    assert run(["filter", "-", "--q", "1", "--r", "1", "--report"]) == 2
+    assert "--report must be left out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1,2\n3,4\n5,6\n",
+        "1 2\n3\t4\n5  6\n",
+        "1;2\n3;4\n5;6\n",
+        "a:1,b:2\nb: 4, a: 3\na:5 b:6\n",
+        "12:00:00.5 -> 1,2\n12:00:01.5 -> 3,4\n12:00:02.5 -> 5,6\n",
+        "1,2*2F\n3,4*2B\n5,6*2F\n",
+    ],
+)
+def test_stdin_understands_what_a_sensor_prints(feed: Callable[[bytes], None], capsys: Captured, text: str) -> None:
+    feed(text.encode())
+    assert run(["filter", "-", "--q", "1", "--r", "2"]) == 0
+    found = [[float(cell) for cell in line.split(",")] for line in capsys.readouterr().out.splitlines()]
+    z = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    np.testing.assert_array_equal(found, kalman_filter(z, FilterParams(1.0, 2.0)).x)

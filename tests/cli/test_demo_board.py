@@ -1,0 +1,193 @@
+"""`kalscope demo-board`: a recording at its true rate over a port, for ever."""
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from kalscope import BadDevice, BadSetting, Recording, synthesize
+from kalscope.cli import app as cli
+from kalscope.cli.board.demo_board import BOOT, Board, BoardLines
+from kalscope.cli.board.wires import PtyWire, SocketWire
+from kalscope.sources.lines.line_parser import LineParser
+from kalscope.sources.live.live_source import LiveSource
+
+
+def recording(time, values, names=("a", "b"), units=("", "mV"), period=0.1):
+    return Recording(np.array(time), names, units, np.array(values, dtype=float), period)
+
+
+TWO = recording([0.0, 0.1, 0.4], [[1, 2], [3.25, np.nan], [-1e-7, 6]])
+
+
+def test_lines_are_written_as_a_board_writes_them():
+    assert BoardLines(TWO).lines == [b"a:1,b[mV]:2\r\n", b"a:3.25,b[mV]:nan\r\n", b"a:-1e-07,b[mV]:6\r\n"]
+    csv = BoardLines(TWO, form="csv")
+    assert (csv.header, csv.lines[0]) == (b"a,b[mV]\r\n", b"1,2\r\n")
+
+
+@pytest.mark.parametrize("form", ["labels", "csv"])
+@pytest.mark.parametrize("checksum", [False, True])
+def test_what_it_sends_is_read_back_exactly(form, checksum):
+    sent = synthesize("sine", n=50, channels=2, quantum=0.001)
+    lines = BoardLines(sent, form=form, checksum=checksum)
+    parser = LineParser()
+    parser.feed(b"# remark\n" + lines.header + b"".join(lines.lines))
+    rows = [event.rows[0] for event in parser if event.kind == "row"]
+    names = [parser.layout.columns[i].name for i in parser.layout.channels]
+    assert names == [name.replace(" ", "_" if form == "csv" else " ") for name in sent.names]
+    np.testing.assert_allclose(rows, sent.values, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["a,b", "a:b", "x\ny", "", "#1", "*"])
+def test_no_name_can_break_a_line(name):
+    line = BoardLines(recording([0.0, 0.1], [[1], [2]], (name,), ("",))).lines[0].decode()
+    assert line.count(":") == 1
+    assert line.count("\n") == 1
+    assert not set(line[: line.index(":")]) & set(",#*")
+
+
+def test_each_sample_is_due_at_its_own_time_and_the_recording_repeats_without_drift():
+    lines = BoardLines(TWO)
+    np.testing.assert_allclose([*lines.due, lines.turn], [0.0, 0.1, 0.4, 0.5])
+    sent, now, at = 0, 0.0, []
+    while sent < 3000:
+        found, due = lines.between(sent, now)
+        at += [now] * len(found)
+        sent += len(found)
+        now = due
+    expected = [turn * 0.5 + offset for turn in range(1000) for offset in (0.0, 0.1, 0.4)]
+    np.testing.assert_allclose(at[:3000], expected, atol=1e-9)
+
+
+def test_a_rate_outranks_the_time_of_the_recording():
+    np.testing.assert_allclose(BoardLines(TWO, rate=50).due, [0.0, 0.02, 0.04])
+    assert BoardLines(recording([0, 1, 2], TWO.values, period=None)).due[1] == 0.01
+
+
+@pytest.mark.parametrize("rate", [0, -1, 1e9, float("nan")])
+def test_a_rate_is_one_that_a_line_can_carry(rate):
+    with pytest.raises(BadSetting, match="--rate"):
+        BoardLines(TWO, rate=rate)
+
+
+class Wire:
+    """The other end of the line, in memory, with room for some bytes."""
+
+    address = "x"
+
+    def __init__(self):
+        self.open, self.room, self.sent, self.coming = True, 10**9, b"", b""
+
+    def connected(self):
+        return self.open
+
+    def send(self, data):
+        count = min(len(data), self.room)
+        self.sent += data[:count]
+        return count
+
+    def receive(self):
+        data, self.coming = self.coming, b""
+        return data
+
+    def close(self):
+        self.open = False
+
+
+def test_a_board_begins_anew_whenever_the_port_is_opened():
+    wire, now = Wire(), [5.0]
+    board = Board(BoardLines(TWO, form="csv"), wire, lambda: now[0])
+    start = b"# kalscope demo-board\r\na,b[mV]\r\n1,2\r\n"
+    for opened in (5.0, 9.0):
+        wire.open, wire.sent, now[0] = True, b"", opened
+        assert board.step() == pytest.approx(BOOT)
+        assert wire.sent == b""  # whoever opens a port may still throw away what is there
+        now[0] += BOOT + 1e-9
+        board.step()
+        assert wire.sent == start
+        wire.open = False
+        board.step()
+
+
+def test_a_board_whose_lines_nobody_fetches_drops_whole_lines():
+    wire, now = Wire(), [0.0]
+    board = Board(BoardLines(TWO, rate=1000), wire, lambda: now[0])
+    wire.room = 0
+    for _ in range(100):
+        board.step()
+        now[0] += 0.1
+    wire.room = 10**9
+    board.step()
+    whole = wire.sent.splitlines(keepends=True)[1:]
+    assert set(whole) == set(BoardLines(TWO).lines)
+    assert board.dropped + len(whole) == pytest.approx(10_000, abs=101)
+
+
+def test_what_is_sent_to_the_board_is_answered_with_a_hash():
+    wire, now = Wire(), [0.0]
+    board = Board(BoardLines(TWO), wire, lambda: now[0])
+    board.step()
+    now[0] = 1.0
+    board.step()
+    wire.coming = b"q0.0"
+    board.step()
+    wire.coming = b"1\nr2\n"
+    board.step()
+    assert b"# heard q0.01\r\n# heard r2\r\n" in wire.sent
+
+
+@pytest.mark.parametrize("make", [PtyWire, lambda: SocketWire(0)], ids=["pty", "socket"])
+def test_a_live_source_reads_the_board_over_either_wire(make, tmp_path):
+    wire = make()
+    board = Board(BoardLines(TWO, rate=2000, checksum=True), wire)
+    try:
+        with LiveSource(wire.address) as live:
+            end = time.monotonic() + 15
+            while live.status().accepted < 300 and time.monotonic() < end:
+                board.step()
+                time.sleep(0.001)
+            status, values = live.status(), live.snapshot().recording.values
+    finally:
+        wire.close()
+    assert status.accepted >= 300
+    assert (status.rejected, live.snapshot().recording.names) == (0, ("a", "b"))
+    np.testing.assert_array_equal(values[:300], np.tile(TWO.values, (100, 1)))
+
+
+def test_a_taken_socket_is_refused():
+    with socket.create_server(("127.0.0.1", 0)) as other, pytest.raises(BadDevice, match="free port"):
+        SocketWire(other.getsockname()[1])
+    with pytest.raises(BadSetting, match="--socket"):
+        SocketWire(70_000)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_program_prints_what_opens_it_and_stops_cleanly(number):
+    command = [sys.executable, "-m", "kalscope.cli", "demo-board", "--rate", "500"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
+        first = program.stdout.readline()
+        assert first.startswith("Demo board: kalscope open serial:/dev/")
+        live = LiveSource(first.split()[-1])
+        live.start(require=True)
+        end = time.monotonic() + 15
+        while live.status().accepted < 20 and time.monotonic() < end:
+            time.sleep(0.01)
+        program.send_signal(number)
+        assert program.wait(timeout=20) == 0
+        assert program.stderr.read() == ""
+        live.close()
+    assert live.snapshot().recording.names == ("flex",)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(["--rate", "fast"], "--rate"), (["--format", "xml"], "--format"), (["--channel", "zz"], "channel")],
+)
+def test_a_slip_is_one_line(arguments, words, capsys):
+    assert cli.run(["demo-board", *arguments]) == 2
+    assert words in capsys.readouterr().err

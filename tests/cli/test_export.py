@@ -1,0 +1,179 @@
+"""`kalscope export`: what it writes, prints and refuses; and that a kill leaves no broken file."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, load_tuning, save_tuning
+from kalscope.cli import app as cli
+from kalscope.cli.export import CHOICES
+from kalscope.export.registry import TARGETS
+from kalscope.export.write import write_files
+
+
+@pytest.fixture
+def tuning_file(tmp_path):
+    channels = (ChannelTuning("raw", "V", 0.01, 0.25), ChannelTuning("../x", "V", 1.0, 2.0, 3.0, gate=9.0))
+    path = tmp_path / "tuning.toml"
+    save_tuning(Tuning(channels, sample_period=0.01), path)
+    return path
+
+
+def contents(folder):
+    return {path.name: path.read_text() for path in sorted(folder.iterdir())}
+
+
+def test_it_writes_what_export_tuning_says_and_lists_it(tuning_file, tmp_path, capfd):
+    out = tmp_path / "a" / "new folder"
+    assert cli.run(["export", str(tuning_file), "--to", "python", "-o", str(out)]) == 0
+    expected = export_tuning(load_tuning(tuning_file), "python")
+    assert contents(out) == expected
+    assert capfd.readouterr().out.splitlines() == [str(out / name) for name in expected]
+
+
+def test_without_a_folder_the_main_file_goes_to_stdout(tuning_file, capfd):
+    assert cli.run(["export", str(tuning_file), "--to", "json"]) == 0
+    shown = capfd.readouterr()
+    assert shown.out == export_tuning(load_tuning(tuning_file), "json")["kalscope_parameters.json"]
+    assert shown.err == ""
+    assert cli.run(["export", str(tuning_file), "--to", "python"]) == 0
+    shown = capfd.readouterr()
+    assert shown.out == export_tuning(load_tuning(tuning_file), "python")["kalscope_filter.py"]
+    assert shown.err == "kalscope: note: kalscope_filter.py; with -o DIR also with_kalscope.py\n"
+
+
+def test_q_is_carried_over_to_the_period_of_the_device(tuning_file, capfd):
+    command = ["export", str(tuning_file), "--to", "json", "--sample-period"]
+    assert cli.run([*command, "0.04"]) == 0
+    document = json.loads(capfd.readouterr().out)
+    assert document["sample_period_s"] == 0.04
+    assert [channel["process_noise_q"] for channel in document["channels"]] == [0.04, 4.0]
+    assert [channel["measurement_noise_r"] for channel in document["channels"]] == [0.25, 2.0]
+    assert document["channels"][0]["found"] == "q times 4, found at 0.01 s; by hand"
+    assert cli.run([*command, "0.01"]) == 0
+    assert capfd.readouterr().out == export_tuning(load_tuning(tuning_file), "json")["kalscope_parameters.json"]
+    assert cli.run([*command, "0"]) == 2
+    assert capfd.readouterr().err == "kalscope: sample_period must be a positive number of seconds (got 0.0)\n"
+
+
+def test_one_channel_can_be_chosen(tuning_file, tmp_path):
+    out = tmp_path / "out"
+    command = ["export", str(tuning_file), "--to", "matlab", "-o", str(out)]
+    assert cli.run([*command, "--channel", "raw"]) == 0
+    assert list(contents(out)) == ["kalman_raw.m"]
+    assert cli.run([*command, "--channel", "nobody"]) == 2
+
+
+def test_vectors_of_a_recording_come_along(tuning_file, tmp_path):
+    recording = tmp_path / "r.csv"
+    recording.write_text("time,raw\n" + "".join(f"{i / 100},{i % 7}\n" for i in range(50)))
+    out = tmp_path / "out"
+    command = ["export", str(tuning_file), "--to", "json", "-o", str(out), "--channel", "raw"]
+    assert cli.run([*command, "--vectors", str(recording)]) == 0
+    rows = (out / "groundtruth.csv").read_text().splitlines()
+    assert rows[:2] == ["time,raw,filtered,gain", "0.0,0.0,0.0,1.0"]
+    assert len(rows) == 51
+
+
+def test_vectors_of_another_sample_period_are_said(tuning_file, tmp_path, capfd):
+    recording = tmp_path / "r.csv"
+    recording.write_text("time,raw\n" + "".join(f"{i / 10},{i % 7}\n" for i in range(50)))
+    command = ["export", str(tuning_file), "--to", "json", "-o", str(tmp_path / "out"), "--channel", "raw"]
+    assert cli.run([*command, "--vectors", str(recording)]) == 0
+    assert "their rows are 0.1 s apart, the tuning is for 0.01 s" in capfd.readouterr().err
+
+
+def test_files_that_are_there_stay_unless_forced(tuning_file, tmp_path, capfd):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "with_kalscope.py").write_text("mine")
+    command = ["export", str(tuning_file), "--to", "python", "-o", str(out)]
+    assert cli.run(command) == 2
+    message = capfd.readouterr().err
+    assert "without with_kalscope.py, or give --force" in message
+    assert message.count("\n") == 1
+    assert contents(out) == {"with_kalscope.py": "mine"}
+    assert cli.run([*command, "--force"]) == 0
+    assert contents(out) == export_tuning(load_tuning(tuning_file), "python")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--to", "cobol"], "target must be one of arduino, c,"),
+        (["--to", "simplekalmanfilter", "-o", "out"], "use the nearest fixed gain: raw: raw += 0.18"),
+        (["--to", "json", "--vectors", "demo"], "--vectors needs -o"),
+        ([], "Missing option"),
+    ],
+)
+def test_a_mistake_is_one_line_and_status_2(tuning_file, capfd, arguments, said, monkeypatch):
+    monkeypatch.chdir(tuning_file.parent)
+    assert cli.run(["export", str(tuning_file), *arguments]) == 2
+    shown = capfd.readouterr()
+    assert said in shown.err
+    assert shown.err.count("\n") == 1
+    assert shown.out == ""
+    assert not (tuning_file.parent / "out").exists()
+
+
+def test_a_file_that_is_no_tuning_is_refused(tmp_path, capfd):
+    path = tmp_path / "x.toml"
+    path.write_text("format = 7\n")
+    assert cli.run(["export", str(path), "--to", "json"]) == 2
+    assert "format must be 1 (got 7)" in capfd.readouterr().err
+
+
+def test_the_help_names_every_target_that_writes():
+    refused = [name for name, entry in TARGETS.items() if entry.what.startswith("Refused")]
+    assert CHOICES.split(", ") == [name for name in TARGETS if name not in refused]
+    assert refused == ["simplekalmanfilter", "gyverfilters"]
+
+
+def test_no_name_leaves_the_folder(tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    for name in ("../x", "/tmp/x", "a/../../x"):
+        with pytest.raises(BadSetting, match="inside the working folder"):
+            write_files({"good.txt": "a", name: "b"}, folder)
+    (folder / "link.txt").symlink_to(tmp_path / "elsewhere.txt")
+    with pytest.raises(BadSetting, match="inside the working folder"):
+        write_files({"link.txt": "a"}, folder, force=True)
+    assert [path.name for path in folder.iterdir()] == ["link.txt"]
+    assert not (tmp_path / "elsewhere.txt").exists()
+
+
+ENDLESS = """\
+import sys
+from pathlib import Path
+from kalscope.export.write import write_files
+files = [{f"{i}.txt": f"{turn} " * 200_000 for i in range(3)} for turn in ("old", "new")]
+print("ready", flush=True)
+while True:
+    for texts in files:
+        write_files(texts, Path(sys.argv[1]), force=True)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no kill -9")
+def test_a_kill_leaves_whole_files(tmp_path):
+    """A few here; benchmarks/kill_export.py kills a hundred times."""
+    whole = {"old " * 200_000, "new " * 200_000}
+    rng = random.Random(5)
+    for _ in range(4):
+        command = [sys.executable, "-c", ENDLESS, str(tmp_path)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+            assert child.stdout.readline() == "ready\n"
+            time.sleep(0.02 + rng.random() * 0.1)
+            child.send_signal(signal.SIGKILL)
+        for path in tmp_path.glob("*.txt"):
+            if not path.name.startswith("."):
+                assert path.read_text() in whole
+    assert {path.name for path in tmp_path.glob("*.txt")} == {"0.txt", "1.txt", "2.txt"}

@@ -1,0 +1,249 @@
+"""`kalscope record` as a process of its own, on a pseudo-terminal that streams: its files, its end, its kills."""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.recorder.repair import repair
+
+pytest.importorskip("termios", reason="there are no pseudo-terminals here")
+
+
+class Board:
+    """A pseudo-terminal that sends numbered lines `number,half of it` at an even rate, from a thread."""
+
+    def __init__(self, rate: float, *, other: bytes = b"") -> None:
+        self.master, slave = os.openpty()
+        tty.setraw(slave)
+        self.port, self._slave = os.ttyname(slave), slave
+        self.sent = 0
+        self._rate, self._other, self._end = rate, other, threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> Board:
+        os.set_blocking(self.master, False)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.unplug()
+
+    def unplug(self) -> None:
+        if not self._end.is_set():
+            self._end.set()
+            self._thread.join()
+            os.close(self._slave)
+            os.close(self.master)
+
+    def next_unread(self) -> int:
+        """Number of the first whole line that the last reader of the port left there."""
+        data = b""
+        while data.count(b"\n") < 2:
+            data += os.read(self._slave, 4096)
+        return int(data.split(b"\n")[1].split(b",")[0])
+
+    def _run(self) -> None:
+        begin = time.monotonic()
+        while not self._end.wait(0.01):
+            due = int((time.monotonic() - begin) * self._rate)
+            data = b"".join(b"%d,%.1f\n" % (i, i / 2) for i in range(self.sent, due))
+            with suppress(BlockingIOError):  # nobody reads: the lines of a real board would be lost as well
+                os.write(self.master, data + self._other)
+            self.sent = due
+
+
+def command(board: Board, path: Path, *options: str) -> list[str]:
+    return [sys.executable, "-m", "kalscope.cli", "record", board.port, "-o", str(path), *options]
+
+
+@contextmanager
+def recording(board: Board, path: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """The command, running and past its first rows."""
+    process = subprocess.Popen(
+        command(board, path, *options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        deadline = time.monotonic() + 60
+        while not rows_in(path):
+            assert process.poll() is None, process.communicate()[1]
+            assert time.monotonic() < deadline, "no row was recorded in 60 s"
+            time.sleep(0.02)
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def rows_in(path: Path) -> list[tuple[float, int, float]]:
+    """(host time, number, half) of all whole rows of a recording."""
+    if not path.exists():
+        return []
+    whole = path.read_bytes().rpartition(b"\n")[0].decode().split("\n")
+    rows = [line.split(",") for line in whole if line and not line.startswith("#")][1:]
+    return [(float(host), int(number), float(half)) for host, number, half in rows]
+
+
+def are_consecutive(rows: list[tuple[float, int, float]]) -> bool:
+    numbers = [number for _, number, _ in rows]
+    return numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+ACCOUNT = re.compile(r"received (\d+) lines = (\d+) written \+ (\d+) rejected \+ (\d+) dropped")
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_polite_end_leaves_all_rows_and_the_account(tmp_path, end):
+    path = tmp_path / "run.csv"
+    with Board(1000) as board, recording(board, path) as process:
+        time.sleep(0.3)
+        process.send_signal(end)
+        out, err = process.communicate(timeout=30)
+    rows = rows_in(path)
+    assert process.returncode == 0, err
+    assert are_consecutive(rows)
+    assert all(half == number / 2 for _, number, half in rows)
+    last = path.read_text().splitlines()[-1]
+    assert last.startswith("# end: received ")
+    received, written, rejected, dropped = map(int, ACCOUNT.search(out).groups())
+    assert received == written + rejected + dropped
+    assert (written, rejected) == (len(rows), 0)
+    again = read_recording(path)
+    assert len(again) == len(rows)
+
+
+def test_it_stops_after_so_many_seconds(tmp_path):
+    path = tmp_path / "run.csv"
+    with Board(200) as board:
+        done = subprocess.run(
+            command(board, path, "--seconds", "1.5"), capture_output=True, text=True, timeout=60, check=True
+        )
+    rows = rows_in(path)
+    assert str(path) in done.stdout
+    assert are_consecutive(rows)
+    assert rows[-1][0] <= 2.5
+
+
+def test_it_stops_once_so_many_lines_are_written_and_shows_what_was_rejected(tmp_path):
+    path = tmp_path / "run.csv"
+    with Board(500, other=b"1,2,3\n") as board:
+        done = subprocess.run(
+            command(board, path, "--lines", "1200"), capture_output=True, text=True, timeout=60, check=True
+        )
+    written, rejected = map(int, ACCOUNT.search(done.stdout).groups()[1:3])
+    assert written == len(rows_in(path)) >= 1200
+    assert rejected > 0
+    assert "run.rejects" in done.stdout
+    assert (tmp_path / "run.rejects").read_text().count('must have 2 fields (got 3),"1,2,3"') == rejected
+
+
+def test_a_board_that_goes_away_ends_it_where_that_was_asked_for(tmp_path):
+    path = tmp_path / "run.csv"
+    with Board(500) as board, recording(board, path, "--no-reconnect") as process:
+        board.unplug()
+        out, err = process.communicate(timeout=30)
+    assert process.returncode == 2
+    assert "must stay connected" in err.splitlines()[-1]
+    assert int(ACCOUNT.search(out)[2]) == len(rows_in(path))
+    assert path.read_text().splitlines()[-1].startswith("# end: ")
+
+
+def test_lines_that_the_disk_refused_end_in_status_1(tmp_path):
+    """The limit on the size of a file stands for the disk that is full."""
+    path = tmp_path / "run.csv"
+    limit = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+    limit += " resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096));"
+    with Board(2000) as board:
+        run = f"{limit} from kalscope.cli.app import run; raise SystemExit(run())"
+        argv = [sys.executable, "-c", run, "record", board.port, "-o", str(path), "--seconds", "3"]
+        done = subprocess.run(argv, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1, done.stderr
+    assert int(ACCOUNT.search(done.stdout)[4]) > 0
+    assert path.read_bytes().endswith(b"\n")
+
+
+@pytest.mark.parametrize("output", ["", ".", "/"])
+def test_a_recording_must_have_a_name(output):
+    argv = [sys.executable, "-m", "kalscope.cli", "record", "/dev/none", "-o", output]
+    done = subprocess.run(argv, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "a recording must be a file" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("port", "options", "says"),
+    [
+        ("/dev/none", [], "kalscope: "),
+        ("/dev/none", ["--seconds", "-1"], "--seconds must be a number above 0 (got '-1')"),
+        ("/dev/none", ["--lines", "many"], "--lines must be a number above 0 (got 'many')"),
+        ("/dev/none@fast", [], "baud rate must be a whole number"),
+    ],
+)
+def test_a_mistake_is_one_line_and_status_2_and_makes_no_file(tmp_path, port, options, says):
+    path = tmp_path / "run.csv"
+    argv = [sys.executable, "-m", "kalscope.cli", "record", port, "-o", str(path), *options]
+    done = subprocess.run(argv, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert says in done.stderr
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_recording_that_was_killed_can_be_gone_on_with(tmp_path):
+    path = tmp_path / "run.csv"
+    with Board(500) as board:
+        with recording(board, path) as process:
+            process.kill()
+            process.wait()
+        with path.open("ab") as file:
+            file.write(b"0.5,77")
+        before = rows_in(path)
+        argv = command(board, path, "--resume", "--lines", "100")
+        done = subprocess.run(argv, capture_output=True, text=True, timeout=60, check=True)
+    rows = rows_in(path)
+    assert rows[: len(before)] == before
+    assert len(rows) == len(before) + int(ACCOUNT.search(done.stdout)[2])
+    assert all(half == number / 2 for _, number, half in rows)
+    assert [host for host, _, _ in rows] == sorted(host for host, _, _ in rows)
+    assert (tmp_path / "run.torn").read_bytes() == b"0.5,77\n"
+    assert "\n# gap restart " in path.read_text()
+
+
+def test_a_file_that_is_there_is_left_alone_and_the_port_unopened(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("mine")
+    argv = [sys.executable, "-m", "kalscope.cli", "record", "/dev/none", "-o", str(path)]
+    done = subprocess.run(argv, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, path.read_text()) == (2, "mine")
+    assert "run_2.csv" in done.stderr
+
+
+def test_killed_at_any_moment_it_loses_a_quarter_of_a_second_at_most_and_invents_nothing(tmp_path):
+    rate, moments = 1000, random.Random(5)
+    with Board(rate) as board:
+        for kill in range(10):
+            path = tmp_path / f"{kill}.csv"
+            with recording(board, path) as process:
+                time.sleep(moments.uniform(0.0, 0.3))
+                process.kill()
+                process.wait()
+            received = board.next_unread()
+            repair(path)
+            rows = rows_in(path)
+            assert are_consecutive(rows)
+            assert all(half == number / 2 for _, number, half in rows)
+            assert received - 1 - rows[-1][1] <= rate / 4
+            assert len(read_recording(path)) == len(rows)

@@ -1,0 +1,204 @@
+"""`kalscope reproduce`: the command end to end, the page and its parts."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import time
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from kalscope.cli import app as cli
+from kalscope.common.svg import Line, Mark, Panel, draw
+from kalscope.papers import reproduction
+from kalscope.papers.disagreements import Disagreement
+from kalscope.papers.maarif_2019 import chapter as noise_reducer_page
+from kalscope.papers.page import page
+from kalscope.papers.parts import Chapter, Check, Figure, Table
+
+QUICK_LIMIT_S = 20.0
+COMMAND = [sys.executable, "-m", "kalscope.cli", "reproduce"]
+
+
+@pytest.fixture(scope="module")
+def reproduced(tmp_path_factory):
+    """One quick run of the program; returns its folder, what it printed, and the seconds it took."""
+    folder = tmp_path_factory.mktemp("reproduced") / "new" / "folder"
+    start = time.monotonic()
+    done = subprocess.run(
+        [*COMMAND, "-o", folder, "--quick", "--json"], capture_output=True, text=True, timeout=120
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    return folder, done.stdout, time.monotonic() - start
+
+
+def test_it_writes_two_files_in_time(reproduced):
+    folder, _, seconds = reproduced
+    assert sorted(path.name for path in folder.iterdir()) == ["index.html", "results.json"]
+    assert seconds < QUICK_LIMIT_S
+
+
+def test_results_hold_table_1_and_every_check(reproduced):
+    folder, printed, _ = reproduced
+    results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    assert results == json.loads(printed)
+    rows = results["noise_reducer"]["table_1"]
+    assert [row["printed"] for row in rows] == [26.0677, 44.7392, 53.4466, 53.4541, 56.9959]
+    for row in rows:
+        assert {"r", "q", "printed", "simulated", "theoretical"} <= set(row)
+        assert row["simulated"] == pytest.approx(row["printed"], rel=0.02)
+        assert row["theoretical"] == pytest.approx(row["printed"], rel=0.02)
+    assert results["passed"]
+    assert all(check["passed"] for check in results["checks"])
+    assert {"generalized", "lis302dl", "disagreements"} <= set(results)
+    assert results["lis302dl"]["c_listing_differences"] == 0
+
+
+class Reader(HTMLParser):
+    """Collects tags, attributes and text; void tags aside, everything must be closed in order."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.tags, self.attributes, self.text = [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+        if tag not in ("meta", "br"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_the_page_is_whole_and_needs_nothing_else(reproduced):
+    html = (reproduced[0] / "index.html").read_text(encoding="utf-8")
+    reader = Reader()
+    reader.feed(html)
+    assert reader.open == []
+    assert not {"script", "link", "img", "iframe"} & set(reader.tags)
+    assert not [(key, value) for key, value in reader.attributes if key in ("src", "onload", "onclick")]
+    assert all(value.startswith("#") for key, value in reader.attributes if key == "href")
+    assert "url(" not in html
+    assert "prefers-color-scheme:dark" in html
+    text = " ".join(reader.text)
+    for words in ("26.0677", "Figures 3–8", "Figure 10", "The walk", "Where a paper disagrees with itself"):
+        assert words in text
+    assert reader.tags.count("svg") >= 13
+    assert html.count('class="verdict"') == reader.tags.count("h3")
+
+
+def test_every_picture_is_well_formed_and_inside_its_frame(reproduced):
+    html = (reproduced[0] / "index.html").read_text(encoding="utf-8")
+    for text in re.findall(r"<svg.*?</svg>", html, re.DOTALL):
+        root = ElementTree.fromstring(text)
+        _, _, width, height = map(float, root.get("viewBox").split())
+        assert root.get("aria-label")
+        assert "nan" not in text.lower().replace("resonan", "")
+        for path in root.iter("{http://www.w3.org/2000/svg}path"):
+            if "line" in path.get("class").split() and "h26" not in path.get("d"):
+                points = np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", path.get("d")), dtype=float)
+                assert (points >= 0).all()
+                assert (points <= (width, height)).all()
+
+
+def test_a_second_run_writes_the_same_bytes(reproduced, tmp_path):
+    assert cli.run(["reproduce", "-o", str(tmp_path), "--quick"]) == 0
+    for name in ("index.html", "results.json"):
+        assert (tmp_path / name).read_bytes() == (reproduced[0] / name).read_bytes()
+
+
+def test_a_number_outside_its_tolerance_is_status_1_and_one_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(noise_reducer_page, "TABLE_TOLERANCE", 1e-6)
+    assert cli.run(["reproduce", "-o", str(tmp_path), "--quick"]) == 1
+    out, err = capsys.readouterr()
+    assert err.count("\n") == 1
+    assert re.match(r"kalscope: 10 of \d+ numbers left their tolerance: Table 1, row 1 .*got 26\.", err)
+    assert "26.0677" in out
+    assert not json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))["passed"]
+    assert "numbers left their tolerance" in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "Missing option '-o'"),
+        (["-o", "FILE"], "-o must name a folder"),
+        (["-o", "FILE/below"], "FILE"),
+        (["-o", "x", "--fast"], "--fast"),
+    ],
+)
+def test_a_mistake_of_the_user_is_status_2_and_one_line(tmp_path, capsys, monkeypatch, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "FILE").write_text("")
+    monkeypatch.setattr(reproduction, "reproduce", lambda *_, **__: pytest.fail("must not start"))
+    assert cli.run(["reproduce", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert says in err
+
+
+def test_progress_is_told_in_rising_fractions():
+    told = []
+    reproduction.reproduce(quick=True, progress=lambda fraction, text: told.append((fraction, text)))
+    fractions = [fraction for fraction, _ in told]
+    assert fractions == sorted(fractions)
+    assert 0.0 <= fractions[0] <= fractions[-1] < 1.0
+    assert all(text for _, text in told)
+
+
+def test_a_check_knows_absolute_and_relative_tolerance_and_nan():
+    assert Check("a", 1.01, 1.0, 0.02).passed
+    assert Check("a", 98.0, 100.0, 0.02, relative=True).passed
+    assert not Check("a", 97.9, 100.0, 0.02, relative=True).passed
+    assert not Check("a", float("nan"), 0.0, 1e9).passed
+    assert str(Check("mean", 3.0, 2.0, 0.02, relative=True)) == "mean must be 2 within 2 % (got 3)"
+
+
+def test_the_page_escapes_every_word():
+    evil = '<script>alert(1)</script>&"'
+    svg = draw([Panel(evil, (Line([0, 1], [0, 1], evil, "s1"),), evil, evil, marks=(Mark(0.5, evil),))], evil)
+    ElementTree.fromstring(svg)
+    table = Table(evil, (evil,), ((evil,),), evil, evil)
+    chapter = Chapter(
+        "key", evil, evil, (evil,), (Figure(evil, svg, evil, evil), table), (Check(evil, 9.0, 1.0, 0.1),), {}
+    )
+    html = page([chapter], [Disagreement(evil, evil, evil, evil, evil)], evil)
+    assert "<script" not in html
+    reader = Reader()
+    reader.feed(html)
+    assert reader.open == []
+
+
+def test_a_line_is_interrupted_at_nan_and_where_it_leaves_its_axes():
+    y = [0.0, 1.0, np.nan, 1.0, 50.0, 1.0]
+    svg = draw([Panel("", (Line(range(6), y, "a", "s1"),), "x", "y", (0.0, 2.0))], "")
+    (curve,) = re.findall(r'class="line s1" d="([^"]*)"', svg)
+    assert curve.count("M") == 3
+    assert "nan" not in svg
+
+
+@pytest.mark.parametrize(
+    ("ends", "log", "expected"),
+    [
+        ((0.0, 10.0), False, ["0", "2", "4", "6", "8", "10"]),
+        ((1.0, 1e5), True, ["1", "10", "100", "1k", "10k", "100k"]),
+        ((-0.2, 0.2), False, ["−0.2", "−0.1", "0.0", "0.1", "0.2"]),
+    ],
+)
+def test_ticks_are_round_numbers(ends, log, expected):
+    svg = draw([Panel("", (Line(ends, (1.0, 1.0), "", "s1"),), "", "", (5e6, 6e6), log_x=log)], "", columns=2)
+    words = re.findall(r'class="mid">([^<]*)<', svg)
+    assert words == expected

@@ -1,0 +1,499 @@
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kalscope.catalogue import open_source
+from kalscope.cli import progress_line
+from kalscope.cli.app import run
+from kalscope.cli.progress_line import ProgressLine
+from kalscope.cli.tune.command import still_samples
+from kalscope.common.text import duration, number, squared
+from kalscope.errors import KalscopeError
+from kalscope.estimation.estimate import METHODS, estimate
+from kalscope.estimation.finding import Noise, find_parameters
+from kalscope.sources.readers.csv_file import read_recording
+from kalscope.tuning.tuning import load_tuning
+
+SHARED_DATA = Path(__file__).parents[3] / "shared" / "data"
+PROGRAM = [sys.executable, "-m", "kalscope.cli"]
+Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Three channels at 100 Hz: a random walk under noise, at rest for 1 s; a smooth one; a constant."""
+    rng = np.random.default_rng(3)
+    steps = rng.normal(scale=0.3, size=500)
+    steps[:100] = 0.0
+    noisy = np.cumsum(steps) + rng.normal(size=500)
+    path = tmp_path / "log.csv"
+    rows = [f"{10 + i / 100:.2f},{z!r},{math.sin(i / 40)!r},7" for i, z in enumerate(noisy.tolist())]
+    path.write_text("\n".join(["time (s),noisy (V),smooth,stuck", *rows, ""]))
+    return path
+
+
+@pytest.fixture
+def bare(log: Path) -> Path:
+    """The noisy channel of `log` without a time column."""
+    path = log.with_name("bare.csv")
+    path.write_text("\n".join(["noisy", *(line.split(",")[1] for line in log.read_text().splitlines()[1:]), ""]))
+    return path
+
+
+def tuned(capsys: Captured, *argv: str) -> dict:
+    """The JSON of `kalscope tune`; NaN and Infinity, which JSON has not, are refused."""
+    assert run(["tune", *argv, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+
+    def refuse(word: str) -> None:
+        raise ValueError(word)
+
+    return json.loads(out, parse_constant=refuse)
+
+
+# ---- the page
+
+
+def test_the_page_says_q_r_and_why(capsys: Captured) -> None:
+    assert run(["tune", "sample:nile"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "q = 1469 (1e8 m3)²" in out
+    assert "r = 15100 (1e8 m3)²" in out
+    assert "how: maximum likelihood" in out
+    assert "lag on a ramp    2.745 years = 2.745 samples" in out
+    assert "The record allows (95 %): q/r 0.01368 to 0.5571" in out
+    assert "They differ by no more than chance explains." in out
+    assert "Advice: no fault found." in out
+    assert "judged on the second: NIS" in out
+    assert max(map(len, out.splitlines())) <= 96
+
+
+def test_a_disagreement_of_the_methods_is_named(capsys: Captured) -> None:
+    assert run(["tune", "demo"]) == 0
+    out = capsys.readouterr().out
+    assert "The model does not describe this signal: maximum likelihood finds gain" in out
+    assert "differ by no more than chance" not in out
+
+
+def test_an_edge_is_told_in_words_and_never_as_an_answer(log: Path, capsys: Captured) -> None:
+    assert run(["tune", str(log), "--channel", "smooth"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "No q and r to recommend (r → 0: no noise seen)." in out
+    assert "Instead: take r from a still stretch" in " ".join(out.split())
+    assert "--channel smooth --lag-ms 50" in out
+    assert "What this filter does" not in out
+    assert "Advice" not in out
+
+
+def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: Captured) -> None:
+    assert run(["tune", str(log)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("log.csv: noisy [V]\n500 samples, 100 Hz\n")
+    assert out.endswith("Other channels (--channel, --all): smooth, stuck\n")
+    assert run(["tune", str(log), "--all"]) == 0
+    out = capsys.readouterr().out
+    assert [name for name in ("noisy [V]", "smooth", "stuck") if f"log.csv: {name}\n" in out] == [
+        *("noisy [V]", "smooth", "stuck")
+    ]
+    assert "Other channels" not in out
+
+
+def test_without_time_the_lag_is_in_samples_only(bare: Path, capsys: Captured) -> None:
+    assert run(["tune", str(bare)]) == 0
+    out = capsys.readouterr().out
+    assert "sample period unknown (see --sample-period)" in out
+    assert "× the sample rate" in out
+    assert " ms" not in out
+    assert run(["tune", str(bare), "--sample-period", "0.01"]) == 0
+    assert " ms = " in capsys.readouterr().out
+
+
+NUMBERS = [
+    (15098.52, "15100"),
+    (1234567.0, "1235000"),
+    (1.23456e8, "1.235e+08"),
+    (0.00123456, "0.001235"),
+    (0.0, "0"),
+    (math.inf, "inf"),
+    (9999.9, "10000"),
+]
+
+
+@pytest.mark.parametrize(("value", "text"), NUMBERS)
+def test_numbers_have_four_digits(value: float, text: str) -> None:
+    assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.0123456, "12.35 ms"), (45.0, "45 s"), (9000.0, "2.5 h"), (172_800.0, "2 d"), (31_557_600.0 * 3, "3 years")],
+)
+def test_durations_are_said_as_a_person_does(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
+
+
+def test_a_squared_unit_is_bracketed_where_it_must() -> None:
+    assert [squared(unit) for unit in ("V", "°C", "m/s²", "")] == ["V²", "°C²", "(m/s²)²", "unit²"]
+
+
+# ---- JSON
+
+
+def test_json_says_what_the_library_says(log: Path, capsys: Captured) -> None:
+    said = tuned(capsys, str(log))
+    recording = read_recording(log)
+    best = estimate(recording.channel("noisy"))
+    assert best.params is not None
+    assert (said["q"], said["r"], said["verdict"]) == (best.q, best.r, "ok")
+    assert (said["channel"], said["unit"], said["sample_period"]) == ("noisy", "V", recording.sample_period)
+    assert said["ratio_interval"] == list(best.ratio_interval)
+    assert [one["method"] for one in said["opinions"]] == list(METHODS)
+    assert said["opinions"][0]["gain"] == pytest.approx(said["steady"]["gain"])
+    assert said["advice"]
+    assert said["residuals"]["nis"] == pytest.approx(1.0)
+    assert said["held_out"]["n"] == 250
+    assert said["sha256"] == recording.sha256
+
+
+def test_json_of_an_edge_has_null_for_the_pair_and_inf_in_words(log: Path, capsys: Captured) -> None:
+    said = tuned(capsys, str(log), "--channel", "smooth")
+    assert [said[name] for name in ("q", "r", "ratio", "steady", "advice", "held_out")] == [None] * 6
+    assert said["verdict"] == "no_noise"
+    assert said["ratio_interval"][1] == "inf"
+    assert said["opinions"][0]["ratio"] == "inf"
+
+
+def test_json_of_all_channels_is_one_object(log: Path, capsys: Captured) -> None:
+    said = tuned(capsys, str(log), "--all")
+    assert [(one["channel"], one["verdict"]) for one in said["channels"]] == [
+        *(("noisy", "ok"), ("smooth", "no_noise"), ("stuck", "constant"))
+    ]
+
+
+def test_a_filter_too_quick_for_a_cutoff_has_none(log: Path, capsys: Captured) -> None:
+    assert tuned(capsys, str(log), "--gain", "0.95")["steady"]["cutoff_hz"] is None
+    assert run(["tune", str(log), "--gain", "0.95"]) == 0
+    assert "−3 dB cut-off    none" in capsys.readouterr().out
+
+
+# ---- what the user knows and wishes
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "field", "met"),
+    [
+        ("--lag-ms", "150", "lag_s", 0.15),
+        ("--cutoff-hz", "3", "cutoff_hz", 3.0),
+        ("--noise-reduction-db", "9", "noise_reduction_db", 9.0),
+        ("--gain", "0.25", "gain", 0.25),
+    ],
+)
+def test_a_wish_is_met_exactly(
+    option: str, value: str, field: str, met: float, log: Path, capsys: Captured
+) -> None:
+    for channel in ("noisy", "smooth", "stuck"):
+        said = tuned(capsys, str(log), option, value, "--channel", channel)
+        assert said["steady"][field] == pytest.approx(met, rel=1e-9)
+        assert said["verdict"] == "chosen"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_method_is_the_one_asked_for(method: str, log: Path, capsys: Captured) -> None:
+    said = tuned(capsys, str(log), "--method", method)
+    best = estimate(read_recording(log).channel("noisy"), method)
+    assert (said["q"], said["r"]) == (best.q, best.r)
+
+
+def test_what_is_known_of_the_noise_gives_r(log: Path, capsys: Captured) -> None:
+    assert tuned(capsys, str(log), "--r", "1.5")["r"] == 1.5
+    assert tuned(capsys, str(log), "--sigma", "1.5")["r"] == 2.25
+    assert tuned(capsys, str(log), "--density", "0.1", "--bandwidth-hz", "50")["r"] == pytest.approx(0.5)
+    assert tuned(capsys, str(log), "--ratio", "0.01", "--sigma", "2")["q"] == pytest.approx(0.04)
+    assert tuned(capsys, str(log), "--ratio", "0.01")["ratio"] == pytest.approx(0.01)
+
+
+def test_a_still_stretch_is_given_in_the_time_of_the_recording(log: Path, bare: Path, capsys: Captured) -> None:
+    z = read_recording(log).channel("noisy")
+    expected = find_parameters(z, noise=Noise(still=(0, 100))).params
+    assert expected is not None
+    by_time = tuned(capsys, str(log), "--still", "10:10.995")
+    by_sample = tuned(capsys, str(bare), "--still", "0:99")
+    assert by_time["r"] == by_sample["r"] == expected.r
+    assert by_time["how"] == "r from a still stretch, q by maximum likelihood"
+
+
+@pytest.mark.parametrize("text", ["", "5", "x:y", "11:10", "10:10", "1:2:3", "nan:11", "0:9.5", "99:100"])
+def test_a_still_stretch_must_lie_in_the_recording(text: str, log: Path) -> None:
+    with pytest.raises(KalscopeError, match="--still must"):
+        still_samples(read_recording(log), text)
+
+
+def test_a_still_stretch_must_not_span_a_step_back_of_time(tmp_path: Path) -> None:
+    path = tmp_path / "restarted.csv"
+    path.write_text("time (s),v\n" + "".join(f"{i % 50},{i % 7}\n" for i in range(100)))
+    with pytest.raises(KalscopeError, match="steps back"):
+        still_samples(read_recording(path), "10:20")
+
+
+# ---- the tuning file
+
+
+def test_the_tuning_file_filters_as_the_page_says(log: Path, tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "tuning.toml"
+    said = tuned(capsys, str(log), "-o", str(path))
+    tuning = load_tuning(path)
+    (channel,) = tuning.channels
+    assert (channel.q, channel.r, channel.how) == (said["q"], said["r"], "maximum likelihood")
+    assert (channel.name, channel.unit, tuning.sample_period) == ("noisy", "V", said["sample_period"])
+    assert (tuning.sha256, tuning.source) == (said["sha256"], str(log))
+    assert run(["filter", str(log), "--config", str(path), "--channel", "noisy"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_channels_without_a_pair_are_left_out_and_said(log: Path, tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "tuning.toml"
+    assert run(["tune", str(log), "--all", "-o", str(path)]) == 0
+    assert [one.name for one in load_tuning(path).channels] == ["noisy"]
+    err = capsys.readouterr().err
+    assert err == (
+        "kalscope: note: left out of the tuning: smooth: r → 0: no noise seen; stuck: all readings equal\n"
+    )
+
+
+def test_channels_are_tuned_one_after_another_into_one_file(log: Path, tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "tuning.toml"
+    assert run(["tune", str(log), "--channel", "smooth", "--lag-ms", "50", "-o", str(path)]) == 0
+    assert run(["tune", str(log), "--channel", "noisy", "-o", str(path)]) == 0
+    assert [one.name for one in load_tuning(path).channels] == ["noisy", "smooth"]
+    assert "kept as they were in the tuning: smooth" in capsys.readouterr().err
+    assert run(["tune", "demo", "-o", str(path)]) == 0
+    assert [one.name for one in load_tuning(path).channels] == ["flex"]
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [(["--channel", "smooth"], "give r (--still, --sigma) or choose"), (["--channel", "stuck"], "or choose")],
+)
+def test_an_edge_is_not_saved(argv: list[str], says: str, log: Path, tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "tuning.toml"
+    assert run(["tune", str(log), *argv, "-o", str(path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert len(err.splitlines()) == 1
+    assert says in err
+    assert not path.exists()
+
+
+def test_the_recording_is_never_written_over(log: Path, capsys: Captured) -> None:
+    before = log.read_bytes()
+    assert run(["tune", str(log), "-o", str(log)]) == 2
+    assert "must be a tuning file to be saved over" in capsys.readouterr().err
+    assert log.read_bytes() == before
+
+
+# ---- errors
+
+
+USER_ERRORS: list[tuple[list[str], str]] = [
+    ([], "Missing argument 'SOURCE'"),
+    (["missing.csv"], "missing.csv"),
+    (["serial:COM3@9600"], "a board that streams"),
+    (["demo", "--channel", "zz"], "channel must be one of flex (got 'zz')"),
+    (["demo", "--channel", "flex", "--all"], "--all must stand without --channel"),
+    (["demo", "--method", "magic"], "method must be one of ml"),
+    (["demo", "--lag-ms", "x"], "--lag-ms must be a number above 0 (got 'x')"),
+    (["demo", "--lag-ms", "-5"], "--lag-ms must be a number above 0 (got '-5')"),
+    (["demo", "--r", "0"], "--r must be a number above 0"),
+    (["demo", "--sigma", "nan"], "--sigma must be a number above 0"),
+    (["demo", "--ratio", "inf"], "--ratio must be a number above 0"),
+    (["demo", "--sample-period", "0"], "--sample-period must be a number above 0"),
+    (["demo", "--gain", "1"], "gain must lie between 0 and 1"),
+    (["demo", "--cutoff-hz", "26"], "at most half the sample rate, 25 Hz"),
+    (["demo", "--lag-ms", "5", "--gain", "0.1"], "can decide q/r (got --lag-ms and --gain)"),
+    (["demo", "--ratio", "1", "--gain", "0.1"], "can decide q/r (got --gain and --ratio)"),
+    (["demo", "--r", "1", "--sigma", "1"], "can give r (got --sigma and --r)"),
+    (["demo", "--r", "1", "--still", "0:1"], "can give r (got --still and --r)"),
+    (["demo", "--density", "1"], "given together (got only --density)"),
+    (["demo", "--bandwidth-hz", "1"], "given together (got only --bandwidth-hz)"),
+    (["demo", "--method", "em", "--r", "1"], "--method em must stand without --r"),
+    (["demo", "--still", "0:0.1"], "still stretch must hold at least 8 samples"),
+    (["demo", "--still", "1-2"], "--still must be FROM:TO"),
+    (["demo", "-o", "missing/t.toml"], "'missing/t.toml': No such file or directory"),
+]
+
+
+@pytest.mark.parametrize(("argv", "says"), USER_ERRORS)
+def test_every_user_error_is_status_2_and_one_line_on_stderr(
+    argv: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["tune", *argv]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("kalscope: ")
+    assert len(err.splitlines()) == 1
+    assert says in err
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("option", ["--lag-ms", "--cutoff-hz"])
+def test_a_wish_in_time_needs_time(option: str, bare: Path, capsys: Captured) -> None:
+    assert run(["tune", str(bare), option, "5"]) == 2
+    assert f"{option} needs the time between two samples: give --sample-period" in capsys.readouterr().err
+
+
+# ---- a long search
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_long_search_shows_one_line_that_disappears(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr(progress_line.time, "monotonic", lambda: now)
+    terminal = Terminal()
+    with ProgressLine(terminal) as line:
+        report = line.part("b", 1, 2)
+        report(0.0, "too early")
+        assert terminal.getvalue() == ""
+        now = 1.5
+        report(0.5, "EM pass 10")
+        assert terminal.getvalue() == "\r 75% b: EM pass 10"
+        report(0.6, "too soon after it")
+        now = 2.0
+        report(0.9, "done")
+    assert "too soon" not in terminal.getvalue()
+    assert terminal.getvalue().endswith(f"\r{' ' * 18}\r")
+    assert "\n" not in terminal.getvalue()
+
+
+def test_a_short_search_and_a_pipe_show_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal, pipe = Terminal(), io.StringIO()
+    with ProgressLine(terminal) as line:
+        line.part("a", 0, 1)(0.5, "quick")
+    now = 0.0
+    monkeypatch.setattr(progress_line.time, "monotonic", lambda: now)
+    with ProgressLine(pipe) as line:
+        now = 9.0
+        line.part("a", 0, 1)(0.5, "slow")
+    assert terminal.getvalue() == pipe.getvalue() == ""
+
+
+def test_the_line_disappears_when_the_search_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress_line, "PATIENCE_S", 0.0)
+    terminal = Terminal()
+
+    def fail() -> None:
+        with ProgressLine(terminal) as line:
+            line.part("a", 0, 1)(0.5, "working")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fail()
+    assert terminal.getvalue().endswith(" \r")
+
+
+def test_ctrl_c_is_status_130_and_says_nothing(monkeypatch: pytest.MonkeyPatch, capsys: Captured) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("kalscope.cli.tune.answer.compare_methods", interrupted)
+    assert run(["tune", "demo"]) == 130
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", "")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_ctrl_c_ends_the_program_in_the_middle_of_a_search() -> None:
+    probe = (
+        "import os, signal, sys; from kalscope.cli import app as cli; from kalscope.cli.tune import answer\n"
+        "answer.compare_methods = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.exit(cli.run(['tune', 'demo']))"
+    )
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+def test_a_reader_that_leaves_is_no_error() -> None:
+    with subprocess.Popen(
+        [*PROGRAM, "tune", "demo"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as program:
+        assert program.stdout is not None
+        assert program.stderr is not None
+        program.stdout.close()
+        assert program.stderr.read() == ""
+        assert program.wait() == 0
+
+
+def test_help_answers_at_once() -> None:
+    probe = (
+        "import sys; from kalscope.cli.app import run; run(['tune', '--help'])\n"
+        "heavy = 'kalscope.estimation.finding', 'kalscope.cli.tune.answer', 'scipy.stats'\n"
+        "print([n for n in heavy if n in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    *page, heavy = done.stdout.splitlines()
+    assert any("--noise-reduction-db" in line for line in page)
+    assert heavy == "[]"
+
+
+# ---- the world
+
+
+def real_files() -> list[Path]:
+    found = (path for path in SHARED_DATA.rglob("*") if path.is_file() and path.suffix != ".md")
+    return sorted(found) if SHARED_DATA.is_dir() else []
+
+
+@pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the folder of real recordings is absent")
+@pytest.mark.parametrize("path", real_files(), ids=lambda path: path.name)
+def test_every_real_recording_gets_an_estimate_or_a_verdict_in_words(path: Path, capsys: Captured) -> None:
+    try:
+        recording = open_source(str(path))
+    except KalscopeError:
+        assert run(["tune", str(path)]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+        return
+    channel = recording.names[len(recording.names) // 2]
+    said = tuned(capsys, str(path), "--channel", channel)
+    assert said["message"].endswith(".")
+    if said["q"] is None:
+        assert said["verdict"] in ("no_noise", "no_movement", "too_few", "constant", "bad_unit")
+        assert said["r"] is None
+    else:
+        assert said["q"] > 0.0
+        assert said["r"] > 0.0
+        assert said["advice"]
+
+
+def test_the_options_of_reading_reach_the_estimate(tmp_path, capsys):
+    rng = np.random.default_rng(11)
+    time = np.cumsum(np.where(rng.random(400) < 0.1, 25.0, 1.0))  # long gaps, in which the level wanders on
+    level = np.cumsum(rng.normal(size=400) * np.sqrt(np.diff(time, prepend=0.0)))
+    file = tmp_path / "gaps.csv"
+    rows = zip(time, level + rng.normal(size=400), strict=True)
+    file.write_text("t;z\n" + "".join(f"{t:.1f};{z:.6f}\n" for t, z in rows) + "500.0;-200\n")
+
+    def q_of(*options):
+        assert run(["tune", str(file), "--json", *options]) == 0
+        return json.loads(capsys.readouterr().out)["q"]
+
+    plain, elapsed = q_of("--missing=-200"), q_of("--missing=-200", "--gaps", "dt")
+    assert 0.6 < elapsed < 1.6  # the truth is 1 a second
+    assert plain > 2 * elapsed
+    assert run(["tune", str(file), "--delimiter", "nope"]) == 2
+    assert "delimiter must be" in capsys.readouterr().err

@@ -1,0 +1,208 @@
+from __future__ import annotations
+
+import os
+import random
+import signal
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from kalscope.common import files as atomic
+from kalscope.common.files import atomic_file, check_inside, write_atomic
+from kalscope.errors import BadSetting
+
+posix_only = pytest.mark.skipif(os.name == "nt", reason="POSIX modes, signals and links")
+
+OLD = b"old " * 250_000
+NEW = b"new " * 250_000
+
+KILLED_WRITER = """
+import sys
+from kalscope.common.files import write_atomic
+path, old, new = sys.argv[1], b"old " * 250_000, b"new " * 250_000
+print("ready", flush=True)
+while True:
+    write_atomic(path, new)
+    write_atomic(path, old)
+"""
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir())
+
+
+@posix_only
+def test_a_killed_writer_leaves_all_of_the_old_or_all_of_the_new(tmp_path: Path) -> None:
+    target = tmp_path / "tuning.toml"
+    write_atomic(target, OLD)
+    moments = random.Random(11)
+    for _ in range(30):
+        writer = subprocess.Popen(
+            [sys.executable, "-c", KILLED_WRITER, str(target)], stdout=subprocess.PIPE, text=True
+        )
+        assert writer.stdout is not None
+        with writer.stdout as ready:
+            ready.readline()
+            time.sleep(moments.uniform(0.0, 0.02))
+            writer.send_signal(signal.SIGKILL)
+            assert writer.wait() == -signal.SIGKILL
+        assert target.read_bytes() in (OLD, NEW)
+    assert len(names(tmp_path)) > 1, "no kill met a write, else a temporary file would be left"
+
+
+def test_a_failing_block_leaves_the_old_content_and_no_litter(tmp_path: Path) -> None:
+    target = tmp_path / "out.csv"
+    target.write_bytes(b"old")
+
+    def fail_half_way() -> None:
+        with atomic_file(target) as file:
+            file.write(b"half")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail_half_way()
+    assert target.read_bytes() == b"old"
+    assert names(tmp_path) == ["out.csv"]
+
+
+def test_nothing_but_the_file_remains_after_a_write(tmp_path: Path) -> None:
+    write_atomic(tmp_path / "a.toml", b"x")
+    assert names(tmp_path) == ["a.toml"]
+
+
+def test_leftovers_of_killed_runs_are_swept_and_nothing_else(tmp_path: Path) -> None:
+    old = time.time() - 3600
+    swept = tmp_path / f".a.toml.kalscope-{'0' * 16}.tmp"
+    kept = [
+        tmp_path / f".a.toml.kalscope-{'1' * 16}.tmp",  # young: another process is at work
+        tmp_path / ".a.toml.swp",  # the editor's
+        tmp_path / f".b.toml.kalscope-{'0' * 16}.tmp",  # of another file
+        tmp_path / f".a.toml.kalscope-{'0' * 16}.tmp.mine",
+    ]
+    for file in [swept, *kept]:
+        file.write_bytes(b"")
+        os.utime(file, (old, old))
+    os.utime(kept[0])
+    write_atomic(tmp_path / "a.toml", b"x")
+    assert names(tmp_path) == sorted(["a.toml", *(file.name for file in kept)])
+
+
+@posix_only
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o755])
+def test_the_mode_of_an_existing_file_is_kept(tmp_path: Path, mode: int) -> None:
+    target = tmp_path / "a.toml"
+    target.write_bytes(b"old")
+    target.chmod(mode)
+    write_atomic(target, b"new")
+    assert stat.S_IMODE(target.stat().st_mode) == mode
+
+
+@posix_only
+def test_a_new_file_gets_the_mode_that_open_would_give(tmp_path: Path) -> None:
+    with open(tmp_path / "plain", "wb"):
+        pass
+    write_atomic(tmp_path / "ours", b"")
+    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+@posix_only
+def test_a_link_stays_and_its_target_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "real").write_bytes(b"old")
+    (tmp_path / "link").symlink_to("real")
+    write_atomic(tmp_path / "link", b"new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_bytes() == b"new"
+
+
+@posix_only
+def test_a_device_is_written_not_replaced() -> None:
+    write_atomic(os.devnull, b"gone")
+    assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
+
+
+def test_a_write_protected_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    target = tmp_path / "a.toml"
+    target.write_bytes(b"old")
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
+    with pytest.raises(PermissionError, match="write-protected"):
+        write_atomic(target, b"new")
+    assert target.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("path", ["missing/a.toml", "."])
+def test_a_missing_folder_and_a_folder_are_oserrors(tmp_path: Path, path: str) -> None:
+    with pytest.raises(OSError, match=r"No such file|Is a directory|Permission denied") as refused:
+        write_atomic(tmp_path / path, b"")
+    assert str(refused.value).endswith(repr(str(tmp_path / path)))
+
+
+def test_the_longest_names_still_have_room_for_a_temporary_one(tmp_path: Path) -> None:
+    target = tmp_path / ("é" * 127)
+    write_atomic(target, b"x")
+    assert target.read_bytes() == b"x"
+
+
+def test_a_busy_file_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, calls = os.replace, []
+
+    def busy_twice(source: str, target: str) -> None:
+        calls.append(source)
+        if len(calls) < 3:
+            raise PermissionError(13, "in use by another program")
+        real(source, target)
+
+    monkeypatch.setattr(atomic, "_REPLACE_ATTEMPTS", 20)
+    monkeypatch.setattr(atomic, "_REPLACE_PAUSE_S", 0.0)
+    monkeypatch.setattr(os, "replace", busy_twice)
+    write_atomic(tmp_path / "a.toml", b"x")
+    assert len(calls) == 3
+    assert (tmp_path / "a.toml").read_bytes() == b"x"
+
+
+def test_a_file_that_stays_busy_is_an_error_without_litter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def busy(source: str, target: str) -> None:
+        raise PermissionError(13, "in use by another program")
+
+    monkeypatch.setattr(atomic, "_REPLACE_ATTEMPTS", 3)
+    monkeypatch.setattr(atomic, "_REPLACE_PAUSE_S", 0.0)
+    monkeypatch.setattr(os, "replace", busy)
+    with pytest.raises(PermissionError):
+        write_atomic(tmp_path / "a.toml", b"x")
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("typed", ["a.toml", "sub/a.toml", "./sub/../a.toml", "sub/new/a.toml", "~"])
+def test_paths_in_the_folder_are_resolved(tmp_path: Path, typed: str) -> None:
+    (tmp_path / "sub").mkdir()
+    assert check_inside(typed, tmp_path) == Path(os.path.normpath(tmp_path.resolve() / typed))
+
+
+def test_an_absolute_path_in_the_folder_is_inside(tmp_path: Path) -> None:
+    assert check_inside(tmp_path / "a", tmp_path) == tmp_path.resolve() / "a"
+
+
+@pytest.mark.parametrize(
+    "typed",
+    ["..", "../a", "sub/../../a", "/etc/passwd", "../work2", "", "  ", "a\0b", "nul", "a/COM1.csv", "Con .x"],
+)
+def test_paths_out_of_the_folder_are_refused_in_one_line(tmp_path: Path, typed: str) -> None:
+    folder = tmp_path / "work"
+    folder.mkdir()
+    with pytest.raises(BadSetting) as caught:
+        check_inside(typed, folder)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@posix_only
+def test_links_do_not_lead_out_of_the_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "work"
+    folder.mkdir()
+    (folder / "out").symlink_to(tmp_path)
+    (folder / "in").symlink_to(".")
+    assert check_inside("in/in/a", folder) == folder.resolve() / "a"
+    with pytest.raises(BadSetting, match="inside"):
+        check_inside("out/a", folder)

@@ -1,0 +1,247 @@
+"""Maximum likelihood: published answers, the unit law, intervals that cover, and edges told in words."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from kalscope import FilterParams, kalman_filter
+from kalscope.estimation.estimate import estimate
+from kalscope.estimation.likelihood.profile import likelihood_profile, log_likelihood
+
+NORWAY = """560 533 490 511 509 539 471 442 434 437 362 338 401 409 407 402 452 398 378 381 332 323 325 281 283 305
+    255 303 352 304 341 275 312 280"""
+"""Road deaths in Norway, 1970-2003 (Commandeur & Koopman 2007, section 2.3)."""
+
+UNEMPLOYMENT = """5.8 5.1 5.3 5.6 5.2 5.2 5.6 6.3 6.8 7 6.8 6.2 5.6 5.5 5.6 5.5 5.8 5.7 5.5 5.6 5.5 5.2 5 5 4.9 4.7
+    4.4 4.1 3.9 3.8 3.8 3.7 3.8 3.8 3.8 3.9 3.7 3.5 3.5 3.4 3.4 3.4 3.6 3.6 4.2 4.8 5.2 5.8 5.9 5.9 6 6
+    5.8 5.7 5.6 5.3 5 4.9 4.8 4.8 5.1 5.2 5.6 6.6 8.2 8.9 8.5 8.3 7.7 7.6 7.7 7.8 7.5 7.1 6.9 6.6 6.3 6
+    6 5.9 5.9 5.7 5.9 5.9 6.3 7.3 7.7 7.4 7.4 7.4 7.4 8.2 8.8 9.4 9.9 10.7 10.4 10.1 9.4 8.5 7.9 7.5 7.4
+    7.3 7.3 7.3 7.2 7 7 7.2 7 6.8 6.6 6.3 6 5.9 5.7 5.5 5.5 5.3 5.2 5.2 5.3 5.4 5.3 5.3 5.7 6.1 6.6 6.8
+    6.9 7.1 7.4 7.6 7.6 7.4 7.2 7.1 6.8 6.6 6.6 6.2 6 5.6 5.5 5.7 5.7 5.6 5.5 5.5 5.3 5.3 5.2 5 4.9 4.7
+    4.6 4.4 4.5 4.4 4.3 4.3 4.2 4.1 4 3.9 4 3.9 4.2 4.4 4.8 5.5 5.7 5.8 5.7 5.8 5.9 6.2 6.1 5.8 5.7 5.6
+    5.4 5.4 5.3 5.1 5 4.9 4.7 4.7 4.7 4.4 4.5 4.5 4.7 4.8 4.9 5.4 6 6.9 8.1 9.2 9.6"""
+"""US unemployment, %, quarterly 1959-2009: `unemp` of statsmodels' macrodata (public domain)."""
+
+
+def numbers(text):
+    return np.array(text.split(), dtype=float)
+
+
+def walk(n, ratio, seed=0, missing=0.0):
+    g = np.random.default_rng(seed)
+    z = np.cumsum(g.normal(0, math.sqrt(ratio), n)) + g.normal(0, 1, n)
+    z[g.random(n) < missing] = np.nan
+    return z
+
+
+# --- published tables -----------------------------------------------------------------------------------
+
+
+def test_nile(nile):
+    """15099, 1469.1 (Durbin & Koopman 2012, p. 37); 15098.52, 1469.18, −632.5456 (KFAS, by several hands)."""
+    found = estimate(nile)
+    assert (round(found.r, 2), round(found.q, 2), round(found.loglik, 4)) == (15098.52, 1469.18, -632.5456)
+    assert found.verdict == "ok"
+    assert found.params == FilterParams(q=found.q, r=found.r)
+
+
+def test_nile_interval_and_standard_error(nile):
+    """The 95 % profile interval of λ; and the s.e. 0.1143 of R's arima(Nile, c(0, 1, 1)) for θ = −(1 − K)."""
+    found = estimate(nile)
+    low, high = found.ratio_interval
+    assert (round(low, 4), round(high, 3)) == (0.0137, 0.557)
+    for ratio in (low, high):
+        at_end = likelihood_profile(nile, [math.log(ratio), math.log(ratio) + 1]).loglik[0]
+        assert found.loglik - at_end == pytest.approx(3.841458820694124 / 2, abs=1e-6)
+    assert found.gain_interval == pytest.approx((0.1103, 0.5181), abs=1e-4)
+    step = 1e-2
+    down, top, up = likelihood_profile(nile, math.log(found.ratio) + step * np.array([-1, 0, 1])).loglik
+    gain = kalman_filter(nile, found.params).k[-1]
+    theta_se = gain * (1 - gain) / (2 - gain) * step / math.sqrt(2 * top - down - up)  # dK/d ln λ · s.e.(ln λ)
+    assert round(theta_se, 4) == 0.1143
+    assert found.lag_interval == pytest.approx((1 / found.gain_interval[1] - 1, 1 / found.gain_interval[0] - 1))
+
+
+def test_standard_errors_are_those_of_the_observed_information(nile):
+    """The inverse Hessian of the log-likelihood in (q, r), by differences of the filter's own value."""
+    found = estimate(nile)
+    h = np.array([found.q, found.r]) * 1e-3
+
+    def at(i, j):
+        return log_likelihood(nile, FilterParams(found.q + i * h[0], found.r + j * h[1]))
+
+    hqq = (at(1, 0) - 2 * at(0, 0) + at(-1, 0)) / h[0] ** 2
+    hrr = (at(0, 1) - 2 * at(0, 0) + at(0, -1)) / h[1] ** 2
+    hqr = (at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)) / (4 * h[0] * h[1])
+    errors = np.sqrt(np.diag(np.linalg.inv(-np.array([[hqq, hqr], [hqr, hrr]]))))
+    np.testing.assert_allclose([found.q_se, found.r_se], errors, rtol=1e-3)
+
+
+def test_nile_with_missing_years(nile):
+    """t = 21–40 and 61–80 missing; statsmodels' exact diffuse start gives 17889.6, 685.9 on its own path."""
+    z = nile.copy()
+    z[20:40] = z[60:80] = np.nan
+    found = estimate(z)
+    assert (round(found.r, 2), round(found.q, 2), round(found.loglik, 5)) == (17899.84, 685.82, -380.00773)
+
+
+def test_norwegian_fatalities():
+    """0.00326838, 0.0047026 (rounded by the source's optimiser), loglik/n 0.8468622; C&K section 2.3."""
+    found = estimate(np.log(numbers(NORWAY)))
+    assert found.r == pytest.approx(0.00326838, rel=1e-4)
+    assert found.q == pytest.approx(0.0047026, rel=1e-4)
+    assert round(found.loglik / 34, 7) == 0.8468622
+
+
+def test_unemployment_is_the_published_boundary_case():
+    """KFAS comes to r = 4.26e-6 and −70.97243; at r = 0 exactly q = 0.1182174646 and −70.96771641."""
+    found = estimate(numbers(UNEMPLOYMENT))
+    assert found.verdict == "no_noise"
+    assert found.r == 0.0
+    assert found.q == pytest.approx(0.1182174646, rel=1e-5)
+    assert round(found.loglik, 8) == -70.96771641
+    assert found.params is None
+
+
+def test_fitted_pair_is_the_peak_of_the_likelihood():
+    for seed in range(5):
+        z = walk(500, 0.05, seed, missing=0.1)
+        found = estimate(z)
+        for dq, dr in ((1e-3, 0), (-1e-3, 0), (0, 1e-3), (0, -1e-3), (1e-3, 1e-3)):
+            near = FilterParams(found.q * (1 + dq), found.r * (1 + dr))
+            assert log_likelihood(z, near) < found.loglik
+        assert log_likelihood(z, found.params) == pytest.approx(found.loglik, rel=1e-12)
+
+
+# --- the unit ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("s", [1e-9, 1e-6, 1e-3, 0.3, 7.0, 1e3, 1e6, 1e9])
+def test_another_unit_gives_the_same_answer(nile, s):
+    """The test nobody ships: statsmodels 0.15 gives (17040, 10156) for s = 1e3 with converged=True."""
+    gappy = walk(300, 0.02, missing=0.2)
+    for z in (nile, gappy, walk(40, 1.0), numbers(UNEMPLOYMENT)):
+        one, other = estimate(z), estimate(z * s)
+        assert other.q == pytest.approx(one.q * s * s, rel=1e-6)
+        assert other.r == pytest.approx(one.r * s * s, rel=1e-6)
+        assert other.ratio_interval == pytest.approx(one.ratio_interval, rel=1e-6)
+        assert other.verdict == one.verdict
+        assert other.message == one.message
+
+
+def test_a_constant_offset_changes_nothing(nile):
+    assert estimate(nile + 1e6).q == pytest.approx(estimate(nile).q, rel=1e-9)
+
+
+@pytest.mark.parametrize("s", [1e-200, 1e200, 1e300])
+def test_a_unit_in_which_variances_do_not_fit_a_double_is_named(nile, s):
+    found = estimate(nile * s)
+    assert found.verdict == "bad_unit"
+    assert found.params is None
+    assert "unit" in found.message
+
+
+# --- irregular sampling ----------------------------------------------------------------------------------
+
+
+def test_irregular_sampling_recovers_the_truth():
+    g = np.random.default_rng(5)
+    dt = g.choice([0.0, 0.5, 1.0, 4.0], 20_000)
+    z = np.cumsum(g.normal(0, 1, len(dt)) * np.sqrt(0.1 * dt)) + g.normal(0, 1, len(dt))
+    found = estimate(z, dt=dt)
+    assert abs(found.q - 0.1) < 4 * found.q_se < 0.03
+    assert abs(found.r - 1.0) < 4 * found.r_se < 0.1
+
+
+def test_lines_repeated_with_the_same_time_and_value_prove_nothing():
+    z = walk(400, 0.1)
+    twice, dt = np.repeat(z, 2), np.tile([1.0, 0.0], 400)
+    a, b = estimate(z), estimate(twice, dt=dt)
+    assert b.q == pytest.approx(a.q, rel=1e-9)
+    assert b.verdict == "ok"
+
+
+# --- coverage and pile-up --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ratio", [0.001, 0.01, 0.1, 1.0])
+def test_the_interval_covers_the_truth_in_95_of_100_records(ratio):
+    g = np.random.default_rng(2)
+    hits = 0
+    for _ in range(400):
+        z = np.cumsum(g.normal(0, math.sqrt(ratio), 300)) + g.normal(0, 1, 300)
+        low, high = estimate(z).ratio_interval
+        hits += low <= ratio <= high
+    assert 0.92 <= hits / 400 <= 0.98
+
+
+def test_a_signal_that_does_not_move_is_told_so_in_about_65_of_100_records():
+    """The pile-up at zero: Shephard & Harvey (1990); 63–66 % with the diffuse start."""
+    g = np.random.default_rng(3)
+    found = [estimate(g.normal(0, 1, 300)) for _ in range(400)]
+    still = [one for one in found if one.verdict == "no_movement"]
+    assert len(still) / 400 == pytest.approx(0.65, abs=0.06)
+    assert all(one.q == 0.0 and one.ratio_interval[0] == 0.0 and one.params is None for one in still)
+    assert "record longer" in still[0].message
+
+
+# --- edges in words --------------------------------------------------------------------------------------
+
+
+def test_a_clean_ramp_shows_no_noise_and_says_what_to_do():
+    found = estimate(np.arange(50.0))
+    assert (found.verdict, found.r, found.ratio, found.params) == ("no_noise", 0.0, math.inf, None)
+    for word in ("still stretch", "lag", "cut-off", "data sheet"):
+        assert word in found.message
+
+
+def test_a_coarsely_quantised_signal_is_called_so():
+    found = estimate(np.floor(np.arange(200) / 7))
+    assert found.verdict == "no_noise"
+    assert "quantised" in found.message
+
+
+@pytest.mark.parametrize(
+    ("z", "verdict"),
+    [
+        ([], "too_few"),
+        ([1.0], "too_few"),
+        ([np.nan] * 30, "too_few"),
+        ([1.0, 2.0, np.nan, 3.0, 1.0, 2.0, 1.0, 1.5], "too_few"),
+        ([3.0] * 20, "constant"),
+        ([0.0] * 20, "constant"),
+        ([1.0, 2.0, 1.0, 3.0, 1.0, 2.5, 1.0, 3.5], "no_movement"),
+        ([0.0] * 20 + [1.0], "no_noise"),
+        ((-1.0) ** np.arange(40), "no_movement"),
+        ([1e306, -1e306] * 10, "bad_unit"),
+        ([1e-320, 0.0] * 10, "bad_unit"),
+    ],
+)
+def test_poor_records_get_a_verdict_and_no_parameters(z, verdict):
+    found = estimate(z)
+    assert found.verdict == verdict
+    assert found.params is None
+    assert found.message.endswith(".")
+    assert not np.isnan([found.q, found.r, found.ratio, found.loglik, *found.ratio_interval]).any()
+
+
+def test_a_short_record_that_any_ratio_explains_is_called_flat():
+    g = np.random.default_rng(1)
+    found = [estimate(np.cumsum(g.normal(0, 1, 10)) + g.normal(0, 1, 10)) for _ in range(60)]
+    flat = [one for one in found if one.verdict == "flat"]
+    assert flat
+    for one in flat:
+        assert one.ratio_interval == (0.0, math.inf)
+        assert one.params is not None
+        assert "guess" in one.message
+
+
+def test_the_peak_of_a_million_samples_is_found_between_the_points_of_the_grid():
+    z = walk(1_000_000, 0.0123, seed=9)
+    found = estimate(z)
+    low, high = found.ratio_interval
+    assert low < 0.0123 < high < 1.05 * low
+    assert abs(found.r - 1) < 4 * found.r_se

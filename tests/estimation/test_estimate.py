@@ -1,0 +1,272 @@
+"""The second opinions, side by side; channels; progress and cancelling."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from itertools import islice
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kalscope import BadSetting, FilterParams
+from kalscope.errors import Cancelled
+from kalscope.estimation.estimate import METHODS, compare_methods, disagreement, estimate
+from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio
+from kalscope.estimation.likelihood.profile import differences
+from kalscope.estimation.methods.expectation_maximization import passes
+from kalscope.filtering.batch import kalman_filter
+
+
+def walk(n, ratio, seed=0, missing=0.0, r=1.0):
+    g = np.random.default_rng(seed)
+    z = np.cumsum(g.normal(0, math.sqrt(ratio * r), n)) + g.normal(0, math.sqrt(r), n)
+    z[g.random(n) < missing] = np.nan
+    return z
+
+
+# --- EM -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+def test_em_never_goes_downhill(missing):
+    for seed in range(4):
+        z = walk(300, 10.0 ** (seed - 3), seed, missing)
+        logliks = [loglik for _, _, loglik in islice(passes(differences(z, np.empty(0))), 150)]
+        assert np.all(np.diff(logliks) >= -1e-9)
+
+
+def test_em_reports_the_log_likelihood_of_its_pair(nile):
+    data = differences(nile, np.empty(0))
+    for q, r, loglik in islice(passes(data), 3):
+        params = FilterParams(q * data.scale**2, r * data.scale**2)
+        expected = kalman_filter(nile, params).loglik + data.m * math.log(data.scale)
+        assert loglik == pytest.approx(expected, rel=1e-12)
+
+
+def test_em_climbs_to_the_maximum_of_the_likelihood(nile):
+    """From q = r it passes (1477, 15086) at 200 steps and is at the maximum after 500 (kalman.md 3.3)."""
+    em, ml = estimate(nile, "em"), estimate(nile)
+    assert em.q == pytest.approx(ml.q, rel=1e-5)
+    assert em.r == pytest.approx(ml.r, rel=1e-5)
+
+
+def test_em_says_so_when_it_has_not_arrived():
+    found = estimate(walk(60_000, 1e-4), "em")
+    assert found.verdict == "not_converged"
+    assert "on its way" in found.message
+
+
+# --- the instant ones -----------------------------------------------------------------------------------
+
+
+def test_moments_of_the_nile_flows(nile):
+    """r = −γ₁ and q = γ₀ + 2γ₁ of the differences, written out."""
+    d = np.diff(nile)
+    g0, g1 = np.mean(d * d), np.mean(d[1:] * d[:-1])
+    found = estimate(nile, "moments")
+    assert found.r == pytest.approx(-g1, rel=1e-12)
+    assert found.q == pytest.approx(g0 + 2 * g1, rel=1e-12)
+
+
+@pytest.mark.parametrize("method", ["moments", "als", "allan", "em", "ml"])
+@pytest.mark.parametrize("ratio", [0.05, 0.5, 5.0])
+def test_every_method_recovers_the_truth_from_a_long_record(method, ratio):
+    found = estimate(walk(200_000, ratio, seed=11, r=4.0), method)
+    assert found.q == pytest.approx(4.0 * ratio, rel=0.12)
+    assert found.r == pytest.approx(4.0, rel=0.12)
+    assert abs(found.q - 4.0 * ratio) < 5 * found.q_se
+    assert abs(found.r - 4.0) < 5 * found.r_se
+
+
+@pytest.mark.parametrize("method", ["moments", "als", "allan", "em"])
+def test_every_method_works_over_gaps(method):
+    z = walk(60_000, 0.2, seed=4)
+    z.reshape(-1, 500)[:, -9:] = np.nan
+    found = estimate(z, method)
+    assert found.q == pytest.approx(0.2, rel=0.2)
+    assert found.r == pytest.approx(1.0, rel=0.1)
+
+
+@pytest.mark.parametrize("method", ["moments", "em"])
+def test_moments_and_em_take_irregular_steps(method):
+    g = np.random.default_rng(6)
+    dt = g.uniform(0.2, 3.0, 50_000)
+    z = np.cumsum(g.normal(0, 1, len(dt)) * np.sqrt(0.3 * dt)) + g.normal(0, 1, len(dt))
+    found = estimate(z, method, dt=dt)
+    assert found.q == pytest.approx(0.3, rel=0.1)
+    assert found.r == pytest.approx(1.0, rel=0.1)
+
+
+def test_allan_and_als_say_that_they_need_regular_samples():
+    z, dt = walk(500, 0.1), np.random.default_rng(0).uniform(0.5, 1.5, 500)
+    allan, als = estimate(z, "allan", dt=dt), estimate(z, "als", dt=dt)
+    assert (allan.verdict, als.verdict) == ("irregular", "too_few")
+    assert "regular" in allan.message
+    assert "regular" in als.message
+    assert allan.params is None
+
+
+def test_change_that_lies_only_across_gaps_is_beyond_als_and_allan():
+    z = np.repeat([0.0, 0.0, 1.0, 1.0], 20)
+    z[38:42] = np.nan
+    assert [estimate(z, method).verdict for method in ("als", "allan")] == ["too_few", "too_few"]
+    assert estimate(z).verdict == "no_noise"
+
+
+# --- any record -----------------------------------------------------------------------------------------
+
+
+@st.composite
+def records(draw):
+    """Odd ones: steps, doubles, extreme scales, no time, much missing."""
+    n = draw(st.integers(0, 60))
+    g = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    z = g.normal(0, 1, n)
+    shapes = [z, np.round(z), np.cumsum(z), np.sign(z), (z > 2) * 1.0, np.exp(9 * z), 1e15 + np.round(z)]
+    z = draw(st.sampled_from(shapes)) * 10.0 ** draw(st.sampled_from([-250, -9, 0, 9, 250]))
+    z[g.random(n) < draw(st.sampled_from([0.0, 0.3, 0.9]))] = np.nan
+    steps = [None, np.zeros(n), g.uniform(0, 2, n), g.integers(0, 4, n) * 1.0, 10.0 ** g.uniform(-300, 300, n)]
+    return z, draw(st.sampled_from(steps))
+
+
+@settings(deadline=None, max_examples=150)
+@given(records())
+def test_any_record_gets_numbers_and_words(record):
+    z, dt = record
+    for one in (*compare_methods(z, dt), estimate_fixed_r(z, 1.0, dt), estimate_fixed_ratio(z, 0.01, dt)):
+        values = [one.q, one.r, one.ratio, one.loglik, one.q_se, one.r_se]
+        values += [*one.ratio_interval, *one.gain_interval, *one.lag_interval]
+        assert not np.isnan(values).any()
+        assert one.message.endswith(".")
+        if one.params is not None:
+            assert one.q > 0
+            assert one.r > 0
+
+
+# --- side by side ---------------------------------------------------------------------------------------
+
+
+def test_methods_agree_where_the_model_holds(nile):
+    for z in (nile, walk(20_000, 0.1, seed=2), walk(5_000, 3.0, seed=3)):
+        table = compare_methods(z)
+        assert tuple(one.method for one in table) == METHODS
+        assert disagreement(table) == ""
+        assert "does not describe" not in table[0].message
+
+
+def test_a_wave_under_noise_is_named_as_not_this_model():
+    g = np.random.default_rng(0)
+    z = np.sin(np.arange(20_000) / 40) * 5 + g.normal(0, 1, 20_000)
+    table = compare_methods(z)
+    assert table[0].message.count("The model does not describe this signal: ") == 1
+    assert disagreement(table)
+
+
+def test_a_smoothed_signal_is_named_by_its_differences():
+    g = np.random.default_rng(0)
+    z = np.convolve(np.cumsum(g.normal(0, 1, 3000)), np.ones(5) / 5, mode="valid")
+    assert "push the same way" in estimate(z).message
+
+
+def test_a_row_of_the_table_is_the_estimate_of_that_method(nile):
+    for one in compare_methods(nile):
+        alone = estimate(nile, one.method)
+        assert (one.q, one.r, one.q_se, one.verdict) == (alone.q, alone.r, alone.q_se, alone.verdict)
+
+
+# --- channels -------------------------------------------------------------------------------------------
+
+
+def test_channels_are_estimated_one_by_one():
+    z = np.stack([walk(400, 0.1), np.full(400, 2.0), walk(400, 1.0, seed=1, missing=0.2)], axis=1)
+    found = estimate(z)
+    assert found.q.shape == found.verdict.shape == found.message.shape == found.ratio_interval[0].shape == (3,)
+    assert found.verdict.tolist() == ["ok", "constant", "ok"]
+    assert found.params is None  # not every channel has a usable pair
+    for c in range(3):
+        assert found.channel(c) == estimate(z[:, c])
+    both = estimate(z[:, [0, 2]])
+    assert both.params == FilterParams(q=both.q, r=both.r)
+
+
+def test_a_table_of_channels_has_arrays_for_every_method():
+    z = np.stack([walk(400, 0.1), np.full(400, 2.0)], axis=1)
+    table = compare_methods(z)
+    for one in table:
+        assert one.q.shape == (2,)
+        assert one.verdict[1] == "constant"
+        assert one.channel(1).method == one.method
+    assert table[2].channel(0).q == estimate(z[:, 0], "moments").q
+
+
+# --- manners --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_progress_rises_to_one(method, nile):
+    seen = []
+    estimate(nile, method, progress=lambda fraction, text: seen.append((fraction, text)))
+    fractions = [fraction for fraction, _ in seen]
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0] < fractions[-1] == 1
+    assert all(text for _, text in seen)
+
+
+def test_progress_of_a_comparison_of_two_channels_rises_to_one():
+    seen = []
+    z = np.stack([walk(300, 0.1), walk(300, 1.0)], axis=1)
+    compare_methods(z, progress=lambda *told: seen.append(told[0]))
+    assert seen == sorted(seen)
+    assert seen[-1] == 1
+
+
+def test_importing_the_estimators_leaves_the_heavy_parts_of_scipy_alone():
+    code = "import sys, kalscope.estimation; print({'scipy.optimize', 'scipy.interpolate'} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True).stdout.strip() == b"set()"
+
+
+def test_a_long_fit_can_be_cancelled():
+    asked = []
+
+    def cancelled():
+        asked.append(True)
+        return len(asked) > 6
+
+    with pytest.raises(Cancelled):
+        estimate(walk(5000, 1e-4), "em", cancelled=cancelled)
+    assert len(asked) == 7
+    with pytest.raises(Cancelled):
+        compare_methods(walk(50, 0.1), cancelled=lambda: True)
+
+
+@pytest.mark.parametrize(
+    ("z", "options"),
+    [
+        ([1.0, np.inf, 2.0], {}),
+        ([1.0, 2.0], {"dt": [1.0]}),
+        ([1.0, 2.0], {"dt": [1.0, -1.0]}),
+        ([1.0, 2.0], {"method": "guess"}),
+        (np.ones((2, 2, 2)), {}),
+    ],
+)
+def test_bad_settings_are_refused(z, options):
+    with pytest.raises(BadSetting):
+        estimate(z, **options)
+
+
+def test_a_method_that_misses_what_the_record_shows_does_not_blame_the_record():
+    rng = np.random.default_rng(0)
+    z = np.cumsum(0.1 * rng.standard_normal(2000)) + rng.standard_normal(2000)
+    blind = estimate(z, "moments")
+    assert blind.verdict == "no_movement"
+    assert blind.ratio_interval[0] > 0.0
+    assert "more about the method than about the record" in blind.message
+
+
+@pytest.mark.parametrize(("z", "n"), [([], 0), ([math.nan] * 10, 0), ([1.0, math.nan], 1), ([1.0, 2.0, 3.0], 3)])
+def test_too_few_readings_are_counted(z, n):
+    assert f"({n})" in estimate(z).message

@@ -1,0 +1,166 @@
+"""The page: numbers computed here stand on it, nothing from outside acts on it, and only the date changes."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from datetime import UTC, datetime
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, open_source, steady_state
+from kalscope.cli.app import run
+from kalscope.export.report.content import DRAWN, make_report
+from kalscope.export.report.page import as_html
+from kalscope.export.report.picture import SIZE, as_png
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+
+RNG = np.random.default_rng(22)
+NOON = datetime(2024, 5, 6, 12, 0, tzinfo=UTC)
+HOSTILE = "\"><script>alert(1)</script><img src=x onerror=alert(2)>'`$(x)"
+
+
+class Page(HTMLParser):
+    """Every tag and attribute name, and the text."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.tags, self.attributes, self.text = set(), set(), []
+        self.feed(html)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.attributes.update(name for name, _ in attrs)
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def recording(n=3000, name="ax", unit="g", **changes):
+    values = np.cumsum(0.05 * RNG.normal(size=(n, 1)), axis=0) + RNG.normal(size=(n, 1))
+    made = Recording(np.arange(float(n)) / 100, (name,), (unit,), values, 0.01, source="log.csv", title="log.csv")
+    return replace(made, **changes)
+
+
+def tuned(rec, **changes):
+    own = ChannelTuning(rec.names[0], rec.units[0], 0.0025, 1.0, how="by hand")
+    return Tuning(channels=(replace(own, **changes),), tool="kalscope 1", date="then", sample_period=0.01)
+
+
+def test_the_page_has_the_numbers_of_the_filter():
+    rec = recording()
+    text = " ".join(Page(as_html(make_report(rec, tuned(rec), now=NOON))).text)
+    steady = steady_state(FilterParams(0.0025, 1.0), 0.01)
+    for words in (
+        "0.0025 g² per sample",
+        f"{steady.gain:.4g}",
+        f"{steady.lag_samples:.4g} samples",
+        f"{steady.noise_reduction_db:.4g} dB",
+        f"{steady.cutoff_hz:.4g} Hz",
+        f"{kalman_filter(rec.channel('ax'), FilterParams(0.0025, 1.0)).loglik:.6g}",
+        "At equal lag, nothing simpler does better",
+        "kalscope open log.csv --config tuning.toml",
+        "2024-05-06 12:00 UTC",
+    ):
+        assert words in text
+
+
+def test_nothing_from_outside_becomes_markup():
+    rec = recording(name=HOSTILE, unit=HOSTILE, title=HOSTILE, source=HOSTILE, sha256=HOSTILE)
+    tuning = replace(tuned(rec, how=HOSTILE), tool=HOSTILE, date=HOSTILE)
+    html = as_html(make_report(rec, tuning, config=HOSTILE, now=NOON))
+    page = Page(html)
+    assert page.tags.isdisjoint({"script", "img", "iframe", "link", "object", "a", "form"})
+    assert not any(name.startswith("on") for name in page.attributes)
+    assert "<script" not in html
+    assert HOSTILE in "".join(page.text)
+    assert "default-src 'none'" in html
+    assert page.attributes.isdisjoint({"src", "href", "srcset", "action"})
+    assert "url(" not in html.split("</style>")[0]
+    assert as_png(make_report(rec, tuning, now=NOON)).startswith(b"\x89PNG")
+
+
+def test_the_command_is_one_word_for_the_shell_whatever_the_name():
+    import shlex
+
+    rec = recording(source="it's; rm -rf $HOME.csv")
+    words = shlex.split(make_report(rec, tuned(rec), config="my tuning.toml").command)
+    assert words == ["kalscope", "open", rec.source, "--config", "my tuning.toml"]
+
+
+def test_only_the_date_differs_between_two_runs():
+    rec = recording()
+    first, second = (as_html(make_report(rec, tuned(rec), now=now)) for now in (NOON, NOON.replace(year=2025)))
+    assert first.replace("2024-05-06", "2025-05-06") == second
+    assert as_png(make_report(rec, tuned(rec), now=NOON)) == as_png(make_report(rec, tuned(rec), now=NOON))
+
+
+def test_the_picture_is_a_sheet_of_a4_with_the_filtered_curve_on_it():
+    rec = recording()
+    image = Image.open(io.BytesIO(as_png(make_report(rec, tuned(rec), now=NOON))))
+    assert image.size == SIZE
+    assert SIZE[1] / SIZE[0] == pytest.approx(297 / 210, rel=1e-3)
+    pixels = np.asarray(image.convert("RGB")).astype(int)
+    orange = np.abs(pixels - (0xD5, 0x5E, 0x00)).sum(axis=2) < 30
+    assert orange.any(axis=0)[250:1500].mean() > 0.95  # from left to right
+    assert (pixels[-60:] == 255).all()  # nothing runs off the sheet
+
+
+def test_the_curves_keep_every_extreme_and_few_points():
+    rec = recording(n=100_000)
+    rec.values[40_000:41_000] = np.nan
+    rec.values[77_777] = 1e3
+    whole, detail = make_report(rec, tuned(rec)).charts
+    assert len(whole.x) <= DRAWN + 2
+    assert np.nanmax(whole.raw) == 1e3
+    assert np.nanmin(whole.raw) == np.nanmin(rec.values)
+    assert np.isnan(whole.raw[(whole.x > 400.3) & (whole.x < 409.7)]).all()
+    assert np.all(np.diff(whole.x) > 0)
+    x = kalman_filter(rec.channel("ax"), FilterParams(0.0025, 1.0)).x
+    at = np.rint(detail.x * 100).astype(int)
+    assert np.array_equal(detail.filtered, x[at])
+
+
+@pytest.mark.parametrize(
+    "values", [np.full((50, 1), 7.0), np.array([[1.0]]), np.full((40, 1), np.nan), np.zeros((3, 1))]
+)
+def test_odd_recordings_make_a_page_all_the_same(values):
+    rec = recording(n=len(values), values=values)
+    report = make_report(rec, tuned(rec), now=NOON)
+    assert "nan" not in " ".join(Page(as_html(report)).text).lower()
+    assert as_png(report)
+    untimed = replace(rec, sample_period=None)
+    assert "Hz" not in " ".join(Page(as_html(make_report(untimed, tuned(rec)))).text)
+
+
+def test_refusals_name_what_must_hold():
+    rec = recording(n=10)
+    with pytest.raises(BadSetting, match="channel must be one of ax"):
+        make_report(rec, tuned(rec), "bx")
+    empty = replace(rec, time=rec.time[:0], values=rec.values[:0])
+    with pytest.raises(BadSetting, match="must have samples"):
+        make_report(empty, tuned(rec))
+
+
+def test_the_command_line_writes_both_and_refuses_other_endings(tmp_path, capsys):
+    config = tmp_path / "tuning.toml"
+    assert run(["tune", "demo", "-o", str(config)]) == 0
+    page, picture = tmp_path / "page.html", tmp_path / "page.png"
+    assert run(["report", "demo", "--config", str(config), "-o", str(page)]) == 0
+    assert run(["report", "demo", "--config", str(config), "-o", str(picture)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert open_source("demo").sha256 in text
+    assert f"{load_tuning(config).channels[0].q:.4g}" in text
+    with Image.open(picture) as image:
+        assert image.size == SIZE
+    untimed = tmp_path / "untimed.csv"
+    untimed.write_text("flex\n" + "".join(f"{i % 7}\n" for i in range(100)), encoding="utf-8")
+    assert run(["report", str(untimed), "--config", str(config), "-o", str(page)]) == 0
+    assert "100 samples, 50 Hz" in page.read_text(encoding="utf-8")  # the sample period of the tuning
+    capsys.readouterr()
+    assert run(["report", "demo", "--config", str(config), "-o", str(tmp_path / "page.pdf")]) == 2
+    assert "-o must end with .html or .png" in capsys.readouterr().err
+    assert run(["report", "demo", "--config", str(tmp_path / "none.toml"), "-o", str(page)]) == 2

@@ -1,0 +1,51 @@
+"""The exported header and sketch: what is written and what is refused."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from kalscope.errors import BadSetting
+from kalscope.export.job import ExportJob
+from kalscope.export.targets.arduino import files
+from kalscope.tuning.tuning import ChannelTuning
+
+HOSTILE = ("*/ #define x", "int", "a\nb\\", "??/", "ünïcode 😀", "n" * 300, '"); system("', "filter_h")
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_name_from_outside_never_leaves_its_comment(name):
+    plain = files(ExportJob((ChannelTuning("plain", "V", 0.1, 1.0),)))
+    job = ExportJob((ChannelTuning(name, name, 0.1, 1.0, how=name),), source_name=name, tool=name, date=name)
+    for file, text in files(job).items():
+        assert text.isascii()
+        code = [re.sub(r"//.*", "", line).rstrip() for line in text.splitlines()]
+        same = [re.sub(r"//.*", "", line).rstrip() for line in plain[file].splitlines()]
+        (word,) = job.identifiers
+        constant = f"KALSCOPE_TUNING_{word.upper()}"
+        ours = [re.sub(rf"\b{constant}\b", "KALSCOPE_TUNING_PLAIN", line) for line in code]
+        ours = [line.replace(f'"{word}"', '"plain"') for line in ours]
+        assert [line for line in ours if line] == [line for line in same if line]
+        assert not any(line.endswith("\\") or "??/" in line for line in text.splitlines())
+
+
+def test_what_float_or_a_board_cannot_hold_is_refused():
+    for q, r in ((1e-60, 1.0), (1.0, 1e39), (1e-40, 1.0)):
+        with pytest.raises(BadSetting, match=r"^light: . must fit float32: 0, or a size from 1.2e-38 to 3.4e38"):
+            files(ExportJob((ChannelTuning("light", "", q, r),)))
+    with pytest.raises(BadSetting, match="must fit float32, up to"):
+        files(ExportJob((ChannelTuning("light", "", 3e38, 3e38),)))
+    with pytest.raises(BadSetting, match="1 to 6 channels"):
+        files(ExportJob(tuple(ChannelTuning(str(i), "", 1.0, 1.0) for i in range(7))))
+    with pytest.raises(BadSetting, match="sample period"):
+        files(ExportJob((ChannelTuning("light", "", 1.0, 1.0),), sample_period=3e3))
+
+
+def test_the_sketch_runs_at_the_period_that_q_belongs_to_and_names_its_columns():
+    one = files(ExportJob((ChannelTuning("Light", "lx", 1.0, 1.0),), sample_period=0.01))["kalscope_filter.ino"]
+    assert "PERIOD_US = 10000;" in one
+    assert 'println(F("# raw,filtered"))' in one
+    two = files(ExportJob((ChannelTuning("a", "", 1.0, 1.0), ChannelTuning("b", "", 1.0, 1.0))))
+    assert 'println(F("# a,a_filtered,b,b_filtered"))' in two["kalscope_filter.ino"]
+    assert "PERIOD_US = 5000;  // between samples; a guess" in two["kalscope_filter.ino"]

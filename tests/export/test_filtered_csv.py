@@ -1,0 +1,199 @@
+from __future__ import annotations
+
+import csv
+import io
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope.errors import BadSetting
+from kalscope.export.filtered_csv import ROWS_PER_CHUNK, csv_header, filtered_csv, filtered_csv_chunks
+from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.params import FilterParams
+from kalscope.recording import Recording
+from kalscope.sources.readers.csv_file import read_recording
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+
+PARAMS = FilterParams(q=1e-3, r=1.0)
+NAN = math.nan
+
+
+def recording(values: object, names: tuple[str, ...] = ("a",), period: float = 0.01) -> Recording:
+    table = np.array(values, dtype=float)
+    table = table.reshape(len(table), len(names))
+    return Recording(np.arange(len(table), dtype=np.float64) * period, names, ("",) * len(names), table, period)
+
+
+def rows(text: str) -> list[list[str]]:
+    return list(csv.reader(io.StringIO(text)))
+
+
+def test_the_csv_is_time_raw_filtered_variance() -> None:
+    text = filtered_csv(recording([1.0, 3.0]), {"a": FilterParams(q=0.0, r=2.0)})
+    assert text == "time,a,a_filtered,a_variance\n0.0,1.0,1.0,2.0\n0.01,3.0,2.0,1.0\n"
+
+
+def test_missing_samples_and_what_is_not_known_yet_are_empty_cells() -> None:
+    text = filtered_csv(recording([NAN, 4.0, NAN]), {"a": FilterParams(q=1.0, r=2.0)})
+    assert rows(text)[1:] == [["0.0", "", "", ""], ["0.01", "4.0", "4.0", "2.0"], ["0.02", "", "4.0", "3.0"]]
+
+
+@given(st.lists(st.floats(-1e150, 1e150) | st.just(NAN), min_size=1, max_size=30))
+def test_every_number_comes_back_bit_for_bit(samples: list[float]) -> None:
+    source = recording(samples)
+    expected = kalman_filter(source.channel("a"), PARAMS)
+    table = [
+        [float(cell) if cell else NAN for cell in row] for row in rows(filtered_csv(source, {"a": PARAMS}))[1:]
+    ]
+    variance = np.where(np.isfinite(expected.p), expected.p, NAN)
+    columns = [source.time, source.channel("a"), expected.x, variance]
+    np.testing.assert_array_equal(np.array(table), np.column_stack(columns))
+
+
+def test_pieces_join_without_a_seam() -> None:
+    n = 2 * ROWS_PER_CHUNK + 1
+    source = recording(np.random.default_rng(5).normal(size=n))
+    pieces = list(filtered_csv_chunks(source, {"a": PARAMS}))
+    assert len(pieces) == 4
+    table = np.loadtxt(io.StringIO("".join(pieces)), delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(table[:, 2], kalman_filter(source.channel("a"), PARAMS).x)
+
+
+def test_our_reader_reopens_it_unchanged(tmp_path: Path) -> None:
+    source = recording(np.random.default_rng(6).normal(size=(50, 2)), ("left, right", 'say "hi"'))
+    path = tmp_path / "out.csv"
+    path.write_text(filtered_csv(source, dict.fromkeys(source.names, PARAMS)), encoding="utf-8", newline="")
+    again = read_recording(path)
+    assert again.names[0::3] == source.names
+    np.testing.assert_array_equal(again.time, source.time)
+    np.testing.assert_array_equal(again.values[:, 0::3], source.values)
+    assert again.report.rejected == 0
+    assert again.report.bad_cells == 0
+
+
+@pytest.mark.parametrize("period", [0.001, 0.01, 1.0, 2.0, 5.0, 60.0, 1000.0])
+def test_our_reader_finds_the_same_sample_period(tmp_path: Path, period: float) -> None:
+    path = tmp_path / "out.csv"
+    path.write_text(filtered_csv(recording(np.arange(20.0), period=period), {"a": PARAMS}))
+    assert read_recording(path).sample_period == period
+
+
+def test_a_recording_without_time_reopens_without_time(tmp_path: Path) -> None:
+    values = np.random.default_rng(8).normal(size=(30, 1))
+    source = replace(recording(values), sample_period=None, time=np.arange(30.0))
+    text = filtered_csv(source, {"a": PARAMS})
+    assert text.startswith("sample,a,a_filtered,a_variance\n0,")
+    path = tmp_path / "out.csv"
+    path.write_text(text)
+    again = read_recording(path)
+    assert again.sample_period is None
+    assert again.names == ("a", "a_filtered", "a_variance")
+    np.testing.assert_array_equal(again.time, source.time)
+    np.testing.assert_array_equal(again.values[:, :1], values)
+
+
+def test_a_channel_called_sample_stays_a_channel(tmp_path: Path) -> None:
+    path = tmp_path / "in.csv"
+    path.write_text("sample,b\n512,1\n498,2\n505,3\n")
+    assert read_recording(path).names == ("sample", "b")
+    source = replace(recording([5.0, 7.0, 6.0], ("sample",)), sample_period=None)
+    assert filtered_csv(source, {"sample": PARAMS}).startswith("sample,sample_2,sample_filtered,")
+
+
+def test_true_time_between_samples_counts_where_it_was_chosen() -> None:
+    time_s = np.array([0.0, 1.0, 5.0, 4.5, 6.0])
+    source = replace(recording([1.0, 2.0, 3.0, 4.0, 5.0], period=1.0), time=time_s, gaps="dt")
+    table = np.array(rows(filtered_csv(source, {"a": PARAMS}))[1:], dtype=float)
+    dt = np.array([1.0, 1.0, 4.0, 0.0, 1.5])
+    np.testing.assert_array_equal(table[:, 2], kalman_filter(source.channel("a"), PARAMS, dt).x)
+    np.testing.assert_array_equal(table[:, 0], time_s)
+
+
+def test_pandas_reopens_it_without_options(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    source = recording(np.random.default_rng(9).normal(size=(50, 2)), ("left, right", 'say "hi"'))
+    source.values[7, 0] = NAN
+    path = tmp_path / "out.csv"
+    path.write_text(filtered_csv(source, dict.fromkeys(source.names, PARAMS)), encoding="utf-8", newline="")
+    frame = pandas.read_csv(path)
+    assert list(frame.columns[1::3]) == list(source.names)
+    assert all(kind == np.float64 for kind in frame.dtypes)
+    # Its own parser of numbers may miss the last bit.
+    np.testing.assert_allclose(frame[list(source.names)].to_numpy(), source.values, rtol=1e-15)
+    np.testing.assert_allclose(frame["time"], source.time, rtol=1e-15)
+
+
+def test_numpy_reopens_it_by_name() -> None:
+    source = recording([1.0, NAN, 2.0])
+    table = np.genfromtxt(io.StringIO(filtered_csv(source, {"a": PARAMS})), delimiter=",", names=True)
+    assert table.dtype.names == ("time", "a", "a_filtered", "a_variance")
+    np.testing.assert_array_equal(table["a"], source.channel("a"))
+
+
+def test_the_filtered_csv_can_be_filtered_again(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    path.write_text(filtered_csv(recording(np.arange(9.0)), {"a": PARAMS}))
+    again = read_recording(path)
+    header = rows(filtered_csv(again, dict.fromkeys(again.names, PARAMS)))[0]
+    assert header[:3] == ["time", "a", "a_filtered_2"]
+    assert header[4] == "a_filtered"
+    assert len(set(header)) == len(header) == 10
+
+
+@given(st.lists(st.text(max_size=8) | st.sampled_from(["time", "a", "a_filtered", "a_filtered_2"]), unique=True))
+def test_headers_are_distinct_plain_and_run_no_formula(names: list[str]) -> None:
+    line = csv_header(names)
+    assert line.count("\n") == 1
+    cells = next(csv.reader([line]))
+    assert len(set(cells)) == len(cells) == 1 + 3 * len(names)
+    assert all(cell.isprintable() and not cell.startswith(("=", "+", "-", "@")) for cell in cells)
+
+
+@pytest.mark.parametrize("name", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", " =1"])
+def test_names_that_look_like_formulas_are_text(name: str) -> None:
+    assert rows(csv_header([name]))[0][1] == "'" + name.strip()
+
+
+@pytest.mark.parametrize("name", ["5", "1e3", "nan", "NA", ""])
+def test_names_that_look_like_numbers_still_make_a_header(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "out.csv"
+    path.write_text(filtered_csv(recording(np.arange(9.0), (name,)), {name: PARAMS}))
+    assert read_recording(path).names[0] == f"channel {name}".strip()
+    assert len(read_recording(path)) == 9
+
+
+def test_the_order_is_the_recordings_and_channels_without_a_filter_are_left_out() -> None:
+    source = recording([[1.0, 2.0, 3.0]], ("a", "b", "c"))
+    header = rows(filtered_csv(source, {"c": PARAMS, "a": PARAMS}))[0]
+    assert header[1::3] == ["a", "c"]
+
+
+def test_a_tuning_gives_each_channel_its_own_filter() -> None:
+    source = recording([[1.0, 1.0], [2.0, 2.0]], ("a", "b"))
+    b = ChannelTuning("b", "", 0.0, 1.0, p0=1.0, x0=0.0)
+    table = rows(filtered_csv(source, Tuning((ChannelTuning("a", "", 1.0, 0.0), b))))
+    assert [row[2] for row in table[1:]] == ["1.0", "2.0"]
+    assert [row[5] for row in table[1:]] == ["0.5", "1.0"]
+
+
+def test_an_unknown_channel_is_refused_before_any_text() -> None:
+    with pytest.raises(BadSetting, match=r"one of a \(got 'z'\)"):
+        filtered_csv_chunks(recording([1.0]), {"z": PARAMS})
+
+
+def test_an_empty_recording_is_a_header() -> None:
+    assert filtered_csv(recording(np.empty((0, 1))), {"a": PARAMS}) == "time,a,a_filtered,a_variance\n"
+
+
+def test_a_million_rows_take_a_few_seconds() -> None:
+    source = recording(np.random.default_rng(7).normal(size=1_000_000))
+    filtered_csv(recording([1.0]), {"a": PARAMS})  # the kernel is compiled once
+    started = time.process_time()
+    assert filtered_csv(source, {"a": PARAMS}).count("\n") == 1_000_001
+    assert time.process_time() - started < 8.0

@@ -1,0 +1,295 @@
+"""Laws, oracles and published tables of the smoother."""
+
+from __future__ import annotations
+
+import math
+import time
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kalscope import BadSetting, FilterParams, kalman_filter
+from kalscope.filtering.smoothing import smooth
+from kalscope.filtering.smoothing_kernels import smooth_channel
+
+
+def whittaker(z, q, r, dt=None, p0=None, x0=None):
+    """The first-difference Whittaker smoother in exact fractions: no filter, no prior but a given p0.
+
+    Minimises Σ (z − x)²/r + Σ (Δx)²/(q dt): a tridiagonal system A x = b; the variances are diag(A⁻¹).
+    """
+    n = len(z)
+    seen = np.flatnonzero(np.isfinite(z))
+    dt = np.ones(n) if dt is None else dt
+    r = np.broadcast_to(r, n)
+    weight = [Fraction(0)] + [1 / (Fraction(q) * Fraction(d)) for d in dt[1:]]  # of x[i] − x[i−1]
+    a = [weight[i] + (weight[i + 1] if i + 1 < n else 0) for i in range(n)]
+    b = [Fraction(0)] * n
+    for i in seen:
+        a[i] += 1 / Fraction(r[i])
+        b[i] = Fraction(z[i]) / Fraction(r[i])
+    if p0 is not None:
+        prior = 1 / (Fraction(p0) + Fraction(q) * Fraction(dt[0]))
+        a[0] += prior
+        b[0] += prior * Fraction(z[seen[0]] if x0 is None else x0)
+    columns = [b] + [[Fraction(int(i == j)) for i in range(n)] for j in range(n)]
+    solved = [solve_tridiagonal(a, [-w for w in weight], column) for column in columns]
+    return np.array([float(v) for v in solved[0]]), np.array([float(solved[1 + i][i]) for i in range(n)])
+
+
+def solve_tridiagonal(diagonal, below, b):
+    """Gaussian elimination of a symmetric tridiagonal system; below[i] stands beside diagonal[i], i ≥ 1."""
+    pivots, x = [diagonal[0]], [b[0]]
+    for i in range(1, len(b)):
+        factor = below[i] / pivots[-1]
+        pivots.append(diagonal[i] - factor * below[i])
+        x.append(b[i] - factor * x[-1])
+    x[-1] /= pivots[-1]
+    for i in range(len(b) - 2, -1, -1):
+        x[i] = (x[i] - below[i + 1] * x[i + 1]) / pivots[i]
+    return x
+
+
+def noisy_walk(n=300, q=0.05, r=1.0, seed=0, missing=0.0):
+    g = np.random.default_rng(seed)
+    z = np.cumsum(g.normal(0, math.sqrt(q), n)) + g.normal(0, math.sqrt(r), n)
+    z[g.random(n) < missing] = np.nan
+    return z
+
+
+def assert_close(a, b, scale, tolerance=1e-10):
+    assert np.max(np.abs(np.asarray(a) - b)) <= tolerance * scale
+
+
+# --- against the Whittaker smoother ---------------------------------------------------------------------
+
+
+@given(
+    samples=st.lists(st.one_of(st.none(), st.floats(-100, 100)), min_size=1, max_size=24),
+    log_ratio=st.floats(-8, 4),
+    log_r=st.floats(-6, 6),
+    steps=st.none() | st.lists(st.floats(0.01, 50), min_size=24, max_size=24),
+    log_p0=st.none() | st.floats(-3, 4),  # p0/r; (1 − k) p of the filter's step loses the digits of p/r
+    x0=st.none() | st.floats(-100, 100),
+)
+@settings(deadline=None, max_examples=150)
+def test_smoother_is_the_whittaker_smoother_over_gaps_and_irregular_steps(
+    samples, log_ratio, log_r, steps, log_p0, x0
+):
+    z = np.array([math.nan if s is None else s for s in samples])
+    if not np.isfinite(z).any():
+        return
+    r = 10.0**log_r
+    q = r * 10.0**log_ratio
+    dt = None if steps is None else np.array(steps[: len(z)])
+    p0, x0 = (None, None) if log_p0 is None else (r * 10.0**log_p0, x0)
+    got = smooth(z, FilterParams(q, r, p0, x0), dt)
+    x, p = whittaker(z, q, r, dt, p0, x0)
+    assert_close(got.x, x, max(np.nanmax(np.abs(z)), abs(x0 or 0.0), 1e-300))
+    assert np.max(np.abs(got.p / p - 1.0)) <= 1e-10
+
+
+def test_two_dimensional_record_is_smoothed_channel_by_channel():
+    z = np.column_stack([noisy_walk(seed=1, missing=0.1), noisy_walk(seed=2, missing=0.3)])
+    params = FilterParams(q=[0.05, 0.5], r=[1.0, 2.0], p0=[3.0, 4.0], x0=0.0, gate=9.0)
+    both = smooth(z, params)
+    for c in range(2):
+        one = smooth(z[:, c], FilterParams([0.05, 0.5][c], [1.0, 2.0][c], [3.0, 4.0][c], 0.0, 9.0))
+        assert np.array_equal(both.x[:, c], one.x)
+        assert np.array_equal(both.p[:, c], one.p)
+    assert both.x.shape == both.p.shape == z.shape
+
+
+# --- published tables -----------------------------------------------------------------------------------
+
+
+def test_nile_smoothed_level_is_the_published_one(nile):
+    """Durbin & Koopman (2012), figure 2.2, at r = 15099, q = 1469.1."""
+    x = smooth(nile, FilterParams(q=1469.1, r=15099.0)).x
+    assert x[0] == pytest.approx(1111.66832, abs=5e-6)
+    assert x[99] == pytest.approx(798.37029, abs=5e-6)
+
+
+def test_norwegian_road_fatalities_smoothed_level_is_the_published_one():
+    """Commandeur & Koopman (2007), section 2.3, level[1] = 6.3048 as printed by sinhrks' R script."""
+    x = smooth(np.log(NORWAY), FilterParams(q=0.0047026, r=0.00326838)).x
+    assert x[0] == pytest.approx(6.3048, abs=5e-5)
+
+
+NORWAY = [560.0, 533, 490, 511, 509, 539, 471, 442, 434, 437, 362, 338, 401, 409, 407, 402, 452]
+NORWAY += [398.0, 378, 381, 332, 323, 325, 281, 283, 305, 255, 303, 352, 304, 341, 275, 312, 280]
+"""Road-traffic fatalities in Norway, 1970-2003: Commandeur & Koopman (2007), appendix A."""
+
+
+def test_prior_at_the_first_sample_gives_the_columns_of_the_marss_guide(nile):
+    """MARSS user guide, KFAS chapter: a1 = 0, P1 = 1000, q = 15210.195, r = 33874.59; dt[0] = 0 states it."""
+    dt = np.r_[0.0, np.ones(99)]
+    got = smooth(nile, FilterParams(q=15210.195, r=33874.59, p0=1000.0, x0=0.0), dt)
+    x = [64.38081, 569.63686, 809.81105, 981.20113, 1049.85712]
+    x += [1069.05730, 1047.42286, 1131.04778, 1170.24168, 1119.74113]
+    p = [942.3097, 8128.6821, 10055.5588, 10572.2107, 10710.7402]
+    assert got.x[:10] == pytest.approx(x, abs=1e-5)  # q and r are printed to eight and seven digits
+    assert got.p[:5] == pytest.approx(p, rel=1e-7)
+    half = 1.959964 * math.sqrt(got.p[0])
+    assert (got.x[0] - half, got.x[0] + half) == pytest.approx((4.215678, 124.5460), abs=1e-4)
+
+
+def test_exact_diffuse_start_gives_the_ten_points_of_kfas():
+    """statsmodels' results_exact_initial_local_level_R.csv (KFAS 1.3.1): alphahat and sumV."""
+    got = smooth([10.2394] + [1.0] * 9, FilterParams(q=8.253, r=1.993))
+    assert got.x == pytest.approx(KFAS_ALPHAHAT, rel=1e-13)
+    assert got.p == pytest.approx(KFAS_SUMV, rel=1e-13)
+
+
+KFAS_ALPHAHAT = [8.69269189482201, 2.28778372019385, 1.21557953089427, 1.03608877283924, 1.00604138771061]
+KFAS_ALPHAHAT += [1.00101134968464, 1.0001693041059, 1.00002834572536, 1.00000476680865, 1.00000092721546]
+KFAS_SUMV = [1.65936477978876, 1.42808320855318, 1.4216017878374, 1.42142015300846, 1.42141506687939]
+KFAS_SUMV += KFAS_SUMV[::-1]
+
+
+# --- laws -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+@pytest.mark.parametrize("ratio", [1e-6, 0.01, 1.0, 100.0])
+def test_smoothing_never_increases_the_variance(ratio, missing):
+    z = noisy_walk(missing=missing)
+    params = FilterParams(q=ratio, r=1.0)
+    assert np.all(smooth(z, params).p <= kalman_filter(z, params).p * (1 + 1e-14))
+
+
+@pytest.mark.parametrize("gate", [None, 4.0])
+def test_last_sample_is_the_filters_own(gate):
+    z = noisy_walk(missing=0.2)
+    params = FilterParams(q=0.05, r=1.0, gate=gate)
+    filtered, smoothed = kalman_filter(z, params), smooth(z, params)
+    assert smoothed.x[-1] == filtered.x[-1]
+    assert smoothed.p[-1] == filtered.p[-1]
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+def test_time_reversed_record_gives_the_reversed_smooth(missing):
+    z = noisy_walk(missing=missing, seed=3)
+    params = FilterParams(q=0.05, r=1.0)
+    forward, back = smooth(z, params), smooth(z[::-1], params)
+    assert_close(back.x[::-1], forward.x, np.nanmax(np.abs(z)), 1e-13)
+    assert_close(back.p[::-1], forward.p, 1.0, 1e-13)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 1e-9, 0.3, 1e9])
+def test_constant_signal_stays(ratio):
+    assert np.all(smooth(np.full(50, 20.1), FilterParams(q=ratio, r=1.0)).x == 20.1)
+
+
+def test_smoothed_signal_is_nearer_to_the_truth_and_its_variance_is_the_mean_square_error():
+    g = np.random.default_rng(7)
+    truth = np.cumsum(g.normal(0, 0.1, 100_000))
+    z = truth + g.normal(0, 1, 100_000)
+    params = FilterParams(q=0.01, r=1.0)
+    smoothed = smooth(z, params)
+    error = np.mean((smoothed.x - truth) ** 2)
+    assert error < 0.6 * np.mean((kalman_filter(z, params).x - truth) ** 2)
+    assert error == pytest.approx(np.mean(smoothed.p), rel=0.03)
+
+
+def test_one_step_of_three_periods_equals_three_steps_with_missing_samples():
+    z = np.array([1.0, math.nan, math.nan, 5.0, 4.0])
+    long = smooth(z, FilterParams(q=0.5, r=1.0))
+    short = smooth([1.0, 5.0, 4.0], FilterParams(q=0.5, r=1.0), [1.0, 3.0, 1.0])
+    assert short.x == pytest.approx(long.x[[0, 3, 4]], rel=1e-15)
+    assert short.p == pytest.approx(long.p[[0, 3, 4]], rel=1e-15)
+    assert np.diff(long.x[:4]) == pytest.approx(np.full(3, (long.x[3] - long.x[0]) / 3))  # a straight bridge
+
+
+def test_two_samples_at_one_instant_are_one_sample_of_half_the_variance():
+    twice = smooth([1.0, 3.0, 4.0], FilterParams(q=0.5, r=1.0), [1.0, 1.0, 0.0])
+    x, p = whittaker(np.array([1.0, 3.5]), 0.5, [1.0, 0.5])
+    assert twice.x == pytest.approx(x[[0, 1, 1]], rel=1e-14)
+    assert twice.p == pytest.approx(p[[0, 1, 1]], rel=1e-14)
+
+
+# --- edges ----------------------------------------------------------------------------------------------
+
+
+def test_samples_before_a_diffuse_start_get_a_finite_value_and_a_growing_variance():
+    got = smooth([math.nan, math.nan, 5.0, 6.0], FilterParams(q=0.5, r=1.0))
+    assert got.x[0] == got.x[1] == got.x[2]
+    assert got.p[:2] == pytest.approx(got.p[2] + np.array([1.0, 0.5]))
+
+
+def test_without_process_noise_every_sample_is_the_mean():
+    z = noisy_walk(missing=0.2)
+    got = smooth(z, FilterParams(q=0.0, r=4.0))
+    m = np.isfinite(z).sum()
+    assert got.x == pytest.approx(np.full(len(z), np.nanmean(z)), rel=1e-12)
+    assert got.p == pytest.approx(np.full(len(z), 4.0 / m), rel=1e-12)
+
+
+def test_without_measurement_noise_samples_stay_and_gaps_are_bridged():
+    got = smooth([1.0, math.nan, 3.0, 7.0], FilterParams(q=2.0, r=0.0))
+    assert got.x.tolist() == [1.0, 2.0, 3.0, 7.0]
+    assert got.p.tolist() == [0.0, 1.0, 0.0, 0.0]
+
+
+def test_refused_sample_counts_as_missing():
+    z = noisy_walk(seed=4)
+    z[100] += 50.0
+    params = FilterParams(q=0.05, r=1.0, gate=16.0)
+    assert kalman_filter(z, params).rejected == 1
+    without = np.where(np.arange(len(z)) == 100, math.nan, z)
+    assert np.array_equal(smooth(z, params).x, smooth(without, FilterParams(q=0.05, r=1.0)).x)
+
+
+def test_record_without_a_sample():
+    diffuse = smooth([math.nan] * 3, FilterParams(q=1.0, r=1.0))
+    assert np.isnan(diffuse.x).all()
+    assert np.isinf(diffuse.p).all()
+    prior = smooth([math.nan] * 3, FilterParams(q=1.0, r=1.0, p0=2.0, x0=5.0))
+    assert prior.x.tolist() == [5.0] * 3
+    assert prior.p == pytest.approx([3.0, 4.0, 5.0])
+    assert smooth([], FilterParams(q=1.0, r=1.0)).x.shape == (0,)
+
+
+@pytest.mark.parametrize("unit", [1e-290, 1e290])
+def test_extreme_units_scale_the_variance_and_leave_the_signal(unit):
+    z = noisy_walk(missing=0.1)
+    plain, scaled = smooth(z, FilterParams(q=0.5, r=1.0)), smooth(z, FilterParams(q=0.5 * unit, r=unit))
+    assert scaled.x == pytest.approx(plain.x, rel=1e-12, abs=1e-13)
+    assert scaled.p / unit == pytest.approx(plain.p, rel=1e-12)
+
+
+def test_start_with_zero_variance_holds_x0_for_good_when_nothing_moves():
+    got = smooth([5.0, 6.0], FilterParams(q=0.0, r=1.0, p0=0.0, x0=2.0))
+    assert got.x.tolist() == [2.0, 2.0]
+    assert got.p.tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("z", "dt", "must"),
+    [
+        ([1.0, math.inf], None, "z must be finite"),
+        (np.zeros((2, 2, 2)), None, "z must have shape"),
+        ([1.0, 2.0], [1.0], "dt must have one value"),
+        ([1.0, 2.0], [1.0, -1.0], "dt must be finite and not negative"),
+    ],
+)
+def test_what_the_filter_refuses_the_smoother_refuses(z, dt, must):
+    with pytest.raises(BadSetting, match=must):
+        smooth(z, FilterParams(q=1.0, r=1.0), dt)
+
+
+def test_smoothing_a_million_samples_is_quick_and_leaves_other_threads_free():
+    z = noisy_walk(1_000_000)
+    params = FilterParams(q=0.05, r=1.0)
+    smooth(z[:10], params)
+    times = []
+    for _ in range(5):
+        began = time.perf_counter()
+        smooth(z, params)
+        times.append(time.perf_counter() - began)
+    assert min(times) < 0.1  # 6 ms on the machine it was written on
+    assert smooth_channel.targetoptions["nogil"]
+    assert "parallel" not in smooth_channel.targetoptions

@@ -1,0 +1,216 @@
+"""Khan et al.: both readings of equation (3), as laws and against loops written here."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope.errors import BadSetting
+from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.params import FilterParams
+from kalscope.papers.experiments import run_filter, streaming_filter
+from kalscope.papers.generalized_filter import (
+    GeneralizedFilter,
+    GeneralizedParams,
+    generalized_filter,
+    printed_fixed_point,
+)
+
+EXACT = 0.0
+ROUNDING = 1e-12
+SETTLED = 1e-9
+
+SIGNAL = 50.0 + np.random.default_rng(3).normal(0.0, 4.0, 400)
+
+
+def equations_1_to_3(measurements, sigma_m, e, sigma_e):
+    """The three equations as printed: returns E, σE and K after each measurement."""
+    rows = []
+    for m in measurements:
+        k = sigma_e / (sigma_e + sigma_m)
+        previous = e
+        e = previous + k * (m - previous)
+        sigma_e = (1 - k) * previous
+        rows.append((e, sigma_e, k))
+    return np.array(rows).T
+
+
+def test_the_printed_reading_is_the_three_printed_equations():
+    result = generalized_filter(SIGNAL, GeneralizedParams(100.0, sigma_e0=7.0, e0=20.0))
+    for ours, theirs in zip(
+        (result.x, result.p, result.k), equations_1_to_3(SIGNAL.tolist(), 100.0, 20.0, 7.0), strict=True
+    ):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=EXACT)
+
+
+@pytest.mark.parametrize("start", [{}, {"sigma_e0": 3.0}, {"sigma_e0": 3.0, "e0": 10.0}])
+def test_without_the_slip_it_is_the_five_line_filter_with_q_0(start):
+    z = SIGNAL.copy()
+    z[[0, 5, 6]] = np.nan
+    ours = generalized_filter(z, GeneralizedParams(16.0, reading="without_slip", **start))
+    five = kalman_filter(z, FilterParams(q=0.0, r=16.0, p0=start.get("sigma_e0"), x0=start.get("e0")))
+    for field in ("x", "p", "k", "innovation", "s"):
+        np.testing.assert_array_equal(getattr(ours, field), getattr(five, field))
+    assert (ours.loglik, ours.m) == (five.loglik, five.m)
+
+
+def test_without_the_slip_the_gain_is_one_over_n_and_x_is_the_mean():
+    result = generalized_filter(SIGNAL, GeneralizedParams(16.0, reading="without_slip"))
+    n = np.arange(1, len(SIGNAL) + 1)
+    np.testing.assert_allclose(result.k, 1.0 / n, rtol=ROUNDING)
+    np.testing.assert_allclose(result.x, np.cumsum(SIGNAL) / n, rtol=ROUNDING)
+
+
+@given(st.floats(1e-3, 1e6), st.floats(1e-3, 1e6))
+def test_the_fixed_point_solves_its_quadratic(level, sigma_m):
+    point = printed_fixed_point(level, sigma_m)
+    s = point.sigma_e
+    assert s * s + sigma_m * s == pytest.approx(sigma_m * level, rel=1e-9)
+    assert point.gain == pytest.approx(s / (s + sigma_m), rel=1e-12)
+    if level > 1e-3 * sigma_m:  # the issue's form, which loses digits for a small level
+        assert s == pytest.approx((-sigma_m + math.sqrt(sigma_m**2 + 4 * level * sigma_m)) / 2, rel=1e-9)
+
+
+@pytest.mark.parametrize(("level", "sigma_m"), [(1.0, 4.0), (20.0, 0.8), (1000.0, 4.0), (3.0, 500.0)])
+def test_a_constant_signal_settles_at_the_fixed_point_from_any_start(level, sigma_m):
+    z = np.full(5000, level)
+    point = printed_fixed_point(level, sigma_m)
+    for start in (0.01 * level, level, 50.0 * level):
+        result = generalized_filter(z, GeneralizedParams(sigma_m, sigma_e0=start, e0=start))
+        assert result.x[-1] == pytest.approx(level, rel=SETTLED)
+        assert result.p[-1] == pytest.approx(point.sigma_e, rel=SETTLED)
+        assert result.k[-1] == pytest.approx(point.gain, rel=SETTLED)
+
+
+def test_the_fixed_point_is_reached_with_alternating_sign_at_the_rate_of_the_gain():
+    point = printed_fixed_point(100.0, 50.0)
+    p = generalized_filter(np.full(12, 100.0), GeneralizedParams(50.0, point.sigma_e * 1.001, 100.0)).p
+    off = p - point.sigma_e
+    np.testing.assert_allclose(off[1:8] / off[:7], -point.gain, rtol=2e-3)
+
+
+def test_the_gain_depends_on_the_level_but_not_on_a_common_factor():
+    assert printed_fixed_point(1.0, 4.0).gain < 0.2
+    assert printed_fixed_point(1000.0, 4.0).gain > 0.9
+    one = generalized_filter(SIGNAL, GeneralizedParams(9.0))
+    scaled = generalized_filter(1024.0 * SIGNAL, GeneralizedParams(1024.0 * 9.0))
+    np.testing.assert_array_equal(scaled.k, one.k)
+    moved = generalized_filter(SIGNAL + 273.15, GeneralizedParams(9.0))  # °C to K
+    assert moved.k[-1] > one.k[-1] + 0.02
+
+
+@pytest.mark.parametrize(
+    ("z", "params"),
+    [
+        ([0.0, 1.0], GeneralizedParams(4.0)),
+        ([-3.0], GeneralizedParams(4.0)),
+        ([3.0, -50.0], GeneralizedParams(4.0)),
+        ([np.nan, 3.0, np.nan, -50.0], GeneralizedParams(4.0)),
+    ],
+)
+def test_at_zero_and_below_the_printed_reading_says_what_must_hold(z, params):
+    with pytest.raises(BadSetting, match=r"needs estimates above 0.*without_slip"):
+        generalized_filter(z, params)
+    stream = GeneralizedFilter(params)
+    for sample in z[:-1] if z[0] != 0.0 else []:
+        stream.update(sample)
+    with pytest.raises(BadSetting, match="needs estimates above 0"):
+        stream.update(z[-1] if z[0] != 0.0 else z[0])
+
+
+def test_why_zero_is_refused_the_printed_equations_freeze_there():
+    e, sigma_e, k = equations_1_to_3([0.0, 0.0] + [100.0] * 50, 4.0, 0.0, 1.0)
+    assert (e[-1], sigma_e[-1], k[-1]) == (0.0, 0.0, 0.0)
+    _, _, k = equations_1_to_3([-100.0] * 3, 4.0, -1.0, 1.0)
+    assert not all(0 <= gain <= 1 for gain in k)
+
+
+def test_a_refused_sample_leaves_the_stream_as_it_was():
+    stream = GeneralizedFilter(GeneralizedParams(4.0))
+    stream.update(10.0)
+    before = (stream.x, stream.p, stream.k)
+    for bad in (-1e6, math.inf):
+        with pytest.raises(BadSetting):
+            stream.update(bad)
+    with pytest.raises(BadSetting, match="dt must be finite"):
+        stream.update(1.0, dt=-1.0)
+    assert (stream.x, stream.p, stream.k) == before
+
+
+@pytest.mark.parametrize("reading", ["printed", "without_slip"])
+@pytest.mark.parametrize("start", [{}, {"sigma_e0": 2.0, "e0": 90.0}])
+def test_batch_and_stream_agree_bit_for_bit(reading, start):
+    z = np.column_stack([SIGNAL, SIGNAL[::-1] + 10.0])
+    z[[0, 3], 0] = np.nan
+    params = GeneralizedParams(30.0, reading=reading, **start)
+    batch, stream = generalized_filter(z, params), GeneralizedFilter(params)
+    for i, row in enumerate(z):
+        np.testing.assert_array_equal(stream.update(row), batch.x[i])
+        np.testing.assert_array_equal(stream.p, batch.p[i])
+        np.testing.assert_array_equal(stream.k, batch.k[i])
+    one, single = generalized_filter(z[:, 1], params), GeneralizedFilter(params)
+    np.testing.assert_array_equal([single.update(value) for value in z[:, 1]], one.x)
+    np.testing.assert_array_equal(one.x, batch.x[:, 1])
+
+
+def test_a_missing_sample_changes_nothing():
+    params = GeneralizedParams(30.0)
+    gappy = np.insert(SIGNAL, [4, 4, 9], np.nan)
+    result = generalized_filter(gappy, params)
+    kept = np.isfinite(gappy)
+    np.testing.assert_array_equal(result.x[kept], generalized_filter(SIGNAL, params).x)
+    assert (result.k[~kept] == 0.0).all()
+    assert np.isnan(result.innovation[~kept]).all()
+
+
+def test_the_answer_has_the_shape_of_z_and_claims_no_likelihood():
+    result = generalized_filter(np.ones((7, 3)), GeneralizedParams(2.0))
+    assert isinstance(result, FilterResult)
+    assert {getattr(result, f).shape for f in ("x", "p", "k", "innovation", "s")} == {(7, 3)}
+    assert np.isnan(result.loglik).all()
+    assert result.m.tolist() == [0, 0, 0]
+    assert generalized_filter([], GeneralizedParams(2.0)).x.shape == (0,)
+
+
+def test_settings_choose_their_filter():
+    printed, five = GeneralizedParams(30.0), FilterParams(q=0.1, r=2.0)
+    np.testing.assert_array_equal(run_filter(SIGNAL, printed).x, generalized_filter(SIGNAL, printed).x)
+    np.testing.assert_array_equal(run_filter(SIGNAL, five).x, kalman_filter(SIGNAL, five).x)
+    assert [type(streaming_filter(s)).__name__ for s in (printed, five)] == ["GeneralizedFilter", "KalmanFilter"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"sigma_m": 0.0}, "sigma_m must be"),
+        ({"sigma_m": math.nan}, "sigma_m must be"),
+        ({"sigma_m": "a"}, "sigma_m must be"),
+        ({"sigma_m": 1.0, "sigma_e0": -1.0}, "sigma_e0 must be"),
+        ({"sigma_m": 1.0, "e0": 0.0}, "e0 must be"),
+        ({"sigma_m": 1.0, "e0": 0.0, "reading": "without_slip"}, "e0 needs sigma_e0"),
+        ({"sigma_m": 1.0, "reading": "slip"}, "reading must be one of"),
+    ],
+)
+def test_bad_settings_are_named(settings, says):
+    with pytest.raises(BadSetting, match=says):
+        GeneralizedParams(**settings)
+
+
+def test_bad_data_is_named():
+    for z, dt, says in (
+        ([1.0, math.inf], None, "z must be finite"),
+        (np.ones((2, 2, 2)), None, "z must have shape"),
+        ([1.0], [-1.0], "dt must be finite"),
+    ):
+        with pytest.raises(BadSetting, match=says):
+            generalized_filter(z, GeneralizedParams(1.0), dt)
+    with pytest.raises(BadSetting, match="level must be"):
+        printed_fixed_point(0.0, 1.0)
+    stream = GeneralizedFilter(GeneralizedParams(1.0))
+    stream.update([1.0, 2.0])
+    with pytest.raises(BadSetting, match="must hold 2 channels"):
+        stream.update([1.0])

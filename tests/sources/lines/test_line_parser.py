@@ -1,0 +1,135 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope.sources.lines.cells import is_blank, is_comment, parse_number, split_fields
+from kalscope.sources.lines.line_format import LineFormat, plain_row_parser, split_labels, split_line, split_stamp
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_every_printed_float_is_read_back_exactly(value):
+    assert parse_number(repr(value)) == value
+    assert parse_number(repr(value).replace(".", ","), ",") == value
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "NaN", "-nan", "nil", "NULL", "N/A", "None"])
+def test_missing_words_are_nan(cell):
+    value = parse_number(cell)
+    assert value is not None
+    assert math.isnan(value)
+
+
+@pytest.mark.parametrize(
+    "cell",
+    [
+        "12abc",
+        "0x1F",
+        "Infinity",
+        "inf",
+        "-inf",
+        "1e999",
+        "ERR",
+        "1_000",
+        "1,5",
+        "--1",
+        ".",
+        "1 2",
+        "٣",
+        "1.2.3",
+        "e5",
+    ],
+)
+def test_what_is_no_finite_decimal_number_is_none(cell):
+    assert parse_number(cell) is None
+
+
+def test_a_decimal_comma_needs_a_digit_after_it():
+    assert parse_number("155,", ",") is None
+    assert parse_number("155,5", ",") == 155.5
+    assert parse_number("1.5", ",") is None
+
+
+@pytest.mark.parametrize(
+    ("line", "delimiter", "cells"),
+    [
+        ("1, 2 ,3\n", ",", ["1", "2", "3"]),
+        ("1,,3", ",", ["1", "", "3"]),
+        ("  1   2\t3 \n", " ", ["1", "2", "3"]),
+        ("1\t\t3", "\t", ["1", "", "3"]),
+        ('"a, b",2', ",", ["a, b", "2"]),
+        ('1 "a b" 3', " ", ["1", "a b", "3"]),
+        ('0.09,"20.1,5.0', ",", ["0.09", '"20.1', "5.0"]),
+        ('" 3"25,1', ",", ['" 3"25', "1"]),
+        ('" 3"25 1', " ", ['"', '3"25', "1"]),
+        ("\n", " ", []),
+    ],
+)
+def test_fields_are_split_at_the_delimiter_and_never_beyond_the_line(line, delimiter, cells):
+    assert split_fields(line, delimiter) == cells
+
+
+@pytest.mark.parametrize(
+    ("line", "pairs"),
+    [
+        ("a:1,b:2", [("a", "1"), ("b", "2")]),
+        ("a: 1, b: 2", [("a", "1"), ("b", "2")]),
+        ("a:1 b:2\r\n", [("a", "1"), ("b", "2")]),
+        ("a:1\tb:2", [("a", "1"), ("b", "2")]),
+        ("Sensor Value: 155, Volts: 0.76", [("Sensor Value", "155"), ("Volts", "0.76")]),
+        (">a:1", [("a", "1")]),
+        ("12:30:05,5", None),
+        ("hello world", None),
+        ("a:1,5", None),
+        ("1,2,3", None),
+    ],
+)
+def test_labels_are_words_before_a_colon(line, pairs):
+    assert split_labels(line) == pairs
+
+
+def test_a_labelled_line_is_put_in_column_order_and_unknown_or_double_labels_refused():
+    form = LineFormat("labels", labels=("a", "b"))
+    assert split_line("b:2,a:1", form) == ["1", "2"]
+    assert split_line("b:2", form) == ["", "2"]
+    assert split_line("c:2", form) is None
+    assert split_line("a:1,a:2", form) is None
+
+
+def test_the_monitor_stamp_is_cell_zero():
+    assert split_stamp("12:00:00.023 -> 20.0\n") == ("12:00:00.023", "20.0\n")
+    assert split_stamp("20.0") is None
+    assert split_line("12:00:00.023 -> 1,2\n", LineFormat(stamped=True)) == ["12:00:00.023", "1", "2"]
+    assert split_line("1,2\n", LineFormat(stamped=True)) is None
+
+
+def test_comments_and_blank_lines_are_known():
+    assert all(is_comment(line) for line in ("# a", "  % a", "// a"))
+    assert not is_comment("1 # a")
+    assert is_blank(" \t\r\n")
+    assert is_blank(";;;\n", ";")
+    assert not is_blank(";0;\n", ";")
+
+
+FORMATS = [LineFormat("table", d, m) for d in ",;\t| " for m in ".," if d != m]
+
+
+@given(st.text(alphabet="0123456789+-.eE,;|\t nai_x\n", max_size=30), st.sampled_from(FORMATS))
+def test_the_fast_path_agrees_with_the_slow_one_wherever_it_answers(text, form):
+    line = text.replace("\n", "") + "\n"
+    cells = split_fields(line, form.delimiter)
+    slow = [parse_number(cell, form.decimal) for cell in cells]
+    fast = plain_row_parser(form, len(cells))(line)
+    if fast is not None:
+        assert fast == slow
+
+
+@pytest.mark.parametrize("line", ["1.5,-2e-3,+.5\n", "1, 2 ,3\n"])
+def test_the_fast_path_takes_plain_rows(line):
+    assert plain_row_parser(LineFormat(), 3)(line) is not None
+
+
+@pytest.mark.parametrize("line", ["1,2,3", "1,2\n", "1,2,nan\n", "1,2,1e999\n", "1,2,1_0\n", "1,2,\x1c3\n"])
+def test_the_fast_path_leaves_everything_else(line):
+    assert plain_row_parser(LineFormat(), 3)(line) is None

@@ -1,0 +1,243 @@
+"""The streaming parser: the truth table of what people print, cuts at every byte, and agreement with the files."""
+
+import itertools
+import math
+from functools import reduce
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kalscope.sources.lines.line_format import split_checksum, split_teleplot
+from kalscope.sources.lines.line_parser import LONGEST_LINE, LineParser, comma_line
+from kalscope.sources.lines.read_options import ReadOptions
+from kalscope.sources.readers.csv_file import read_recording
+
+
+def events_of(data, pieces=None, **settings):
+    """All events of a stream, fed whole or in pieces."""
+    parser = LineParser(**settings)
+    events = []
+    for piece in [data] if pieces is None else pieces:
+        parser.feed(piece)
+        events += parser
+    last = parser.close()
+    return parser, events + ([] if last is None else [last])
+
+
+def only(line, before=b""):
+    """(kind, {channel: value}, issues) of the last line of a stream."""
+    parser, events = events_of(before + line.encode() + b"\n")
+    event, layout = events[-1], parser.layout
+    if not event.rows or layout is None:
+        return event.kind, {}, event.issues
+    return event.kind, {layout.columns[i].name: event.rows[-1][i] for i in layout.channels}, event.issues
+
+
+NAN = math.nan
+
+# The table of notes/users.md 4a, column "ours should".
+ROWS = [
+    ("1,2,3", {"value 1": 1, "value 2": 2, "value 3": 3}),
+    ("1 2\t3", {"value 1": 1, "value 2": 2, "value 3": 3}),
+    ("1,2,3,", {"value 1": 1, "value 2": 2, "value 3": 3}),
+    ("1;2;3", {"value 1": 1, "value 2": 2, "value 3": 3}),
+    ("1,,3", {"value 1": 1, "value 2": NAN, "value 3": 3}),
+    ("a:1,b:2", {"a": 1, "b": 2}),
+    ("a:1\tb:2", {"a": 1, "b": 2}),
+    ("a:1,b:2\r", {"a": 1, "b": 2}),
+    ("a: 1, b: 2", {"a": 1, "b": 2}),
+    ("P: 3", {"P": 3}),
+    ("Temperature: 23.64, Humidity: 43.89", {"Temperature": 23.64, "Humidity": 43.89}),
+    ("Label 1:10", {"Label 1": 10}),
+    (">a:1", {"a": 1}),
+    ("> a : 1 ", {"a": 1}),
+    (">a:1000:1", {"a": 1}),
+    (">a:1000:1;2000:2", {"a": 2}),
+    ("12:30:05,5", {"value 1": 5}),
+    ("19:23:11.891 -> 1,2", {"value 1": 1, "value 2": 2}),
+    ("19:23:11.891 -> a:1 b:2", {"a": 1, "b": 2}),
+]
+
+
+@pytest.mark.parametrize(("line", "values"), ROWS)
+def test_what_people_print_is_a_row(line, values):
+    kind, found, issues = only(line)
+    assert (kind, issues) == ("row", ())
+    np.testing.assert_equal(found, values)
+
+
+@pytest.mark.parametrize("line", ["hello world", "nan", "a=1", "WiFi connected", "Warning: too hot"])
+def test_text_is_text(line):
+    assert only(line)[0] == "text"
+
+
+@pytest.mark.parametrize("line", ["12abc", "0x1F", "Infinity", "-inf", "1_000"])
+def test_what_begins_like_a_number_and_is_none_is_rejected(line):
+    kind, _, issues = only(line)
+    assert (kind, issues[0].text) == ("rejected", line)
+
+
+@pytest.mark.parametrize("cell", ["12abc", "0x1F", "Infinity", "hello"])
+def test_once_the_shape_is_known_such_a_cell_is_a_reported_missing_sample(cell):
+    kind, values, issues = only(f"1,{cell}", b"1,2\n" * 3)
+    assert (kind, values["value 1"]) == ("row", 1)
+    assert math.isnan(values["value 2"])
+    assert [(issue.line, issue.column, issue.text) for issue in issues] == [(4, "value 2", cell)]
+
+
+def test_a_token_that_no_label_claims_is_left_out_and_reported():
+    kind, values, issues = only("a:1 5")
+    assert (kind, values) == ("row", {"a": 1})
+    assert [(issue.column, issue.text) for issue in issues] == [("", "5")]
+
+
+def test_between_labelled_lines_prose_is_text_and_a_damaged_line_is_rejected():
+    labelled = b"temp:1,hum:2\n" * 3
+    assert only("Warning: reached 26 degrees", labelled)[0] == "text"
+    assert only("rebooting in 3, 2, 1", labelled)[0] == "text"
+    assert only("temp:1,hu", labelled)[0] == "rejected"
+    assert only("temp:1,temp:2", labelled)[0] == "rejected"
+
+
+def test_a_late_label_opens_a_column_while_the_head_lasts():
+    parser, events = events_of(b"a:1\na:2 b:3\nb:4\n")
+    assert [column.name for column in parser.layout.columns] == ["a", "b"]
+    np.testing.assert_equal([event.rows for event in events], [((1.0,),), ((2.0, 3.0),), ((NAN, 4.0),)])
+
+
+def test_a_header_line_names_the_values_below_it():
+    parser, events = events_of(b"boot ok\ntemp,dist\n1,2\n3,4\n")
+    assert [column.name for column in parser.layout.columns] == ["temp", "dist"]
+    assert [event.kind for event in events] == ["text", "text", "row", "row"]
+
+
+def test_teleplot_lines_bring_stamps_and_units_and_all_else_is_text():
+    parser, events = events_of("setup done\n>t:5:3.5§degC\nlog 5\n>t:6:nan\n>t:x\n".encode())
+    assert [event.kind for event in events] == ["text", "row", "text", "row", "rejected"]
+    assert [(c.name, c.unit) for c in parser.layout.columns] == [("time", "ms"), ("t", "degC")]
+    np.testing.assert_equal(events[3].rows, ((6.0, NAN),))
+
+
+@pytest.mark.parametrize("line", ["a:1", ">3D|cube:1:2", ">a:b:1", ">msg:hello|t", ">a", "", ">:1"])
+def test_what_is_no_sample_of_teleplot(line):
+    assert split_teleplot(line) is None
+
+
+def checked(payload):
+    return f"{payload}*{reduce(int.__xor__, payload.encode(), 0):02X}"
+
+
+def test_the_checksum_is_that_of_nmea_0183():
+    payload = "GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,"
+    assert split_checksum(f"${payload}*76") == (payload, 0x76, 0x76)
+    assert split_checksum("1,2,3") is None
+
+
+def test_a_right_checksum_is_taken_off_and_a_wrong_one_rejects_the_line():
+    lines = [checked(f"{i},{i / 2}") for i in range(5)]
+    parser, events = events_of("\n".join([*lines, lines[0].replace("0,", "7,", 1), "6,3", lines[4][:-3]]).encode())
+    assert [event.kind for event in events] == ["row"] * 5 + ["rejected"] * 3
+    assert events[4].rows == ((4.0, 2.0),)
+    assert "checksum" in events[5].issues[0].reason
+    assert parser.layout.form.checksum
+
+
+def test_a_last_line_with_its_checksum_is_whole_without_newline():
+    _, events = events_of("\n".join(checked(f"{i},{i}") for i in range(5)).encode())
+    assert events[-1].kind == "row"
+
+
+STREAMS = {
+    "table": b"boot\r\nt,a,b\n"
+    + b"".join(b"%.2f,%d,%d\n" % (i / 100, i * 7 % 5, i) for i in range(30))
+    + b"x\n0.30,1,2\n",
+    "old newlines": b"".join(b"%d %d\r" % (i, i * i) for i in range(9)),
+    "mixed newlines": b"1,2\r\n\n3,4\n\r5,6\r\r\n7,8\n",
+    "labels": b"ready\n" + b"".join(b"temp: %d, hum: %d\n" % (i % 7, i) for i in range(9)) + b"temp: 1\nhot: x\n",
+    "teleplot": b"".join(b">a:%d:%d\n>b:%d:%d\n" % (i, i % 3, i, i % 4) for i in range(9)),
+    "stamps": b"".join(b"12:00:%02d.5 -> %d.25\n" % (i, i % 5) for i in range(9)) + b"12:00:10.5 -> 3.2",
+    "checksums": "".join(checked(f"{i},2") + "\n" for i in range(9)).encode() + b"1,2*00\n",
+    "units": "temp [°C];dist [µm]\n1,5;2,5\n1,6;x\n".encode(),
+}
+
+
+@pytest.mark.parametrize("name", STREAMS)
+def test_cuts_change_nothing(name):
+    data = STREAMS[name]
+    expected = repr(events_of(data)[1])
+    assert repr(events_of(data, [bytes([byte]) for byte in data])[1]) == expected
+    for cut in range(len(data) + 1):
+        assert repr(events_of(data, [data[:cut], data[cut:]])[1]) == expected
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.binary(max_size=200), st.lists(st.integers(0, 200), max_size=5))
+def test_any_bytes_in_any_pieces_are_the_same_events(data, cuts):
+    places = sorted({0, len(data), *(min(cut, len(data)) for cut in cuts)})
+    pieces = [data[a:b] for a, b in itertools.pairwise(places)]
+    whole, cut = events_of(data)[1], events_of(data, pieces)[1]
+    assert repr(cut) == repr(whole)
+    assert [event.number for event in whole] == list(range(1, len(whole) + 1))
+
+
+@pytest.mark.parametrize("name", ["table", "labels", "stamps", "checksums", "units"])
+def test_a_stream_means_what_the_file_means(tmp_path, name):
+    path = tmp_path / "log.txt"
+    path.write_bytes(STREAMS[name])
+    recording = read_recording(path)
+    parser, events = events_of(STREAMS[name], layout=None)
+    # Whoever holds the stream leaves the gap of a rejected line, as the file reader does.
+    gap = () if parser.layout.time else ((NAN,) * len(parser.layout.columns),)
+    rows = [row for event in events for row in (gap if event.kind == "rejected" else event.rows)]
+    channels = parser.layout.channels
+    np.testing.assert_array_equal([[row[i] for i in channels] for row in rows], recording.values)
+    rejected = [event.number for event in events if event.kind == "rejected"]
+    assert rejected == [issue.line for issue in recording.report.issues if issue.column is None]
+    assert len(events) == recording.report.lines
+
+
+def test_the_first_line_after_connecting_can_be_dropped():
+    _, events = events_of(b"3,4\n1,2\n", skip_first=True)
+    assert [event.rows for event in events] == [((1.0, 2.0),)]
+
+
+def test_a_line_without_end_is_dropped_as_it_comes_and_reported_once():
+    parser = LineParser()
+    for _ in range(100):
+        parser.feed(b"1" * 40_000)
+        assert parser.next_line() is None
+        assert parser.buffered <= LONGEST_LINE + 40_000
+    parser.feed(b"\n1,2\n")
+    events = list(parser)
+    assert [event.kind for event in events] == ["rejected", "row"]
+    assert "65536 bytes" in events[0].issues[0].reason
+    assert len(events[0].text) <= 200
+
+
+def test_a_stream_that_ends_in_a_line_without_end_says_so():
+    _, events = events_of(b"1,2\n" + b"9" * 100_000)
+    assert [event.kind for event in events] == ["row", "rejected"]
+
+
+def test_options_hold_for_a_stream_as_for_a_file():
+    _, events = events_of(b"1;2\n1;-200\nx;4\n", options=ReadOptions(delimiter=";", missing=(-200.0, "x")))
+    np.testing.assert_equal([event.rows for event in events], [((1.0, 2.0),), ((1.0, NAN),), ((NAN, 4.0),)])
+    assert all(event.issues == () for event in events)
+
+
+@pytest.mark.parametrize(
+    ("line", "plain"),
+    [
+        (b"1,2\n", "1,2\n"),
+        (b"hello\n", "hello\n"),
+        (b"a:1 b:2.5\n", "1.0,2.5"),
+        (b"1;;3\n", "1.0,,3.0"),
+        (b">x:5:7\n", "7.0"),
+        (b"12:00:00 -> 4\n", "4.0"),
+        (b"1,2*1F\n", "1,2*1F\n"),
+    ],
+)
+def test_a_line_for_the_pipe_is_numbers_with_commas(line, plain):
+    assert comma_line(LineParser(), line) == plain

@@ -1,0 +1,218 @@
+import math
+
+import numpy as np
+import pytest
+
+from kalscope.catalogue import open_source
+from kalscope.errors import BadSetting
+from kalscope.sources.lines.read_options import ReadOptions, options_from_text
+from kalscope.sources.readers.account import account
+from kalscope.sources.readers.csv_file import read_recording
+
+NAN = math.nan
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_text(text, period=None, **options):
+        path = tmp_path / "log.csv"
+        path.write_text(text, encoding="utf-8", newline="")
+        return read_recording(path, ReadOptions(**options), sample_period=period)
+
+    return read_text
+
+
+def test_a_delimiter_outranks_what_is_found(read):
+    text = "".join(f"{i},5;{i},25\n" for i in range(9))
+    assert read(text).values.shape == (9, 2)
+    assert read(text, delimiter=";", decimal=",").values[3].tolist() == [3.5, 3.25]
+
+
+def test_a_decimal_mark_outranks_what_is_found(read):
+    assert read("a\n1,5\n2,5\n", decimal=",").values[:, 0].tolist() == [1.5, 2.5]
+
+
+TIMED = "n,clock [ms],a\n" + "".join(f"{i},{20 * i},{i % 3}\n" for i in range(9))
+
+
+@pytest.mark.parametrize(("choice", "names", "period"), [("n", ("clock", "a"), 1.0), ("clock", ("n", "a"), 0.02)])
+def test_a_time_column_is_chosen_by_name(read, choice, names, period):
+    recording = read(TIMED, time_column=choice)
+    assert (recording.names, recording.sample_period) == (names, period)
+
+
+@pytest.mark.parametrize("choice", [1, "clock [ms]"])
+def test_a_time_column_is_chosen_by_index_or_as_the_file_writes_it(read, choice):
+    assert read(TIMED, time_column=choice).names == ("n", "a")
+
+
+def test_no_time_column_at_all(read):
+    recording = read("t,a\n0,1\n1,2\n", time_column="none")
+    assert (recording.names, recording.sample_period) == (("t", "a"), None)
+
+
+def test_a_chosen_date_brings_its_clock(read):
+    text = "day;at;a\n" + "".join(f"2026-01-01;10:00:{i:02};{i}\n" for i in range(9))
+    for choice in ("day", "at", None):
+        assert read(text, time_column=choice).sample_period == 1.0
+
+
+def test_a_time_unit_outranks_what_is_found(read):
+    assert read(TIMED, time_column="n", time_unit="us").sample_period == 1e-6
+    assert read("t,a\n0.0,1\n8.5,2\n17,3\n", time_unit="ms").sample_period == 0.0085
+
+
+def test_missing_numbers_are_compared_as_numbers_and_texts_as_cells(read):
+    text = "t,a,b\n0,-200,1\n1,-200.0,ERR\n2,5,-2e2\n3,6,err\n4,7,0\n"
+    recording = read(text, missing=(-200.0, "ERR"))
+    np.testing.assert_array_equal(recording.values, [[NAN, 1], [NAN, NAN], [5, NAN], [6, NAN], [7, 0]])
+    assert recording.report.bad_cells == 0
+    assert any("3 samples of -200 are missing, as was asked" in note for note in recording.report.notes)
+
+
+def test_a_number_typed_as_text_is_compared_as_a_cell(read):
+    recording = read("a,b\n1.0,2\n1,3\n1,4\n", missing=("1",))
+    np.testing.assert_array_equal(recording.values[:, 0], [1, NAN, NAN])
+
+
+def test_time_is_never_missing(read):
+    recording = read("t,a\n0,1\n1,0\n2,1\n", missing=(0.0,))
+    assert recording.time.tolist() == [0, 1, 2]
+    np.testing.assert_array_equal(recording.values[:, 0], [1, NAN, 1])
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("t,a\n" + "".join(f"{i},{20 + i % 7 / 4}\n" for i in range(30)) + "30,-127\n31,-127\n32,-127\n", -127),
+        ("a\n" + "".join(f"{i % 11}\n400\n" for i in range(20)), 400),
+    ],
+)
+def test_a_far_value_that_repeats_is_asked_about_and_stays(read, text, values):
+    recording = read(text)
+    asked = [note for note in recording.report.notes if "a missing value?" in note]
+    assert len(asked) == 1
+    assert asked[0].startswith(f"is {values} a missing value?")
+    assert f"--missing {values}" in asked[0]
+    assert np.count_nonzero(recording.values[:, -1] == values) >= 3
+
+
+@pytest.mark.parametrize(
+    "samples",
+    [
+        [i % 2 for i in range(50)],  # a switch
+        [i % 17 for i in range(50)],
+        [*range(20), 400, 400],  # twice is chance
+        [min(i * 7 % 40, 30) for i in range(50)],  # clipped
+        [5.0] * 50,
+        [0.0] * 40 + [9.0] * 10,
+    ],
+)
+def test_ordinary_signals_raise_no_question(read, samples):
+    recording = read("a,b\n" + "".join(f"{x},1.5\n" for x in samples))
+    assert not any("a missing value?" in note for note in recording.report.notes)
+
+
+def test_a_header_of_numbers_is_one_when_told(read):
+    text = "1,2\n3,4\n5,6\n"
+    assert read(text).values.tolist() == [[1, 2], [3, 4], [5, 6]]
+    recording = read(text, header=True)
+    assert (recording.names, recording.values.tolist()) == (("1", "2"), [[3, 4], [5, 6]])
+    assert recording.report.headers == 1
+
+
+def test_no_header_when_told(read):
+    recording = read("a,b\n1,2\n", header=False)
+    assert recording.names == ("value 1", "value 2")
+    assert (recording.report.headers, recording.report.comments) == (0, 1)
+
+
+def test_codes_above_fractions_are_a_header_by_themselves(read):
+    rows = "".join(f"{i % 9}.5,{i % 4}.25,{i % 5}.0,1\n" for i in range(30))
+    assert read(f"7001,7002,7003,0\n{rows}").names == ("7001", "7002", "7003", "0")
+    # A first sample that is merely large is a sample.
+    assert len(read(f"7001.5,7002,7003,0\n{rows}")) == len(read(f"70,2,3,0\n{rows}")) == 31
+
+
+GAPPY = "t,a\n" + "".join(f"{t},{t * 10:.0f}\n" for t in (0.0, 0.1, 0.2, 0.6, 0.7, 0.65, 0.8, 0.9))
+
+
+def test_gaps_are_rows_unless_something_else_is_chosen(read):
+    recording = read(GAPPY)
+    assert (len(recording), recording.gaps) == (8, "rows")
+
+
+def test_gaps_become_rows_of_missing_samples(read):
+    recording = read(GAPPY, gaps="missing")
+    assert recording.report.inserted == 3
+    np.testing.assert_allclose(recording.time[2:7], [0.2, 0.3, 0.4, 0.5, 0.6])
+    np.testing.assert_array_equal(np.isnan(recording.values[:, 0]), [0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 0])
+    assert recording.report.rows == 8
+
+
+def test_gaps_become_time_steps_and_steps_back_are_none(read):
+    recording = read(GAPPY, gaps="dt")
+    assert recording.gaps == "dt"
+    np.testing.assert_allclose(recording.steps(), [1, 1, 1, 4, 1, 0, 1.5, 1], rtol=1e-9)
+
+
+def test_a_gap_of_years_is_no_million_rows(read):
+    text = "t,a\n" + "".join(f"{i},1\n" for i in range(20)) + "1e9,2\n"
+    with pytest.raises(BadSetting, match='must not be "missing"'):
+        read(text, gaps="missing")
+    assert read(text, gaps="dt").steps()[-1] > 9e8
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"time_column": "x"}, "must be one of n, clock, a"),
+        ({"time_column": 3}, "must be one of"),
+        ({"time_column": -1}, "must be one of"),
+        ({"time_column": "none", "time_unit": "s"}, "needs a time column"),
+        ({"time_column": "none", "gaps": "dt"}, "has no time"),
+    ],
+)
+def test_an_option_that_the_file_cannot_have_is_refused(read, options, said):
+    with pytest.raises(BadSetting, match=said):
+        read(TIMED, **options)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"delimiter": "x"},
+        {"decimal": ";"},
+        {"decimal": ",", "delimiter": ","},
+        {"time_unit": "fortnight"},
+        {"gaps": "holes"},
+        {"missing": (math.inf,)},
+    ],
+)
+def test_impossible_options_are_refused(options):
+    with pytest.raises(BadSetting, match="got"):
+        ReadOptions(**options)
+
+
+def test_options_as_a_person_types_them():
+    options = options_from_text("semicolon", "2", "millis", ["-200", "ERR", "1e3"], "dt")
+    assert options == ReadOptions(";", None, 1, "ms", (-200.0, "ERR", 1000.0), gaps="dt")
+    assert options_from_text() == ReadOptions()
+    assert options_from_text(time_column="column 3").time_column == 2
+    assert options_from_text(time_column="none").time_column == "none"
+    assert options_from_text("\\t").delimiter == "\t"
+
+
+def test_open_source_passes_options_on(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("a;b\n1;2\n3;-1\n")
+    assert np.isnan(open_source(str(path), ReadOptions(missing=(-1.0,))).values).sum() == 1
+
+
+def test_the_account_adds_up_and_names_every_issue(read):
+    text = account(read("# c\nt,a [mV]\n0,1\n1,ERR\n\n2\n3,\x01\n4,5\n"))
+    assert "log.csv: 3 samples of a [mV]\n" in text
+    assert "8 lines = 3 with data + 2 rejected + 1 blank + 1 comments and text + 1 header" in text
+    assert "line 4, \"a\": must be a number (got 'ERR')" in text
+    assert "line 6: must have 2 fields (got 1) (got '2')" in text
+    assert all(line.isprintable() for line in text.splitlines())

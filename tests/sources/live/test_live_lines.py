@@ -1,0 +1,244 @@
+"""Lines of a port: the first after an opening, boot text, another program on the board; every line is counted."""
+
+import re
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kalscope.sources.lines.read_options import ReadOptions
+from kalscope.sources.live.live_lines import BOOT_SECONDS, LiveLines
+from kalscope.sources.port.events import Came
+
+ESP32 = b"""ets Jul 29 2019 12:21:46\r
+\r
+rst:0x1 (POWERON_RESET),boot:0x13 (SPI_FAST_FLASH_BOOT)\r
+configsip: 0, SPIWP:0xee\r
+clk_drv:0x00,q_drv:0x00,d_drv:0x00,cs0_drv:0x00,hd_drv:0x00,wp_drv:0x00\r
+mode:DIO, clock div:1\r
+load:0x3fff0030,len:1184\r
+load:0x40078000,len:13232\r
+entry 0x400805e4\r
+"""
+
+
+class Stream:
+    """Lines of one port, and what came of them."""
+
+    def __init__(self, at=0.0):
+        self.lines, self.now, self.events = LiveLines(ReadOptions()), at, []
+        self.lines.opened(at)
+
+    def feed(self, data, after=0.001):
+        begin, self.now = self.now, self.now + after
+        self.events += self.lines.feed(Came(data, begin, self.now))
+        return self
+
+    def reopen(self, after=1.0):
+        self.lines.lost()
+        self.now += after
+        self.lines.opened(self.now)
+        return self
+
+    @property
+    def rows(self):
+        return [event.rows[0] for event in self.events if event.kind == "row"]
+
+    @property
+    def names(self):
+        layout = self.lines.layout
+        return [layout.columns[i].name for i in layout.channels]
+
+
+def whole_lines(data):
+    return len(re.split(rb"\r\n|\n|\r", data)) - 1
+
+
+def test_the_first_line_after_opening_is_dropped_for_it_may_be_half():
+    stream = Stream().feed(b"3,4\n1,2\n5,6\n")
+    assert stream.rows == [(1.0, 2.0), (5.0, 6.0)]
+    assert (stream.lines.counts.dropped, stream.lines.untold) == (1, 1)
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
+def test_so_it_is_wherever_the_bytes_are_cut(end):
+    data = end.join([b"9", b"1,2", b"3,4", b"5,6"]) + end
+    for cut in range(1, len(data)):
+        stream = Stream().feed(data[:cut]).feed(data[cut:]).feed(b"7,8" + end)
+        stream.feed(b"7,8" + end, after=3.0)
+        assert stream.rows[:3] == [(1.0, 2.0), (3.0, 4.0), (5.0, 6.0)], cut
+        counts = stream.lines.counts
+        assert counts.received == counts.accepted + counts.rejected + counts.dropped
+        assert counts.received >= 5
+
+
+def test_after_a_silence_the_first_line_may_bring_names_but_no_sample():
+    named = Stream().feed(b"heat,light\n1,2\n3,4\n", after=1.6)
+    assert named.names == ["heat", "light"]
+    assert named.rows == [(1.0, 2.0), (3.0, 4.0)]
+    assert Stream().feed(b"1,2\n3,4\n", after=1.6).rows == [(3.0, 4.0)]
+    cut = Stream().feed(b"ght\n1,2\n3,4\n", after=0.01)
+    assert cut.names == ["value 1", "value 2"]
+
+
+def test_the_names_that_follow_a_first_line_are_the_names():
+    assert Stream().feed(b"# sketch 1.0\nms,heat\n1,2\n3,4\n").names == ["heat"]
+
+
+def test_the_boot_text_of_a_chip_is_no_data():
+    stream = Stream().feed(b"\x80\xff").feed(ESP32, 0.4).feed(b"a:1,b:2\r\na:3,b:4\r\n", 0.5)
+    assert stream.names == ["a", "b"]
+    assert stream.rows == [(1.0, 2.0), (3.0, 4.0)]
+    counts = stream.lines.counts
+    assert counts.rejected == 0
+    assert counts.dropped == whole_lines(ESP32)
+
+
+def test_damage_counts_as_damage_once_the_board_has_started():
+    stream = Stream().feed(b"x\n1,2\n3,4\n1,2,3\n")
+    assert stream.lines.counts.rejected == 0
+    stream.feed(b"5,6\n", after=BOOT_SECONDS).feed(b"1,2,3\n")
+    assert stream.lines.counts.rejected == 1
+    assert stream.events[-1].kind == "rejected"
+
+
+def test_a_line_that_a_reset_cuts_is_never_joined_to_the_next():
+    stream = Stream().feed(b"x\n511\n512\n5", 0.1).feed(b"13\n514\n", 1.5)
+    assert stream.rows == [(511.0,), (512.0,), (514.0,)]
+
+
+def test_a_line_that_an_unplugging_cuts_is_never_joined_to_the_next():
+    stream = Stream().feed(b"x\n511\n512\n5", 3.0)
+    stream.feed(b"1", 0.1).reopen().feed(b"2\n513\n514\n")
+    assert stream.rows == [(511.0,), (512.0,), (513.0,), (514.0,)]
+    assert stream.lines.counts.dropped == 3
+
+
+def test_the_names_stay_when_the_board_comes_back_with_or_without_its_header():
+    stream = Stream().feed(b"x\nms,heat,light\n1,2,3\n2,3,4\n", 0.1)
+    layout = stream.lines.layout
+    stream.reopen().feed(b"x\nms,heat,light\n1,2,3\n", 0.1).reopen().feed(b"x\n7,8,9\n", 0.1)
+    assert stream.lines.layout is layout
+    assert len(stream.rows) == 4
+    assert stream.lines.counts.rejected == 0
+
+
+@pytest.mark.parametrize(
+    ("lines", "names"),
+    [
+        (b"temp,hum\n7,8\n9,10\n", ["temp", "hum"]),
+        (b"temp,hum,dew\n7,8,9\n9,10,11\n", ["temp", "hum", "dew"]),
+        (b"Na,K\n7,8\n9,10\n", ["Na", "K"]),
+        (b"u:7\nu:8\n", ["u"]),
+    ],
+)
+def test_another_program_on_the_board_brings_its_own_columns(lines, names):
+    stream = Stream().feed(b"x\nheat,light\n1,2\n3,4\n" + b"5,6\n" * 50_000, 3.0)
+    stream.reopen().feed(b"x\n" + lines + lines.splitlines(keepends=True)[-1] * 40, 0.1)
+    assert stream.names == names
+    assert stream.rows[-1] in ((9.0, 10.0), (9.0, 10.0, 11.0), (8.0,))
+
+
+def test_words_among_the_numbers_are_no_new_names():
+    stream = Stream().feed(b"x\nheat,light\n1,2\n3,4\n", 0.1).feed(b"5,6\nERR,OK\n7,8\n", 3.0).feed(b"9,10\n")
+    assert stream.names == ["heat", "light"]
+    assert stream.rows == [(1.0, 2.0), (3.0, 4.0), (5.0, 6.0), (7.0, 8.0), (9.0, 10.0)]
+    assert stream.lines.counts.rejected == 0
+
+
+def test_a_header_in_mid_stream_is_no_row_and_names_what_had_no_names():
+    stream = Stream().feed(b"x\n1,2\n3,4\n", 0.1).feed(b"5,6\n", 30.0)
+    assert stream.names == ["value 1", "value 2"]
+    stream.feed(b"raw,filtered\n7,8\n9,10\n")
+    assert stream.names == ["raw", "filtered"]
+    assert stream.rows == [(1.0, 2.0), (3.0, 4.0), (5.0, 6.0), (7.0, 8.0), (9.0, 10.0)]
+    stream.feed(b"raw,filtered\n11,12\n")
+    assert stream.rows[-1] == (11.0, 12.0)
+    assert not np.isnan(stream.rows).any()
+
+
+@pytest.mark.parametrize("remark", [b"Ready", b"Sensor ready", b"Starting up\nSensor ready"])
+def test_two_whole_numbers_below_a_remark_are_two_channels(remark):
+    stream = Stream().feed(b"x\n" + remark + b"\n512,300\n513,301\n", 1.6)
+    assert stream.names == ["value 1", "value 2"]
+    assert stream.rows == [(512.0, 300.0), (513.0, 301.0)]
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_header_with_blanks_and_digits_is_no_row_also_where_the_board_starts_twice(times):
+    stream = Stream().feed(b"x\n" + b"sine 1,sine 2\n" * times + b"0.5,0.25\n1.5,1.25\n", 1.6)
+    assert stream.names == ["sine 1", "sine 2"]
+    assert stream.rows == [(0.5, 0.25), (1.5, 1.25)]
+
+
+def test_noise_of_a_wrong_baud_rate_is_recognised_and_a_good_line_ends_it():
+    rng = np.random.default_rng(1)
+    stream = Stream()
+    for _ in range(30):
+        stream.feed(rng.integers(0, 256, 100, dtype=np.uint8).tobytes(), 0.1)
+    assert stream.lines.wrong_baud
+    assert stream.rows == []
+    stream.reopen().feed(b"x\n1,2\n3,4\n", 0.1)
+    assert not stream.lines.wrong_baud
+
+
+@pytest.mark.parametrize("text", [b"waiting for WiFi...\n", "température 21 °C, 45 µW\n".encode(), b".....\n"])
+def test_text_is_no_wrong_baud_rate(text):
+    stream = Stream()
+    for _ in range(60):
+        stream.feed(text, 0.1)
+    assert not stream.lines.wrong_baud
+
+
+@pytest.mark.parametrize("noise", [b"\x00" * 300_000, b"7" * 1_000_000, bytes(range(256)) * 2000])
+def test_noise_of_any_kind_takes_no_memory_and_no_sample(noise):
+    stream = Stream()
+    for begin in range(0, len(noise), 4096):
+        stream.feed(noise[begin : begin + 4096], 0.01)
+        assert stream.lines._parser.buffered + len(stream.lines._held) <= 70_000
+    assert stream.rows == []
+    stream.feed(b"\n", 3.0).feed(b"1,2\n3,4\n" * 10)
+    assert stream.rows[-2:] == [(1.0, 2.0), (3.0, 4.0)]
+
+
+@pytest.mark.parametrize("line", [b"1,2\n", b"a:1,b:2\n"])
+@pytest.mark.parametrize("text", [b"waiting for WiFi ...\n", b"waiting for WiFi 7 ...\n"])
+def test_data_is_found_soon_after_any_amount_of_text(line, text):
+    stream = Stream().feed(text * 3000, 3.0).feed(line * 60)
+    assert stream.rows[-20:] == [(1.0, 2.0)] * 20
+
+
+SEED = b"# boot\r\nms,a,b\r\n" + b"".join(b"%d,%d,%d\r\n" % (i, i * 3 % 7, i) for i in range(40))
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(0, len(SEED)), st.sampled_from(["cut", "put", "flip"]), st.binary(max_size=6))),
+    st.lists(st.integers(0, len(SEED)), max_size=12),
+    st.lists(st.floats(0.001, 2.5), min_size=13, max_size=13),
+)
+def test_every_line_that_came_is_in_one_count(damage, cuts, pauses):
+    data = bytearray(SEED)
+    for at, what, extra in damage:
+        if what == "cut":
+            del data[at : at + 3]
+        elif what == "put":
+            data[at:at] = extra
+        elif at < len(data):
+            data[at] ^= 1 << (len(extra) % 8)
+    # A lone \r in a mutated stream is a line end too; \r at the end of a piece may belong to \r\n.
+    stream, edges = Stream(), [0, *sorted(cuts), len(data)]
+    for (begin, end), pause in zip(pairwise(edges), pauses, strict=False):
+        if end > begin:
+            stream.feed(bytes(data[begin:end]), pause)
+    stream.lines.lost()
+    counts = stream.lines.counts
+    torn = 0 if bytes(data[-1:]) in (b"\n", b"\r", b"") else 1
+    assert counts.received == whole_lines(bytes(data)) + torn
+    assert counts.received == counts.accepted + counts.rejected + counts.dropped
+    told = [event.kind for event in stream.events]
+    assert counts.accepted == told.count("row")
+    assert counts.rejected == told.count("rejected")
+    assert counts.dropped == len(told) - told.count("row") - told.count("rejected") + stream.lines.untold

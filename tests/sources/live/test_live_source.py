@@ -1,0 +1,251 @@
+"""A live source over a pseudo-terminal: snapshots, counts, reconnecting, sending."""
+
+import math
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kalscope.errors import BadDevice, BadSetting
+from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.port.clock import Clock
+from kalscope.sources.recorder.counts import RecorderCounts
+
+pytestmark = pytest.mark.usefixtures("no_thread_left")
+
+
+def lines(begin, end):
+    return b"".join(b"%d,%d\r\n" % (i, -i) for i in range(begin, end))
+
+
+def received(live, count):
+    return lambda: live.status().accepted >= count and live.snapshot() is not None and kept(live) >= count
+
+
+def kept(live):
+    snapshot = live.snapshot()
+    return 0 if snapshot is None else snapshot.first + len(snapshot.recording)
+
+
+def test_nothing_is_there_before_the_first_sample(live):
+    assert live.snapshot() is None
+    status = live.status()
+    assert (status.word, status.hint, status.received, status.period) == ("connected", "", 0, None)
+
+
+def test_every_sample_arrives_exactly_with_the_names_of_the_board(board, live, wait_for):
+    board.say(b"x\nheat [mV],light\n" + lines(0, 20_000))
+    wait_for(received(live, 20_000))
+    recording = live.snapshot().recording
+    assert recording.names == ("heat", "light")
+    assert recording.units == ("mV", "")
+    np.testing.assert_array_equal(recording.values, np.column_stack([np.arange(20_000), -np.arange(20_000)]))
+    assert (np.diff(recording.time) > 0).all()
+    assert recording.time[0] == 0.0
+    status = live.status()
+    assert (status.received, status.accepted, status.rejected, status.dropped) == (20_002, 20_000, 0, 2)
+
+
+def test_what_an_arduino_prints_for_no_number_is_a_missing_sample(board, live, wait_for):
+    board.say(b"x\n1,2\nnan,ovf\ninf,-inf\n3,4\n")
+    wait_for(received(live, 4))
+    expected = [[1, 2], [math.nan] * 2, [math.nan] * 2, [3, 4]]
+    np.testing.assert_array_equal(live.snapshot().recording.values, expected)
+    assert live.status().rejected == 0
+
+
+def test_a_snapshot_never_changes_and_is_the_same_while_nothing_comes(board, live, wait_for):
+    board.say(b"x\n" + lines(0, 100))
+    wait_for(received(live, 100))
+    held = live.snapshot()
+    assert live.snapshot() is held
+    before = held.recording.values.copy(), held.recording.time.copy()
+    board.say(lines(100, 50_000))
+    wait_for(received(live, 50_000))
+    np.testing.assert_array_equal(held.recording.values, before[0])
+    np.testing.assert_array_equal(held.recording.time, before[1])
+    later = live.snapshot()
+    assert later.version > held.version
+    assert later.generation == held.generation
+    with pytest.raises(ValueError, match="read-only"):
+        later.recording.values[0, 0] = 5.0
+
+
+def test_older_samples_leave_memory_and_that_is_said(board, wait_for):
+    with LiveSource(board.link, keep=1000) as live:
+        wait_for(lambda: live.status().word == "connected")
+        board.say(b"x\n" + lines(0, 10_000))
+        wait_for(received(live, 10_000))
+        snapshot = live.snapshot()
+        assert 1000 <= len(snapshot.recording) <= 1250
+        assert snapshot.first == live.status().left_memory == 10_000 - len(snapshot.recording)
+        np.testing.assert_array_equal(snapshot.recording.values[:, 0], np.arange(snapshot.first, 10_000))
+
+
+def test_other_columns_are_a_new_generation_and_the_same_header_is_none(board, live, wait_for):
+    board.say(b"x\na,b\n" + lines(0, 100))
+    wait_for(received(live, 100))
+    first = live.snapshot()
+    board.say(b"a,b\n" + lines(0, 100))
+    wait_for(received(live, 200))
+    assert live.snapshot().generation == first.generation
+    time.sleep(2.1)  # no longer the time in which a board starts
+    board.say(b"c,d,e\n" + b"1,2,3\n" * 100)
+    wait_for(lambda: live.snapshot().recording.names == ("c", "d", "e"))
+    wait_for(lambda: kept(live) == 100)
+    assert live.snapshot().generation > first.generation
+    assert live.snapshot().first == 0
+    np.testing.assert_array_equal(first.recording.values[:, 0], np.arange(100))
+
+
+def test_a_board_plugged_in_again_goes_on_with_the_true_pause_and_one_missing_row(board, live, wait_for):
+    board.say(b"x\na,b\n" + lines(0, 100))
+    wait_for(received(live, 100))
+    board.unplug()
+    wait_for(lambda: live.status().word == "disconnected, waiting")
+    assert live.status().hint
+    gone = time.monotonic()
+    time.sleep(0.3)
+    board.plug()
+    wait_for(lambda: live.status().word == "connected")
+    pause = time.monotonic() - gone
+    board.say(b"50,1\n" + lines(100, 200))
+    wait_for(lambda: kept(live) == 201)
+    recording = live.snapshot().recording
+    assert np.isnan(recording.values[100]).all()
+    np.testing.assert_array_equal(recording.values[101:, 0], np.arange(100, 200))
+    assert recording.time[101] - recording.time[99] >= 0.3
+    assert recording.time[101] - recording.time[99] <= pause + 5
+    status = live.status()
+    assert (status.reconnects, status.dropped, status.hint) == (1, 3, "")
+    assert recording.names == ("a", "b")
+
+
+def test_close_frees_the_port_and_start_goes_on_with_the_same_samples(board, live, wait_for):
+    board.say(b"x\n" + lines(0, 10))
+    wait_for(received(live, 10))
+    for _ in range(2):
+        live.close()
+        live.close()
+    assert live.status().word == "closed"
+    live.start(require=True)
+    board.say(b"x\n" + lines(10, 20))
+    wait_for(lambda: kept(live) == 21)
+
+
+def test_a_wall_clock_that_is_set_changes_nothing(board, wait_for):
+    wall = iter([0.0, -3600.0, 86400.0] * 100_000)
+    with LiveSource(board.link, clock=Clock(wall=lambda: next(wall))) as live:
+        wait_for(lambda: live.status().word == "connected")
+        for i in range(0, 100, 10):
+            board.say((b"x\n" if i == 0 else b"") + lines(i, i + 10))
+            time.sleep(0.01)
+        wait_for(received(live, 100))
+        steps = np.diff(live.snapshot().recording.time)
+        assert (steps > 0).all()
+        assert steps.max() < 30
+        assert not np.isnan(live.snapshot().recording.values).any()
+
+
+def test_a_machine_that_slept_leaves_a_gap_of_that_length(board, wait_for):
+    asleep = [0.0]
+    with LiveSource(board.link, clock=Clock(asleep=lambda: asleep[0])) as live:
+        wait_for(lambda: live.status().word == "connected")
+        board.say(b"x\n" + lines(0, 10))
+        wait_for(received(live, 10))
+        asleep[0] = 1800.0
+        board.say(lines(10, 20))
+        wait_for(lambda: kept(live) == 21)
+        recording = live.snapshot().recording
+        assert np.isnan(recording.values[10]).all()
+        assert 1800 <= recording.time[11] - recording.time[9] < 1830
+
+
+def test_a_board_that_is_not_there_is_waited_for_or_refused(tmp_path, wait_for):
+    path = str(tmp_path / "ttyNONE")
+    live = LiveSource(path)
+    with pytest.raises(BadDevice, match="plugged in"):
+        live.start(require=True)
+    live.start()
+    wait_for(lambda: live.status().word == "disconnected, waiting")
+    assert "plugged in" in live.status().hint
+    live.close()
+
+
+def test_noise_is_named_as_a_wrong_baud_rate(board, live, wait_for):
+    rng = np.random.default_rng(0)
+    while "baud" not in live.status().hint:
+        board.say(rng.integers(128, 256, 200, dtype=np.uint8).tobytes())
+        time.sleep(0.05)
+    assert "115200" in live.status().hint
+    assert live.snapshot() is None
+
+
+def answer(board, reply):
+    threading.Thread(target=lambda: (board.heard(), board.say(reply))).start()
+
+
+def test_a_line_sent_is_answered_by_the_next_line_with_a_hash(board, live, wait_for):
+    board.say(b"x\n" + lines(0, 10))
+    answer(board, lines(10, 12) + b"# q=0.01\r\n# r=4\r\n" + lines(12, 14))
+    assert live.send("q0.01") == ("# q=0.01", "# r=4")
+    wait_for(received(live, 14))
+    np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(14))
+
+
+def test_no_answer_is_the_fault_of_the_device(live):
+    with pytest.raises(BadDevice, match="begins with #"):
+        live.send("hello", timeout=0.1)
+
+
+@pytest.mark.parametrize("line", ["x" * 63, "two\nlines", "\x00"])
+def test_what_an_avr_would_lose_is_not_sent(live, line):
+    with pytest.raises(BadSetting, match="at most 62 bytes"):
+        live.send(line)
+
+
+class ListRecorder:
+    """What a live source says to a recorder, in order."""
+
+    trouble = warning = ""
+    counts, paths = RecorderCounts(), (Path("run.csv"),)
+
+    def __init__(self):
+        self.calls, self.closed = [], False
+
+    def write(self, stamped, layout):
+        self.calls.append(("write", [(at, event.kind) for at, event in stamped], layout))
+
+    def gap(self, kind, seconds):
+        self.calls.append(("gap", kind, seconds))
+
+    def drop(self, count):
+        self.calls.append(("drop", count))
+
+    def close(self):
+        self.closed = True
+
+
+def test_the_recorder_is_told_every_line_before_it_is_shown(board, live, wait_for):
+    recorder = live._slot._recorder = ListRecorder()
+    board.say(b"x\na,b\n" + lines(0, 1000))
+    wait_for(received(live, 1000))
+    board.unplug()
+    wait_for(lambda: live.status().word == "disconnected, waiting")
+    board.plug()
+    wait_for(lambda: live.status().reconnects == 1)
+    board.say(b"x\n" + lines(0, 10))
+    wait_for(received(live, 1010))
+    wait_for(lambda: len([c for c in recorder.calls if c[0] == "write" and not c[1]]) > 3)
+    live.close()
+    told = [entry for call in recorder.calls if call[0] == "write" for entry in call[1]]
+    dropped = sum(call[1] for call in recorder.calls if call[0] == "drop")
+    status = live.status()
+    assert [kind for _, kind in told].count("row") == status.accepted == 1010
+    assert len(told) + dropped == status.received
+    assert [at for at, _ in told] == sorted(at for at, _ in told)
+    gaps = [call for call in recorder.calls if call[0] == "gap"]
+    assert [(kind, 0 < seconds < 30) for _, kind, seconds in gaps] == [("unplug", True)]
+    assert recorder.closed

@@ -1,0 +1,117 @@
+"""The time of streamed samples: true after every pause, never backward, whatever the board's counter does."""
+
+import math
+
+import numpy as np
+import pytest
+
+from kalscope.sources.lines.timestamps import TimeColumn
+from kalscope.sources.live.sample_times import LiveTime, Row
+
+
+def rows(hosts, stamps):
+    return [Row(host, stamp, (float(i),)) for i, (host, stamp) in enumerate(zip(hosts, stamps, strict=True))]
+
+
+def times_of(clock, hosts, stamps=None):
+    stamps = [math.nan] * len(hosts) if stamps is None else stamps
+    return np.array(clock.place(rows(hosts, stamps))[0])
+
+
+def test_without_stamps_time_is_that_of_arrival_from_the_first_sample():
+    time = times_of(LiveTime(None), [100.0, 100.5, 100.5, 102.0])
+    np.testing.assert_allclose(time, [0.0, 0.5, 0.5, 2.0], atol=2e-6)
+    assert (np.diff(time) > 0).all()
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6)])
+def test_stamps_of_the_board_are_the_time_to_the_last_digit(unit, scale):
+    clock = LiveTime(TimeColumn(0, "number", unit))
+    time = times_of(clock, [9.0, 9.3, 9.1, 9.9], [5000.0, 5010.0, 5020.0, 5030.0])
+    np.testing.assert_allclose(time, np.arange(4) * 10 * scale, rtol=1e-12, atol=1e-12)
+    assert clock.by_device
+    assert clock.period == pytest.approx(10 * scale, rel=1e-9)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
+@pytest.mark.parametrize("speed", [1.0, 12.0])
+def test_a_unit_that_is_not_said_is_found_by_the_clock_of_the_host(unit, scale, speed):
+    clock = LiveTime(TimeColumn(0, "number", ""))
+    true = np.arange(200) * 0.01
+    time = times_of(clock, (7 + true / speed).tolist(), (true / scale).tolist())
+    np.testing.assert_allclose(time, true, atol=1e-9)
+
+
+def test_stamps_that_stand_still_are_no_time():
+    clock = LiveTime(TimeColumn(0, "number", ""))
+    time = times_of(clock, (np.arange(100) * 0.01).tolist(), [3.0] * 100)
+    assert not clock.by_device
+    np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [2.0**16, 2.0**32])
+def test_a_counter_that_wraps_is_counted_on(size):
+    true = np.arange(100) * 10.0 + size - 500
+    clock = LiveTime(TimeColumn(0, "number", "ms"))
+    time = times_of(clock, (np.arange(100) * 0.01).tolist(), np.mod(true, size).tolist())
+    np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-6)
+
+
+def test_a_clock_goes_on_over_midnight():
+    clock = LiveTime(TimeColumn(0, "clock"))
+    stamps = [(86398 + i) % 86400 * 1e6 for i in range(5)]
+    np.testing.assert_allclose(times_of(clock, [float(i) for i in range(5)], stamps), np.arange(5), atol=1e-6)
+
+
+def test_a_board_that_starts_anew_goes_on_by_the_time_that_has_passed():
+    clock = LiveTime(TimeColumn(0, "number", "ms"))
+    first = times_of(clock, [0.0, 0.01, 0.02], [50_000.0, 50_010.0, 50_020.0])
+    again = times_of(clock, [1.62, 1.63, 1.64], [3.0, 13.0, 23.0])
+    np.testing.assert_allclose(np.concatenate([first, again]), [0, 0.01, 0.02, 1.62, 1.63, 1.64], atol=1e-9)
+
+
+@pytest.mark.parametrize("column", [None, TimeColumn(0, "number", "ms")])
+@pytest.mark.parametrize("restarted", [False, True])
+def test_after_an_interruption_time_jumps_by_the_true_pause_and_one_row_is_missing(column, restarted):
+    clock = LiveTime(column)
+    times_of(clock, [0.0, 0.01, 0.02], [70_000.0, 70_010.0, 70_020.0])
+    clock.broke_off()
+    start = 80_000.0 if restarted else 130_020.0
+    time, values = clock.place(rows([60.02, 60.03], [start, start + 10]))
+    np.testing.assert_allclose(time, [0.03, 60.02, 60.03], atol=1e-6)
+    assert math.isnan(values[0][0])
+    assert values[1:] == [(0.0,), (1.0,)]
+    assert clock.period == pytest.approx(0.01)
+
+
+def test_the_time_of_a_sleeping_machine_is_added():
+    clock = LiveTime(None)
+    times_of(clock, [0.0, 1.0])
+    clock.broke_off(1800.0)
+    np.testing.assert_allclose(times_of(clock, [2.0, 3.0]), [2.0, 1802.0, 1803.0])
+
+
+def test_one_damaged_stamp_moves_nothing_but_itself():
+    stamps = [10.0 * i for i in range(20)]
+    stamps[7], stamps[13] = 99_999_999.0, 20.0
+    clock = LiveTime(TimeColumn(0, "number", "ms"))
+    time = times_of(clock, (np.arange(20) * 0.01).tolist(), stamps)
+    assert (np.diff(time) >= 0).all()
+    np.testing.assert_allclose(time, np.arange(20) * 0.01, atol=0.02)
+
+
+def test_the_period_of_coarse_stamps_is_their_mean_step():
+    true = np.arange(4000) / 900.0
+    clock = LiveTime(TimeColumn(0, "number", "ms"))
+    times_of(clock, true.tolist(), np.floor(true * 1000).tolist())
+    assert clock.period == pytest.approx(1 / 900, rel=0.01)
+
+
+def test_jitter_holds_nine_of_ten_steps():
+    rng = np.random.default_rng(2)
+    steps = 0.01 + rng.uniform(-0.001, 0.001, 4000)
+    clock = LiveTime(None)
+    assert clock.jitter is None
+    times_of(clock, np.cumsum(steps).tolist())
+    assert clock.jitter == pytest.approx(0.0009, rel=0.05)
+    assert clock.period == pytest.approx(0.01, rel=0.01)

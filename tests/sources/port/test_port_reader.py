@@ -1,0 +1,334 @@
+"""The thread that reads a port: every way a board goes is one calm state, and close frees the port."""
+
+import errno
+import subprocess
+import sys
+import threading
+import time
+from itertools import pairwise
+from queue import Empty
+
+import pytest
+import serial
+
+from kalscope.errors import BadDevice
+from kalscope.sources.port.clock import Clock
+from kalscope.sources.port.events import Came, Lost, Opened
+from kalscope.sources.port.open_port import SerialPort, holders, why_gone, why_not_opened
+from kalscope.sources.port.port_reader import PortReader
+from kalscope.sources.port.port_spec import PortInfo, PortSpec
+
+pytestmark = pytest.mark.usefixtures("no_thread_left")
+
+
+@pytest.fixture
+def reader(board):
+    reader = PortReader(PortSpec(board.link))
+    yield reader
+    reader.close()
+
+
+def taken(reader):
+    """All items that are there."""
+    items = []
+    while True:
+        try:
+            items.append(reader.items.get_nowait())
+        except Empty:
+            return items
+
+
+def bytes_of(items):
+    return b"".join(item.data for item in items if isinstance(item, Came))
+
+
+class ScriptedPort:
+    """A port that gives what it was told to, then raises."""
+
+    def __init__(self, script):
+        self.script, self.closed = list(script), False
+
+    def fetch(self):
+        if not self.script:
+            time.sleep(0.005)
+            return b""
+        next_one = self.script.pop(0)
+        if isinstance(next_one, BaseException):
+            raise next_one
+        return next_one
+
+    def waiting(self):
+        if self.script and isinstance(self.script[0], tuple):
+            raise self.script.pop(0)[0]
+        return 0
+
+    def write(self, data):
+        pass
+
+    def close(self):
+        self.closed = True
+
+
+def test_what_the_board_sends_arrives_whole_and_in_order(board, reader, wait_for):
+    reader.start(require=True)
+    sent = b"".join(b"%d,%d\n" % (i, i * i) for i in range(20_000))
+    board.say(sent)
+    items = []
+    wait_for(lambda: items.extend(taken(reader)) or len(bytes_of(items)) == len(sent))
+    assert isinstance(items[0], Opened)
+    assert bytes_of(items) == sent
+    spans = [(item.begin, item.end) for item in items[1:]]
+    assert spans == sorted(spans)
+    assert all(before[1] == after[0] for before, after in pairwise(spans))
+    assert reader.state.word == "connected"
+
+
+def test_a_board_pulled_out_while_nothing_comes_is_waited_for(board, reader, wait_for):
+    reader.start(require=True)
+    time.sleep(0.15)
+    board.unplug()
+    wait_for(lambda: reader.state.word == "disconnected, waiting")
+    assert "unplugged" in reader.state.why or "plugged in" in reader.state.why
+    assert isinstance(taken(reader)[-1], Lost)
+    assert reader.running
+
+
+def test_a_board_pulled_out_with_bytes_pending_loses_none_that_were_read(board, reader, wait_for):
+    reader.start(require=True)
+    board.say(b"0123456789")
+    wait_for(lambda: reader.items.qsize() >= 2)
+    items = taken(reader)
+    board.say(b"abc")
+    board.unplug()
+    wait_for(lambda: reader.state.word == "disconnected, waiting")
+    items += taken(reader)
+    assert bytes_of(items).startswith(b"0123456789")
+    assert b"0123456789abc".startswith(bytes_of(items))
+
+
+def termios_error():
+    import termios
+
+    return termios.error(errno.EIO, "Input/output error")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        serial.SerialException("device reports readiness to read but returned no data"),
+        OSError(errno.EIO, "Input/output error"),
+        termios_error(),
+        TypeError("'NoneType' object cannot be interpreted as an integer"),
+    ],
+    ids=lambda error: type(error).__module__ + "." + type(error).__name__,
+)
+@pytest.mark.parametrize("where", ["read", "in_waiting"])
+def test_whatever_is_raised_the_state_is_the_same_calm_one(error, where, wait_for):
+    port = ScriptedPort([b"1\n", error if where == "read" else (error,)])
+    ports = [port]
+
+    def open_port(spec, device):
+        if not ports:
+            raise BadDevice("port must be plugged in (got nothing)")
+        return ports.pop()
+
+    reader = PortReader(PortSpec("x"), open_port=open_port)
+    reader.start()
+    wait_for(lambda: reader.state.word == "disconnected, waiting")
+    reader.close()
+    assert [type(item) for item in taken(reader)] == [Opened, Came, Lost]
+    assert port.closed
+    assert reader.state.word == "closed"
+
+
+def test_a_board_plugged_in_again_goes_on_by_itself(board, reader, wait_for):
+    reader.start(require=True)
+    for turn in range(2, 4):
+        board.unplug()
+        wait_for(lambda: reader.state.word == "disconnected, waiting")
+        board.plug()
+        wait_for(lambda turn=turn: (reader.state.word, reader.state.opened) == ("connected", turn))
+    board.say(b"again\n")
+    wait_for(lambda: bytes_of(taken(reader)) == b"again\n")
+    assert reader.state.why == ""
+
+
+def test_the_wait_between_two_attempts_doubles_up_to_two_seconds():
+    waits, reader = [], None
+
+    class Stop(threading.Event):
+        def wait(self, timeout=None):
+            waits.append(timeout)
+            return len(waits) == 6 and (self.set() or True)
+
+    def open_port(spec, device):
+        raise BadDevice("port must be plugged in (got nothing)")
+
+    reader = PortReader(PortSpec("x"), open_port=open_port)
+    reader._run(None, Stop())
+    assert waits == [0.25, 0.5, 1.0, 2.0, 2.0, 2.0]
+
+
+def test_without_reconnecting_a_lost_board_ends_the_thread(board, wait_for):
+    reader = PortReader(PortSpec(board.link), reconnect=False)
+    reader.start(require=True)
+    board.unplug()
+    wait_for(lambda: not reader.running)
+    assert reader.state.word == "closed"
+    assert "unplugged" in reader.state.why
+    reader.close()
+
+
+def test_a_board_is_found_again_under_another_name_by_its_serial_number(monkeypatch, wait_for):
+    listed = [PortInfo("/dev/ttyACM0", "Uno", "75"), PortInfo("/dev/ttyACM1", "other", "9")]
+    monkeypatch.setattr("kalscope.sources.port.port_reader.list_ports", lambda: tuple(listed))
+    opened = []
+
+    def open_port(spec, device):
+        opened.append(device)
+        if device != listed[0].device:
+            raise BadDevice("port must be plugged in (got nothing)")
+        return ScriptedPort([b"1\n", OSError(errno.EIO, "gone")] if len(opened) == 1 else [])
+
+    reader = PortReader(PortSpec("/dev/ttyACM0"), open_port=open_port)
+    reader.start()
+    wait_for(lambda: reader.state.opened == 1)
+    listed[0] = PortInfo("/dev/ttyACM7", "Uno", "75")
+    wait_for(lambda: reader.state.opened == 2)
+    assert reader.state.device == "/dev/ttyACM7"
+    reader.close()
+
+
+def test_close_frees_the_port_at_once_even_while_it_reads(board, reader):
+    for _ in range(3):
+        reader.start(require=True)
+        with pytest.raises(serial.SerialException):
+            serial.Serial(board.link, exclusive=True)
+        reader.close()
+        with serial.Serial(board.link, exclusive=True) as second:
+            assert second.is_open
+    assert not reader.running
+
+
+def test_a_port_that_another_program_holds_is_refused_with_both_named(board, reader):
+    with serial.Serial(board.link, exclusive=True), pytest.raises(BadDevice, match="another program holds"):
+        reader.start(require=True)
+    assert reader.state.word == "closed"
+    assert not reader.running
+
+
+def test_a_second_reader_is_named_as_a_possible_cause(board, reader, wait_for):
+    reader.start(require=True)
+    script = (
+        "import os,sys,time; os.open(sys.argv[1], os.O_RDWR|os.O_NOCTTY); print('open', flush=True); time.sleep(9)"
+    )
+    with subprocess.Popen([sys.executable, "-c", script, board.link], stdout=subprocess.PIPE) as other:
+        assert other.stdout.readline() == b"open\n"
+        held = holders(board.link)
+        text = why_gone(PortSpec(board.link), board.link, OSError(5, "x"), again=False)
+        other.kill()
+    assert held == [f"{held[0].split(' (')[0]} (process {other.pid})"]
+    assert "unplugged" in text
+    assert "another program reads this port" in text
+    assert str(other.pid) in text
+
+
+def test_the_words_of_both_causes_name_both(tmp_path):
+    (tmp_path / "port").touch()
+    device = str(tmp_path / "port")
+    error = serial.SerialException("(device disconnected or multiple access on port?)")
+    assert "another program" in why_gone(PortSpec(device), device, error, again=False)
+    gone = why_gone(PortSpec("/dev/gone"), "/dev/gone", error, again=False)
+    assert gone == "the board was unplugged"
+    assert "another program" in why_gone(PortSpec("/dev/gone"), "/dev/gone", error, again=True)
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (FileNotFoundError(errno.ENOENT, "No such file"), "must be plugged in"),
+        (PermissionError(errno.EACCES, "Permission denied"), "dialout"),
+        (OSError(errno.EBUSY, "Device or resource busy"), "another program holds"),
+        (ValueError("Invalid baud rate: 3"), "takes 115200 baud"),
+    ],
+)
+def test_a_port_that_does_not_open_says_what_to_do(error, words):
+    assert words in why_not_opened(PortSpec("/dev/ttyX"), "/dev/ttyX", error)
+
+
+def test_a_file_is_no_port(tmp_path):
+    (tmp_path / "log.csv").write_text("1\n")
+    with pytest.raises(BadDevice, match="must be a serial port"):
+        SerialPort(PortSpec("x"), str(tmp_path / "log.csv"))
+
+
+def test_a_network_port_that_nobody_serves_says_so():
+    spec = PortSpec("socket://127.0.0.1:1")
+    with pytest.raises(BadDevice, match="must answer"):
+        SerialPort(spec, spec.url)
+
+
+def test_one_megabyte_without_a_newline_passes_like_anything_else(board, reader, wait_for):
+    reader.start(require=True)
+    size = [0]
+    sender = threading.Thread(target=board.say, args=(b"7" * 1_000_000,))
+    sender.start()
+    wait_for(lambda: size.__setitem__(0, size[0] + len(bytes_of(taken(reader)))) or size[0] == 1_000_000)
+    sender.join()
+
+
+def test_a_slow_consumer_loses_nothing_and_holds_the_reader_at_the_limit(monkeypatch, wait_for):
+    monkeypatch.setattr("kalscope.sources.port.port_reader.MOST_WAITING", 1000)
+    port = ScriptedPort([b"x" * 100] * 50)
+    reader = PortReader(PortSpec("x"), open_port=lambda *_: port)
+    reader.start()
+    wait_for(lambda: reader.items.qsize() >= 11)
+    time.sleep(0.05)
+    items = taken(reader)
+    assert len(bytes_of(items)) <= 1200
+    total = [0]
+
+    def take_all():
+        for item in items + taken(reader):
+            if isinstance(item, Came):
+                total[0] += len(item.data)
+                reader.taken(item)
+        items.clear()
+        return total[0] == 5000
+
+    wait_for(take_all)
+    reader.close()
+
+
+def test_writing_to_a_port_that_is_not_open_says_how_it_stands(reader):
+    with pytest.raises(BadDevice, match="connected"):
+        reader.write(b"x")
+
+
+def test_what_is_written_reaches_the_board(board, reader):
+    reader.start(require=True)
+    reader.write(b"q0.01\n")
+    assert board.heard() == b"q0.01\n"
+
+
+def test_stamps_are_of_the_monotonic_clock_alone(wait_for):
+    ticks, wall = iter(range(1000)), iter([0.0, -3600.0, 86400.0] * 1000)
+    clock = Clock(lambda: float(next(ticks)), lambda: next(wall), lambda: 0.0)
+    port = ScriptedPort([b"1\n"] * 20)
+    reader = PortReader(PortSpec("x"), open_port=lambda *_: port, clock=clock)
+    reader.start()
+    wait_for(lambda: not port.script)
+    reader.close()
+    ends = [item.end for item in taken(reader) if isinstance(item, Came)]
+    assert len(ends) == 20
+    assert ends == sorted(ends)
+
+
+def test_bursts_are_no_late_reads_but_what_piles_up_behind_one_is():
+    reader = PortReader(PortSpec("x"))
+    for _ in range(100):
+        reader._judge_pause(0.1, 0, 1500)
+        reader._judge_pause(0.0005, 1500, 0)
+    assert reader.longest_pause < 0.01
+    reader._judge_pause(0.5, 0, 10_000)
+    assert 0.3 < reader.longest_pause <= 0.5

@@ -1,0 +1,107 @@
+"""What a person types for a port, and what the system lists."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from kalscope.catalogue import open_source
+from kalscope.errors import BadSetting
+from kalscope.sources.port.port_spec import PortInfo, PortSpec, is_live, list_ports, port_of
+
+
+@pytest.mark.parametrize(
+    ("text", "url", "baud"),
+    [
+        ("serial:/dev/ttyACM0@9600", "/dev/ttyACM0", 9600),
+        ("serial:/dev/ttyACM0", "/dev/ttyACM0", 115200),
+        ("COM3@9600", "COM3", 9600),
+        ("serial:COM12@250000", "COM12", 250000),
+        ("/dev/cu.usbmodem1101", "/dev/cu.usbmodem1101", 115200),
+        ("/dev/serial/by-id/usb-a@b", "/dev/serial/by-id/usb-a@b", None),
+        ("socket://192.168.1.20:3333", "socket://192.168.1.20:3333", 115200),
+        ("rfc2217://host:4000@57600", "rfc2217://host:4000", 57600),
+        (" serial:COM3@74880 ", "COM3", 74880),
+        ("SERIAL:COM3@1", "COM3", 1),
+    ],
+)
+def test_a_port_is_read_as_it_is_typed(text, url, baud):
+    if baud is None:
+        with pytest.raises(BadSetting, match="COM3@9600"):
+            port_of(text)
+        return
+    assert port_of(text) == PortSpec(url, baud)
+
+
+@pytest.mark.parametrize("text", ["serial:/dev/ttyACM0@9600", "COM3", "socket://a:1", "rfc2217://a:1@300"])
+def test_a_port_written_is_the_port_read(text):
+    spec = port_of(text)
+    assert port_of(spec.text) == spec
+    assert is_live(spec.text)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "serial:", "serial:@9600", "COM3@", "COM3@fast", "COM3@-1", "COM3@0", "COM3@1e6"]
+)
+def test_what_names_no_port_is_refused_with_what_came(text):
+    with pytest.raises(BadSetting, match="got"):
+        port_of(text)
+
+
+@pytest.mark.parametrize("baud", [0, -1, 30_000_000, 9600.0, True, "9600"])
+def test_a_baud_rate_is_a_whole_number_of_its_range(baud):
+    with pytest.raises(BadSetting, match="baud rate"):
+        PortSpec("COM3", baud)
+
+
+LIVE = ["serial:x", "Serial:COM3@9600", "COM3", "COM3@9600", "/dev/ttyUSB0", "/dev/cu.usb@9600", "socket://h:1"]
+LIVE += ["rfc2217://h:1", "loop://x", "/dev/pts/3", r"\\.\COM12"]
+FINISHED = [
+    "demo",
+    "sample:flex_sensor",
+    "synthetic:sine",
+    r"C:\x.csv",
+    "C:/COM3.csv",
+    "COM3.csv",
+    "socket.csv",
+    "",
+]
+FINISHED += ["http://x/y.csv", "./serial", "/dev/null", "experiment:x", "socket://", "a@9600"]
+
+
+@pytest.mark.parametrize(("spec", "live"), [(s, True) for s in LIVE] + [(s, False) for s in FINISHED])
+def test_a_port_streams_and_a_file_is_finished(spec, live):
+    assert is_live(spec) is live
+
+
+@pytest.mark.parametrize("spec", LIVE)
+def test_a_live_source_is_no_finished_recording(spec):
+    with pytest.raises(BadSetting, match="a board that streams"):
+        open_source(spec)
+
+
+def test_ports_are_listed_by_name_with_what_the_system_says(monkeypatch):
+    found = [
+        SimpleNamespace(
+            device="COM10", description="n/a", serial_number=None, vid=None, pid=None, manufacturer=None
+        ),
+        SimpleNamespace(
+            device="COM9", description="Uno", serial_number="75", vid=0x2341, pid=0x43, manufacturer="A"
+        ),
+    ]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
+    assert list_ports() == (PortInfo("COM9", "Uno", "75", "A", (0x2341, 0x43)), PortInfo("COM10", "", ""))
+
+
+@pytest.mark.parametrize(
+    "text", ["socket://host", "rfc2217://host", "socket://:3333", "socket://host:", "socket://a:b"]
+)
+def test_an_address_names_host_and_port(text):
+    with pytest.raises(BadSetting, match="an address must be socket://host:port"):
+        port_of(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["socket://[::1]:3333", "SOCKET://raspberry.local:1", "rfc2217://h:4000?ign_set_control"]
+)
+def test_an_address_may_be_of_any_kind(text):
+    assert port_of(text).is_url

@@ -1,0 +1,241 @@
+"""Files of others, with the readings that `EXPECTED.md` and the catalogue of shared/data call right."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kalscope.errors import BadFile
+from kalscope.sources.lines.read_options import ReadOptions
+from kalscope.sources.readers.csv_file import read_recording
+
+SHARED = Path(__file__).parents[3] / "../shared/data"
+pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason="shared/data is not beside the repository")
+
+SAME = (40, [], [])
+MESSY = {  # rows, rejected lines, bad cells
+    "01_clean.csv": SAME,
+    "02_semicolon_decimalcomma.csv": SAME,
+    "03_comments.csv": SAME,
+    "04_boot_text.csv": SAME,
+    "05_truncated_last.csv": (39, [41], []),
+    "06_bom.csv": SAME,
+    "07_crlf.csv": SAME,
+    "08_label_value.csv": SAME,
+    "09_dup_header.csv": SAME,
+    "10_mixed_types.csv": (40, [], [(9, "temp", "ERR"), (32, "temp", "ovf")]),
+    "11_ragged.csv": (36, [7, 8, 17, 24], []),
+    "12_gz.csv.gz": SAME,
+    "13_zst.csv.zst": SAME,
+    "14_noheader.csv": SAME,
+    "15_spaces_tabs.txt": SAME,
+    "16_plotter_single.txt": SAME,
+    "17_binary_garbage.csv": (38, [13, 19], []),
+    "18_utf16.csv": SAME,
+    "19_iso_time.csv": SAME,
+    "20_late_type.csv": (60003, [], [(60003, "temp", "err")]),
+    "21_repeat_header.csv": (80, [], []),
+    "22_quote.csv": (40, [], [(11, "temp", '"20.1'), (32, "temp", '20.0"x')]),
+    "25_units_row.csv": SAME,
+    "26_arduino_ide_ts.txt": SAME,
+}
+TWINS = [
+    "02_semicolon_decimalcomma.csv",
+    "03_comments.csv",
+    "04_boot_text.csv",
+    "06_bom.csv",
+    "07_crlf.csv",
+    "08_label_value.csv",
+    "12_gz.csv.gz",
+    "13_zst.csv.zst",
+    "15_spaces_tabs.txt",
+    "18_utf16.csv",
+]
+
+
+def read_messy(name, **options):
+    if name.endswith(".zst"):
+        pytest.importorskip("zstandard")
+    return read_recording(SHARED / "messy" / name, **options)
+
+
+@pytest.mark.parametrize("bulk", [1e18, 0], ids=["own parser", "bulk where it can"])
+@pytest.mark.parametrize("name", MESSY)
+def test_a_messy_file_reads_as_expected(name, bulk):
+    report = read_messy(name, _bulk_bytes=bulk).report
+    rows, rejected, cells = MESSY[name]
+    assert report.rows == len(read_messy(name)) == rows
+    assert [issue.line for issue in report.issues if issue.column is None] == rejected
+    assert [(issue.line, issue.column, issue.text) for issue in report.issues if issue.column] == cells
+    parts = report.rows + report.rejected + report.blank + report.comments + report.headers
+    assert parts == report.lines
+
+
+@pytest.mark.parametrize("name", TWINS)
+def test_messy_twins_of_the_clean_file_equal_it(name):
+    clean, twin = read_messy("01_clean.csv"), read_messy(name)
+    assert twin.names == clean.names == ("temp", "dist")
+    np.testing.assert_array_equal(twin.time, clean.time)
+    np.testing.assert_array_equal(twin.values, clean.values)
+
+
+def test_what_is_said_about_the_messy_files():
+    assert read_messy("03_comments.csv").report.comments == 3
+    assert read_messy("04_boot_text.csv").report.comments == 4
+    assert any("torn" in note for note in read_messy("05_truncated_last.csv").report.notes)
+    assert len(set(read_messy("09_dup_header.csv").names)) == 2
+    assert any("comes again" in note for note in read_messy("09_dup_header.csv").report.notes)
+    assert read_messy("16_plotter_single.txt").sample_period is None
+    assert read_messy("25_units_row.csv").units == ("degC", "m")
+    repeated = read_messy("21_repeat_header.csv").report
+    assert (repeated.headers, repeated.clipped_times) == (2, 1)
+    assert any("time steps back once" in note for note in repeated.notes)
+
+
+def test_messy_times_and_late_values_are_right():
+    for name in ("19_iso_time.csv", "26_arduino_ide_ts.txt"):
+        np.testing.assert_allclose(np.diff(read_messy(name).time), 0.1, atol=1e-9)
+    np.testing.assert_array_equal(read_messy("20_late_type.csv").values[-3:, 0], [20.55, np.nan, 21.25])
+    mixed = np.isnan(read_messy("10_mixed_types.csv").values)
+    assert np.argwhere(mixed).tolist() == [[7, 0], [20, 0], [25, 0], [30, 0], [30, 1]]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("23_empty.csv", "empty file"), ("24_header_only.csv", "below its header")]
+)
+def test_messy_files_without_data_are_refused_each_with_its_own_message(name, said):
+    with pytest.raises(BadFile, match=said):
+        read_messy(name)
+
+
+# File, channel, rows, good samples, mean, standard deviation (n - 1), period in s where the catalogue says it.
+CATALOGUE = [
+    ("nile/nile.csv", "volume", 100, 100, 919.35, 169.227501, 31557600),
+    ("ck_state_space/NorwayFinland.txt", "value 2", 34, 34, 386.029412, 85.7831958, None),
+    ("ck_state_space/logUKpetrolprice.txt", "value 1", 192, 192, -2.27401771, 0.119658341, None),
+    ("tof_mcu_kalman/E1_run04.csv", "tof_distance_mm", 235, 235, 250.93617, 206.669066, None),
+    ("tof_mcu_kalman/E3_run04.csv", "tof_distance_mm", 231, 231, 282.978355, 195.659541, None),
+    ("tmp36_serial_monitor/serial_monitor_output.txt", "degrees C", 22, 22, 31.6095455, 2.92407328, None),
+    ("tmp36_serial_monitor/serial_monitor_output.txt", "Sensor Value", 22, 22, 167.136364, 5.98645658, None),
+    ("putty_pressure/putty.log", "value 1", 190, 190, 0.624280226, 0.0295082723, None),
+    ("flex_arm/flex_sensor_data.csv", "Raw_ADC", 3206, 3206, 136.74267, 54.635147, None),
+    ("flex_arm/flex_sensor_data.csv", "Filtered_ADC", 3206, 3206, 134.599392, 34.5455349, None),
+    ("hcsr04_short/ultrasonic_data_20260227_225818.csv", "Distance_cm", 110, 110, 121.518182, 159.171406, None),
+    ("ppg_arduino/data.csv", "value 1", 2483, 2483, 514.823198, 102.945017, None),
+    ("ppg_arduino/data2.csv", "hr", 15000, 15000, 482.955933, 124.691456, None),
+    ("actigraphy_exports/test_sample_rpx_eng.csv", "White Light", 20160, 20160, 604.984753, 3945.97836, 30),
+    ("actigraphy_exports/test_sample_rpx_eng.csv", "Activity", 20160, 20160, 187.516319, 269.73096, 30),
+    ("actigraphy_exports/test_sample_atr.txt", "TEMPERATURE", 5760, 5760, 30.4055885, 1.92604864, 60),
+    ("actigraphy_exports/test_sample_atr.txt", "LIGHT", 5760, 5760, 76.4939375, 463.258163, 60),
+    (
+        "nab_machine_temperature/machine_temperature_system_failure.csv",
+        "value",
+        22695,
+        22695,
+        85.9264982,
+        13.7469125,
+        300,
+    ),
+    (
+        "nab_ambient_temperature/ambient_temperature_system_failure.csv",
+        "value",
+        7267,
+        7267,
+        71.2424327,
+        4.24750942,
+        3600,
+    ),
+    ("occupancy_office/datatraining.txt", "Temperature", 8143, 8143, 20.6190836, 1.01691644, 60),
+    ("occupancy_office/datatraining.txt", "Light", 8143, 8143, 119.519375, 194.755805, 60),
+    ("occupancy_office/datatraining.txt", "CO2", 8143, 8143, 606.546243, 314.320877, 60),
+    ("occupancy_office/datatest.txt", "Temperature", 2665, 2665, 21.4338763, 1.02802418, 60),
+    ("occupancy_office/datatest.txt", "Light", 2665, 2665, 193.227556, 250.210906, 60),
+    ("occupancy_office/datatest.txt", "CO2", 2665, 2665, 717.90647, 292.681718, 60),
+    ("occupancy_office/datatest2.txt", "Temperature", 9752, 9752, 21.0017684, 1.02069322, 60),
+    ("occupancy_office/datatest2.txt", "Light", 9752, 9752, 123.06793, 208.221275, 60),
+    ("occupancy_office/datatest2.txt", "CO2", 9752, 9752, 753.224832, 297.096114, 60),
+    ("brocket_flight/log.csv", "alt", 8630, 8630, 107.633256, 87.5884885, None),
+    ("brocket_flight/log.csv", "aX", 8630, 8630, 2.60666512, 7.52819654, None),
+    ("picoquake_car/car_vibration.csv", "a_x", 10000, 10000, 0.397375598, 0.246534969, None),
+    ("picoquake_car/car_vibration.csv", "a_z", 10000, 10000, -0.893834412, 0.238144908, None),
+    ("picoquake_car/car_vibration.csv", "g_x", 10000, 10000, -2.00804585, 14.0748717, None),
+    ("oxford_phone_accel/accelerometer.csv", "value 2", 61406, 61406, 0.0686045233, 2.51276667, 0.00247),
+    ("oxford_phone_accel/accelerometer.csv", "value 3", 61406, 61406, 9.40792902, 4.76283127, 0.00247),
+    ("oxford_phone_accel/accelerometer.csv", "value 4", 61406, 61406, 0.833512348, 3.35970451, 0.00247),
+    ("daphnet_accel/S06R02E0.csv", "ankle_vert", 7040, 7040, 1140.42812, 430.863621, 0.016),
+    ("sea_surface_temp/sea_surface_temperature.csv", "temperature", 19226, 19226, 10.5893775, 5.35483601, 1800),
+    ("cgm_glucose/CGM.csv", "glucose", 52281, 52281, 137.421912, 53.8804756, 300),
+    ("cgm_glucose/CGM.csv", "isig", 52281, 51220, 18.812173, 8.39545877, 300),
+    ("gps_track_mtb/obiszow_mtb_xcm.csv", "alt", 978, 978, 173.037832, 25.6192417, None),
+    ("co2_weekly/co2.csv", "co2", 2284, 2225, 340.142247, 17.0038848, 604800),
+    ("solar_stations/surfrad-slv16001.dat", "value 9", 1440, 1440, 140.368542, 211.306456, None),
+    ("solar_stations/surfrad-slv16001.dat", "value 39", 1440, 1440, -13.7286806, 6.16716211, None),
+    ("solar_stations/midc_20181014.txt", "Temperature @ 2m", 1440, 1440, -6.73128889, 0.945073643, 60),
+    ("solar_stations/midc_20181014.txt", "Global PSP", 1440, 1440, 125.188363, 194.771486, 60),
+    ("solar_stations/midc_raw_20181018.txt", "Temp CHP1", 1440, 1440, -6967.0341, 2625.05753, 60),
+    ("solar_stations/SRML-day-EUPO1801.txt", "7008", 1440, 1440, -23.3027083, 23.3861, None),
+    ("one_euro_truth/groundTruth.csv", "noisy", 1200, 1200, 0.183259403, 0.669276584, None),
+    ("oscillators/ocxo_frequency.txt", "value 1", 19982, 19982, 1e7 + 0.125564225, 0.000647778266, None),
+]
+
+
+@pytest.mark.parametrize(("name", "channel", "rows", "good", "mean", "std", "period"), CATALOGUE)
+def test_a_real_recording_reads_as_the_catalogue_says(name, channel, rows, good, mean, std, period):
+    recording = read_recording(SHARED / name)
+    samples = recording.channel(channel)
+    finite = samples[np.isfinite(samples)]
+    assert (recording.report.rows, len(recording), finite.size) == (rows, rows, good)
+    assert finite.mean() == pytest.approx(mean, rel=5e-7)
+    assert finite.std(ddof=1) == pytest.approx(std, rel=5e-7)
+    assert period is None or recording.sample_period == pytest.approx(period, rel=0.01)
+
+
+MISSING = [
+    ("airquality_uci/AirQualityUCI.csv", -200.0, "T", 8991, 18.3178289, 8.83211573),
+    ("airquality_uci/AirQualityUCI.csv", -200.0, "CO(GT)", 7674, 2.15274954, 1.45325204),
+    ("airquality_uci/AirQualityUCI.csv", -200.0, "PT08.S1(CO)", 8991, 1099.83317, 217.080037),
+    ("airquality_uci/AirQualityUCI.csv", -200.0, "C6H6(GT)", 8991, 10.0831053, 7.4498197),
+    ("airquality_uci/AirQualityUCI.csv", -200.0, "RH", 8991, 49.2342009, 17.3168925),
+    ("airquality_uci/AirQualityUCI_edited.csv", -200.0, "T", 8991, 18.3178289, 8.83211573),
+    ("hcsr04_short/ultrasonic_data_20260227_225818.csv", 400.0, "Distance_cm", 84, 35.3214286, 38.198644),
+]
+
+
+@pytest.mark.parametrize(("name", "missing", "channel", "good", "mean", "std"), MISSING)
+def test_a_missing_value_is_asked_about_and_taken_away_only_when_told(name, missing, channel, good, mean, std):
+    untold = read_recording(SHARED / name)
+    question = f"is {missing:g} a missing value"
+    assert any(question in note for note in untold.report.notes)
+    assert np.count_nonzero(untold.channel(channel) == missing) == len(untold) - good
+    told = read_recording(SHARED / name, ReadOptions(missing=(missing,)))
+    samples = told.channel(channel)
+    finite = samples[np.isfinite(samples)]
+    assert finite.size == good
+    assert finite.mean() == pytest.approx(mean, rel=5e-7)
+    assert finite.std(ddof=1) == pytest.approx(std, rel=5e-7)
+    assert not any(question in note for note in told.report.notes)
+
+
+@pytest.mark.parametrize(("name", "rows", "steps"), [("E1_run04.csv", 235, 250), ("E3_run04.csv", 231, 247)])
+def test_a_sequence_number_with_holes_gives_rows_of_missing_samples(name, rows, steps):
+    options = ReadOptions(time_column="seq", gaps="missing")
+    recording = read_recording(SHARED / "tof_mcu_kalman" / name, options)
+    assert (recording.report.rows, recording.report.inserted, len(recording)) == (rows, steps - rows, steps)
+    samples = recording.channel("tof_distance_mm")
+    assert np.count_nonzero(np.isfinite(samples)) == rows
+
+
+def test_repeated_and_backward_stamps_are_counted_and_named():
+    notes = " ".join(
+        read_recording(SHARED / "nab_machine_temperature/machine_temperature_system_failure.csv").report.notes
+    )
+    assert "time steps back once, first by 3300 s at sample 10150" in notes
+    assert "12 samples repeat an earlier stamp" in notes
+    notes = " ".join(read_recording(SHARED / "cgm_glucose/CGM.csv").report.notes)
+    assert "3 samples repeat an earlier stamp" in notes
+
+
+@pytest.mark.parametrize("name", ["basic_motions/BasicMotions_TRAIN.ts", "solar_stations/bsrn-lr0100-pay0616.dat"])
+def test_a_text_that_is_no_table_of_samples_is_refused(name):
+    with pytest.raises(BadFile, match="table of numbers"):
+        read_recording(SHARED / name)

@@ -1,0 +1,730 @@
+"""The recorder: every line in one count, every value back, whatever the disk, the clocks and the names do."""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kalscope.errors import BadFile
+from kalscope.sources.lines.columns import Column
+from kalscope.sources.lines.line_format import LineFormat
+from kalscope.sources.lines.line_parser import LineParser
+from kalscope.sources.lines.line_reader import LineEvent
+from kalscope.sources.lines.sniffer import Layout
+from kalscope.sources.lines.timestamps import TimeColumn
+from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.recorder import append_file as recording_file
+from kalscope.sources.recorder.counts import RecorderCounts
+from kalscope.sources.recorder.format import escaped
+from kalscope.sources.recorder.recorder import Recorder
+from kalscope.sources.recorder.repair import read_ends
+
+STARTED, WALL = 1000.0, 1_763_678_912.25
+NAN = math.nan
+
+
+class Clock:
+    """A monotonic clock that is set by hand."""
+
+    def __init__(self) -> None:
+        self.now = STARTED
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def new_recorder(path, **settings):
+    return Recorder(path, source="test", **{"started": STARTED, "wall": WALL, "clock": Clock(), **settings})
+
+
+def hand_over(recorder, data, at=STARTED, step=0.001):
+    """Give a stream to a recorder line by line, `step` s apart."""
+    parser = LineParser()
+    parser.feed(data)
+    for i, event in enumerate(parser):
+        recorder.write([(at + i * step, event)], parser.layout)
+
+
+def layout_of(names, units=None, time=None):
+    columns = [Column(name, unit) for name, unit in zip(names, units or [""] * len(names), strict=True)]
+    return Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), ())
+
+
+def row(number, *values):
+    return LineEvent(number, "row", "as it came", (tuple(map(float, values)),))
+
+
+def data_lines(path):
+    """Lines of a file that are no comments, the header left out."""
+    return [line for line in path.read_text("utf-8").splitlines() if not line.startswith("#")][1:]
+
+
+def law_holds(counts):
+    return counts.received == counts.written + counts.rejected + counts.dropped
+
+
+# What is written.
+
+
+def test_a_recording_is_comments_a_header_and_rows_of_host_time_device_time_and_values(tmp_path):
+    path = tmp_path / "run.csv"
+    with_time = b"boot\nmillis,temp [degC],light\n" + b"".join(
+        b"%d,%.2f,%d\n" % (7 * i, i / 8, i) for i in range(9)
+    )
+    recorder = new_recorder(path)
+    hand_over(recorder, with_time)
+    recorder.gap("unplugged", 2.5)
+    recorder.close()
+    lines = path.read_text().splitlines()
+    assert lines[0].startswith("# kalscope recording ")
+    assert lines[1:3] == ["# source: test", "# started: 2025-11-20T22:48:32.250000Z"]
+    assert lines[4:7] == ["host time [s],device time [ms],temp [degC],light", "0.002000,0,0,0", "0.003000,7,0.12,1"]
+    assert lines[-2:] == [
+        "# gap unplugged 2.500 s",
+        "# end: received 9 lines = 9 written + 0 rejected + 0 dropped; 2 others",
+    ]
+
+
+def test_our_reader_takes_host_time_as_the_time_and_device_time_as_no_channel(tmp_path):
+    path = tmp_path / "run.csv"
+    recorder = new_recorder(path)
+    stream = b"millis,temp [degC]\n" + b"".join(b"%d,%.3f\n" % (10 * i, math.sin(i)) for i in range(40))
+    hand_over(recorder, stream, step=0.01)
+    recorder.close()
+    recording = read_recording(path)
+    assert (recording.names, recording.units) == (("temp",), ("degC",))
+    np.testing.assert_array_equal(recording.time, [round(0.01 * i, 6) for i in range(1, 41)])
+    np.testing.assert_array_equal(recording.values[:, 0], [float(f"{math.sin(i):.3f}") for i in range(40)])
+    assert recording.report.rejected == 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.floats(allow_infinity=False), min_size=1, max_size=20))
+def test_every_value_comes_back_bit_for_bit(tmp_path_factory, values):
+    path = tmp_path_factory.mktemp("r") / "run.csv"
+    recorder = new_recorder(path)
+    layout = layout_of(["a", "b"])
+    recorder.write([(STARTED + i, row(i, value, 1)) for i, value in enumerate(values)], layout)
+    recorder.close()
+    cells = [line.split(",")[1] for line in data_lines(path)]
+    again = np.array([float(cell) if cell else NAN for cell in cells])
+    assert all("nan" not in cell for cell in cells)
+    numbers = np.where(np.isnan(values), NAN, values)  # one NaN is as good as another
+    np.testing.assert_array_equal(again, numbers)
+    np.testing.assert_array_equal(np.signbit(again[~np.isnan(again)]), np.signbit(numbers[~np.isnan(numbers)]))
+
+
+@pytest.mark.parametrize(
+    ("time", "cell", "written"),
+    [
+        (TimeColumn(0, "number", "us"), 4_294_967_295.0, "4294967295"),
+        (TimeColumn(0, "calendar"), 1_763_678_912_250_001.0, "1763678912.250001"),
+        (TimeColumn(0, "clock"), 43_200_000_000.0, "43200.000000"),
+    ],
+)
+def test_device_time_is_a_number_as_sent_or_a_stamp_in_seconds(tmp_path, time, cell, written):
+    recorder = new_recorder(tmp_path / "run.csv")
+    layout = layout_of(["time", "a"], time=time)
+    layout = Layout(layout.form, (Column("time", role="time"), layout.columns[1]), time, 1, frozenset(), (), ())
+    recorder.write([(STARTED, row(1, cell, 5))], layout)
+    recorder.close()
+    assert data_lines(tmp_path / "run.csv") == [f"0.000000,{written},5"]
+
+
+HOSTILE = [
+    "a,b",
+    'say "hi"',
+    "two\nlines",
+    "# comment",
+    "no#mark",
+    "5",
+    "nan",
+    "12:30",
+    "2024-01-01",
+    "a [b]",
+    "force (N)",
+    "Distance_cm",
+    "=cmd()",
+    " spaces ",
+    "",
+    "\x00\x07",
+    "host time",
+    "device time",
+    "time",
+    "日本 µ",
+    "x" * 300,
+    "'",
+    ";\t|",
+    "\\",
+]
+
+
+@pytest.mark.parametrize("first", range(0, len(HOSTILE), 8))
+def test_hostile_names_come_back_in_our_reader_and_in_pandas(tmp_path, first):
+    names = HOSTILE[first : first + 8]
+    path = tmp_path / "run.csv"
+    recorder = new_recorder(path)
+    events = [(STARTED + i, row(i, *(i * 10 + j / 4 for j in range(len(names))))) for i in range(20)]
+    recorder.write(events, layout_of(names, ["V", "", "a [b]", "", "#", ",", '"', ""][: len(names)]))
+    recorder.close()
+    recording, table = read_recording(path), pd.read_csv(path, comment="#")
+    told = []
+    for name in names:
+        kept = " ".join("".join(c if c.isprintable() else " " for c in name).split())[:60] or "channel"
+        kept = f"'{kept}" if kept[0] in "=+-@" else kept
+        told.append(f"{kept} 2" if kept in ("host time", "device time", *told) else kept)
+    assert recording.names == tuple(told)
+    assert recording.units == ("V", "", "a b", "", "#", ",", '"', "")[: len(names)]
+    expected = [[i * 10 + j / 4 for j in range(len(names))] for i in range(20)]
+    np.testing.assert_array_equal(recording.values, expected)
+    np.testing.assert_array_equal(recording.time, np.arange(20.0))
+    np.testing.assert_array_equal(table.to_numpy()[:, 1:], expected)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.text(max_size=20), min_size=1, max_size=4), st.lists(st.text(max_size=5), min_size=4, max_size=4)
+)
+def test_no_name_and_no_unit_hides_a_row_or_a_channel(tmp_path_factory, names, units):
+    path = tmp_path_factory.mktemp("r") / "run.csv"
+    recorder = new_recorder(path)
+    events = [(STARTED + i, row(i, *(i + j / 4 for j in range(len(names))))) for i in range(9)]
+    recorder.write(events, layout_of(names, units[: len(names)]))
+    recorder.close()
+    expected = [[i + j / 4 for j in range(len(names))] for i in range(9)]
+    recording = read_recording(path)
+    np.testing.assert_array_equal(recording.values, expected)
+    np.testing.assert_array_equal(recording.time, np.arange(9.0))
+    np.testing.assert_array_equal(pd.read_csv(path, comment="#").to_numpy()[:, 1:], expected)
+
+
+def test_what_is_no_row_goes_into_the_rejects_with_time_number_and_reason(tmp_path):
+    recorder = new_recorder(tmp_path / "run.csv")
+    hand_over(recorder, b"a,b\n1,2\n3,4\n5\n6,x\n\x07,1\nreset \\ caf\xc3\xa9\n\n7,8\n")
+    counts = recorder.close()
+    rejects = pd.read_csv(tmp_path / "run.rejects", comment="#", keep_default_na=False)
+    assert rejects.columns.to_list() == ["host time [s]", "line", "column", "reason", "text"]
+    table = [tuple(line) for line in rejects[["line", "column", "text"]].to_numpy()]
+    assert table == [
+        (1, "", "a,b"),
+        (4, "", "5"),
+        (5, "b", "6,x"),
+        (6, "", "\\x07,1"),
+        (7, "", "reset \\\\ café"),
+    ]
+    assert rejects["host time [s]"].to_list() == [0.0, 0.003, 0.004, 0.005, 0.006]
+    assert data_lines(tmp_path / "run.csv") == ["0.001000,1,2", "0.002000,3,4", "0.004000,6,", "0.008000,7,8"]
+    assert counts == RecorderCounts(received=7, written=4, rejected=3, other=2)
+
+
+def test_other_columns_begin_a_new_part_with_the_same_host_time(tmp_path):
+    path = tmp_path / "run.csv"
+    recorder = new_recorder(path)
+    hand_over(recorder, b"a:1\na:2\n")
+    hand_over(recorder, b"a:3 b:4\n", at=STARTED + 5)
+    counts = recorder.close()
+    assert data_lines(path) == ["0.000000,1", "0.001000,2"]
+    assert path.read_text().endswith("# continued in run-2.csv: the columns changed\n")
+    assert data_lines(tmp_path / "run-2.csv") == ["5.000000,3,4"]
+    assert recorder.paths == (path, tmp_path / "run-2.csv")
+    assert counts.written == 3
+
+
+def test_the_same_columns_written_otherwise_go_on_in_the_same_file(tmp_path):
+    recorder = new_recorder(tmp_path / "run.csv")
+    for mark in (",", ";"):
+        layout = Layout(LineFormat("table", mark), (Column("a"),), None, 1, frozenset(), (), ())
+        recorder.write([(STARTED, row(1, 5))], layout)
+    recorder.close()
+    assert data_lines(tmp_path / "run.csv") == ["0.000000,5", "0.000000,5"]
+    assert sorted(os.listdir(tmp_path)) == ["run.csv"]
+
+
+def test_a_row_that_does_not_fit_its_layout_is_rejected_never_shifted(tmp_path):
+    recorder = new_recorder(tmp_path / "run.csv")
+    recorder.write([(STARTED, row(1, 1, 2, 3)), (STARTED, row(2, 1, 2))], layout_of(["a", "b"]))
+    assert recorder.close() == RecorderCounts(received=2, written=1, rejected=1)
+    assert data_lines(tmp_path / "run.csv") == ["0.000000,1,2"]
+
+
+# The account.
+
+EVENTS = st.lists(
+    st.tuples(
+        st.sampled_from(["row", "rejected", "blank", "comment", "header", "text", "wide", "drop", "gap"]), st.text()
+    ),
+    max_size=30,
+)
+
+
+@settings(max_examples=80, deadline=None)
+@given(EVENTS)
+def test_received_is_written_and_rejected_and_dropped(tmp_path_factory, events):
+    path = tmp_path_factory.mktemp("r") / "run.csv"
+    recorder = new_recorder(path)
+    layout, expected = layout_of(["a", "b"]), dict.fromkeys(["row", "rejected", "drop", "other"], 0)
+    for number, (kind, text) in enumerate(events, 1):
+        if kind == "drop":
+            recorder.drop(len(text))
+            expected["drop"] += len(text)
+        elif kind == "gap":
+            recorder.gap(text, 1.0)
+        else:
+            rows = ((1.0, 2.0),) if kind == "row" else ((1.0, 2.0, 3.0),) if kind == "wide" else ()
+            event = LineEvent(number, "row" if rows else kind, text, rows)
+            recorder.write([(STARTED + number, event)], layout)
+            expected[{"row": "row", "rejected": "rejected", "wide": "rejected"}.get(kind, "other")] += 1
+        assert law_holds(recorder.counts)
+    counts = recorder.close()
+    assert law_holds(counts)
+    assert counts == RecorderCounts(
+        sum(expected.values()) - expected["other"],
+        expected["row"],
+        expected["rejected"],
+        expected["drop"],
+        other=expected["other"],
+    )
+    assert len(data_lines(path)) == counts.written if counts.written else True
+    assert path.read_text("utf-8").endswith(f"# end: {counts}\n")
+
+
+def test_after_close_nothing_is_written_and_closing_again_changes_nothing(tmp_path):
+    path = tmp_path / "run.csv"
+    recorder = new_recorder(path)
+    hand_over(recorder, b"1,2\n3,4\n")
+    counts = recorder.close()
+    content = path.read_bytes()
+    hand_over(recorder, b"5,6\n")
+    recorder.gap("late", 1.0)
+    recorder.drop(3)
+    assert recorder.close() == counts
+    assert path.read_bytes() == content
+
+
+def test_an_empty_hand_over_writes_nothing(tmp_path):
+    recorder = new_recorder(tmp_path / "run.csv")
+    before = (tmp_path / "run.csv").read_bytes()
+    recorder.write([], None)
+    assert (tmp_path / "run.csv").read_bytes() == before
+    recorder.close()
+
+
+def test_all_lines_of_a_hand_over_go_out_in_one_write(tmp_path, monkeypatch):
+    recorder = new_recorder(tmp_path / "run.csv")
+    sizes, write = [], os.write
+    monkeypatch.setattr(recording_file.os, "write", lambda fd, data: sizes.append(len(data)) or write(fd, data))
+    layout = layout_of(["a"])
+    recorder.write([(STARTED + i / 1000, row(i, i)) for i in range(250)], layout)
+    assert len(sizes) == 1
+    assert len(data_lines(tmp_path / "run.csv")) == 250
+    recorder.close()
+
+
+def test_a_board_that_says_nothing_for_minutes_loses_no_line(tmp_path):
+    recorder = new_recorder(tmp_path / "run.csv")
+    hand_over(recorder, b"1,2\n3,4\n", at=STARTED + 600)
+    assert recorder.close().written == 2
+    assert data_lines(tmp_path / "run.csv") == ["600.000000,1,2", "600.001000,3,4"]
+
+
+# Names.
+
+
+def test_a_recording_is_never_overwritten_and_a_free_name_is_proposed(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("mine")
+    (tmp_path / "run_2.csv").write_text("mine too")
+    with pytest.raises(BadFile, match=r"such as 'run_3.csv'"):
+        new_recorder(path)
+    assert path.read_text() == "mine"
+
+
+def test_rejects_of_another_recording_are_not_mixed_with_ours(tmp_path):
+    (tmp_path / "run.rejects").write_text("theirs")
+    with pytest.raises(BadFile, match="taken"):
+        new_recorder(tmp_path / "run.csv")
+    with pytest.raises(BadFile, match=r"\.rejects"):
+        new_recorder(tmp_path / "other.rejects")
+
+
+def test_a_part_never_takes_the_name_of_another_file(tmp_path):
+    (tmp_path / "run-2.csv").write_text("mine")
+    recorder = new_recorder(tmp_path / "run.csv")
+    hand_over(recorder, b"a:1\n")
+    hand_over(recorder, b"a:1 b:2\n")
+    recorder.close()
+    assert (tmp_path / "run-2.csv").read_text() == "mine"
+    assert data_lines(tmp_path / "run-3.csv") == ["0.000000,1,2"]
+
+
+@pytest.mark.parametrize("name", ["file/run.csv", "missing/run.csv", "nul\0.csv"])
+def test_where_no_file_can_be_written_that_is_said_at_once(tmp_path, name):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadFile, match="where a file can be written"):
+        new_recorder(tmp_path / name)
+
+
+# Clocks.
+
+
+@pytest.mark.parametrize("step", [-3600.0, 86_400.0])
+def test_a_step_of_the_wall_clock_changes_no_row(tmp_path, monkeypatch, step):
+    path, steady = tmp_path / "stepped.csv", tmp_path / "steady.csv"
+    for target in (steady, path):
+        recorder = Recorder(target, source="test", started=STARTED, wall=WALL)
+        hand_over(recorder, b"1,2\n3,4\n")
+        if target is path:
+            monkeypatch.setattr(time, "time", lambda: WALL + step)
+        hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
+        recorder.close()
+    assert path.read_bytes() == steady.read_bytes()
+
+
+# Disks.
+
+
+class FullDisk:
+    """os.write for a disk with `room` bytes: what fits is written, then the error."""
+
+    def __init__(self, room, error=errno.ENOSPC):
+        self.room, self.error, self.write = room, error, os.write
+
+    def __call__(self, fd, data):
+        if self.room <= 0:
+            raise OSError(self.error, os.strerror(self.error))
+        count = self.write(fd, bytes(data)[: self.room])
+        self.room -= count
+        return count
+
+
+def test_at_whatever_byte_the_disk_is_full_no_line_is_torn_and_all_come_when_there_is_room(tmp_path, monkeypatch):
+    stream = b"".join(b"%d,%.1f\n" % (i, i / 2) for i in range(6))
+    hand_over(whole := new_recorder(tmp_path / "whole.csv"), stream)
+    size = len((tmp_path / "whole.csv").read_bytes())
+    whole.close()
+    full = data_lines(tmp_path / "whole.csv")
+    for room in range(size + 1):
+        path, clock = tmp_path / f"{room}.csv", Clock()
+        with monkeypatch.context() as patch:
+            disk = FullDisk(room)
+            patch.setattr(recording_file.os, "write", disk)
+            recorder = new_recorder(path, clock=clock)
+            hand_over(recorder, stream)
+            assert bool(recorder.trouble) == (room < size)
+            content = path.read_bytes()
+            assert content == b"" or content.endswith(b"\n")
+            assert law_holds(recorder.counts)
+            assert recorder.counts.written + recorder.counts.waiting == 6
+            disk.room = 1_000_000
+            clock.now += 1.0
+            recorder.write([], None)
+            assert recorder.trouble == ""
+            assert recorder.close() == RecorderCounts(6, 6)
+        assert data_lines(path) == full
+        assert ("# gap disk full 1.000 s (0 lines dropped)" in path.read_text()) == (room < size)
+
+
+@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO])
+def test_a_disk_that_refuses_is_said_at_the_very_write_and_asked_again_each_second(tmp_path, monkeypatch, error):
+    clock = Clock()
+    recorder = new_recorder(tmp_path / "run.csv", clock=clock)
+    disk = FullDisk(3, error)
+    monkeypatch.setattr(recording_file.os, "write", disk)
+    hand_over(recorder, b"1,2\n")
+    assert "run.csv" in recorder.trouble
+    disk.room = 1_000_000
+    clock.now += 0.5
+    recorder.write([], None)
+    assert recorder.trouble
+    clock.now += 0.5
+    recorder.write([], None)
+    assert recorder.trouble == ""
+    recorder.close()
+
+
+def test_what_waits_for_a_full_disk_is_bounded_and_the_rest_is_counted_as_dropped(tmp_path, monkeypatch):
+    path, clock = tmp_path / "run.csv", Clock()
+    recorder = new_recorder(path, clock=clock)
+    layout = layout_of(["a"])
+    recorder.write([(STARTED, row(0, 0))], layout)
+    disk = FullDisk(0)
+    monkeypatch.setattr(recording_file.os, "write", disk)
+    for i in range(1, 201):  # 1 line/s
+        clock.now = STARTED + i
+        recorder.write([(clock.now, row(i, i))], layout)
+        assert law_holds(recorder.counts)
+    kept = int(recording_file.WAIT_S) + 1
+    assert recorder.counts == RecorderCounts(200 - kept + 1, 1, 0, 200 - kept, 200 - kept, waiting=kept)
+    disk.room = 1_000_000
+    clock.now = STARTED + 201
+    recorder.write([(clock.now, row(201, 201))], layout)
+    clock.now = STARTED + 202
+    recorder.write([(clock.now, row(202, 202))], layout)
+    counts = recorder.close()
+    assert law_holds(counts)
+    numbers = [int(line.split(",")[1]) for line in data_lines(path)]
+    assert numbers == [*range(kept + 1), 202]
+    lines = path.read_text().splitlines()
+    assert lines[-3:-1] == [f"# gap disk full 200.000 s ({201 - kept} lines dropped)", "202.000000,202"]
+    assert counts.dropped == 201 - kept
+
+
+def test_megabytes_wait_no_longer_than_the_bound_in_bytes(tmp_path, monkeypatch):
+    monkeypatch.setattr(recording_file, "WAIT_BYTES", 1000)
+    monkeypatch.setattr(recording_file.os, "write", FullDisk(0))
+    recorder = new_recorder(tmp_path / "run.csv")
+    hand_over(recorder, b"1,2\n" * 500, step=0.0)
+    assert recorder.counts.waiting < 100
+    assert recorder.counts.waiting + recorder.counts.dropped == 500
+    counts = recorder.close()
+    assert (counts.received, counts.written, counts.dropped) == (500, 0, 500)
+
+
+def test_rejected_lines_are_counted_in_the_same_way_on_a_full_disk(tmp_path, monkeypatch):
+    clock = Clock()
+    recorder = new_recorder(tmp_path / "run.csv", clock=clock)
+    disk = FullDisk(0)
+    monkeypatch.setattr(recording_file.os, "write", disk)
+    hand_over(recorder, b"1,2\n" * 3 + b"1\n2\n")
+    assert recorder.counts == RecorderCounts(waiting=5)
+    disk.room = 1_000_000
+    clock.now += 1.0
+    recorder.write([], None)
+    assert recorder.close() == RecorderCounts(5, 3, 2)
+    assert len(data_lines(tmp_path / "run.rejects")) == 2
+
+
+def test_a_full_disk_keeps_the_lines_of_each_part_apart(tmp_path, monkeypatch):
+    path, clock = tmp_path / "run.csv", Clock()
+    recorder = new_recorder(path, clock=clock)
+    hand_over(recorder, b"a:1\n")
+    disk = FullDisk(0)
+    monkeypatch.setattr(recording_file.os, "write", disk)
+    hand_over(recorder, b"a:2\n")
+    hand_over(recorder, b"a:3 b:4\n")
+    assert recorder.counts == RecorderCounts(1, 1, waiting=2)
+    disk.room = 1_000_000
+    clock.now += 1.0
+    recorder.write([], None)
+    assert recorder.close() == RecorderCounts(3, 3)
+    assert data_lines(path) == ["0.000000,1", "0.000000,2"]
+    assert data_lines(tmp_path / "run-2.csv") == ["0.000000,3,4"]
+
+
+def test_many_parts_hold_no_more_files_open_than_one(tmp_path):
+    recorder = new_recorder(tmp_path / "run.csv")
+    held = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0
+    for number in range(50):
+        recorder.write([(STARTED, row(number, 1))], layout_of([f"a{number % 2}"]))
+    assert held in (0, len(os.listdir("/proc/self/fd")))
+    assert recorder.close().written == 50
+    assert recorder.paths[-1].name == "run-50.csv"
+
+
+def test_closing_on_a_full_disk_counts_what_waited_as_dropped(tmp_path, monkeypatch):
+    recorder = new_recorder(tmp_path / "run.csv")
+    hand_over(recorder, b"1,2\n3,4\n")
+    monkeypatch.setattr(recording_file.os, "write", FullDisk(5))
+    hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
+    assert recorder.close() == RecorderCounts(4, 2, 0, 2, 2)
+    assert len(data_lines(tmp_path / "run.csv")) == 2
+    assert "full" in recorder.trouble
+
+
+def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypatch):
+    failures, calls = [OSError(errno.EIO, "Input/output error")], []
+
+    def sync(fd):
+        calls.append(fd)
+        if failures:
+            raise failures.pop()
+
+    monkeypatch.setattr(recording_file, "_fdatasync", sync)
+    recorder = new_recorder(tmp_path / "run.csv", sync_every=0.01)
+    said = set()
+    while len(calls) < 2:
+        recorder.write([], None)
+        said.add(recorder.trouble)
+        time.sleep(0.001)
+    hand_over(recorder, b"1,2\n")
+    assert recorder.close().written == 1
+    assert any("Input/output error" in text for text in said)
+    assert recorder.trouble == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows deletes no open file")
+def test_a_recording_that_is_deleted_under_way_is_said_so(tmp_path):
+    recorder = new_recorder(tmp_path / "run.csv", sync_every=0.01)
+    (tmp_path / "run.csv").unlink()
+    for i in range(2000):
+        hand_over(recorder, b"1,2\n", at=STARTED + i)
+        if recorder.trouble:
+            break
+        time.sleep(0.005)
+    assert recorder.trouble == "run.csv was deleted while it is recorded"
+    recorder.close()
+
+
+def test_less_than_five_minutes_of_room_is_a_warning(tmp_path, monkeypatch):
+    clock, room = Clock(), [10**9]
+    monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": room[0]}))
+    recorder = new_recorder(tmp_path / "run.csv", clock=clock)
+    for _ in range(20):
+        clock.now += 1.0
+        hand_over(recorder, b"12345.5,6\n" * 50, at=clock.now, step=0.0)
+    assert recorder.warning == ""
+    room[0] = 100_000  # at some 1 kB/s
+    clock.now += 1.0
+    hand_over(recorder, b"1,2\n", at=clock.now)
+    assert recorder.warning.startswith("the disk has room for 1.")
+    recorder.close()
+
+
+RECORD_UNTIL_FULL = """
+import sys, time
+from pathlib import Path
+from kalscope.sources.lines.line_parser import LineParser
+from kalscope.sources.recorder import Recorder
+if sys.argv[2] != "0":
+    import resource
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
+now = [0.0]
+recorder = Recorder(Path(sys.argv[1]), source="test", started=0.0, wall=0.0, clock=lambda: now[0])
+parser = LineParser()
+for i in range(20_000):
+    now[0] = i / 1000
+    parser.feed(b"%d,%.3f\\n" % (i, i / 3))
+    recorder.write([(now[0], event) for event in parser], parser.layout)
+    if recorder.trouble:
+        break
+print(i, recorder.trouble, sep=";")
+if sys.argv[2] != "0":
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
+else:
+    Path(sys.argv[1]).with_name("ballast").unlink()
+now[0] += 1.0
+recorder.write([], None)
+print(recorder.trouble)
+print(recorder.close())
+"""
+
+
+def until_full(path, limit):
+    done = subprocess.run(
+        [sys.executable, "-c", RECORD_UNTIL_FULL, str(path), str(limit)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    first, trouble, counts = done.stdout.splitlines()
+    last = int(first.split(";")[0])
+    assert trouble == ""
+    assert counts == f"received {last + 1} lines = {last + 1} written + 0 rejected + 0 dropped"
+    numbers = [line.split(",")[1:] for line in data_lines(path)]
+    assert numbers == [[str(i), repr(float(f"{i / 3:.3f}")).removesuffix(".0")] for i in range(last + 1)]
+    assert "(0 lines dropped)" in path.read_text()
+    return first
+
+
+def test_a_limit_on_the_size_of_files_tears_no_line(tmp_path):
+    assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
+    assert "may not grow" in until_full(tmp_path / "run.csv", 10_007)
+
+
+def test_a_full_disk_tears_no_line(tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], capture_output=True).returncode:
+        pytest.skip("a small tmpfs cannot be mounted here")
+    try:
+        (disk / "ballast").write_bytes(b"x" * 20_000)
+        assert "disk is full" in until_full(disk / "run.csv", 0)
+    finally:
+        subprocess.run(["umount", disk], check=True)
+
+
+# Going on.
+
+
+def test_a_resumed_recording_goes_on_in_its_file_and_says_how_long_nothing_came(tmp_path):
+    path = tmp_path / "run.csv"
+    hand_over(first := new_recorder(path), b"number,half\n1,0.5\n2,1\n")
+    first.close()
+    with path.open("ab") as file:
+        file.write(b"99.1,3,1.")  # a crash
+    recorder = Recorder.resume(path, source="test", started=50.0, wall=WALL + 60.0, clock=Clock())
+    hand_over(recorder, b"number,half\n3,1.5\n", at=50.5)
+    counts = recorder.close()
+    assert data_lines(path) == ["0.001000,1,0.5", "0.002000,2,1", "60.501000,3,1.5"]
+    assert "# gap restart 59.998 s\n" in path.read_text()
+    assert (tmp_path / "run.torn").read_bytes() == b"99.1,3,1.\n"
+    assert counts.written == 1
+    recording = read_recording(path)
+    np.testing.assert_array_equal(recording.values, [[1, 0.5], [2, 1], [3, 1.5]])
+
+
+def test_host_time_never_goes_back_where_the_wall_clock_was_set_back(tmp_path):
+    path = tmp_path / "run.csv"
+    hand_over(first := new_recorder(path), b"1,2\n3,4\n", at=STARTED + 100)
+    first.close()
+    recorder = Recorder.resume(path, source="test", started=50.0, wall=WALL - 3600.0, clock=Clock())
+    hand_over(recorder, b"5,6\n", at=50.0)
+    recorder.close()
+    assert data_lines(path)[-2:] == ["100.001000,3,4", "100.001000,5,6"]
+    assert "# gap restart of unknown length" in path.read_text()
+
+
+def test_other_columns_after_a_restart_begin_a_new_part_and_the_next_restart_goes_on_there(tmp_path):
+    path = tmp_path / "run.csv"
+    hand_over(first := new_recorder(path), b"a:1\na:2\n")
+    first.close()
+    for wall in (WALL + 10, WALL + 20):
+        recorder = Recorder.resume(path, source="test", started=0.0, wall=wall, clock=Clock())
+        hand_over(recorder, b"a:1 b:2\n", at=0.0)
+        recorder.close()
+    assert data_lines(path) == ["0.000000,1", "0.001000,2"]
+    assert data_lines(tmp_path / "run-2.csv") == ["10.000000,1,2", "20.000000,1,2"]
+    assert read_ends(tmp_path / "run-2.csv").wall == WALL
+    assert not (tmp_path / "run-3.csv").exists()
+
+
+def test_a_recording_in_progress_cannot_be_resumed_by_another(tmp_path):
+    recorder = new_recorder(tmp_path / "run.csv")
+    with pytest.raises(BadFile, match="being recorded"):
+        Recorder.resume(tmp_path / "run.csv", source="test", started=0.0, wall=0.0)
+    recorder.close()
+
+
+def test_only_a_recording_can_be_resumed(tmp_path):
+    with pytest.raises(BadFile, match="must exist"):
+        Recorder.resume(tmp_path / "none.csv", source="test", started=0.0, wall=0.0)
+    (tmp_path / "mine.csv").write_text("time,a\n1,2")
+    with pytest.raises(BadFile, match="must begin with"):
+        Recorder.resume(tmp_path / "mine.csv", source="test", started=0.0, wall=0.0)
+    assert (tmp_path / "mine.csv").read_text() == "time,a\n1,2"
+
+
+@given(st.text())
+def test_escaped_text_is_printable_and_comes_back(text):
+    shown = escaped(text)
+    assert shown.isprintable()
+    pieces = shown.encode("latin-1", "backslashreplace")
+    assert pieces.decode("unicode_escape") == text
+
+
+def test_the_path_may_be_a_string_or_a_path(tmp_path):
+    new_recorder(str(tmp_path / "run.csv")).close()
+    assert Path(tmp_path / "run.csv").is_file()

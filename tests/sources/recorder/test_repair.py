@@ -1,0 +1,164 @@
+"""Repair: whatever a crash or a power cut left, whole lines stay, nothing is invented, nothing is thrown away."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kalscope.errors import BadFile
+from kalscope.sources.lines.line_parser import LineParser
+from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.recorder.recorder import Recorder
+from kalscope.sources.recorder.repair import read_ends, repair
+
+ROWS = [(round(i / 7, 4), i * 997 % 10_000, -i / 16) for i in range(25)]
+SETTLED = 6
+"""Rows after which the reader knows the columns of a prefix."""
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """The bytes of a recording of ROWS, with a gap in it and its account at the end."""
+    path = tmp_path_factory.mktemp("recorded") / "run.csv"
+    recorder = Recorder(path, source="serial:/dev/ttyACM0", started=0.0, wall=1.7e9)
+    parser = LineParser()
+    for i, row in enumerate(ROWS):
+        parser.feed((",".join(map(repr, row)) + "\n").encode())
+        recorder.write([(i / 100, event) for event in parser], parser.layout)
+        if i == 12:
+            recorder.gap("unplugged", 2.5)
+    recorder.close()
+    return path.read_bytes()
+
+
+def values_in(content: bytes) -> list[tuple[float, ...]]:
+    """The rows of a repaired recording, as any program would read them."""
+    lines = [line for line in content.decode().splitlines() if not line.startswith("#")]
+    return [tuple(float(cell) for cell in line.split(",")[1:]) for line in lines[1:]]
+
+
+TAILS = [b"", b"\0" * 512, b"\0" * 7 + b"0.25,1,2,3\n# end\n"]
+
+
+@pytest.mark.parametrize("tail", TAILS, ids=["cut", "zeros", "zeros and old bytes"])
+def test_cut_at_any_byte_a_repaired_recording_holds_the_first_rows_and_nothing_else(tmp_path, recorded, tail):
+    for cut in range(len(recorded) + 1):
+        path = tmp_path / f"{cut}.csv"
+        path.write_bytes(recorded[:cut] + tail)
+        report = repair(path)
+        content = path.read_bytes()
+        assert recorded.startswith(content)
+        assert content == recorded[: recorded.rfind(b"\n", 0, cut) + 1]
+        rows = values_in(content)
+        assert rows == [tuple(map(float, row)) for row in ROWS[: len(rows)]]
+        moved = path.with_suffix(".torn").read_bytes() if report.torn else b"\n"
+        assert content + moved[:-1] == recorded[:cut] + tail
+        assert (report.kept, report.torn) == (len(content), cut + len(tail) - len(content))
+
+
+def test_our_reader_takes_no_wrong_value_from_a_recording_cut_at_any_byte(tmp_path, recorded):
+    path = tmp_path / "run.csv"
+    first = next(i for i in range(len(recorded)) if recorded[:i].count(b"\n") == 5 + SETTLED)
+    for cut in range(first, len(recorded) + 1):
+        path.write_bytes(recorded[:cut])
+        recording = read_recording(path)
+        n = len(recording)
+        assert n >= SETTLED
+        np.testing.assert_array_equal(recording.values, np.array(ROWS, dtype=float)[:n])
+        np.testing.assert_array_equal(recording.time, [round(i / 100, 6) for i in range(n)])
+
+
+def test_cut_at_any_byte_a_recording_can_be_resumed(tmp_path, recorded):
+    for cut in range(0, len(recorded) + 1, 3):
+        path = tmp_path / f"{cut}.csv"
+        path.write_bytes(recorded[:cut])
+        recorder = Recorder.resume(path, source="again", started=0.0, wall=1.7e9 + 60.0)
+        parser = LineParser()
+        parser.feed(b"77.5,78,79.25\n")
+        recorder.write([(0.0, event) for event in parser], parser.layout)
+        assert recorder.close().written == 1
+        before = values_in(recorded[: recorded.rfind(b"\n", 0, cut) + 1])
+        assert values_in(path.read_bytes()) == [*before, (77.5, 78.0, 79.25)]
+
+
+def test_repair_changes_nothing_twice(tmp_path, recorded):
+    path = tmp_path / "run.csv"
+    path.write_bytes(recorded[:-5])
+    assert repair(path).torn_path == tmp_path / "run.torn"
+    content = path.read_bytes()
+    report = repair(path)
+    assert (report.torn, report.torn_path, path.read_bytes()) == (0, None, content)
+
+
+def test_the_tails_of_several_crashes_are_all_kept(tmp_path, recorded):
+    path = tmp_path / "run.csv"
+    path.write_bytes(recorded + b"0.3,1")
+    repair(path)
+    path.write_bytes(recorded + b"0.4,2")
+    repair(path)
+    assert (tmp_path / "run.torn").read_bytes() == b"0.3,1\n0.4,2\n"
+
+
+def test_a_tail_of_megabytes_is_moved_whole(tmp_path, recorded):
+    path = tmp_path / "run.csv"
+    tail = b"\0" + os.urandom(2_500_000)
+    path.write_bytes(recorded + tail)
+    repair(path)
+    assert path.read_bytes() == recorded
+    assert (tmp_path / "run.torn").read_bytes() == tail + b"\n"
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=300))
+def test_whatever_follows_a_recording_stays_in_one_of_the_two_files(tmp_path_factory, recorded, tail):
+    path = tmp_path_factory.mktemp("r") / "run.csv"
+    path.write_bytes(recorded + tail)
+    report = repair(path)
+    torn = path.with_suffix(".torn")
+    moved = torn.read_bytes()[:-1] if torn.exists() else b""
+    assert path.read_bytes() + moved == recorded + tail
+    assert path.read_bytes().startswith(recorded)
+    assert b"\0" not in path.read_bytes()
+    assert report.torn == len(moved)
+
+
+def test_the_rejected_lines_have_a_torn_file_of_their_own(tmp_path):
+    path = tmp_path / "run.rejects"
+    path.write_bytes(b"# kalscope rejects 1\nhost time [s],line\n0.1,2\n0.2")
+    assert repair(path).torn_path == tmp_path / "run.rejects.torn"
+    assert path.read_bytes().endswith(b"0.1,2\n")
+
+
+@pytest.mark.parametrize("content", [b"time,a\n1,2\n3", b"PAR1", b"# my notes\n1,2"])
+def test_a_file_that_is_no_recording_is_left_alone(tmp_path, content):
+    path = tmp_path / "mine.csv"
+    path.write_bytes(content)
+    with pytest.raises(BadFile, match="must begin with"):
+        repair(path)
+    assert path.read_bytes() == content
+    assert os.listdir(tmp_path) == ["mine.csv"]
+
+
+def test_where_the_tail_cannot_be_kept_nothing_is_cut(tmp_path, recorded):
+    path = tmp_path / "run.csv"
+    path.write_bytes(recorded[:-5])
+    (tmp_path / "run.torn").mkdir()
+    with pytest.raises(BadFile, match="repaired"):
+        repair(path)
+    assert path.read_bytes() == recorded[:-5]
+
+
+def test_a_missing_file_is_said_so(tmp_path):
+    with pytest.raises(BadFile, match="No such file"):
+        repair(tmp_path / "none.csv")
+
+
+def test_the_ends_of_a_recording_tell_clock_columns_and_last_moment(tmp_path, recorded):
+    path = tmp_path / "run.csv"
+    path.write_bytes(recorded)
+    ends = read_ends(path)
+    assert (ends.wall, ends.header, ends.host) == (1.7e9, "host time [s],value 1,value 2,value 3\n", 0.24)

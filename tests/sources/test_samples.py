@@ -1,0 +1,71 @@
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kalscope.catalogue import open_source
+from kalscope.sources.samples import list_samples, sample_data_dir
+
+FOLDER = Path(__file__).parents[2] / "sample_data"
+NAMES = sorted(path.stem for path in FOLDER.glob("*.csv"))
+
+
+def _maker():
+    spec = importlib.util.spec_from_file_location("make", FOLDER / "make.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_script_makes_every_sample_again_bit_for_bit(tmp_path):
+    maker = _maker()
+    maker.make(tmp_path)
+    made = {path.stem: path.read_bytes() for path in tmp_path.iterdir()}
+    assert sorted(made) == sorted(set(NAMES) - {"nile"})
+    for name, content in made.items():
+        assert content == (FOLDER / f"{name}.csv").read_bytes(), name
+
+
+def test_the_list_is_the_folder():
+    assert sample_data_dir() == FOLDER
+    assert sorted(sample.name for sample in list_samples()) == NAMES
+    assert len(NAMES) >= 6
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_sample_is_small_clean_has_units_and_says_how_it_was_made(name):
+    path = FOLDER / f"{name}.csv"
+    assert path.stat().st_size < 150_000
+    recording = open_source(f"sample:{name}")
+    report = recording.report
+    assert (report.rejected, report.bad_cells, report.clipped_times, report.issues) == (0, 0, 0, ())
+    assert all(recording.units)
+    assert recording.sample_period is not None
+    note = path.with_suffix(".md").read_text(encoding="utf-8")
+    assert all(f"| {word} |" in note for word in ("sensor", "unit", "rate", "how made"))
+    if name != "nile":
+        assert 1000 <= len(recording) <= 4000
+        assert f"`python sample_data/make.py` ({name}())" in note.replace("\n", " ")
+
+
+def test_nile_is_the_published_series():
+    recording = open_source("sample:nile")
+    volume = recording.channel("volume")
+    # Durbin and Koopman (2012): 100 years from 1871; statistics of the series as R prints them.
+    assert (len(volume), volume[0], volume[-1], volume.min(), volume.max()) == (100, 1120, 740, 456, 1370)
+    assert volume.mean() == pytest.approx(919.35)
+    assert volume.std(ddof=1) == pytest.approx(169.227501)
+    assert recording.units == ("1e8 m3",)
+
+
+def test_the_resting_sensors_rest():
+    x, y, z = open_source("sample:lis302dl").values.T
+    assert (np.median(x), np.median(y), np.median(z)) == (2, -3, 55)
+    assert np.median(open_source("sample:balancing_robot").values) == pytest.approx(338, abs=1)
+
+
+def test_the_servo_sweeps_in_1_8_s():
+    flex = open_source("sample:flex_sensor").channel("flex")
+    spectrum = np.abs(np.fft.rfft(flex - flex.mean()))
+    assert np.argmax(spectrum) / (len(flex) * 0.02) == pytest.approx(1 / 3.6, abs=0.03)

@@ -1,0 +1,20 @@
+"""The system's Chromium, headless and drawing in software."""
+
+from __future__ import annotations
+
+import shutil
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+FLAGS = (
+    "--no-sandbox",  # tests run as root
+    "--use-gl=angle",  # viser draws no widget without WebGL: draw it in software
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-accelerated-2d-canvas",  # charts through SwiftShader take a second a frame
+    "--disable-gpu-rasterization",
+    "--disable-quic",  # and nothing that calls home
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)

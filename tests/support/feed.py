@@ -1,0 +1,40 @@
+"""A live feed whose samples the test sends."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+
+from kalscope import Recording
+from kalscope.sources.live.live_samples import Snapshot
+
+
+class Board:
+    """A feed whose samples the test sends."""
+
+    def __init__(self, names=("a", "b"), period=0.01):
+        self.names, self.period, self.generation = names, period, 0
+        self.values = np.empty((0, len(names)))
+        self.first = 0
+        self.lock = threading.Lock()
+
+    def send(self, count, seed=0):
+        new = np.random.default_rng(seed + len(self.values)).normal(size=(count, len(self.names)))
+        with self.lock:
+            self.values = np.concatenate([self.values, new])
+        return self
+
+    def snapshot(self):
+        with self.lock:
+            values = self.values[self.first :]
+            if not len(values):
+                return None
+            time = (np.arange(len(values)) + self.first) * self.period
+            units = ("",) * len(self.names)
+            recording = Recording(time, self.names, units, values, self.period, source="serial:x", title="x")
+            return Snapshot(recording, self.first, self.generation, len(self.values))
+
+    def status(self):
+        return SimpleNamespace(word="connected", hint="", recording=None)

@@ -1,0 +1,159 @@
+"""The dashboard as a person has it: the real program, a real Chromium, and what stands on the screen."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from kalscope_app.program.user_settings import FOLDER_VARIABLE, Remembered
+from kalscope_app.views.window.layout import sizes_for
+
+ARTEFACTS = Path(__file__).parents[1] / "artefacts"
+KNOWN_PAGE_ERROR = "'unsafe-eval' is not an allowed source"
+"""viser's splat sorter probes for eval and does without it; the guard's policy refuses it."""
+
+FIND = """(label) => Object.values(window.__viserTestpoints?.uplots ?? {}).map(entry => entry.chart)
+    .find(chart => chart.series.some(series => series.label === label))"""
+
+CHART_WIDTH = "() => document.querySelector('.uplot').getBoundingClientRect().width"
+CHART_MARGIN = 35
+"""What the chart panel is wider than its charts, px."""
+
+
+class Program:
+    """`kalscope` in a process of its own."""
+
+    def __init__(self, *arguments, cwd, first_run=False):
+        command = [sys.executable, "-m", "kalscope_app.main", "open", *map(str, arguments), "--port", "0"]
+        self.log = Path(cwd) / "kalscope.log"
+        remembered = Remembered(Path(cwd) / "config")
+        if not first_run:
+            remembered.forget_tour()
+        env = {**os.environ, FOLDER_VARIABLE: str(remembered.path.parent)}
+        with self.log.open("a") as log:
+            self.process = subprocess.Popen(
+                [*command, "--no-browser"], cwd=cwd, env=env, stdout=subprocess.PIPE, stderr=log, text=True
+            )
+        line = self.process.stdout.readline()
+        assert line.startswith("Kalscope: http://127.0.0.1:"), (line, self.log.read_text())
+        self.url = line.split()[1]
+
+    def stop(self):
+        self.process.send_signal(signal.SIGTERM)
+        assert self.process.wait(timeout=15) == 0, self.log.read_text()
+        self.process.stdout.close()
+
+
+class Screen:
+    """One page on the program."""
+
+    def __init__(self, browser, url, width=1600, height=900):
+        self.context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(20_000)
+        self.page_errors = []
+        self.page.on("pageerror", lambda error: self.page_errors.append(str(error)))
+        self.url = url
+        self.page.goto(url)
+        self.ready()
+
+    def ready(self):
+        """Charts are drawn, the browser is known to the server, and viser's own notice is closed."""
+        self.wait(f"() => ({FIND})('filtered') && ({FIND})('innovation') && ({FIND})('gain K')")
+        notice = self.page.locator(".mantine-Notification-root", has_text="Software WebGL")
+        notice.locator("button").click()
+        notice.wait_for(state="detached")
+
+    def wait(self, condition, argument=None):
+        self.page.wait_for_function(condition, arg=argument)
+
+    def wait_for_fit(self, width=1600):
+        """Until the chart panel has grown to a window of this width."""
+        self.wait(
+            f"(width) => Math.abs(({CHART_WIDTH})() - width) < 60", sizes_for(width, 900).right_width - CHART_MARGIN
+        )
+
+    def line(self, label):
+        """Values that are drawn under a label, and their x."""
+        x, y = self.page.evaluate(
+            f"""(label) => {{ const chart = ({FIND})(label);
+            const at = chart.series.findIndex(series => series.label === label);
+            return [Array.from(chart.data[0]), Array.from(chart.data[at])]; }}""",
+            label,
+        )
+        return np.array(x), np.array(y, dtype=float)
+
+    def wait_for_line(self, label, expected, tolerance=0.0):
+        """Until the drawn line equals `expected`."""
+        self.wait(
+            f"""([label, expected, tolerance]) => {{ const chart = ({FIND})(label);
+            if (!chart) return false;
+            const y = chart.data[chart.series.findIndex(series => series.label === label)];
+            return y.length === expected.length
+                && expected.every((value, i) => Math.abs(value - y[i]) <= tolerance); }}""",
+            [label, np.asarray(expected).tolist(), tolerance],
+        )
+
+    def range(self, axis, label="filtered"):
+        """Lowest and highest value that an axis shows."""
+        return self.page.evaluate(
+            f"([axis, label]) => {{ const {{min, max}} = ({FIND})(label).scales[axis]; return [min, max]; }}",
+            [axis, label],
+        )
+
+    def tab(self, name):
+        self.page.get_by_role("tab", name=name, exact=True).click()
+
+    def text_box(self, label):
+        """The text box whose label begins so; viser's label sits beside the input."""
+        row = self.page.locator("label", has_text=re.compile(f"^{re.escape(label)}"))
+        return row.locator("xpath=ancestor::*[.//input][1]").locator("input").first
+
+    def slider(self, name):
+        """The slider of q, r or p0, by the row that bears its label."""
+        row = self.page.locator("label", has_text=re.compile(f"^log₁₀ {name}$"))
+        return row.locator("xpath=ancestor::*[.//*[@role='slider']][1]").get_by_role("slider").first
+
+    def type(self, label, text, enter=True):
+        box = self.text_box(label)
+        self.pause()
+        box.fill(text)
+        self.pause()
+        if enter:
+            box.press("Enter")
+
+    def pause(self):
+        """viser throttles all widgets of a panel together, 50 ms: faster than any hand it loses a value."""
+        self.page.wait_for_timeout(80)
+
+    def choose(self, label, option):
+        self.pause()
+        self.text_box(label).click()
+        self.page.get_by_role("option", name=option, exact=True).click()
+
+    def notification(self, text):
+        return self.page.locator(".mantine-Notification-root", has_text=text)
+
+    def wait_for_picture(self, holds):
+        """Until `holds` is true of the page's pixels, (height, width, 3): no script can read what WebGL drew."""
+        end = time.monotonic() + 60.0
+        while not holds(np.asarray(Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")).astype(int)):
+            assert time.monotonic() < end, "the picture did not come"
+
+    def shot(self, name):
+        ARTEFACTS.mkdir(exist_ok=True)
+        self.page.mouse.move(2, 2)
+        self.page.screenshot(path=ARTEFACTS / f"{name}.png")
+
+    def close(self):
+        self.context.close()
+        assert [error for error in self.page_errors if KNOWN_PAGE_ERROR not in error] == []

@@ -1,0 +1,442 @@
+from __future__ import annotations
+
+import math
+import os
+import re
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope.common import files as atomic
+from kalscope.errors import BadFile, BadSetting
+from kalscope.filtering.params import LARGEST, FilterParams
+from kalscope.tuning.toml_text import updated
+from kalscope.tuning.tuning import ChannelTuning, Tuning, dumps, load_tuning, loads, same_period, save_tuning
+
+variances = st.floats(0.0, LARGEST)
+positive = st.floats(0.0, LARGEST, exclude_min=True)
+estimates = st.floats(allow_nan=False, allow_infinity=False)
+words = st.text(max_size=30) | st.sampled_from(['"', "'", '"""', "\n", "\r\n", "\t", "\\", "\0", "\x7f", "# x"])
+
+TWO = Tuning(
+    (ChannelTuning("a", "V", 1e-3, 1.0), ChannelTuning("b", "°C", 2.0, 1.0, p0=4.0, x0=-1.5, how="EM")),
+    source="logs/x.csv",
+    source_name="x.csv",
+    sha256="ab" * 32,
+    sample_period=0.01,
+    selected="b",
+)
+
+ANNOTATED = """\
+# the rig in the cellar
+format = 1 # do not touch
+site = "cellar"
+date = 2026-01-02
+
+[source]
+name = "x.csv" # from Tuesday
+sample_period = 1e-2
+
+[[channel]] # the good one
+name = "a" # left foot
+unit = "V"
+q = 1e-3 # found by hand
+r = 1 # from the data sheet
+noise = { colour = "pink" }
+# about b
+
+[[channel]]
+name = "b"
+unit = "°C"
+q = 2.0 # too much?
+r = 1.0
+p0 = 4
+x0 = -1.5
+gate = 9.0 # spikes
+"""
+
+
+@st.composite
+def channel_tunings(draw: st.DrawFn) -> ChannelTuning:
+    q, r = draw(variances), draw(variances)
+    if q == 0.0 and r == 0.0:
+        r = draw(positive)
+    p0 = draw(st.none() | variances)
+    x0 = None if p0 is None else draw(st.none() | estimates)
+    gate = draw(st.none() | positive)
+    return ChannelTuning(draw(words), draw(words), q, r, p0, x0, draw(words), gate)
+
+
+@st.composite
+def tunings(draw: st.DrawFn) -> Tuning:
+    channels = draw(st.lists(channel_tunings(), min_size=1, max_size=4, unique_by=lambda c: c.name))
+    return Tuning(
+        tuple(channels),
+        *(draw(words) for _ in range(3)),
+        sample_period=draw(st.none() | positive),
+        selected=draw(st.sampled_from(channels)).name,
+        tool=draw(words),
+        date=draw(words),
+    )
+
+
+def bits(tuning: Tuning) -> list[str]:
+    """Every float, sign of zero included."""
+    return [
+        "none" if value is None else value.hex()
+        for c in tuning.channels
+        for value in (c.q, c.r, c.p0, c.x0, c.gate, tuning.sample_period)
+    ]
+
+
+# ---- the text and back
+
+
+@given(tunings())
+def test_a_tuning_comes_back_from_its_text_bit_for_bit(tuning: Tuning) -> None:
+    again = loads(dumps(tuning))
+    assert again == tuning
+    assert bits(again) == bits(tuning)
+
+
+@pytest.mark.parametrize("q", [5e-324, 1e-310, 2.2250738585072014e-308, 0.1, 1e16, 1e22, 1e300])
+def test_extreme_variances_come_back_bit_for_bit(q: float) -> None:
+    tuning = Tuning((ChannelTuning("a", "", q, q, q, -q),))
+    assert bits(loads(dumps(tuning))) == bits(tuning)
+
+
+@given(tunings(), tunings())
+def test_saving_over_any_tuning_saves_every_value(old: Tuning, new: Tuning) -> None:
+    from kalscope.tuning.tuning import _plain
+
+    again = loads(updated(dumps(old), _plain(new)))
+    assert again == new
+    assert bits(again) == bits(new)
+
+
+def test_absent_start_values_are_words_in_the_file() -> None:
+    text = dumps(Tuning((ChannelTuning("a", "V", 1.0, 1.0),)))
+    assert re.search(r'^p0 = "diffuse"', text, re.MULTILINE)
+    assert re.search(r'^x0 = "first"', text, re.MULTILINE)
+    assert "sample_period" not in text
+
+
+def test_the_text_says_words_and_units() -> None:
+    text = dumps(TWO)
+    assert "# process-noise variance added per sample, unit²" in text
+    assert "# measurement-noise variance, unit²" in text
+    assert text.isprintable() or set(filter(lambda c: not c.isprintable(), text)) == {"\n"}
+
+
+def test_names_with_lone_surrogates_still_make_a_readable_file() -> None:
+    tuning = Tuning((ChannelTuning("a", "", 1.0, 1.0),), source="caf\udce9.csv")
+    assert loads(dumps(tuning)).source == "caf?.csv"
+
+
+def test_a_new_tuning_says_when_in_utc_and_by_what() -> None:
+    tuning = Tuning((ChannelTuning("a", "", 1.0, 1.0),))
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", tuning.date)
+    assert re.fullmatch(r"kalscope \d+\.\d+\.\d+.*", tuning.tool)
+
+
+# ---- the file
+
+
+def test_a_saved_file_loads_equal(tmp_path: Path) -> None:
+    save_tuning(TWO, tmp_path / "t.toml")
+    assert load_tuning(tmp_path / "t.toml") == TWO
+
+
+def test_saving_over_an_annotated_file_changes_only_the_values_that_changed(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text(ANNOTATED, encoding="utf-8")
+    old = load_tuning(path)
+    b = replace(old.channel("b"), q=0.25, p0=None, x0=None, gate=None)
+    save_tuning(replace(old, channels=(old.channel("a"), b)), path)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    removed = [line for line in ANNOTATED.splitlines() if line not in lines]
+    assert removed == [
+        "date = 2026-01-02",
+        "q = 2.0 # too much?",
+        "p0 = 4",
+        "x0 = -1.5",
+        "gate = 9.0 # spikes",
+    ]
+    assert "q = 0.25 # too much?" in lines
+    assert "r = 1 # from the data sheet" in lines
+
+
+def test_saving_an_unchanged_tuning_twice_changes_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    save_tuning(TWO, path)
+    first = path.read_bytes()
+    save_tuning(load_tuning(path), path)
+    assert path.read_bytes() == first
+
+
+def test_comments_survive_new_and_lost_and_reordered_channels(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text(ANNOTATED, encoding="utf-8")
+    old = load_tuning(path)
+    c = ChannelTuning("c", "m", 3.0, 4.0)
+    save_tuning(replace(old, channels=(c, old.channel("a"))), path)
+    assert [channel.name for channel in load_tuning(path).channels] == ["c", "a"]
+    text = path.read_text(encoding="utf-8")
+    for comment in (
+        "# the rig in the cellar",
+        "# do not touch",
+        "# left foot",
+        "# found by hand",
+        'site = "cellar"',
+    ):
+        assert comment in text
+    assert "too much" not in text
+
+
+def test_a_layout_that_cannot_be_updated_is_written_anew_with_the_right_values(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text('format = 1\nchannel = [{name = "a", q = 1, r = 1}, {name = "b", q = 1, r = 1}]\n')
+    save_tuning(TWO, path)
+    assert load_tuning(path) == TWO
+
+
+@pytest.mark.parametrize("content", ["time,a\n0,1\n", "format = 2\n", "q = 1\n", "\0\1\2"])
+def test_a_file_that_is_no_tuning_is_never_saved_over(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "recording.csv"
+    path.write_text(content)
+    with pytest.raises(BadFile, match=r"recording\.csv' must be a tuning file to be saved over"):
+        save_tuning(TWO, path)
+    assert path.read_text() == content
+
+
+def test_a_broken_tuning_of_our_format_and_an_empty_file_are_saved_over(tmp_path: Path) -> None:
+    for name, content in (("empty.toml", ""), ("broken.toml", "format = 1\nchannel = 3\n")):
+        (tmp_path / name).write_text(content)
+        save_tuning(TWO, tmp_path / name)
+        assert load_tuning(tmp_path / name) == TWO
+
+
+def test_saving_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "t.toml"
+    save_tuning(TWO, path)
+    before = path.read_bytes()
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(atomic.os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        save_tuning(replace(TWO, selected="a"), path)
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["t.toml"]
+
+
+def test_a_tuning_too_large_to_be_read_again_is_not_saved(tmp_path: Path) -> None:
+    tuning = Tuning((ChannelTuning("a", "", 1.0, 1.0),), source="x" * 1_000_001)
+    with pytest.raises(BadSetting, match="1000000"):
+        save_tuning(tuning, tmp_path / "t.toml")
+    assert os.listdir(tmp_path) == []
+
+
+def test_files_by_windows_notepad_load(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + dumps(TWO).replace("\n", "\r\n").encode())
+    assert load_tuning(path) == TWO
+
+
+def test_unknown_keys_are_ignored_and_optional_ones_have_defaults() -> None:
+    text = 'format = 1\nfuture = [1, {a = 2}]\n[extra]\nq = 1\n[[channel]]\nname = "a"\nq = 1\nr = 0\nnote = 3\n'
+    assert loads(text).channels == (ChannelTuning("a", "", 1.0, 0.0, how=""),)
+
+
+def channel(*lines: str) -> str:
+    return "\n".join(["format = 1", "[[channel]]", *lines, ""])
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "format must be 1 (got None)"),
+        ("format = 2", "format must be 1 (got 2)"),
+        ("format = true", "format must be 1 (got True)"),
+        ("format = 1", "at least one [[channel]] (got None)"),
+        ("format = 1\nchannel = []", "at least one [[channel]] (got [])"),
+        ("format = 1\nchannel = 5", "at least one [[channel]] (got 5)"),
+        ("format = 1\nchannel = [5]", "[[channel]] 1 must be a table (got 5)"),
+        (channel("q = 1", "r = 1"), "name of [[channel]] 1 must be given (got nothing)"),
+        (channel("name = 5", "q = 1", "r = 1"), "name of [[channel]] 1 must be a text in quotes (got 5)"),
+        (channel('name = "a"', "r = 1"), "q of channel 'a' must be given (got nothing)"),
+        (channel('name = "a"', "q = 1"), "r of channel 'a' must be given (got nothing)"),
+        (channel('name = "a"', 'q = "abc"', "r = 1"), "q of channel 'a' must be a finite number (got 'abc')"),
+        (channel('name = "a"', 'q = "1"', "r = 1"), "must be a finite number (got '1')"),
+        (channel('name = "a"', "q = true", "r = 1"), "must be a finite number (got True)"),
+        (channel('name = "a"', "q = [1, 2]", "r = 1"), "must be a finite number (got [1, 2])"),
+        (channel('name = "a"', "q = nan", "r = 1"), "must be a finite number (got nan)"),
+        (channel('name = "a"', "q = inf", "r = 1"), "must be a finite number (got inf)"),
+        (
+            channel('name = "a"', f"q = 1{'0' * 400}", "r = 1"),
+            "q of channel 'a' must be a finite number (got 1000",
+        ),
+        (channel('name = "a"', f"q = 1{'0' * 5000}", "r = 1"), "must be TOML text (got: Exceeds the limit"),
+        (
+            channel('name = "a"', "q = -1", "r = 1"),
+            "channel 'a': q must be a finite variance from 0 to 1e300 (got -1",
+        ),
+        (channel('name = "a"', "q = 1e301", "r = 1"), "from 0 to 1e300 (got 1e+301)"),
+        (channel('name = "a"', "q = 0", "r = 0"), "q and r must not both be 0"),
+        (channel('name = "a"', "q = 1", "r = 1", 'p0 = "x"'), "finite number or \"diffuse\" (got 'x')"),
+        (channel('name = "a"', "q = 1", "r = 1", "p0 = -1"), "p0 must be"),
+        (channel('name = "a"', "q = 1", "r = 1", 'x0 = "x"'), "finite number or \"first\" (got 'x')"),
+        (channel('name = "a"', "q = 1", "r = 1", "x0 = 1"), "x0 needs p0"),
+        (channel('name = "a"', "q = 1", "r = 1", "unit = 5"), "unit of channel 'a' must be a text in quotes"),
+        (
+            channel('name = "a"', "q = 1", "r = 1") * 1 + '[[channel]]\nname = "a"\nq = 1\nr = 1',
+            "distinct names",
+        ),
+        (
+            "selected = 'z'\n" + channel('name = "a"', "q = 1", "r = 1"),
+            "selected must be one of ['a'] (got 'z')",
+        ),
+        ("source = 5\n" + channel('name = "a"', "q = 1", "r = 1"), "[source] must be a table (got 5)"),
+        (
+            "source.sample_period = 0\n" + channel('name = "a"', "q = 1", "r = 1"),
+            "positive number of seconds",
+        ),
+        ("source.sample_period = 'x'\n" + channel('name = "a"', "q = 1", "r = 1"), "must be a finite number"),
+        ("not toml at all", "must be TOML text (got: "),
+        ("x = " + "[" * 100_000, "must be TOML text (got brackets nested without end)"),
+        ("x" * 1_000_001, "at most 1000000 characters (got 1000001)"),
+    ],
+)
+def test_hostile_text_is_refused_in_one_line_that_says_what_came(text: str, says: str) -> None:
+    with pytest.raises(BadFile) as caught:
+        loads(text)
+    assert says in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+    assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(
+    "bomb",
+    [
+        "a." * 400_000 + "a = 1",
+        '"a"\t. ' * 100_000 + "a = 1",
+        "x = {" + "'a'." * 200_000 + "a = 1}",
+        "[" + "a." * 400_000 + "a]",
+        'x = {k = """\n""", ' + "a." * 200_000 + 'a = 1, z = "1"}',
+        "x = 1 # it's\n" + "a." * 200_000 + "a = 'x'",
+    ],
+    ids=["bare", "quoted", "inline", "header", "after a long string", "after a comment"],
+)
+def test_deep_keys_are_refused_before_they_eat_the_memory(bomb: str) -> None:
+    started = time.process_time()
+    with pytest.raises(BadFile, match="nested at most 64 deep"):
+        loads(bomb)
+    assert time.process_time() - started < 2.0
+
+
+def test_dots_in_strings_and_comments_are_no_deep_keys() -> None:
+    dots = "a." * 200 + "z"
+    tuning = Tuning((ChannelTuning(dots, "", 1.0, 1.0),), source=dots, selected=dots)
+    assert loads(dumps(tuning) + f"\n# {dots}\n") == tuning
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda _: None, "No such file"),
+        (lambda path: path.mkdir(), "Is a directory|Permission denied"),
+        (lambda path: path.write_bytes(bytes(range(256))), "UTF-8"),
+        (lambda path: path.write_bytes("format = 1".encode("utf-16")), "UTF-8"),
+        (lambda path: path.write_bytes(b"#" * 1_000_001), "at most 1000000 bytes"),
+        (lambda path: path.write_bytes(b"a\0"), "TOML"),
+    ],
+    ids=["missing", "folder", "binary", "utf-16", "large", "NUL"],
+)
+def test_files_that_are_no_tuning_are_refused_in_one_line_with_their_name(tmp_path: Path, make, says: str) -> None:
+    path = tmp_path / "t\n.toml"
+    make(path)
+    with pytest.raises(BadFile, match=says) as caught:
+        load_tuning(path)
+    assert "t\\n.toml" in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@given(st.binary(max_size=200) | st.binary(max_size=60).map(lambda tail: dumps(TWO).encode()[:300] + tail))
+def test_any_bytes_load_or_are_refused(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+    path = tmp_path_factory.mktemp("any") / "t.toml"
+    path.write_bytes(data)
+    refusal = "one line"
+    try:
+        load_tuning(path)
+    except BadFile as error:
+        refusal = str(error)
+    assert len(refusal.splitlines()) == 1
+
+
+# ---- the values
+
+
+def test_params_of_one_channel_are_its_scalars() -> None:
+    assert TWO.params("b") == FilterParams(2.0, 1.0, 4.0, -1.5)
+    with pytest.raises(BadSetting, match=r"one of a, b \(got 'z'\)"):
+        TWO.params("z")
+
+
+def test_params_of_all_channels_are_arrays() -> None:
+    tuning = Tuning(tuple(replace(c, p0=None, x0=None) for c in TWO.channels))
+    assert tuning.params() == FilterParams(np.array([1e-3, 2.0]), np.array([1.0, 1.0]))
+
+
+def test_start_values_that_arrays_cannot_mix_are_refused() -> None:
+    with pytest.raises(BadSetting, match="p0 must be given for all channels or for none"):
+        TWO.params()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Tuning(()),
+        lambda: Tuning((TWO.channels[0], TWO.channels[0])),
+        lambda: replace(TWO, selected="z"),
+        lambda: replace(TWO, sample_period=0.0),
+        lambda: replace(TWO, sample_period=math.nan),
+        lambda: ChannelTuning("a", "", -1.0, 1.0),
+        lambda: ChannelTuning("a", "", 0.0, 0.0),
+        lambda: ChannelTuning("a", "", np.array([1.0, 2.0]), 1.0),  # type: ignore[arg-type]
+    ],
+)
+def test_values_that_are_no_tuning_are_refused(make) -> None:
+    with pytest.raises(BadSetting):
+        make()
+
+
+@given(st.floats(1e-6, 1e6), st.floats(1e-6, 1e6))
+def test_q_follows_the_sample_period_and_nothing_else_does(old: float, new: float) -> None:
+    tuning = replace(TWO, sample_period=old)
+    moved = tuning.rescaled(new)
+    assert moved.sample_period == new
+    for before, after in zip(tuning.channels, moved.channels, strict=True):
+        assert after.q == pytest.approx(before.q * new / old, rel=1e-15)
+        assert replace(after, q=before.q) == before
+
+
+def test_rescaling_to_the_same_period_changes_no_bit() -> None:
+    assert TWO.rescaled(0.01) == TWO
+
+
+def test_rescaling_needs_both_periods() -> None:
+    with pytest.raises(BadSetting, match="must be known"):
+        replace(TWO, sample_period=None).rescaled(0.01)
+    with pytest.raises(BadSetting, match="positive"):
+        TWO.rescaled(-1.0)
+
+
+@pytest.mark.parametrize(("other", "same"), [(0.01, True), (0.010001, True), (0.0101, False), (0.02, False)])
+def test_periods_are_the_same_within_the_resolution_of_time_stamps(other: float, same: bool) -> None:
+    assert same_period(0.01, other) is same
