@@ -1,0 +1,92 @@
+"""The public interface: what `import kalscope` offers and what the command line takes.
+
+`public_interface.txt` lists it, one entry a line. A line that is lost or changed breaks a user's script; a new
+entry is added to the file in the commit that makes it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from pathlib import Path
+
+import pytest
+import typer
+
+import kalscope
+from kalscope_app.main import app
+
+LISTED = (Path(__file__).parent / "public_interface.txt").read_text(encoding="utf-8").splitlines()
+
+
+@pytest.mark.parametrize("beginning", ["kalscope.", "kalscope "], ids=["python", "command line"])
+def test_nothing_public_is_lost(beginning):
+    listed = [line for line in LISTED if line.startswith(beginning)]
+    assert listed
+    assert [line for line in listed if line not in public_interface()] == []
+
+
+def test_the_list_is_complete():
+    assert [line for line in public_interface() if line not in LISTED] == []
+
+
+def public_interface():
+    return [*python_interface(), *command_line()]
+
+
+def python_interface():
+    """Functions and classes with their arguments, then what else each class offers."""
+    for name in kalscope.__all__:
+        thing = getattr(kalscope, name)
+        if inspect.isclass(thing) and issubclass(thing, Exception):
+            yield f"kalscope.{name}: {', '.join(base.__name__ for base in thing.__mro__[1:-2])}"
+            continue
+        yield f"kalscope.{name}{arguments(thing)}"
+        if inspect.isclass(thing):
+            yield from (f"kalscope.{name}.{member}" for member in members(thing))
+
+
+def arguments(thing):
+    """The arguments without annotations; a default that is an object is written as three dots."""
+    signature = inspect.signature(thing)
+    public = [
+        one.replace(annotation=one.empty, default=one.default if is_plain(one.default) else ...)
+        for name, one in signature.parameters.items()
+        if name != "self" and not name.startswith("_")
+    ]
+    return str(signature.replace(parameters=public, return_annotation=signature.empty)).replace("Ellipsis", "...")
+
+
+def is_plain(default):
+    return default is inspect.Parameter.empty or isinstance(default, str | float | int | tuple | type(None))
+
+
+def members(cls):
+    """Methods with their arguments, properties, and fields that are no arguments."""
+    fields = {field.name for field in dataclasses.fields(cls)} if dataclasses.is_dataclass(cls) else set()
+    names = fields | {name for name in dir(cls) if not name.startswith("_")}
+    for name in sorted(names - set(inspect.signature(cls).parameters)):
+        member = getattr(cls, name, None)
+        yield f"{name}{arguments(member)}" if inspect.isfunction(member) else name
+
+
+def test_every_argument_of_a_dataclass_is_a_field():
+    for cls in filter(dataclasses.is_dataclass, (getattr(kalscope, name) for name in kalscope.__all__)):
+        assert set(inspect.signature(cls).parameters) <= {field.name for field in dataclasses.fields(cls)}
+
+
+def command_line():
+    """The arguments and options of the program and of its commands."""
+    program = typer.main.get_command(app)
+    yield from (f"kalscope {spelling(option)}" for option in program.params)
+    for name, command in sorted(program.commands.items()):
+        yield from (f"kalscope {name} {spelling(one)}" for one in command.params)
+
+
+def spelling(parameter):
+    """The spellings of an option or the name of an argument, and what holds of it."""
+    if parameter.param_type_name == "argument":
+        names = parameter.metavar or parameter.name.upper()
+    else:
+        names = " ".join([*parameter.opts, *parameter.secondary_opts])
+    return names + " (required)" * parameter.required + " (may be repeated)" * parameter.multiple
