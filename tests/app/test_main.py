@@ -6,14 +6,12 @@ import os
 import re
 import signal
 import socket
-import subprocess
-import sys
 
 import pytest
+from program import end, is_free, link_of, running, start
+from wire import PATIENCE
 
-from kalscope.cli.app import run
-
-PROGRAM = [sys.executable, "-m", "kalscope_app.main"]
+from kalscope_app.main import run
 
 
 def refusal(arguments, capsys):
@@ -78,35 +76,25 @@ def test_a_busy_port_is_refused_in_one_line(capsys):
         assert f"port {port}" in refusal(["open", "demo", "--port", str(port)], capsys)
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+@pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_the_program_says_its_link_and_stops_cleanly(stop, tmp_path):
     (tmp_path / "one.csv").write_text("z\n5\n")
-    command = [*PROGRAM, "open", "one.csv", "--port", "0", "--no-browser"]
-    with subprocess.Popen(
-        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as program:
-        line = program.stdout.readline()
-        port = int(re.fullmatch(r"Kalscope: http://127\.0\.0\.1:(\d+)/\?token=\S+\n", line)[1])
-        with socket.create_connection(("127.0.0.1", port), timeout=5):
+    with running(tmp_path, source="one.csv") as (program, url):
+        port = int(re.fullmatch(r"http://127\.0\.0\.1:(\d+)/\?token=\S+", url)[1])
+        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE):
             pass
-        program.send_signal(stop)
-        rest, errors = program.communicate(timeout=10)
-    assert (program.returncode, rest, errors) == (0, "", "")
-    with socket.socket() as free:
-        free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        free.bind(("127.0.0.1", port))
+        assert end(program, getattr(signal, stop))[:3] == (0, "", "")
+    assert is_free(port)
 
 
 def test_without_a_command_the_demo_opens(tmp_path):
     with socket.socket() as probe:
         if probe.connect_ex(("127.0.0.1", 8080)) == 0:
             pytest.skip("another program listens on port 8080")
-    env = {**os.environ, "BROWSER": "true", "XDG_STATE_HOME": str(tmp_path)}
-    with subprocess.Popen(PROGRAM, cwd=tmp_path, env=env, stdout=subprocess.PIPE, text=True) as program:
-        line = program.stdout.readline()
-        program.terminate()
-        assert program.wait(timeout=10) == 0
-    assert line.startswith("Kalscope: http://127.0.0.1:8080/?token=")
+    with start(tmp_path, source=None, env={"BROWSER": "true"}) as program:
+        assert link_of(program).startswith("http://127.0.0.1:8080/?token=")
+        assert end(program)[0] == 0
 
 
 def test_a_device_is_no_file(capsys):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from attack_table import UPGRADE, exchange, status
-from program import end, free_port, is_free, labels, port_of, running, start, token_of
+from program import end, free_port, is_free, labels, next_line, port_of, running, start, token_of
 from wire import PATIENCE, Guest
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and modes as POSIX has them")
@@ -70,7 +70,7 @@ def test_a_guard_that_lets_something_through_prints_no_link(tmp_path):
     """As after an upgrade of viser that goes round the guard."""
     change = "from kalscope_app.guard import rules\nrules.host_allowed = lambda *_: True"
     with start(tmp_path, "--port", "0", "--no-browser", change=change) as program:
-        out, err = program.communicate(timeout=30)
+        out, err = program.communicate(timeout=PATIENCE)
     assert (program.returncode, out) == (2, "")
     (line,) = err.splitlines()
     assert line.startswith("kalscope: the guard's self-test failed: a page under a foreign name (H2)")
@@ -94,7 +94,7 @@ def test_the_log_tells_who_was_refused_and_never_the_token(tmp_path):
 
 def test_a_log_that_cannot_be_written_is_refused_in_one_line(tmp_path):
     with start(tmp_path, "--log", "nowhere/kalscope.log", "--port", "0", "--no-browser") as program:
-        out, err = program.communicate(timeout=30)
+        out, err = program.communicate(timeout=PATIENCE)
     assert (program.returncode, out) == (2, "")
     (line,) = err.splitlines()
     assert "nowhere/kalscope.log" in line
@@ -194,7 +194,7 @@ main.first_state = lambda *_: (print("reading", flush=True), time.sleep(600))
 @pytest.mark.parametrize(("by", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)])
 def test_a_file_that_takes_long_to_open_can_be_given_up(tmp_path, by, expected):
     with start(tmp_path, "--no-browser", change=READING) as program:
-        assert program.stdout.readline() == "reading\n"
+        assert next_line(program) == "reading\n"
         assert end(program, by)[0] == expected
 
 
@@ -224,5 +224,5 @@ def test_a_terminal_that_has_gone_is_no_error(tmp_path):
         program.stdout.close()
         program.stderr.close()
         program.send_signal(signal.SIGHUP)
-        assert program.wait(timeout=15) == 0
+        assert program.wait(timeout=PATIENCE) == 0
     assert is_free(port_of(url))

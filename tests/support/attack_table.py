@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
+from program import port_of, running, token_of
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from wire import PATIENCE, Guest, client
 
@@ -255,13 +256,8 @@ def stock_viser() -> Iterator[Victim]:
 @contextlib.contextmanager
 def kalscope() -> Iterator[Victim]:
     """The real program."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "kalscope_app.main", "open", "demo", "--port", "0", "--no-browser"]
-        with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as process:
-            assert process.stdout is not None
-            url = process.stdout.readline().split()[1]
-            yield Victim(int(url.split(":")[2].split("/")[0]), url.partition("token=")[2])
-            process.terminate()
+    with tempfile.TemporaryDirectory() as folder, running(Path(folder)) as (_, url):
+        yield Victim(port_of(url), token_of(url))
 
 
 def seen_by(attack: Attack, victim: Victim) -> str:

@@ -8,33 +8,60 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 
-BROKEN = """
-import sys
+from wire import PATIENCE
+
+SCRIPT = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from kalscope_app import main
 {change}
-sys.argv[1:] = {arguments!r}
+sys.argv = {argv!r}
 main.main()
 """
+"""A shell starts its background jobs with SIGINT ignored, and a process inherits that."""
 
 
-def start(folder, *arguments, change=None, env=None, source="demo"):
-    """The program, with `change` (Python) made to it first; its temporary files and its state lie in `folder`."""
-    arguments = ["open", source, *arguments]
-    command = [sys.executable, "-m", "kalscope_app.main", *arguments]
-    if change is not None:
-        command = [sys.executable, "-c", BROKEN.format(change=change, arguments=arguments)]
+@contextlib.contextmanager
+def start(folder, *arguments, change="", env=None, source="demo"):
+    """The program, with `change` (Python) made to it first; it is killed if it still runs when the block ends.
+
+    Its temporary files and its state are in `folder`.
+    """
+    argv = ["kalscope", *(["open", source] if source else []), *arguments]
     (folder / "tmp").mkdir(exist_ok=True)
     own = {"TMPDIR": str(folder / "tmp"), "XDG_STATE_HOME": str(folder / "state")}
-    return subprocess.Popen(
-        command,
+    with subprocess.Popen(
+        [sys.executable, "-c", SCRIPT.format(change=change, argv=argv)],
         cwd=folder,
         env={**os.environ, **own, **(env or {})},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    )
+    ) as program:
+        try:
+            yield program
+        finally:
+            program.kill()
+
+
+def next_line(program):
+    """The next line of its output; a program that says nothing is killed, and the line is empty."""
+    watchdog = threading.Timer(PATIENCE, program.kill)
+    watchdog.start()
+    try:
+        return program.stdout.readline()
+    finally:
+        watchdog.cancel()
+
+
+def link_of(program):
+    """The link that it prints."""
+    line = next_line(program)
+    assert line.startswith("Kalscope: "), line or program.communicate(timeout=PATIENCE)
+    return line.removeprefix("Kalscope: ").strip()
 
 
 @contextlib.contextmanager
@@ -44,11 +71,7 @@ def running(folder, *arguments, **how):
     if "BROWSER" not in how.get("env", {}):
         arguments = (*arguments, "--no-browser")
     with start(folder, *arguments, **how) as program:
-        try:
-            yield program, program.stdout.readline().removeprefix("Kalscope: ").strip()
-        finally:
-            if program.poll() is None:
-                program.kill()
+        yield program, link_of(program)
 
 
 def port_of(url):
@@ -63,7 +86,7 @@ def end(program, by=signal.SIGTERM):
     """Ask it to end; returns status, further output, and seconds."""
     begin = time.monotonic()
     program.send_signal(by)
-    out, err = program.communicate(timeout=15)
+    out, err = program.communicate(timeout=PATIENCE)
     return program.returncode, out, err, time.monotonic() - begin
 
 

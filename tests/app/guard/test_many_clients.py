@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 import os
 import random
-import subprocess
-import sys
 import threading
 import time
 from dataclasses import dataclass
@@ -17,6 +15,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from program import end, port_of, running, token_of
 from websockets.exceptions import ConnectionClosed
 from wire import CAMERA, PATIENCE, Guest, client, packed
 
@@ -29,15 +28,9 @@ MIB = 2**20
 class Program:
     """The real program on the demo, and its memory."""
 
-    def __init__(self, folder):
-        command = [sys.executable, "-m", "kalscope_app.main", "open", "demo", "--port", "0", "--no-browser"]
-        self.log = folder / "kalscope.log"
-        self.errors = (folder / "stderr").open("w+")
-        self.process = subprocess.Popen(
-            [*command, "--log", str(self.log)], cwd=folder, stdout=subprocess.PIPE, stderr=self.errors, text=True
-        )
-        url = self.process.stdout.readline().split()[1]
-        self.port, self.token = int(url.split(":")[2].split("/")[0]), url.partition("token=")[2]
+    def __init__(self, process, url, log):
+        self.process, self.log = process, log
+        self.port, self.token = port_of(url), token_of(url)
 
     def guest(self):
         return Guest(self.port, self.token)
@@ -53,22 +46,16 @@ class Program:
         return [line for log in logs for line in log.read_text().splitlines() if "ERROR kalscope" in line]
 
     def stop(self):
-        self.process.terminate()
-        status = self.process.wait(timeout=15)
-        self.process.stdout.close()
-        self.errors.close()
-        return status
+        """End it; returns its status and what it said on standard error."""
+        status, _, errors, _ = end(self.process)
+        return status, errors
 
 
 @pytest.fixture
 def program(tmp_path):
-    running = Program(tmp_path)
-    yield running
-    if running.process.poll() is None:
-        running.process.kill()
-        running.process.wait()
-    running.process.stdout.close()
-    running.errors.close()
+    log = tmp_path / "kalscope.log"
+    with running(tmp_path, "--log", str(log)) as (process, url):
+        yield Program(process, url, log)
 
 
 def settled(program):
@@ -271,9 +258,10 @@ def test_whatever_a_client_sends_the_next_one_is_served_as_before(program):
             assert other.values[uuid] == pytest.approx(after.values[uuid])
     print(f"{MESSAGES} messages, {ended} connections ended, memory grew by {grown / MIB:.1f} MiB")
     assert grown < 200 * MIB  # most of it in the first 2,000: modules and tables that the first use loads
-    assert "Traceback" not in Path(program.errors.name).read_text()
     assert program.mistakes() == []
-    assert program.stop() == 0
+    status, errors = program.stop()
+    assert status == 0
+    assert "Traceback" not in errors
 
 
 def within_range(guest, uuid):
@@ -322,7 +310,7 @@ def test_ten_clients_that_drag_at_once_end_with_the_same_values(program):
         for guest in guests:
             guest.connection.close()
     assert program.mistakes() == []
-    assert program.stop() == 0
+    assert program.stop()[0] == 0
 
 
 def drag(guest, uuids, seed, end):
