@@ -81,7 +81,7 @@ def test_the_code_that_is_looked_at_is_the_code_that_is_saved_and_downloaded(scr
 
 def test_a_library_that_is_another_filter_is_refused_in_a_window_that_waits(screen):
     screen.choose("for", "SimpleKalmanFilter")
-    screen.page.get_by_text("Refused: SimpleKalmanFilter is another filter.").wait_for()
+    screen.page.get_by_text("Refused: SimpleKalmanFilter is a different filter.").wait_for()
     button(screen, "Save to the folder").click()
     screen.page.get_by_role("dialog").get_by_text("its q multiplies the size of the last step").wait_for()
     screen.shot("code-refused")

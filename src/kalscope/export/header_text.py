@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING
 
 from kalscope.export.names import comment_text, number_text
@@ -12,6 +14,13 @@ if TYPE_CHECKING:
 
     from kalscope.export.job import ExportJob
     from kalscope.tuning.tuning import ChannelTuning
+
+TEMPLATES = Path(__file__).parent / "targets" / "templates"
+
+
+def fill_template(name: str, **texts: str) -> str:
+    """A file of `targets/templates` in which each $name is replaced by its text."""
+    return Template((TEMPLATES / name).read_text(encoding="utf-8")).substitute(texts)
 
 
 def about(job: ExportJob) -> tuple[str, ...]:
@@ -52,7 +61,7 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
         f"Channel {comment_text(channel.name)}; all are variances (not standard deviations) in {square}:",
         f"  process noise q = {number_text(channel.q)} per sample",
         f"  measurement noise r = {number_text(channel.r)}",
-        f"  start variance p0 = {'unknown (diffuse)' if channel.p0 is None else number_text(channel.p0)}",
+        f"  start variance p0 = {number_text(channel.p0, 'unknown (diffuse)')}",
         f"  start: {start_words(channel)}",
         f"  outlier gate: {gate}",
         f"  found: {comment_text(channel.how)}",

@@ -43,6 +43,11 @@ class ExportJob:
         """A distinct identifier [a-z][a-z0-9_]* for each channel, in their order."""
         return identifiers(channel.name for channel in self.channels)
 
+    @property
+    def named_channels(self) -> tuple[tuple[str, ChannelTuning], ...]:
+        """Each channel with its identifier, in their order."""
+        return tuple(zip(self.identifiers, self.channels, strict=True))
+
     def steady(self, channel: ChannelTuning) -> SteadyState:
         """Gain, lag and cut-off of the settled filter of one of the channels."""
         return steady_state(channel.params, self.sample_period)

@@ -91,11 +91,13 @@ def comment_text(text: str, length: int = COMMENT_LENGTH) -> str:
     return words if len(words) <= length else f"{words[: length - 3].rstrip()}..."
 
 
-def number_text(value: float) -> str:
+def number_text(value: float | None, unset: str = "") -> str:
     """A finite double as all targets read it back bit for bit: always a point, a signed exponent (1.0e-05).
 
-    ROS 2 takes `1` for an integer and stops; PyYAML takes `1e-05` and `1.0e22` for texts.
+    ROS 2 takes `1` for an integer and stops; PyYAML takes `1e-05` and `1.0e22` for texts. None becomes `unset`.
     """
+    if value is None:
+        return unset
     digits, _, exponent = repr(float(value)).partition("e")
     if "." not in digits:
         digits += ".0"

@@ -6,15 +6,30 @@ Each module has `files(job) -> dict of file name -> text`; names are constants o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
-from kalscope.export.job import ExportJob, job_of
+from kalscope.export.job import job_of
+from kalscope.export.targets import (
+    arduino,
+    bachagas,
+    c,
+    esphome,
+    json_file,
+    kalmanjs,
+    matlab,
+    platformio,
+    python,
+    ros2,
+)
+from kalscope.export.targets.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
 from kalscope.tuning.tuning import Tuning, same_period
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kalscope.export.job import ExportJob
     from kalscope.recording import Recording
 
 
@@ -22,47 +37,49 @@ if TYPE_CHECKING:
 class Target:
     """One entry of the registry."""
 
-    module: str
-    """Module of this package that writes it."""
+    files: Callable[[ExportJob], dict[str, str]]
+    """Writes it: the texts by file name."""
     title: str
-    """Its name for a person, a few words."""
+    """Its name on screen, a few words."""
     what: str
-    """What it is, one sentence for a person."""
+    """What it is, one sentence."""
 
 
 TARGETS = MappingProxyType(
     {
         "arduino": Target(
-            "arduino", "Arduino sketch", "A C++ header without allocation (float32) and a sketch that uses it."
+            arduino.files, "Arduino sketch", "A C++ header without allocation (float32) and a sketch that uses it."
         ),
-        "c": Target("c", "C99", "The filter in C99, double or float by a macro."),
+        "c": Target(c.files, "C99", "The filter in C99, double or float by a macro."),
         "python": Target(
-            "python", "Python", "A small Python class without dependencies, and the call of Kalscope."
+            python.files, "Python", "A small Python class without dependencies, and the call of Kalscope."
         ),
         "matlab": Target(
-            "matlab", "MATLAB, Octave", "A script for MATLAB and Octave in the style of the first paper."
+            matlab.files, "MATLAB, Octave", "A script for MATLAB and Octave in the style of the first paper."
         ),
-        "json": Target("json_file", "JSON", "The parameters as JSON."),
-        "ros2": Target("ros2", "ROS 2 parameters", "A ROS 2 parameter file (YAML)."),
+        "json": Target(json_file.files, "JSON", "The parameters as JSON."),
+        "ros2": Target(ros2.files, "ROS 2 parameters", "A ROS 2 parameter file (YAML)."),
         "platformio": Target(
-            "platformio",
+            platformio.files,
             "PlatformIO flags",
-            "Compiler flags for PlatformIO, in a file that extra_configs pulls in.",
+            "Compiler flags for PlatformIO, in a file that extra_configs includes.",
         ),
         "esphome": Target(
-            "esphome", "ESPHome sensor", "A kalman_combinator sensor of ESPHome: standard deviations, per second."
+            esphome.files,
+            "ESPHome sensor",
+            "A kalman_combinator sensor of ESPHome: standard deviations, per second.",
         ),
         "bachagas": Target(
-            "bachagas", "bachagas/Kalman.h", "The constructor of bachagas/Kalman.h, which has the same formula."
+            bachagas.files, "bachagas/Kalman.h", "The constructor of bachagas/Kalman.h, which has the same formula."
         ),
         "kalmanjs": Target(
-            "kalmanjs", "kalmanjs", "The constructor of kalmanjs: the same filter with the letters swapped."
+            kalmanjs.files, "kalmanjs", "The constructor of kalmanjs: the same filter with the letters swapped."
         ),
         "simplekalmanfilter": Target(
-            "simplekalmanfilter", "SimpleKalmanFilter", "Refused: SimpleKalmanFilter is another filter."
+            SIMPLE_KALMAN_FILTER.files, "SimpleKalmanFilter", "Refused: SimpleKalmanFilter is a different filter."
         ),
         "gyverfilters": Target(
-            "gyverfilters", "GyverFilters", "Refused: GKalman of GyverFilters is another filter."
+            GYVER_FILTERS.files, "GyverFilters", "Refused: GKalman of GyverFilters is a different filter."
         ),
     }
 )
@@ -81,7 +98,7 @@ def export_tuning(
 
     Args:
         tuning: What was found.
-        target: A name of `kalscope.export.TARGETS`.
+        target: A name of `TARGETS`.
         channel: Export this channel only; None = all.
         vectors: The recording whose first samples, filtered, come along as `groundtruth.csv`; None = none.
         sample_period: Time between two samples on the device, s: q is carried over to it; None = the tuning's.
@@ -96,7 +113,7 @@ def export_tuning(
     if target not in TARGETS:
         raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
     job = job_of(tuning if sample_period is None else carried_over(tuning, sample_period), channel)
-    files: dict[str, str] = import_module(f"kalscope.export.targets.{TARGETS[target].module}").files(job)
+    files = TARGETS[target].files(job)
     if vectors is not None:
         from kalscope.export.vectors import vector_files
 
@@ -112,6 +129,3 @@ def carried_over(tuning: Tuning, sample_period: float) -> Tuning:
     ratio = sample_period / old
     channels = (replace(new, how=f"q times {ratio:.4g}, found at {old:.4g} s; {new.how}") for new in moved.channels)
     return replace(moved, channels=tuple(channels))
-
-
-__all__ = ["TARGETS", "ExportJob", "Target", "carried_over", "export_tuning", "job_of"]

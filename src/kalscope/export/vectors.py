@@ -42,7 +42,7 @@ def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS)
         return {"groundtruth.csv": _text(channel, recording, name, rows)}
     return {
         f"groundtruth_{word}.csv": _text(channel, recording, channel.name, rows)
-        for word, channel in zip(job.identifiers, job.channels, strict=True)
+        for word, channel in job.named_channels
     }
 
 

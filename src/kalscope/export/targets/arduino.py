@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import Float32Params, float32_params, float32_text
-from kalscope.export.header_text import about, about_channel, commented
+from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.names import comment_text
 from kalscope.filtering.kernels import GATE_LIMIT
 
 if TYPE_CHECKING:
     from kalscope.export.job import ExportJob
 
-TEMPLATES = Path(__file__).parent / "templates"
-
 ANALOGUE_PINS = 6
 """Of an Uno: A0 … A5."""
 
-USUAL_PERIOD_US = 5000
+DEFAULT_PERIOD_US = 5000
 """Where the tuning does not know its sample period: 200 samples a second."""
 
-LONGEST_PERIOD_US = 2_000_000_000
+MAX_PERIOD_US = 2_000_000_000
 """Half the time in which micros() comes round."""
 
 
@@ -62,14 +58,18 @@ def _constant_names(job: ExportJob) -> list[str]:
 
 def _header(job: ExportJob, held: list[Float32Params]) -> str:
     names = _constant_names(job)
-    parts = []
+    parts: list[str] = []
     for channel, name, params in zip(job.channels, names, held, strict=True):
         said = about_channel(job, channel)
         if params.settled_gain > 0:
             said += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
         parts.append(f"{commented(said, '//')}{constants(name, params)}\n")
-    return Template((TEMPLATES / "KalscopeFilter.h").read_text(encoding="utf-8")).substitute(
-        about=commented(about(job), "//").rstrip(), first=names[0], tunings="\n".join(parts), gate_limit=GATE_LIMIT
+    return fill_template(
+        "KalscopeFilter.h",
+        about=commented(about(job), "//").rstrip(),
+        first=names[0],
+        tunings="\n".join(parts),
+        gate_limit=str(GATE_LIMIT),
     )
 
 
@@ -78,18 +78,17 @@ def _sketch(job: ExportJob) -> str:
     columns = ",".join(f"{name},{name}_filtered" for name in names) if n > 1 else "raw,filtered"
     pins = [f"A{i}" for i in range(n)]
     period_us, said = _period(job)
-    return Template((TEMPLATES / "kalscope_filter.ino").read_text(encoding="utf-8")).substitute(
+    return fill_template(
+        "kalscope_filter.ino",
         about=commented(about(job), "//").rstrip(),
         pin_words=" ".join(pins),
         columns=columns,
-        period_us=period_us,
+        period_us=str(period_us),
         period_words=said,
         pins=", ".join(pins),
         names=", ".join(f'"{name}"' for name in names),
         filters=", ".join(f"KalscopeFilter({name})" for name in _constant_names(job)),
-        units=", ".join(
-            f"{name} in {_unit(channel.unit)}" for name, channel in zip(names, job.channels, strict=True)
-        ),
+        units=", ".join(f"{name} in {_unit(channel.unit)}" for name, channel in job.named_channels),
     )
 
 
@@ -100,8 +99,8 @@ def _unit(unit: str) -> str:
 def _period(job: ExportJob) -> tuple[int, str]:
     """Microseconds between samples, and a remark on them."""
     if job.sample_period is None:
-        return USUAL_PERIOD_US, " a guess: the tuning does not know its own"
+        return DEFAULT_PERIOD_US, " a guess: the tuning does not know its own"
     period_us = round(job.sample_period * 1e6)
-    if not 1 <= period_us <= LONGEST_PERIOD_US:
+    if not 1 <= period_us <= MAX_PERIOD_US:
         raise BadSetting(f"the sample period must be 1e-6 to 2000 s for a board (got {job.sample_period:.6g} s)")
     return period_us, " the period that q belongs to"

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import float32_params, float32_text
-from kalscope.export.header_text import about, about_channel, commented
+from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.names import number_text
 from kalscope.filtering.kernels import GATE_LIMIT
 
@@ -16,21 +14,21 @@ if TYPE_CHECKING:
     from kalscope.export.job import ExportJob
     from kalscope.tuning.tuning import ChannelTuning
 
-TEMPLATES = Path(__file__).parent / "templates"
-
 
 def files(job: ExportJob) -> dict[str, str]:
     """`kalscope_filter.h` and `.c`. What float cannot hold stops the compiler where float is asked for."""
     names = job.identifiers
-    header = Template((TEMPLATES / "kalscope_filter.h").read_text(encoding="utf-8")).substitute(
+    header = fill_template(
+        "kalscope_filter.h",
         about=_commented(about(job)),
         first=names[0],
         declarations="\n".join(f"extern const kalscope_tuning kalscope_tuning_{name};" for name in names),
     )
-    source = Template((TEMPLATES / "kalscope_filter.c").read_text(encoding="utf-8")).substitute(
+    source = fill_template(
+        "kalscope_filter.c",
         about=_commented(about(job)),
-        gate_limit=GATE_LIMIT,
-        tunings="\n".join(_constant(job, *pair) for pair in zip(job.channels, names, strict=True)),
+        gate_limit=str(GATE_LIMIT),
+        tunings="\n".join(_constant(job, *named) for named in job.named_channels),
     )
     return {"kalscope_filter.h": header, "kalscope_filter.c": source}
 
@@ -39,13 +37,13 @@ def _commented(lines: tuple[str, ...]) -> str:
     return f"/*\n{commented(lines, ' *')} */"
 
 
-def _constant(job: ExportJob, channel: ChannelTuning, name: str) -> str:
+def _constant(job: ExportJob, name: str, channel: ChannelTuning) -> str:
     """The constant of one channel. A double rounded to float by the compiler is the float of `float32_params`."""
     values = {
         "q": number_text(channel.q),
         "r": number_text(channel.r),
-        "p0": "INFINITY" if channel.p0 is None else number_text(channel.p0),
-        "x0": "NAN" if channel.x0 is None else number_text(channel.x0),
+        "p0": number_text(channel.p0, "INFINITY"),
+        "x0": number_text(channel.x0, "NAN"),
         "gate": number_text(channel.gate or 0.0),
         "settled_gain": "0.0",
     }

@@ -52,7 +52,7 @@ def files(job: ExportJob) -> dict[str, str]:
         raise BadSetting(
             "sample_period of the tuning must be known for ESPHome, which counts q per second (got none)"
         )
-    sensors = (_sensor(job, job.sample_period, *pair) for pair in zip(job.identifiers, job.channels, strict=True))
+    sensors = (_sensor(job, job.sample_period, *pair) for pair in job.named_channels)
     return {"kalscope_esphome.yaml": commented((*about(job), *_TRAPS), "#") + "sensor:\n" + "".join(sensors)}
 
 

@@ -1,4 +1,4 @@
-"""JSON: the parameters for a program of one's own. JSON has no comments, so the words are values."""
+"""JSON: the parameters for your own program. JSON has no comments, so the words are values."""
 
 from __future__ import annotations
 
@@ -24,9 +24,7 @@ def files(job: ExportJob) -> dict[str, str]:
         "recording": {"name": _clean(job.source_name), "sha256": _clean(job.sha256)},
         "tool": _clean(job.tool),
         "date": _clean(job.date),
-        "channels": [
-            _channel(job, word, channel) for word, channel in zip(job.identifiers, job.channels, strict=True)
-        ],
+        "channels": [_channel(job, *named) for named in job.named_channels],
     }
     return {"kalscope_parameters.json": json.dumps(document, indent=2, allow_nan=False) + "\n"}
 

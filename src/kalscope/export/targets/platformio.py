@@ -1,10 +1,10 @@
-"""PlatformIO: compiler flags in a file of their own, because nobody wants their platformio.ini edited."""
+"""PlatformIO: compiler flags in a file of their own, so that platformio.ini stays as it is."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from kalscope.export.header_text import about, about_channel, commented
+from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.names import number_text
 
 if TYPE_CHECKING:
@@ -12,32 +12,20 @@ if TYPE_CHECKING:
 
     from kalscope.export.job import ExportJob
 
-_FILE = """\
-{about}{channels};
-; Use it from platformio.ini:
-;   [platformio]
-;   extra_configs = kalscope_flags.ini
-;   [env:your_board]
-;   build_flags = ${{kalscope.build_flags}}
-; A start or a gate that has no flag is automatic or off.
-
-[kalscope]
-build_flags =
-{flags}"""
-
 
 def files(job: ExportJob) -> dict[str, str]:
     """`kalscope_flags.ini`: KALSCOPE_IDENTIFIER_Q and the others, double literals that suit float as well."""
     channels = (line for channel in job.channels for line in about_channel(job, channel))
     flags = "".join(f"    -D {name}={number_text(value)}\n" for name, value in _macros(job))
-    text = _FILE.format(about=commented(about(job), ";"), channels=commented(channels, ";"), flags=flags)
+    head = commented((*about(job), *channels), ";")
+    text = fill_template("kalscope_flags.ini", about=head, flags=flags)
     return {"kalscope_flags.ini": text}
 
 
 def _macros(job: ExportJob) -> Iterator[tuple[str, float]]:
     if job.sample_period is not None:
         yield "KALSCOPE_SAMPLE_PERIOD_S", job.sample_period
-    for word, channel in zip(job.identifiers, job.channels, strict=True):
+    for word, channel in job.named_channels:
         for name in ("q", "r", "p0", "x0", "gate"):
             value = getattr(channel, name)
             if value is not None:

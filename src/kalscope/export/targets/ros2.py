@@ -44,7 +44,7 @@ def files(job: ExportJob) -> dict[str, str]:
     head = _HEAD.format(
         about=commented(about(job), "#"), period=period, words=", ".join(map(quoted, job.identifiers))
     )
-    channels = (_channel(job, word, c) for word, c in zip(job.identifiers, job.channels, strict=True))
+    channels = (_channel(job, word, c) for word, c in job.named_channels)
     return {"kalscope_parameters.yaml": head + "".join(channels)}
 
 
