@@ -16,7 +16,8 @@ from typing import Any
 
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
-from kalscope_app.program.user_settings import FOLDER_VARIABLE, Remembered
+from kalscope_app.program.user_folders import FOLDER_VARIABLE
+from kalscope_app.program.user_settings import UserSettings
 
 PROGRAM = Path(sys.executable).with_name("kalscope")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -48,7 +49,7 @@ class Program:
     def __init__(self, source: str) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="kalscope-bench-")
         self.folder = Path(self._folder.name)
-        Remembered(self.folder).forget_tour()  # its window would cover what is measured
+        UserSettings(self.folder).set_tour_seen()  # its window would cover what is measured
         self.process = subprocess.Popen(
             [PROGRAM, "open", source, "--port", "0", "--no-browser"],
             cwd=self.folder,  # recordings go there

@@ -13,7 +13,7 @@ from kalscope_app.engine.engine import Engine
 from kalscope_app.engine.idle_studies import Studies, Study
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.program.error_reporting import sentence_for
-from kalscope_app.program.user_settings import Remembered
+from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.changes import set_dark, set_smoother
 from kalscope_app.session.session import Session
 from kalscope_app.studies.alternatives import AlternativesStudy
@@ -68,7 +68,7 @@ class Dashboard:
         self.session = Session(state)
         self._jobs = Jobs(self.tell)
         self._panels = Panels(server)
-        self._tour = Tour(Remembered(), self._jobs)
+        self._tour = Tour(UserSettings(), self._jobs)
         self._note = ""
         self._frame: Frame | None = None
         self._portraits: dict[viser.ClientHandle, float] = {}

@@ -7,7 +7,7 @@ import re
 import pytest
 from screen import ARTEFACTS, Program, Screen
 
-from kalscope_app.program.user_settings import Remembered
+from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.views.tour import STEPS
 
 pytestmark = pytest.mark.browser
@@ -32,7 +32,7 @@ def test_the_tour_is_shown_on_the_first_run_and_never_again_once_it_is_done(brow
         screen.close()
     finally:
         program.stop()
-    assert Remembered(tmp_path / "config").tour_seen
+    assert UserSettings(tmp_path / "config").tour_seen
     again = Program("demo", cwd=tmp_path, first_run=True)
     try:
         screen = Screen(browser, again.url)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from kalscope.common import files as atomic
-from kalscope.common.files import atomic_file, check_inside, write_atomic
+from kalscope.common.files import atomic_file, check_inside, write_atomic, write_private
 from kalscope.errors import BadSetting
 
 posix_only = pytest.mark.skipif(os.name == "nt", reason="POSIX modes, signals and links")
@@ -119,6 +119,28 @@ def test_a_link_stays_and_its_target_is_replaced(tmp_path: Path) -> None:
 
 
 @posix_only
+@posix_only
+@pytest.mark.parametrize("before", ["nothing", "readable by all", "a link"])
+def test_a_private_file_is_for_its_owner_from_the_first_byte(tmp_path: Path, before: str) -> None:
+    path, other = tmp_path / "file", tmp_path / "other"
+    other.write_bytes(b"untouched")
+    if before == "readable by all":
+        path.touch(0o666)
+    elif before == "a link":
+        path.symlink_to(other)
+    umask = os.umask(0)
+    try:
+        with atomic._replacement(path, 0o600) as file:
+            (temporary,) = tmp_path.glob(".file*")
+            assert stat.S_IMODE(temporary.stat().st_mode) == 0o600
+            file.write(b"secret")
+        write_private(path, b"secret")
+    finally:
+        os.umask(umask)
+    assert stat.S_IMODE(path.lstat().st_mode) == 0o600
+    assert (path.read_bytes(), other.read_bytes()) == (b"secret", b"untouched")
+
+
 def test_a_device_is_written_not_replaced() -> None:
     write_atomic(os.devnull, b"gone")
     assert stat.S_ISCHR(os.stat(os.devnull).st_mode)

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from kalscope_app.program.user_settings import FOLDER_VARIABLE, Remembered
+from kalscope_app.program.user_folders import FOLDER_VARIABLE
+from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.views.window.layout import sizes_for
 
 ARTEFACTS = Path(__file__).parents[1] / "artefacts"
@@ -35,10 +36,10 @@ class Program:
     def __init__(self, *arguments, cwd, first_run=False):
         command = [sys.executable, "-m", "kalscope_app.main", "open", *map(str, arguments), "--port", "0"]
         self.log = Path(cwd) / "kalscope.log"
-        remembered = Remembered(Path(cwd) / "config")
+        settings = UserSettings(Path(cwd) / "config")
         if not first_run:
-            remembered.forget_tour()
-        env = {**os.environ, FOLDER_VARIABLE: str(remembered.path.parent)}
+            settings.set_tour_seen()
+        env = {**os.environ, FOLDER_VARIABLE: str(settings.path.parent)}
         with self.log.open("a") as log:
             self.process = subprocess.Popen(
                 [*command, "--no-browser"], cwd=cwd, env=env, stdout=subprocess.PIPE, stderr=log, text=True

@@ -1,4 +1,4 @@
-"""The secret of the link on the disk: kept over a restart, and handed to the browser. Nobody else may read it."""
+"""The secret of the link on the disk: kept over a restart and handed to the browser, readable by this user only."""
 
 from __future__ import annotations
 
@@ -6,33 +6,23 @@ import logging
 import os
 import secrets
 import stat
-import sys
 import tempfile
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from kalscope.common.files import write_private
 from kalscope_app.guard.rules import is_token
+from kalscope_app.program.user_folders import state_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _log = logging.getLogger(__name__)
-_LONGEST = 1024
-"""Bytes of a token file that are read at most."""
+_MAX_BYTES = 1024
+"""The part of a token file that is read."""
 _IS_POSIX = os.name == "posix"
-
-
-def state_folder() -> Path:
-    """Where this user's programs keep what should outlive them, by the custom of the system."""
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Application Support"
-    else:
-        base = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(base) / "kalscope"
 
 
 def kept_token(port: int, folder: Path | None = None, *, renew: bool = False) -> str:
@@ -41,7 +31,7 @@ def kept_token(port: int, folder: Path | None = None, *, renew: bool = False) ->
     Args:
         port: the port listened on; each has a token of its own.
         folder: where tokens are kept; None is the user's state folder.
-        renew: make a new one: whoever has the old link is locked out.
+        renew: make a new one, which makes the old link useless.
 
     A file that others could have read or put there is replaced. Where none can be kept safely the token is new each
     time, and the log says why.
@@ -55,32 +45,32 @@ def kept_token(port: int, folder: Path | None = None, *, renew: bool = False) ->
         known = None if renew else _read_private(file)
         if known is not None and is_token(known):
             return known
-        _write_private(file, token)
-    except (OSError, RuntimeError) as error:  # RuntimeError: no home folder
+        write_private(file, token.encode())
+    except OSError as error:
         _log.warning("The link changes with each start, because its token cannot be kept: %s", error)
     return token
 
 
 @contextmanager
 def opening_page(url: str) -> Iterator[Path]:
-    """A page, readable by this user only, that sends the browser on to `url`; it is gone when the block ends.
+    """A page, readable by this user only, that sends the browser on to `url`; it is removed when the block ends.
 
-    Whatever stands on a command line can be read by every user of the machine; the name of this file says nothing.
+    Every user of the machine can read command lines; the name of this file tells them nothing.
     """
     with tempfile.TemporaryDirectory(prefix="kalscope-open-", ignore_cleanup_errors=True) as folder:
         file = Path(folder) / "kalscope.html"
         target = escape(url, quote=True)
-        _write_private(
-            file,
+        page = (
             f'<!doctype html><meta charset="utf-8"><meta name="referrer" content="no-referrer">'
             f'<meta http-equiv="refresh" content="0; url={target}"><title>Opening Kalscope…</title>'
-            f'<p><a href="{target}">Open Kalscope</a></p>\n',
+            f'<p><a href="{target}">Open Kalscope</a></p>\n'
         )
+        write_private(file, page.encode())
         yield file
 
 
 def _check_folder(folder: Path) -> None:
-    """Whoever can write into the folder can exchange the file."""
+    """Refuse a folder in which another user could exchange the file."""
     found = folder.lstat()
     if not stat.S_ISDIR(found.st_mode):
         raise OSError(f"{str(folder)!r} must be a folder, not a link")
@@ -91,7 +81,7 @@ def _check_folder(folder: Path) -> None:
 
 
 def _read_private(file: Path) -> str | None:
-    """What the file says, if it is ours alone; None for every other file, link or device."""
+    """The content of a file that only this user could read and write; None for any other file, link or device."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     try:
         handle = os.open(file, flags)
@@ -102,18 +92,4 @@ def _read_private(file: Path) -> str | None:
         is_ours = not _IS_POSIX or (found.st_uid == os.geteuid() and not found.st_mode & 0o077)
         if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1 or not is_ours:
             return None
-        return opened.read(_LONGEST).decode("ascii", "replace").strip()
-
-
-def _write_private(file: Path, text: str) -> None:
-    """Create the file anew for this user only; a link or a foreign file of that name is removed, not followed."""
-    fresh = file.with_name(f".{file.name}.{secrets.token_hex(8)}")
-    handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as opened:
-            opened.write(text)
-        os.replace(fresh, file)
-    except BaseException:
-        with suppress(OSError):
-            fresh.unlink()
-        raise
+        return opened.read(_MAX_BYTES).decode("ascii", "replace").strip()

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import viser
 
     from kalscope_app.engine.jobs import Jobs
-    from kalscope_app.program.user_settings import Remembered
+    from kalscope_app.program.user_settings import UserSettings
 
 STEPS = (
     (
@@ -48,9 +48,9 @@ NEXT, LATER, NEVER, DONE = "Next", "Later", "Do not show again", "Done"
 class Tour:
     """Shows the windows one after the other, on the first run or when asked."""
 
-    def __init__(self, remembered: Remembered, jobs: Jobs) -> None:
-        self._remembered, self._jobs = remembered, jobs
-        self._over = remembered.tour_seen
+    def __init__(self, settings: UserSettings, jobs: Jobs) -> None:
+        self._settings, self._jobs = settings, jobs
+        self._over = settings.tour_seen
 
     def attach(self, client: viser.ClientHandle) -> None:
         """A browser has come: show the tour unless it was seen or put off."""
@@ -82,4 +82,4 @@ class Tour:
             return
         self._over = True
         if group.value != LATER:
-            self._jobs.run(self._remembered.forget_tour)
+            self._jobs.run(self._settings.set_tour_seen)

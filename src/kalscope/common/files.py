@@ -47,6 +47,20 @@ def write_atomic(path: str | os.PathLike[str], data: bytes) -> None:
         file.write(data)
 
 
+def write_private(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write `data` to `path` as `write_atomic` does, but such that at no moment another user can read it.
+
+    Args:
+        path: The file to create or to replace. A symbolic link is replaced, not followed.
+        data: The whole content.
+
+    Raises:
+        OSError: As in `write_atomic`.
+    """
+    with _replacement(Path(path), 0o600) as file:
+        file.write(data)
+
+
 @contextmanager
 def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """Open a binary file for writing that becomes `path` when the block ends, and vanishes if it raises.
@@ -64,6 +78,9 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     try:
         mode = _mode(target)
         if mode is None or stat.S_ISREG(mode):
+            if mode is not None and not os.access(target, os.W_OK):
+                # The rename would succeed all the same, and undo what the owner wanted.
+                raise PermissionError(errno.EACCES, "Permission denied: the file is write-protected")
             with _replacement(target, mode) as file:
                 yield file
         else:
@@ -107,10 +124,7 @@ def check_inside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -
 
 @contextmanager
 def _replacement(target: Path, mode: int | None) -> Iterator[BinaryIO]:
-    """A temporary file beside `target` that replaces it at the end; `mode` is that of the old file."""
-    if mode is not None and not os.access(target, os.W_OK):
-        # The rename would succeed all the same, and undo what the owner wanted.
-        raise PermissionError(errno.EACCES, "Permission denied: the file is write-protected", str(target))
+    """A temporary file beside `target` that replaces it at the end and has this mode; None: as open() gives it."""
     _sweep(target)
     temporary = target.parent / f"{_prefix(target)}{secrets.token_hex(8)}.tmp"
     try:

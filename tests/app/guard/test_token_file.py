@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import stat
 import tempfile
-from pathlib import Path
 
 import pytest
 
 from kalscope_app.guard.rules import is_token
-from kalscope_app.guard.token_file import kept_token, opening_page, state_folder
+from kalscope_app.guard.token_file import kept_token, opening_page
 
 SECRET = "Kept-Kept-Kept-Kept_Kept"
 posix = pytest.mark.skipif(os.name != "posix", reason="modes and links as POSIX has them")
@@ -117,14 +116,6 @@ def test_in_a_folder_that_is_not_safe_nothing_is_kept(tmp_path, caplog, spoilt):
     assert is_token(token)
     assert "cannot be kept" in caplog.text
     assert token not in caplog.text
-
-
-def test_the_state_folder_follows_the_system(monkeypatch, tmp_path):
-    monkeypatch.setattr("sys.platform", "linux")
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert state_folder() == tmp_path / "kalscope"
-    monkeypatch.delenv("XDG_STATE_HOME")
-    assert state_folder() == Path.home() / ".local" / "state" / "kalscope"
 
 
 def test_the_opening_page_is_private_and_goes_away(tmp_path, monkeypatch):
