@@ -134,7 +134,7 @@ def test_the_words_name_the_minimum_of_model_and_recording():
     n = 100_000
     z = RNG.normal(size=n) + np.cumsum(0.01 * RNG.normal(size=n))
     said = allan_deviation(z, FilterParams(q=1e-4, r=1.0), sample_period=0.01).message
-    assert "averaging longer than 1732 ms (173 samples) does not help" in said
+    assert "averaging longer than 1.73 s (173 samples) does not help" in said
     assert "In this recording it stops helping at" in said
     assert "always help" in allan_deviation(RNG.normal(size=n), FilterParams(q=0.0, r=1.0)).message
     walk = allan_deviation(np.cumsum(RNG.normal(size=n)), FilterParams(q=1.0, r=0.0)).message

@@ -16,7 +16,6 @@ from kalscope.cli import progress_line
 from kalscope.cli.app import run
 from kalscope.cli.progress_line import ProgressLine
 from kalscope.cli.tune.command import still_samples
-from kalscope.common.text import duration, number, squared
 from kalscope.errors import KalscopeError
 from kalscope.estimation.estimate import METHODS, estimate
 from kalscope.estimation.finding import Noise, find_parameters
@@ -68,11 +67,11 @@ def test_the_page_says_q_r_and_why(capsys: Captured) -> None:
     assert run(["tune", "sample:nile"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    assert "q = 1469 (1e8 m3)²" in out
-    assert "r = 15100 (1e8 m3)²" in out
+    assert "q = 1\u202f469 (1e8 m3)²" in out
+    assert "r = 15\u202f100 (1e8 m3)²" in out
     assert "how: maximum likelihood" in out
-    assert "lag on a ramp    2.745 years = 2.745 samples" in out
-    assert "The record allows (95 %): q/r 0.01368 to 0.5571" in out
+    assert "lag on a ramp    2.74 years (2.74 samples)" in out
+    assert "The record allows (95 %): q/r 0.0137 to 0.557" in out
     assert "They differ by no more than chance explains." in out
     assert "Advice: no fault found." in out
     assert "judged on the second: NIS" in out
@@ -117,35 +116,7 @@ def test_without_time_the_lag_is_in_samples_only(bare: Path, capsys: Captured) -
     assert "× the sample rate" in out
     assert " ms" not in out
     assert run(["tune", str(bare), "--sample-period", "0.01"]) == 0
-    assert " ms = " in capsys.readouterr().out
-
-
-NUMBERS = [
-    (15098.52, "15100"),
-    (1234567.0, "1235000"),
-    (1.23456e8, "1.235e+08"),
-    (0.00123456, "0.001235"),
-    (0.0, "0"),
-    (math.inf, "inf"),
-    (9999.9, "10000"),
-]
-
-
-@pytest.mark.parametrize(("value", "text"), NUMBERS)
-def test_numbers_have_four_digits(value: float, text: str) -> None:
-    assert number(value) == text
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(0.0123456, "12.35 ms"), (45.0, "45 s"), (9000.0, "2.5 h"), (172_800.0, "2 d"), (31_557_600.0 * 3, "3 years")],
-)
-def test_durations_are_said_as_a_person_does(seconds: float, text: str) -> None:
-    assert duration(seconds) == text
-
-
-def test_a_squared_unit_is_bracketed_where_it_must() -> None:
-    assert [squared(unit) for unit in ("V", "°C", "m/s²", "")] == ["V²", "°C²", "(m/s²)²", "unit²"]
+    assert " ms (" in capsys.readouterr().out
 
 
 # ---- JSON

@@ -6,11 +6,11 @@ A browser may send anything, so a change clamps its values or raises BadSetting;
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from kalscope.common.text import typed_number
 from kalscope.errors import BadSetting
 from kalscope.papers.generalized_filter import GeneralizedParams
 from kalscope_app.session.linked_channels import in_step
@@ -58,7 +58,7 @@ def set_text(name: str, text: str) -> Change:
             return state.with_tuning(x0=None)
         if name == "gate" and text.strip().lower() in ("", "off"):
             return state.with_tuning(gate=None)
-        value = parse_number(name, text)
+        value = typed_number(name, text)
         if getattr(state.tuning, name) == value:
             return state
         if name == "x0" and state.tuning.p0 is None:
@@ -188,7 +188,7 @@ def set_rule_text(name: str, text: str) -> Change:
         if state.rule is None:
             return state
         empty = name != "sigma_m" and text.strip().lower() in ("", "automatic")
-        return state.with_rule(replace(state.rule, **{name: None if empty else parse_number(name, text)}))
+        return state.with_rule(replace(state.rule, **{name: None if empty else typed_number(name, text)}))
 
     return change
 
@@ -242,29 +242,11 @@ def set_map_colour(colour: str) -> Change:
     return change
 
 
-def parse_number(name: str, text: str) -> float:
-    """The number in a text box; decimal comma allowed.
-
-    Raises:
-        BadSetting: it is no number.
-    """
-    bare = re.sub(r"(?<=\d)[ \u202f](?=\d{3}(?!\d))", "", text.strip().replace("−", "-"))
-    if re.fullmatch(r"[-+]?[1-9]\d{0,2}(,\d{3})+", bare):
-        raise BadSetting(f"{name} must be written without a comma for thousands: 1000 or 1.0 (got {text[:40]!r})")
-    try:
-        value = float(bare.replace(",", ".")) + 0.0  # -0 becomes 0
-    except ValueError:
-        raise BadSetting(f"{name} must be a number such as 0.01 or 1e-9 (got {text[:40]!r})") from None
-    if not math.isfinite(value):
-        raise BadSetting(f"{name} must be a finite number (got {text[:40]!r})")
-    return value
-
-
 def set_sample_period(text: str) -> Change:
     """The time between two samples was typed, s, for a recording that does not tell it."""
 
     def change(state: State) -> State:
-        recording = timed(state.recording, parse_number("sample period", text))
+        recording = timed(state.recording, typed_number("sample period", text))
         if recording is state.recording:
             return state
         period = recording.sample_period

@@ -8,7 +8,8 @@ import subprocess
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from kalscope_app.session.changes import parse_number, select_channel
+from kalscope.common.text import typed_number
+from kalscope_app.session.changes import select_channel
 from kalscope_app.session.live import when_known
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def apply_options(
     for name, text in {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate}.items():
         if text is not None:
             nothing = name in AUTOMATIC and text.strip().lower() in WORDS_OF_NOTHING
-            values[name] = None if nothing else parse_number(name, text)
+            values[name] = None if nothing else typed_number(name, text)
     if values.get("p0", 0.0) is None:
         values["x0"] = None
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.common.text import TIME_UNITS, count
+
 Array = NDArray[np.float64]
 
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
@@ -16,17 +18,6 @@ PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 PREFIXABLE = {"V", "A", "g", "Pa", "Hz", "m", "W", "N", "T", "Ω", "F", "s", "lx", "m/s", "m/s²", "m/s^2"}
 """Units that take a prefix; before any other the factor is written out."""
-
-
-TIME_UNITS = (
-    ("ms", 1e-3),
-    ("s", 1.0),
-    ("min", 60.0),
-    ("h", 3600.0),
-    ("days", 86400.0),
-    ("years", 31557600.0),
-)
-"""Units of the time axis and their length in s."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +86,7 @@ def log_rate_scale(rates: Array) -> Scale:
     if lowest >= 0.001:
         return Scale(1.0, "cycles/sample")
     power = -3 * math.floor(math.log10(lowest) / 3) - 3
-    samples = "1,000" if power == 3 else f"1e{power}"
+    samples = count(1000) if power == 3 else f"1e{power}"
     return Scale(10.0**power, f"cycles per {samples} samples")
 
 

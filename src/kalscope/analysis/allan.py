@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kalscope.common.text import duration
+from kalscope.common.text import lag_in_full, number
 from kalscope.estimation.methods.allan import allan_variances
 from kalscope.filtering.arrays import Array, one_channel
 
@@ -123,11 +123,6 @@ def _allan_words(
     size: Array, deviation: Array, spread: Array, q: float, r: float, best: float, period: float | None
 ) -> str:
     """Where averaging stops helping: by the model, and in the recording."""
-
-    def length(samples: float) -> str:
-        there = f"{samples:.3g} sample{'' if samples == 1.0 else 's'}"
-        return there if period is None else f"{duration(samples * period)} ({there})"
-
     if len(size) < 2:
         return "The recording is too short for an Allan deviation."
     if math.isinf(best):
@@ -136,19 +131,22 @@ def _allan_words(
         model = "By the model averaging does not help at all: the signal moves more between samples than its noise."
     else:
         least = math.sqrt(float(allan_model(best, q, r)))
+        longest = lag_in_full(best, period)
         model = (
-            f"By the model averaging longer than {length(best)} does not help: {least:.3g} is the least it reaches."
+            f"By the model averaging longer than {longest} does not help: {number(least)} is the lowest deviation."
         )
     at = first_minimum(deviation, spread)
     if not deviation.any():
         seen = "This recording stands still: there is nothing that averaging could take off."
     elif at == len(size) - 1:
-        seen = f"In this recording it still helps at {length(float(size[-1]))}, the longest that it can tell."
+        longest = lag_in_full(float(size[-1]), period)
+        seen = f"In this recording it still helps at {longest}, the longest averaging time it allows."
     elif at == 0 and float(deviation.min()) < float(deviation[0]):
-        helps = length(float(size[int(np.argmax(deviation < deviation[0]))]))
+        helps = lag_in_full(float(size[int(np.argmax(deviation < deviation[0]))]), period)
         seen = f"In this recording averaging over less than {helps} does not help: the signal swings."
     elif at == 0:
         seen = "In this recording averaging never helps: its movement outweighs its noise from the first sample on."
     else:
-        seen = f"In this recording it stops helping at {length(float(size[at]))}: {float(deviation[at]):.3g}."
+        stop = lag_in_full(float(size[at]), period)
+        seen = f"In this recording it stops helping at {stop}: {number(float(deviation[at]))}."
     return f"{model} {seen}"

@@ -1,40 +1,143 @@
-"""One way to write numbers, units, durations and lags."""
+"""How numbers, units, durations, counts, lags and decibels are written: on screen, in the console and in reports.
+
+Values have three significant digits unless the caller asks for others, thousands are separated by a narrow
+no-break space, and a minus is "−"; nothing is ever written as "−0". Files that programs read (tuning files,
+exports, CSV, JSON) do not use this: they need every digit and plain ASCII.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 
-_DURATIONS = ((10.0, 1e-3, "ms"), (7200.0, 1.0, "s"), (172_800.0, 3600.0, "h"), (63_115_200.0, 86400.0, "d"))
-"""Durations below the first are said in the second, all in s; longer ones in years."""
+from kalscope.errors import BadSetting
+
+THIN_SPACE = "\u202f"
+"""Narrow no-break space."""
+
+TIME_UNITS = (
+    ("ms", 1e-3),
+    ("s", 1.0),
+    ("min", 60.0),
+    ("h", 3600.0),
+    ("days", 86400.0),
+    ("years", 31557600.0),
+)
+"""Units of a time axis and their length in s."""
+
+DURATIONS = (("µs", 1e-6), *TIME_UNITS)
+"""Units of a duration and their length in s."""
 
 
-def number(value: float) -> str:
-    """Four significant digits, without an exponent from 0.0001 to 10 million."""
-    rounded = float(f"{value:.4g}")
-    return f"{rounded:.0f}" if 1e4 <= abs(rounded) < 1e7 else f"{rounded:.4g}"
+def number(value: float, digits: int = 3) -> str:
+    """A number to `digits` significant digits: 0.0951, 15 100, 1.20e-9; "∞" and "none" for inf and NaN."""
+    if math.isnan(value):
+        return "none"
+    sign = "−" if value < 0.0 else ""
+    if math.isinf(value):
+        return f"{sign}∞"
+    if value == 0.0:
+        return "0"
+    rounded = f"{abs(value):.{digits - 1}e}"
+    mantissa, exponent = rounded.split("e")
+    power = int(exponent)
+    if not -4 <= power < 6:
+        return f"{sign}{mantissa}e{power}"
+    return sign + f"{float(rounded):,.{max(0, digits - 1 - power)}f}".replace(",", THIN_SPACE)
+
+
+def trimmed(value: float, digits: int = 3) -> str:
+    """The same without trailing zeros after the decimal point: 2, 1.5, 1e-9."""
+    return re.sub(r"(\.\d*?)0+(?=e|$)", r"\1", number(value, digits)).replace(".e", "e").rstrip(".")
+
+
+def count(n: int) -> str:
+    """A whole number in groups of three digits: 1 000 000."""
+    return f"{n:,}".replace(",", THIN_SPACE).replace("-", "−")
+
+
+def plural(n: float, noun: str) -> str:
+    """A number with its noun: 1 sample, 4.1 samples."""
+    return f"{trimmed(n)} {noun}{'' if n == 1 else 's'}"
+
+
+def percent(share: float, digits: int = 2) -> str:
+    """A share of 1 in percent: 12 %, 0.42 %."""
+    return f"{number(100.0 * share, digits)} %"
+
+
+def correlation(value: float) -> str:
+    """A correlation to three decimals: 0.123, −0.045."""
+    return f"{round(value, 3) + 0.0:.3f}".replace("-", "−")
+
+
+def p_value(p: float) -> str:
+    """The p-value of a test, without a line break inside."""
+    return "p\u00a0<\u00a01e\u20116" if p < 1e-6 else f"p\u00a0=\u00a0{number(p, 2)}"
+
+
+def duration(seconds: float | None) -> str:
+    """A length of time in the unit that suits it: 95.1 ms, 1 day, 2.69 years; "" where it is not known."""
+    if seconds is None or math.isnan(seconds):
+        return ""
+    if seconds == 0.0 or math.isinf(seconds):
+        return "0 s" if seconds == 0.0 else trimmed(seconds)
+    unit, length = next((pair for pair in reversed(DURATIONS) if abs(seconds) >= pair[1]), DURATIONS[0])
+    value = trimmed(seconds / length)
+    return f"{value} {unit.rstrip('s') if value == '1' and len(unit) > 3 else unit}"
+
+
+def lag_text(samples: float, period: float | None) -> str:
+    """A delay: a time where the sample period (s) is known, else samples."""
+    return plural(samples, "sample") if period is None else duration(samples * period)
+
+
+def lag_in_full(samples: float, period: float | None) -> str:
+    """A delay as a time and in samples: 12.3 ms (4.1 samples)."""
+    in_samples = plural(samples, "sample")
+    return in_samples if period is None else f"{duration(samples * period)} ({in_samples})"
+
+
+def decibels(value: float) -> str:
+    """A level to 0.001 dB at most: −13.0 dB, 0 dB."""
+    return f"{number(round(value, 3))} dB"
+
+
+def frequency(hertz: float | None) -> str:
+    """A frequency: 1.59 Hz, 2.10 kHz; slow ones as 1 / duration."""
+    if hertz is None or math.isnan(hertz):
+        return "none"
+    if 0.0 < hertz < 1e-3:
+        return f"1 / {duration(1.0 / hertz)}"
+    unit, size = next((pair for pair in (("MHz", 1e6), ("kHz", 1e3)) if hertz >= pair[1]), ("Hz", 1.0))
+    return f"{number(hertz / size)} {unit}"
+
+
+def sample_rate(period: float) -> str:
+    """The rate of a recording from its sample period in s: 100 Hz, one every 15 min."""
+    return frequency(1.0 / period) if period <= 10.0 else f"one every {duration(period)}"
 
 
 def squared(unit: str) -> str:
-    """The unit of a variance: V², (m/s²)², "unit²" where the unit is not known."""
+    """The unit of a variance: counts², (m/s²)², "unit²" where the unit is not known."""
     if not unit:
         return "unit²"
     return f"{unit}²" if re.fullmatch(r"[^\W\d_]+|°C|°F|%", unit) else f"({unit})²"
 
 
-def duration(seconds: float) -> str:
-    """A time in s as a person says it: 12.3 ms, 45 s, 3.2 d."""
-    for below, one, word in _DURATIONS:
-        if seconds < below:
-            return f"{number(seconds / one)} {word}"
-    return "inf" if math.isinf(seconds) else f"{number(seconds / 31_557_600.0)} years"
+def typed_number(name: str, text: str) -> float:
+    """The number that a user typed for `name`; a decimal comma, "−" and thin spaces are allowed.
 
-
-def _samples(samples: float, period: float | None) -> str:
-    text = f"{number(samples)} samples"
-    return text if period is None else f"{duration(samples * period)} = {text}"
-
-
-def scalar(value: object) -> float:
-    """A number of one channel; NaN for None."""
-    return math.nan if value is None else float(value)  # pyright: ignore[reportArgumentType]
+    Raises:
+        BadSetting: it is not a finite number.
+    """
+    plain = re.sub(r"(?<=\d)[ \u202f](?=\d{3}(?!\d))", "", text.strip().replace("−", "-"))
+    if re.fullmatch(r"[-+]?[1-9]\d{0,2}(,\d{3})+", plain):
+        raise BadSetting(f"{name} must be written without a comma for thousands: 1000 or 1.0 (got {text[:40]!r})")
+    try:
+        value = float(plain.replace(",", ".")) + 0.0  # -0 becomes 0
+    except ValueError:
+        raise BadSetting(f"{name} must be a number such as 0.01 or 1e-9 (got {text[:40]!r})") from None
+    if not math.isfinite(value):
+        raise BadSetting(f"{name} must be a finite number (got {text[:40]!r})")
+    return value

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.text import decibels, number
+
 if TYPE_CHECKING:
     from kalscope.estimation.likelihood.profile import Differences
 
@@ -59,13 +61,13 @@ def no_noise(data: Differences, gains: tuple[float, float]) -> str:
         "The sensor shows no noise at this rate that this model can see: each change is taken for real movement, "
         f"and the most likely filter (r = 0) would pass the signal through unchanged.{steps} Usual reasons: the "
         "sensor smooths or rounds by itself, or the signal moves more from sample to sample than the noise does. "
-        f"The record allows gains from {gains[0]:.2g} to {gains[1]:.2g}. {INSTEAD}"
+        f"The record allows gains from {number(gains[0], 2)} to {number(gains[1], 2)}. {INSTEAD}"
     )
 
 
 def no_movement(lag_low: float) -> str:
     """No q: a constant under noise explains the record best."""
-    allowed = f"a lag of {lag_low:.3g} samples or more" if lag_low > 0.0 else "any lag"
+    allowed = f"a lag of {number(lag_low)} samples or more" if lag_low > 0.0 else "any lag"
     return (
         "No movement can be told from noise in this stretch: a constant under noise of variance r explains it "
         "best. The r found here is good; q = 0 is not an answer, for such a filter stops following after a while. "
@@ -78,7 +80,8 @@ def blind(kind: str, low: float, high: float) -> str:
     """This method found none of `kind`, "noise" or "movement"; the likelihood excludes that there is none."""
     return (
         f"This method finds no {kind} here, but that says more about the method than about the record: by its "
-        f"likelihood the record allows only q/r from {low:.3g} to {high:.3g}. Take the maximum-likelihood pair."
+        f"likelihood the record allows only q/r from {number(low)} to {number(high)}. "
+        "Take the maximum-likelihood pair."
     )
 
 
@@ -94,9 +97,9 @@ def ok(gain: float, lag: tuple[float, float], interval: tuple[float, float]) -> 
     """Both variances are found; `lag` and `interval` are the ends of the 95 % intervals of lag and ratio."""
     reduction = 10.0 * math.log10((2.0 - gain) / gain)
     text = (
-        f"Noise and movement can be told apart. The filter settles at gain {gain:.3g}: it trails a ramp by "
-        f"{(1.0 - gain) / gain:.3g} samples and takes {reduction:.3g} dB off white noise. The record allows lags "
-        f"from {lag[0]:.3g} to {lag[1]:.3g} samples."
+        f"Noise and movement can be told apart. The filter settles at gain {number(gain)}: it trails a ramp by "
+        f"{number((1.0 - gain) / gain)} samples and takes {decibels(reduction)} off white noise. "
+        f"The record allows lags from {number(lag[0])} to {number(lag[1])} samples."
     )
     if math.isinf(interval[1]):
         text += " No noise at all is not excluded: check r against a still stretch or the data sheet."
@@ -114,6 +117,6 @@ def chosen_ratio(low: float, high: float, ratio: float) -> str:
     """λ was given; `low` and `high` are what the record would allow."""
     fits = "which the record allows" if low <= ratio <= high else "which the record contradicts"
     return (
-        f"q/r = {ratio:.3g} was chosen, {fits} ({low:.3g} to {high:.3g}); r is the variance that fits the record "
-        "best with it."
+        f"q/r = {number(ratio)} was chosen, {fits} ({number(low)} to {number(high)}); r is the variance that fits "
+        "the record best with it."
     )

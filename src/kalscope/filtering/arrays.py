@@ -16,6 +16,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+def scalar(value: float | Array | None) -> float:
+    """A parameter of one channel as a float; NaN for None."""
+    return math.nan if value is None else float(value)
+
+
 def samples_of(z: ArrayLike) -> Array:
     """Z as float64, a view where it can be; what is masked is missing, so NaN."""
     if isinstance(z, np.ndarray) and np.iscomplexobj(z):  # asarray would drop the imaginary part

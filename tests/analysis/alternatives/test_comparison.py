@@ -318,5 +318,5 @@ def test_what_passes_the_signal_through_is_equal_to_no_filter():
 @pytest.mark.parametrize("scale", [1e-200, 1e200])
 def test_values_too_large_or_small_to_square_are_refused_in_words(scale):
     found = compare_alternatives(scale * RNG.normal(size=500), FilterParams(q=scale / 10, r=scale))
-    assert "give them in a unit" in found.verdict
+    assert "use a unit in which they lie" in found.verdict
     assert found.others == ()

@@ -321,8 +321,8 @@ def test_the_heading_says_what_is_wrong_and_how_a_recording_stands_with_names_es
     heading = heading_of(frame)
     assert "no sample yet" in heading
     assert "missing" not in heading
-    for part in (r"wrong \*baud\* rate?", r"\<b\>run\.csv", "1 199 lines", "the disk is full"):
+    for part in (r"wrong \*baud\* rate?", r"\<b\>run\.csv", "1\u202f199 lines", "the disk is full"):
         assert part in heading
     text = recording_text(running)
     assert r"\<b\>run\.csv" in text
-    assert "1 200 lines = 1 199 written + 1 rejected + 0 dropped" in text
+    assert "1\u202f200 lines = 1\u202f199 written + 1 rejected + 0 dropped" in text

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, Recording
+from kalscope.common.text import typed_number
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.changes import (
     follow_end,
-    parse_number,
     reset_parameters,
     reset_view,
     select_channel,
@@ -208,17 +208,17 @@ def test_channels_missing_in_the_tuning_start_afresh(state):
     ("text", "value"), [("1,5e-3", 1.5e-3), ("15 100", 15100.0), ("1 000 000", 1e6), ("−3", -3.0), ("0,001", 0.001)]
 )
 def test_numbers_are_read_as_people_and_the_screen_write_them(text, value):
-    assert parse_number("q", text) == value
+    assert typed_number("q", text) == value
 
 
 def test_minus_zero_becomes_zero():
-    assert math.copysign(1.0, parse_number("x0", "-0")) == 1.0
+    assert math.copysign(1.0, typed_number("x0", "-0")) == 1.0
 
 
 @pytest.mark.parametrize("text", ["1,000", "12,345,678"])
 def test_a_comma_for_thousands_is_refused(text):
     with pytest.raises(BadSetting, match="without a comma for thousands"):
-        parse_number("q", text)
+        typed_number("q", text)
 
 
 # --- the queue ------------------------------------------------------------------------------------------

@@ -177,8 +177,8 @@ def test_a_logarithmic_axis_of_times_has_the_unit_of_its_middle(first, last, fac
     ("lowest", "factor", "unit"),
     [
         (0.002, 1.0, "cycles/sample"),
-        (1e-4, 1e3, "cycles per 1,000 samples"),
-        (5e-6, 1e3, "cycles per 1,000 samples"),
+        (1e-4, 1e3, "cycles per 1\u202f000 samples"),
+        (5e-6, 1e3, "cycles per 1\u202f000 samples"),
         (2e-7, 1e6, "cycles per 1e6 samples"),
     ],
 )

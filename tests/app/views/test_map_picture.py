@@ -98,7 +98,7 @@ def test_the_colourings_to_choose_from_do_not_overlap_and_need_a_truth_for_rmse(
     [
         (0.01, 3.0, "30 ms"),
         (0.01, 1000.0, "10 s"),
-        (0.01, 1e5, "1000 s"),
+        (0.01, 1e5, "1\u202f000 s"),
         (1e-6, 3.0, "3 µs"),
         (31557600.0, 10.0, "10 years"),
         (3600.0, 3.0, "3 h"),

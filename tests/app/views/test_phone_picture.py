@@ -9,10 +9,10 @@ import pytest
 from PIL import ImageFont
 
 from kalscope import Recording
+from kalscope.common.text import number
 from kalscope_app.engine.frame import choose_shown, compute_frame
 from kalscope_app.session.opening import opened
 from kalscope_app.views.charts.phone_picture import VISIBLE, WIDTH, draw_picture, printable
-from kalscope_app.views.text import number
 
 
 def frame_of(values, dark=False):

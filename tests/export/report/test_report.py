@@ -13,6 +13,7 @@ from PIL import Image
 
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, open_source, steady_state
 from kalscope.cli.app import run
+from kalscope.common.text import decibels, frequency, lag_in_full, number, trimmed
 from kalscope.export.report.content import DRAWN, make_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import SIZE, as_png
@@ -56,11 +57,11 @@ def test_the_page_has_the_numbers_of_the_filter():
     steady = steady_state(FilterParams(0.0025, 1.0), 0.01)
     for words in (
         "0.0025 g² per sample",
-        f"{steady.gain:.4g}",
-        f"{steady.lag_samples:.4g} samples",
-        f"{steady.noise_reduction_db:.4g} dB",
-        f"{steady.cutoff_hz:.4g} Hz",
-        f"{kalman_filter(rec.channel('ax'), FilterParams(0.0025, 1.0)).loglik:.6g}",
+        number(steady.gain),
+        lag_in_full(steady.lag_samples, 0.01),
+        decibels(steady.noise_reduction_db),
+        frequency(steady.cutoff_hz),
+        number(kalman_filter(rec.channel("ax"), FilterParams(0.0025, 1.0)).loglik, 6),
         "At equal lag, nothing simpler does better",
         "kalscope open log.csv --config tuning.toml",
         "2024-05-06 12:00 UTC",
@@ -153,13 +154,13 @@ def test_the_command_line_writes_both_and_refuses_other_endings(tmp_path, capsys
     assert run(["report", "demo", "--config", str(config), "-o", str(picture)]) == 0
     text = page.read_text(encoding="utf-8")
     assert open_source("demo").sha256 in text
-    assert f"{load_tuning(config).channels[0].q:.4g}" in text
+    assert trimmed(load_tuning(config).channels[0].q, 4) in text
     with Image.open(picture) as image:
         assert image.size == SIZE
     untimed = tmp_path / "untimed.csv"
     untimed.write_text("flex\n" + "".join(f"{i % 7}\n" for i in range(100)), encoding="utf-8")
     assert run(["report", str(untimed), "--config", str(config), "-o", str(page)]) == 0
-    assert "100 samples, 50 Hz" in page.read_text(encoding="utf-8")  # the sample period of the tuning
+    assert "100 samples, 50.0 Hz" in page.read_text(encoding="utf-8")  # the sample period of the tuning
     capsys.readouterr()
     assert run(["report", "demo", "--config", str(config), "-o", str(tmp_path / "page.pdf")]) == 2
     assert "-o must end with .html or .png" in capsys.readouterr().err

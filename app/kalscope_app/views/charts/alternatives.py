@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kalscope.common.text import count, decibels, lag_text, number, percent
 from kalscope_app.session.changes import set_match, set_rival
 from kalscope_app.views.charts.chart import Chart, Layout
 from kalscope_app.views.charts.style import DARK, LIGHT, Line, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import time_label
 from kalscope_app.views.scales import scale_for, time_scale_for
-from kalscope_app.views.text import count, lag_text, noise_text, number, plain
+from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
     import viser
@@ -127,7 +128,7 @@ def text_of(compared: Compared) -> str:
     found, state = compared.found, compared.state
     if not found.others:
         return found.note
-    unit = plain(state.tuning.unit, 12) or "unit"
+    unit = escape_markdown(state.tuning.unit, 12) or "unit"
     head = [text.format(error=f"{'error' if found.present.rmse is None else 'RMSE'}, {unit}") for text in HEADS]
     rows = [cells(one, state) for one in (found.present, *found.others)]
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
@@ -159,7 +160,7 @@ def cells(one: Alternative, state: State) -> list[str]:
         f"**{one.name}**" if one.name == state.rival or (one.against is None and one.causal) else one.name,
         one.parameters,
         lag_text(one.lag_samples, state.recording.sample_period) if one.causal else "looks ahead",
-        "–" if np.isnan(one.noise_reduction_db) else noise_text(one.noise_reduction_db),
+        "–" if np.isnan(one.noise_reduction_db) else decibels(-one.noise_reduction_db),
         "–" if error is None else number(error, 4),
         against(one.against) if one.matched or one.against is None else "not at this " + state.match,
     ]
@@ -175,5 +176,5 @@ def against(d: Difference | None) -> str:
     if not d.real:
         return "no real difference"
     word = "better" if d.ratio < 1.0 else "worse"
-    near, far = sorted(abs(end - 1.0) * 100.0 for end in (d.low, d.high))
-    return f"{number(abs(d.ratio - 1.0) * 100.0, 2)} % {word} ({number(near, 2)} to {number(far, 2)})"
+    near, far = sorted(100.0 * abs(end - 1.0) for end in (d.low, d.high))
+    return f"{percent(abs(d.ratio - 1.0))} {word} ({number(near, 2)} to {number(far, 2)})"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kalscope.common.text import count, decibels, lag_text, number
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.channel_changes import ALL_OTHERS, copy_setting
 from kalscope_app.studies.channels_overview import HALF_LANE, LIMIT, Lane, Overview
@@ -13,7 +14,7 @@ from kalscope_app.views.charts.chart import Array, Chart, Layout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
 from kalscope_app.views.charts.time_axis import time_label
 from kalscope_app.views.scales import time_scale_for
-from kalscope_app.views.text import count, lag_text, noise_text, number, plain
+from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
     import viser
@@ -114,15 +115,15 @@ def table_of(overview: Overview) -> str:
     state, period = overview.state, overview.state.recording.sample_period
     lines = ["| | channel | q | r | lag | noise | from … to | missing |", "|---|---|---|---|---|---|---|---|"]
     for i, lane in enumerate(overview.lanes):
-        tuning, unit = state.tunings[i], plain(state.tunings[i].unit, 12)
+        tuning, unit = state.tunings[i], escape_markdown(state.tunings[i].unit, 12)
         bold = "**" if lane.name == state.channel else ""
-        cells = [f"{bold}{i + 1}{bold}", f"{bold}{plain(lane.name, 24)}{bold}"]
+        cells = [f"{bold}{i + 1}{bold}", f"{bold}{escape_markdown(lane.name, 24)}{bold}"]
         if state.rules and state.rules[i] is not None:
             cells += ["–"] * 4
         else:
             steady = steady_state(tuning.params)
             cells += [number(tuning.q), number(tuning.r), lag_text(float(steady.lag_samples), period)]
-            cells += [noise_text(float(steady.noise_reduction_db))]
+            cells += [decibels(-float(steady.noise_reduction_db))]
         reach = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
         lines.append("| " + " | ".join([*cells, reach, count(lane.missing) if lane.missing else "–"]) + " |")
     return "\n".join(lines)

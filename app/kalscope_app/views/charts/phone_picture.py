@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from kalscope.common.text import decibels, lag_text, number
 from kalscope_app.views.charts.chart import Array, drawable
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette
 from kalscope_app.views.charts.time_axis import time_axis
 from kalscope_app.views.scales import scale_for
-from kalscope_app.views.text import duration, number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,10 +53,9 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
 def _write_numbers(pen: ImageDraw.ImageDraw, frame: Frame, ink: str, corner: tuple[int, int]) -> None:
     """The three numbers that matter, in the strip that viser's sheet leaves free at the left."""
     steady, period = frame.steady, frame.state.recording.sample_period
-    lag = float(steady.lag_samples)
     rows = (
-        ("lag", f"{number(lag)} samples" if period is None else duration(lag * period)),
-        ("noise", f"−{number(float(steady.noise_reduction_db))} dB"),
+        ("lag", lag_text(float(steady.lag_samples), period)),
+        ("noise", decibels(-float(steady.noise_reduction_db))),
         ("gain K", number(float(steady.gain))),
     )
     for i, (name, value) in enumerate(rows):

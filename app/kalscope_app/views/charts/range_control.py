@@ -6,10 +6,10 @@ import math
 import time
 from typing import TYPE_CHECKING, Any
 
+from kalscope.common.text import number
 from kalscope_app.session.changes import follow_end, reset_view, set_window
 from kalscope_app.session.live import SPANS, follow, live_window, set_paused, set_span
 from kalscope_app.views.scales import Scale, time_scale_for
-from kalscope_app.views.text import number
 
 if TYPE_CHECKING:
     import viser

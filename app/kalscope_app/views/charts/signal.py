@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.text import count, number, sample_rate
 from kalscope_app.session.variants import css
 from kalscope_app.views.charts.chart import Array, Chart, Layout
 from kalscope_app.views.charts.style import DARK, LIGHT, Line, Palette, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
 from kalscope_app.views.scales import Scale, scale_for
-from kalscope_app.views.text import count, duration, frequency, number, plain
+from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
     import viser
@@ -142,14 +143,13 @@ GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 def heading_of(frame: Frame) -> str:
     """Name, size, rate and what is not drawn; one line of markdown."""
     record, shown = frame.state.recording, frame.shown
-    parts = [f"**{plain(record.title)}**"]
+    parts = [f"**{escape_markdown(record.title)}**"]
     if len(record.names) > 1:
-        parts.append(plain(frame.state.channel))
+        parts.append(escape_markdown(frame.state.channel))
     waits = frame.state.live is not None and frame.state.live.snapshot is None
     parts.append("no sample yet" if waits else f"{count(len(record))} samples")
     if record.sample_period:
-        period = record.sample_period
-        parts.append(frequency(1.0 / period) if period < 10.0 else f"one every {duration(period)}")
+        parts.append(sample_rate(record.sample_period))
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
     if shown.decimated:
@@ -157,12 +157,16 @@ def heading_of(frame: Frame) -> str:
     if math.isfinite(frame.board_difference):
         parts.append(f"the board's own filter differs by up to {number(frame.board_difference)}")
     if frame.status is not None:
-        parts.append(f"**{plain(frame.status.word, 120)}**")
-        parts += [plain(frame.status.hint, 160)] if frame.status.hint else []
+        parts.append(f"**{escape_markdown(frame.status.word, 120)}**")
+        parts += [escape_markdown(frame.status.hint, 160)] if frame.status.hint else []
         recording = frame.status.recording
         if recording is not None:
-            parts.append(f"recording to **{plain(recording.name)}**: {count(recording.counts.written)} lines")
-            parts += [f"**{plain(text, 160)}**" for text in (recording.trouble, recording.warning) if text]
+            parts.append(
+                f"recording to **{escape_markdown(recording.name)}**: {count(recording.counts.written)} lines"
+            )
+            parts += [
+                f"**{escape_markdown(text, 160)}**" for text in (recording.trouble, recording.warning) if text
+            ]
     if starts_wild(frame):
         parts.append("innovation cut off at the start")
     return " · ".join(parts)

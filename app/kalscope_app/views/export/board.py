@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from kalscope.common.text import count, number
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import float32_params
 from kalscope_app.session.changes import set_sent
 from kalscope_app.studies.board import compare_with_board, send_setting
-from kalscope_app.views.text import count, number
 
 if TYPE_CHECKING:
     from collections.abc import Callable

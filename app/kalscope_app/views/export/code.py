@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kalscope.common.files import check_inside
+from kalscope.common.text import typed_number
 from kalscope.errors import BadSetting
 from kalscope.export.registry import TARGETS, carried_over, export_tuning
 from kalscope.export.write import limits_of, write_files
-from kalscope_app.session.changes import parse_number
 from kalscope_app.views.export.files import show_files, show_refusal
-from kalscope_app.views.text import plain
+from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -166,8 +166,8 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
     try:
         limits = limits_of(*chosen(state, choice), choice.target, level)
     except BadSetting as error:
-        return f"There is no code for what is chosen: {plain(str(error), 400)}"
-    lines = [f"On a small board: {plain(limit, 400)}" for limit in limits]
+        return f"There is no code for what is chosen: {escape_markdown(str(error), 400)}"
+    lines = [f"On a small board: {escape_markdown(limit, 400)}" for limit in limits]
     if state.dt is not None and np.any(np.abs(state.dt - 1.0) > UNEVEN):
         lines.append(GAPS)
     return "\n".join(f"- {line}" for line in lines)
@@ -192,7 +192,7 @@ def chosen(state: State, choice: Choice) -> tuple[Tuning, str | None]:
     state.check_five_lines(state.recording.names if choice.all_channels else [state.channel])
     tuning = state.as_tuning()
     if choice.period.strip():
-        tuning = carried_over(tuning, parse_number("period", choice.period))
+        tuning = carried_over(tuning, typed_number("period", choice.period))
     return tuning, None if choice.all_channels else state.channel
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from kalscope_app.views.text import plain
+from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
     import viser
@@ -36,7 +36,7 @@ def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:
 def show_refusal(client: viser.ClientHandle, message: str) -> None:
     """A window that waits until it was read: such a message is too long for a notification."""
     with client.gui.add_modal("This cannot be exported") as window:
-        client.gui.add_markdown(plain(f"{message[:1].upper()}{message[1:]}.", 2000))
+        client.gui.add_markdown(escape_markdown(f"{message[:1].upper()}{message[1:]}.", 2000))
         _add_close(client, window)
 
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image, ImageDraw
 
+from kalscope.common.text import DURATIONS, duration, squared, trimmed
 from kalscope_app.studies.map_geometry import Frame, Point, decades, diagonal, lag_lines
 from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP, MapPalette
 from kalscope_app.views.map.pen import Pen
-from kalscope_app.views.text import DURATIONS, duration, number, squared
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -153,10 +153,10 @@ def _write_lags(pen: Pen, plate: Plate, palette: MapPalette) -> None:
 def lag_words(lag: float, plate: Plate) -> str:
     """A lag, in samples, as a length of time in one unit for the whole map, or in samples without a time."""
     name, sample = plate.lag_unit
-    value = float(f"{lag * sample:.3g}")
+    value = lag * sample
     if name == "s" and value < 1.0:
         return duration(value)
-    return f"{value:g}" if name == "samples" else f"{value:g} {name}"
+    return trimmed(value) if name == "samples" else f"{trimmed(value)} {name}"
 
 
 def _write_axes(pen: Pen, plate: Plate, palette: MapPalette) -> None:
@@ -207,7 +207,7 @@ def _write_bar(pen: Pen, plate: Plate, palette: MapPalette, y: float) -> float:
 
 def bare(value: float) -> str:
     """A number of the colour bar, short."""
-    return f"{value:.0e}".replace("e+0", "e") if value >= 1e4 else f"{float(number(value)):g}"
+    return f"{value:.0e}".replace("e+0", "e") if value >= 1e4 else trimmed(value)
 
 
 def _write_legend(pen: Pen, plate: Plate, palette: MapPalette, y: float) -> None:

@@ -6,13 +6,14 @@ import math
 import threading
 from typing import TYPE_CHECKING, Any
 
+from kalscope.common.text import count, duration, number
 from kalscope.errors import BadSetting
 from kalscope.sources.live.live_source import LiveSource
 from kalscope.sources.port.port_spec import list_ports, port_of
 from kalscope_app.session.changes import set_board_channel
 from kalscope_app.session.live import opened_live
 from kalscope_app.views.source.recording import RecordingView
-from kalscope_app.views.text import count, duration, number, plain
+from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -206,10 +207,10 @@ class LiveView:
 
 def status_text(status: LiveStatus) -> str:
     """How the line is, as markdown; what came from outside is escaped."""
-    lines = [f"**{plain(status.word, 200)}**: {plain(status.port, 200)}"]
+    lines = [f"**{escape_markdown(status.word, 200)}**: {escape_markdown(status.port, 200)}"]
     spread = "" if status.jitter is None else f" ± {duration(status.jitter)}"
     if status.hint:
-        lines.append(plain(status.hint, 300))
+        lines.append(escape_markdown(status.hint, 300))
     lines += [
         f"{number(status.lines_per_s)} lines/s",
         *([f"one sample every {duration(status.period)}{spread}"] if status.period else []),

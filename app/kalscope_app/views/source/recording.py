@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kalscope.common.files import check_inside
+from kalscope.common.text import count
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.recorder.paths import first_free
-from kalscope_app.views.text import count, plain
+from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -119,10 +120,10 @@ def recording_text(recording: RecordingStatus | None) -> str:
     """How the recording stands, as markdown; the name of the file is escaped."""
     if recording is None:
         return ""
-    lines = [f"recording to **{plain(recording.name)}**", account(recording.counts)]
+    lines = [f"recording to **{escape_markdown(recording.name)}**", account(recording.counts)]
     if recording.counts.waiting:
         lines.append(f"{count(recording.counts.waiting)} lines wait in memory")
-    lines += [f"**{plain(text, 200)}**" for text in (recording.trouble, recording.warning) if text]
+    lines += [f"**{escape_markdown(text, 200)}**" for text in (recording.trouble, recording.warning) if text]
     return "\n".join(f"- {line}" for line in lines)
 
 

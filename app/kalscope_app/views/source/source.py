@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import viser
 
 from kalscope.catalogue import open_source
+from kalscope.common.text import count, duration
 from kalscope.papers.experiments import list_experiments
 from kalscope.recording import Recording
 from kalscope.sources.lines.read_options import ReadOptions
@@ -24,7 +25,7 @@ from kalscope_app.session.opening import opened_experiment, reopened
 from kalscope_app.views.slow_job import Patience
 from kalscope_app.views.source.generator import GeneratorForm
 from kalscope_app.views.source.reading_form import ReadingForm
-from kalscope_app.views.text import count, duration, plain
+from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
     from kalscope.papers.parts import Experiment
@@ -208,10 +209,10 @@ def report_text(recording: Recording) -> str:
         "blank lines": report.blank,
     }
     lines += [f"{what}: {count(number)}" for what, number in counts.items() if number]
-    lines += [plain(note, 160) for note in report.notes]
+    lines += [escape_markdown(note, 160) for note in report.notes]
     for issue in report.issues[:8]:
-        where = f"line {issue.line}" + (f", {plain(issue.column, 30)}" if issue.column else "")
-        lines.append(f"{where}: {plain(issue.reason, 80)}, “{plain(issue.text, 40)}”")
+        where = f"line {issue.line}" + (f", {escape_markdown(issue.column, 30)}" if issue.column else "")
+        lines.append(f"{where}: {escape_markdown(issue.reason, 80)}, “{escape_markdown(issue.text, 40)}”")
     if len(report.issues) > 8:
         lines.append(f"and {count(report.rejected + report.bad_cells - 8)} more")
     return "\n".join(f"- {line}" for line in lines)

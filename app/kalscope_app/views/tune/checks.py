@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.analysis.advice import MIN_SAMPLES, as_sentences
+from kalscope.common.text import correlation, count, number, p_value, percent
 from kalscope_app.views.charts.chart import Array, Chart, Layout
 from kalscope_app.views.charts.style import DARK, LIGHT, axes, line
-from kalscope_app.views.text import count, number
 
 if TYPE_CHECKING:
     import viser
@@ -88,13 +88,13 @@ def table(checks: Checks) -> str:
     rows = [
         ("Size: mean of v²/s (NIS)", number(d.nis), _band(d)),
         (half, number(checks.held_out.nis), _band(checks.held_out)),
-        ("Memory: correlation of neighbours", number(d.r1), f"within ±{number(d.r1_bound)}"),
-        ("Ljung-Box over several lags", chance(d.ljung_box_p), "p above 0.05"),
+        ("Memory: correlation of neighbours", correlation(d.r1), f"within ±{correlation(d.r1_bound)}"),
+        ("Ljung-Box over several lags", p_value(d.ljung_box_p), "p above 0.05"),
         ("Spikes beyond 4 σ", count(d.spikes), f"about {number(d.spikes_expected, 2)}"),
-        ("Slow waves", f"{number(100.0 * d.slow_share, 2)} % of the variance, {chance(d.slow_p)}", "p above 0.05"),
+        ("Slow waves", f"{percent(d.slow_share)} of the variance, {p_value(d.slow_p)}", "p above 0.05"),
         (
             "Last third against first",
-            f"variance × {number(d.variance_ratio)}, {chance(d.variance_ratio_p)}",
+            f"variance × {number(d.variance_ratio)}, {p_value(d.variance_ratio_p)}",
             "p above 0.05",
         ),
         ("Bell shape (skewness, excess)", f"{number(d.skewness)}, {number(d.excess_kurtosis)}", "0, 0"),
@@ -106,11 +106,6 @@ def table(checks: Checks) -> str:
         "| test | seen | a fitting filter shows |\n|---|---|---|\n"
     )
     return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)
-
-
-def chance(p: float) -> str:
-    """A p value as a person reads it."""
-    return "p\u00a0<\u00a01e\u20116" if p < 1e-6 else f"p\u00a0=\u00a0{number(p, 2)}"
 
 
 def _band(d: Diagnostics) -> str:

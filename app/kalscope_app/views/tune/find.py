@@ -6,14 +6,14 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from kalscope.common.text import decibels, lag_text, number, typed_number
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import compare_methods, disagreement
 from kalscope.estimation.finding import METHOD_WORDS, Noise, find_parameters
 from kalscope.filtering.steady_state import steady_state
-from kalscope_app.session.changes import apply_found, parse_number, set_opinions, set_way
+from kalscope_app.session.changes import apply_found, set_opinions, set_way
 from kalscope_app.views.scales import Scale, time_scale_for
 from kalscope_app.views.slow_job import Patience
-from kalscope_app.views.text import duration, number
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,14 +42,14 @@ def _method(name: str) -> Way:
 
 def _wish(name: str, label: str, content: str, factor: float = 1.0) -> Way:
     def arguments(state: State, texts: list[str]) -> dict[str, Any]:
-        return {"wish": {name: factor * parse_number(label, texts[0])}, "present_r": state.tuning.r}
+        return {"wish": {name: factor * typed_number(label, texts[0])}, "present_r": state.tuning.r}
 
     return Way(arguments, ((label, content),))
 
 
 def _noise(*names: tuple[str, str, str]) -> Way:
     def arguments(_state: State, texts: list[str]) -> dict[str, Any]:
-        values = {name: parse_number(label, text) for (name, label, _), text in zip(names, texts, strict=False)}
+        values = {name: typed_number(label, text) for (name, label, _), text in zip(names, texts, strict=False)}
         sigma, density, bandwidth = (values.get(name) for name in ("sigma", "density", "bandwidth_hz"))
         return {"noise": Noise(sigma=sigma, density=density, bandwidth_hz=bandwidth)}
 
@@ -65,7 +65,7 @@ def _still(state: State, texts: list[str]) -> dict[str, Any]:
     time, factor = state.recording.time, clock_of(state).factor
     shown = state.window or (float(time.min()), float(time.max()))
     first, last = (
-        parse_number(label, text) / factor if text.strip() else default
+        typed_number(label, text) / factor if text.strip() else default
         for label, text, default in zip(("from", "to"), texts, shown, strict=False)
     )
     low, high = min(first, last), max(first, last)
@@ -73,7 +73,8 @@ def _still(state: State, texts: list[str]) -> dict[str, Any]:
     at = ((time >= low - slack) & (time <= high + slack)).nonzero()[0]
     if len(at) == 0:
         raise BadSetting(
-            f"the still stretch must lie inside the recording (got {low * factor:.6g} to {high * factor:.6g})"
+            "the still stretch must lie inside the recording "
+            f"(got {number(low * factor, 4)} to {number(high * factor, 4)})"
         )
     return {"noise": Noise(still=(int(at[0]), int(at[-1]) + 1))}
 
@@ -224,16 +225,12 @@ def answer_text(state: State) -> str:
     period = state.recording.sample_period
     before, after = outcome.before, outcome.after
 
-    def lag(tuning: Any) -> str:
-        steady = steady_state(tuning.params)
-        samples = float(steady.lag_samples)
-        return f"{number(samples)} samples" if period is None else duration(samples * period)
-
+    settled = [steady_state(tuning.params) for tuning in (before, after)]
     rows = [
         ("q", number(before.q, 4), number(after.q, 4)),
         ("r", number(before.r, 4), number(after.r, 4)),
-        ("lag", lag(before), lag(after)),
-        ("noise", *(f"−{number(float(steady_state(t.params).noise_reduction_db))} dB" for t in (before, after))),
+        ("lag", *(lag_text(float(one.lag_samples), period) for one in settled)),
+        ("noise", *(decibels(-float(one.noise_reduction_db)) for one in settled)),
     ]
     table = "| | before | now |\n|---|---|---|\n" + "\n".join(f"| {n} | {b} | **{a}** |" for n, b, a in rows)
     return f"{table}\n\n{outcome.message}"
@@ -247,9 +244,7 @@ def opinions_text(state: State) -> str:
     rows = []
     for one in state.opinions:
         steady = steady_state(one.params) if one.params is not None else None
-        lag = "–" if steady is None else f"{number(float(steady.lag_samples))} samples"
-        if steady is not None and period is not None:
-            lag = duration(float(steady.lag_samples) * period)
+        lag = "–" if steady is None else lag_text(float(steady.lag_samples), period)
         gain = "–" if steady is None else number(float(steady.gain))
         q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
         rows.append(f"| {METHOD_WORDS[one.method]} | {q} | {r} | {gain} | {lag} | {verdict} |")

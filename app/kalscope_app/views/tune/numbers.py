@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from kalscope_app.views.text import count, duration, frequency, number
+from kalscope.common.text import count, decibels, frequency, lag_in_full, number
 
 if TYPE_CHECKING:
     import viser
@@ -32,21 +32,16 @@ def table(frame: Frame) -> str:
     lag, settle = float(steady.lag_samples), float(steady.settle_samples)
     period = frame.state.recording.sample_period
     rows = [
-        ("lag on a ramp", _both(lag, period)),
-        ("noise reduction", f"**{number(float(steady.noise_reduction_db))} dB**"),
+        ("lag on a ramp", f"**{lag_in_full(lag, period)}**"),
+        ("noise reduction", f"**{decibels(float(steady.noise_reduction_db))}**"),
     ]
     if period is not None:
         rows.append(("cut-off (−3 dB)", f"**{frequency(float(steady.cutoff_hz or 0.0))}**"))
     rows += [
         ("gain K", f"**{number(float(steady.gain))}**"),
         ("q / r", "–" if frame.state.rule is not None else f"**{number(float(params.ratio))}**"),
-        ("follows a step in", _both(settle, period)),
+        ("follows a step in", f"**{lag_in_full(settle, period)}**"),
     ]
     if params.gate is not None:
         rows.append(("refused by the gate", f"**{count(frame.rejected)} samples**"))
     return "| | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows)
-
-
-def _both(samples: float, period: float | None) -> str:
-    in_samples = f"{number(samples)} samples"
-    return f"**{in_samples}**" if period is None else f"**{duration(samples * period)}** · {in_samples}"

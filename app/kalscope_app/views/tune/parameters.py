@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from kalscope.common.text import squared
 from kalscope_app.session.changes import (
     Change,
     reset_parameters,
@@ -19,7 +20,7 @@ from kalscope_app.session.channel_changes import set_together
 from kalscope_app.session.linked_channels import WAYS
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.state import State, slider_limits
-from kalscope_app.views.text import squared, typed
+from kalscope_app.views.text import typed
 
 if TYPE_CHECKING:
     from collections.abc import Callable

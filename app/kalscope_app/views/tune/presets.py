@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from kalscope.common.text import decibels, lag_text, number
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope_app.session.presets import PRESETS, choose_preset, take_preset
-from kalscope_app.views.text import lag_text, noise_text, number
 
 if TYPE_CHECKING:
     import viser
@@ -58,7 +58,7 @@ def preset_text(state: State, title: str, now: SteadyState) -> str:
         ("q", number(state.tuning.q), number(q)),
         ("r", number(state.tuning.r), number(r)),
         ("lag", *(lag_text(float(one.lag_samples), period) for one in (now, then))),
-        ("noise", *(noise_text(float(one.noise_reduction_db)) for one in (now, then))),
+        ("noise", *(decibels(-float(one.noise_reduction_db)) for one in (now, then))),
     ]
     table = "| | now | then |\n|---|---|---|\n" + "\n".join(f"| {n} | {a} | **{b}** |" for n, a, b in rows)
     return f"{preset.why}\n\n{table}"

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from kalscope.common.text import correlation, count, decibels, lag_text, number
 from kalscope_app.session.variant_changes import delete_variant, pin_present, rename_variant, use_variant
 from kalscope_app.session.variants import LIMIT, LONGEST_NAME, Variant, css
-from kalscope_app.views.text import count, lag_text, noise_text, number, plain
+from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
     import viser
@@ -94,7 +95,7 @@ def table_text(table: Table) -> str:
     if not table.state.variants:
         return EMPTY
     with_truth = any(row.measures.rmse is not None for row in table.rows)
-    unit = plain(table.state.tuning.unit, 12)
+    unit = escape_markdown(table.state.tuning.unit, 12)
     head = ["", "q", "r", "lag", "noise"]
     head += [f"RMSE {unit}".strip()] if with_truth else []
     head += ["NIS", "memory", "log-likelihood"]
@@ -118,14 +119,14 @@ def _cells(table: Table, row: Row, with_truth: bool, best: tuple[float | None, f
         number(float(row.params.q)),
         number(float(row.params.r)),
         lag_text(float(steady.lag_samples), table.state.recording.sample_period),
-        noise_text(float(steady.noise_reduction_db)),
+        decibels(-float(steady.noise_reduction_db)),
     ]
     if with_truth:
         cells.append("–" if measures.rmse is None else _bold(number(measures.rmse, 4), measures.rmse == best[0]))
     quiet = abs(d.r1) <= d.r1_bound
     cells += [
         number(d.nis),
-        f"{number(d.r1, 2)} {'✓' if quiet else '✗'}",
+        f"{correlation(d.r1)} {'✓' if quiet else '✗'}",
         _bold(number(measures.loglik, 6), measures.loglik == best[1]),
     ]
     return cells
@@ -133,7 +134,7 @@ def _cells(table: Table, row: Row, with_truth: bool, best: tuple[float | None, f
 
 def mark(variant: Variant, *, dark: bool) -> str:
     """A spot of its colour and its name."""
-    return f'<span style="color:{css(variant.rgb(dark=dark))}">■</span> **{plain(variant.name, 20)}**'
+    return f'<span style="color:{css(variant.rgb(dark=dark))}">■</span> **{escape_markdown(variant.name, 20)}**'
 
 
 def _bold(text: str, chosen: bool) -> str:

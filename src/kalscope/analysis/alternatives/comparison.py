@@ -15,6 +15,7 @@ from kalscope.analysis.alternatives.filters import exponential
 from kalscope.analysis.alternatives.measured_response import Bench, bench_of
 from kalscope.analysis.alternatives.verdict import Difference, difference, refusal, verdict
 from kalscope.analysis.alternatives.versus_smoothing import identity_words
+from kalscope.common.text import decibels, plural
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import one_channel
 from kalscope.filtering.batch import FilterResult, kalman_filter
@@ -243,7 +244,7 @@ def _verdict(others: tuple[Alternative, ...], match: Match, what: str) -> str:
     said = verdict([one.name for one in equal], [one.against for one in equal if one.against], what, words)
     far = [
         f"{one.name[:1].lower()}{one.name[1:]} ("
-        + (f"{one.lag_samples:.3g} samples)" if match == "lag" else f"{one.noise_reduction_db:.3g} dB)")
+        + (f"{plural(one.lag_samples, 'sample')})" if match == "lag" else f"{decibels(one.noise_reduction_db)})")
         for one in runnable
         if not one.matched
     ]

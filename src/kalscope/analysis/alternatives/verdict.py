@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.common.text import number, percent
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -145,9 +147,8 @@ def _are(better: Sequence[object]) -> str:
 
 
 def _percent(ratio: float) -> str:
-    """How far from 1: "12 %", "0.4 %"."""
-    share = abs(ratio - 1.0) * 100.0
-    return f"{share:.0f} %" if share >= 10.0 else f"{share:.2g} %"
+    """How far from 1: "12 %", "0.40 %"."""
+    return percent(abs(ratio - 1.0))
 
 
 def _interval(d: Difference) -> str:
@@ -172,16 +173,14 @@ def refusal(z: Array, lag: float, gain: float) -> str | None:
         return f"There are only {finite} samples to compare filters on: 16 are the least."
     largest = float(np.nanmax(np.abs(z)))
     if largest > EXTREME or 0.0 < largest < 1.0 / EXTREME:
-        return (
-            f"The values go up to {largest:.3g}: give them in a unit that makes numbers between 1e-120 and 1e120."
-        )
+        return f"The values go up to {number(largest)}: use a unit in which they lie between 1e-120 and 1e120."
     if math.isinf(lag):
         return "With q = 0 the filter never settles, so it has no lag to compare at. Set q above 0."
     if gain >= 1.0 - 1e-9:
         return "The present setting passes the signal through (gain 1), so there is nothing simpler than no filter."
     if lag > 0.25 * len(z):
         return (
-            f"The lag of the present setting, {lag:.3g} samples, is more than a quarter of the {len(z)} samples "
-            "here: too long to compare. Record longer, or set q higher."
+            f"The lag of the current filter, {number(lag)} samples, is more than a quarter of the {len(z)} samples"
+            ": too long to compare. Record longer, or set q higher."
         )
     return None

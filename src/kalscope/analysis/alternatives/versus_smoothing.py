@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.common.text import number
 from kalscope.filtering.steady_state import steady_state
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ def identity_words(z: Array, result: FilterResult, params: FilterParams, plain: 
     """
     gain, noise = float(steady_state(params).gain), math.sqrt(float(params.r))
     parts = [
-        f"Once settled your filter is exponential smoothing with α = K = {gain:.4g}: x += {gain:.4g}·(z − x). "
-        "What the Kalman filter adds is how it starts and what it does at gaps."
+        f"Once settled your filter is exponential smoothing with α = K = {number(gain, 4)}: "
+        f"x += {number(gain, 4)}·(z − x). What the Kalman filter adds is how it starts and what it does at gaps."
     ]
     apart = np.abs(result.x - plain)
     seen = np.flatnonzero(np.isfinite(z))
@@ -56,8 +57,9 @@ def _start(apart: Array, k: Array, gain: float, noise: float) -> str:
     quick = k[np.isfinite(k)]
     second = float(quick[begin + 1]) if len(quick) > begin + 1 else gain
     return (
-        f"At the start they differ by up to {largest / noise:.2g} standard deviations of the noise{lasting}: the "
-        f"Kalman filter averages what it has (second gain {second:.2g}), the other hangs on to its first sample."
+        f"At the start they differ by up to {number(largest / noise, 2)} standard deviations of the noise"
+        f"{lasting}: the Kalman filter averages what it has (second gain {number(second, 2)}), exponential "
+        "smoothing stays biased towards its first sample."
     )
 
 
@@ -70,12 +72,12 @@ def _gaps(apart: Array, k: Array, seen: NDArray[np.intp], gaps: NDArray[np.intp]
     missing = int(np.diff(seen)[gaps][longest]) - 1
     largest = float(np.nanmax(apart[after])) if np.isfinite(apart[after]).any() else 0.0
     far = (
-        f", and the two then differ by up to {largest / noise:.2g} standard deviations of the noise"
+        f", and the two then differ by up to {number(largest / noise, 2)} standard deviations of the noise"
         if noise
         else ""
     )
     places = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
     return (
         f"There {'is' if len(gaps) == 1 else 'are'} {places}; after the longest ({missing} samples) the gain is "
-        f"{float(k[after[longest]]):.3g} instead of {gain:.3g}{far}."
+        f"{number(float(k[after[longest]]))} instead of {number(gain)}{far}."
     )

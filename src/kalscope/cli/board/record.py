@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
+from kalscope.common.text import count, number
 from kalscope.errors import BadDevice, BadSetting
 
 if TYPE_CHECKING:
@@ -96,8 +97,9 @@ class StatusLine:
         counts = recorder.counts
         if self._terminal:
             text = (
-                f"{counts.written:,} lines written, {status.lines_per_s:.4g} lines/s, {counts.rejected:,} rejected,"
-                f" {counts.dropped:,} dropped" + (f"; {trouble}" if trouble else "")
+                f"{count(counts.written)} lines written, {number(status.lines_per_s)} lines/s,"
+                f" {count(counts.rejected)} rejected, {count(counts.dropped)} dropped"
+                + (f"; {trouble}" if trouble else "")
             )
             self._write(f"\r{text:<{self._width}}")
             self._width = len(text)

@@ -228,7 +228,7 @@ def _json(recording: Recording, answers: list[Answer], every: bool) -> str:
 def _tuning(recording: Recording, answers: list[Answer], output: Path) -> tuple[Tuning, list[str]]:
     """The tuning file of the channels that have a pair, and what a person should know about it."""
     from kalscope.cli.tune.page import VERDICT_WORDS
-    from kalscope.common.text import scalar
+    from kalscope.filtering.arrays import scalar
     from kalscope.tuning.tuning import ChannelTuning, Tuning
 
     found = [

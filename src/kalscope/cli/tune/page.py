@@ -9,10 +9,22 @@ from collections.abc import Callable, Iterator
 
 from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.cli.tune.answer import CHOSEN, Answer
-from kalscope.common.text import _samples, duration, number, scalar, squared
+from kalscope.common.text import (
+    correlation,
+    count,
+    decibels,
+    duration,
+    frequency,
+    lag_in_full,
+    number,
+    sample_rate,
+    squared,
+    trimmed,
+)
 from kalscope.estimation.finding import METHOD_WORDS
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict import gain_of, lag_of
+from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
@@ -52,15 +64,15 @@ def text_of(answer: Answer, recording: Recording) -> str:
 
 def _head(answer: Answer, recording: Recording) -> Iterator[str]:
     unit = f" [{answer.unit}]" if answer.unit else ""
-    missing = f", {answer.missing:,} of them missing" if answer.missing else ""
+    missing = f", {count(answer.missing)} of them missing" if answer.missing else ""
     yield f"{recording.title or recording.source}: {answer.channel}{unit}"
-    yield f"{answer.samples:,} samples{missing}, {_rate(answer.sample_period)}"
+    yield f"{count(answer.samples)} samples{missing}, {_rate(answer.sample_period)}"
 
 
 def _rate(period: float | None) -> str:
     if period is None:
         return "sample period unknown (see --sample-period)"
-    return f"{number(1.0 / period)} Hz" if period <= 1.0 else f"one every {duration(period)}"
+    return sample_rate(period)
 
 
 def _pair(answer: Answer, recording: Recording) -> Iterator[str]:
@@ -69,8 +81,9 @@ def _pair(answer: Answer, recording: Recording) -> Iterator[str]:
         yield f"No q and r to recommend ({VERDICT_WORDS[answer.verdict]})."
     else:
         q, r, ratio = scalar(params.q), scalar(params.r), scalar(params.ratio)
-        yield f"process noise      q = {number(q)} {unit}"
-        yield f"measurement noise  r = {number(r)} {unit}   (σ = {number(math.sqrt(r))} {answer.unit or 'unit'})"
+        yield f"process noise      q = {trimmed(q, 4)} {unit}"
+        sigma = f"σ = {number(math.sqrt(r))} {answer.unit or 'unit'}"
+        yield f"measurement noise  r = {trimmed(r, 4)} {unit}   ({sigma})"
         yield f"ratio            q/r = {number(ratio)}"
         yield f"how: {answer.found.how}"
     yield ""
@@ -92,17 +105,17 @@ def _meaning(answer: Answer) -> Iterator[str]:
 
 def _steady_lines(steady: SteadyState, params: FilterParams, period: float | None) -> Iterator[str]:
     yield f"  gain             {number(scalar(steady.gain))}"
-    yield f"  lag on a ramp    {_samples(scalar(steady.lag_samples), period)}"
-    yield f"  noise reduction  {number(scalar(steady.noise_reduction_db))} dB"
+    yield f"  lag on a ramp    {lag_in_full(scalar(steady.lag_samples), period)}"
+    yield f"  noise reduction  {decibels(scalar(steady.noise_reduction_db))}"
     yield f"  −3 dB cut-off    {_cutoff(params, period)}"
-    yield f"  step to 1 %      {_samples(scalar(steady.settle_samples), period)}"
+    yield f"  step to 1 %      {lag_in_full(scalar(steady.settle_samples), period)}"
 
 
 def _cutoff(params: FilterParams, period: float | None) -> str:
     hertz = scalar(steady_state(params, period or 1.0).cutoff_hz)
     if math.isnan(hertz):
         return "none: it lets more than that through at every frequency"
-    return f"{number(hertz)} Hz" if period else f"{number(hertz)} × the sample rate"
+    return frequency(hertz) if period else f"{number(hertz)} × the sample rate"
 
 
 def _interval(answer: Answer) -> str:
@@ -157,8 +170,8 @@ def _trust(answer: Answer) -> Iterator[str]:
     yield from _wrapped(f"Advice: {judged.advice}.")
     if not judged.advice.startswith("too few"):
         jumps = f", {judged.jumps} of them jumps that stay" if judged.jumps else ""
-        spikes = f"{judged.spikes} beyond 4 σ{jumps} (chance: {round(judged.spikes_expected, 1):g})"
-        white = f"lag-1 correlation {judged.r1:+.3f} (white: within ±{judged.r1_bound:.3f})"
+        spikes = f"{judged.spikes} beyond 4 σ{jumps} (chance: {number(judged.spikes_expected, 2)})"
+        white = f"lag-1 autocorrelation {correlation(judged.r1)} (white: within ±{correlation(judged.r1_bound)})"
         yield from _wrapped(f"Residuals: {white}; {spikes}.")
     if held is None:
         yield "Held-out test: not possible, one half of the record gives too little."

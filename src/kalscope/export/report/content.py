@@ -15,7 +15,18 @@ from numpy.typing import NDArray
 from kalscope.analysis.advice import as_sentences
 from kalscope.analysis.alternatives.comparison import Comparison, compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.common.text import duration, number, squared
+from kalscope.common.text import (
+    correlation,
+    count,
+    decibels,
+    frequency,
+    lag_in_full,
+    number,
+    p_value,
+    sample_rate,
+    squared,
+    trimmed,
+)
 from kalscope.errors import BadSetting
 from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.steady_state import SteadyState, steady_state
@@ -139,55 +150,52 @@ def make_report(
 
 
 def _subtitle(recording: Recording, z: Array) -> str:
-    parts = [f"{len(z)} samples"]
+    parts = [f"{count(len(z))} samples"]
     if recording.sample_period is not None:
-        rate = 1.0 / recording.sample_period
-        parts.append(f"{number(rate)} Hz" if rate >= 0.1 else f"one every {duration(recording.sample_period)}")
+        parts.append(sample_rate(recording.sample_period))
     missing = int(np.isnan(z).sum())
     if missing:
-        parts.append(f"{missing} missing")
+        parts.append(f"{count(missing)} missing")
     return ", ".join(parts)
 
 
 def _parameters(own: ChannelTuning) -> Rows:
     unit = squared(own.unit)
     rows = [
-        ("process noise q", f"{number(own.q)} {unit} per sample"),
-        ("measurement noise r", f"{number(own.r)} {unit}"),
-        ("start variance p0", "automatic (diffuse)" if own.p0 is None else f"{number(own.p0)} {unit}"),
-        ("start value x0", "first sample" if own.x0 is None else f"{number(own.x0)} {own.unit}".strip()),
+        ("process noise q", f"{trimmed(own.q, 4)} {unit} per sample"),
+        ("measurement noise r", f"{trimmed(own.r, 4)} {unit}"),
+        ("start variance p0", "automatic (diffuse)" if own.p0 is None else f"{trimmed(own.p0, 4)} {unit}"),
+        ("start value x0", "first sample" if own.x0 is None else f"{trimmed(own.x0, 4)} {own.unit}".strip()),
     ]
     if own.gate is not None:
-        rows.append(("outlier gate on v²/s", number(own.gate)))
+        rows.append(("outlier gate on v²/s", trimmed(own.gate)))
     return (*rows, ("found", own.how))
 
 
 def _meaning(steady: SteadyState, result: FilterResult, period: float | None) -> Rows:
     lag, settle = float(steady.lag_samples), float(steady.settle_samples)
     rows = [
-        ("lag on a ramp", _both(lag, period)),
-        ("noise reduction", f"{number(float(steady.noise_reduction_db))} dB"),
+        ("lag on a ramp", lag_in_full(lag, period)),
+        ("noise reduction", decibels(float(steady.noise_reduction_db))),
         ("gain K", number(float(steady.gain))),
-        ("follows a step in", _both(settle, period)),
-        ("log-likelihood", f"{float(result.loglik):.6g} of {int(result.m)} samples"),
+        ("follows a step in", lag_in_full(settle, period)),
+        ("log-likelihood", f"{number(float(result.loglik), 6)} of {count(int(result.m))} samples"),
     ]
     if steady.cutoff_hz is not None and math.isfinite(float(steady.cutoff_hz)):
-        rows.insert(2, ("cut-off (−3 dB)", f"{number(float(steady.cutoff_hz))} Hz"))
+        rows.insert(2, ("cut-off (−3 dB)", frequency(float(steady.cutoff_hz))))
     return tuple(rows)
-
-
-def _both(samples: float, period: float | None) -> str:
-    text = f"{number(samples)} samples"
-    return text if period is None else f"{duration(samples * period)} = {text}"
 
 
 def _tests(d: Diagnostics) -> Rows:
     return (
         ("size (NIS)", f"{number(d.nis)}, fitting: {number(d.nis_low)} to {number(d.nis_high)}"),
-        ("memory (lag-1 correlation)", f"{d.r1:+.3f}, fitting: within ±{d.r1_bound:.3f}".replace("-", "−")),
-        ("memory (Ljung-Box)", f"p = {d.ljung_box_p:.2g}, fitting: above 0.05"),
-        ("beyond 4 σ", f"{d.spikes}, {d.jumps} of them jumps; by chance {d.spikes_expected:.2g}"),
-        ("last third against first", f"variance × {d.variance_ratio:.3g}, p = {d.variance_ratio_p:.2g}"),
+        ("memory (lag-1 correlation)", f"{correlation(d.r1)}, fitting: within ±{correlation(d.r1_bound)}"),
+        ("memory (Ljung-Box)", f"{p_value(d.ljung_box_p)}, fitting: above 0.05"),
+        (
+            "beyond 4 σ",
+            f"{count(d.spikes)}, {count(d.jumps)} of them jumps; by chance {number(d.spikes_expected, 2)}",
+        ),
+        ("last third against first", f"variance × {number(d.variance_ratio)}, {p_value(d.variance_ratio_p)}"),
     )
 
 
@@ -195,8 +203,8 @@ def _filters(found: Comparison) -> Table:
     rows: list[tuple[str, ...]] = []
     for one in (found.present, *found.others):
         error = one.prediction if one.rmse is None else one.rmse
-        decibel = "–" if math.isnan(one.noise_reduction_db) else f"{round(one.noise_reduction_db, 2) + 0.0:.2f}"
-        rows.append((one.name, f"{one.lag_samples:.4g}", decibel, "–" if error is None else number(error)))
+        decibel = "–" if math.isnan(one.noise_reduction_db) else decibels(one.noise_reduction_db)
+        rows.append((one.name, number(one.lag_samples), decibel, "–" if error is None else number(error)))
     error = "next sample" if found.present.rmse is None else "RMSE"
     heading = "Simpler filters, at this lag"
     return Table(heading, tuple(rows) if found.others else (), ("", "lag", "dB", error))

@@ -1,0 +1,102 @@
+"""One way to write numbers, units, durations, counts, lags and decibels."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope.common import text
+from kalscope.common.text import THIN_SPACE as THIN
+from kalscope.common.text import typed_number
+
+YEAR = 31557600.0
+
+TABLE = [
+    (text.number, 0.095124, "0.0951"),
+    (text.number, 13.0157, "13.0"),
+    (text.number, 999.6, f"1{THIN}000"),
+    (text.number, 12345.6, f"12{THIN}300"),
+    (text.number, -3.14159, "−3.14"),
+    (text.number, 1.234e-9, "1.23e-9"),
+    (text.number, 99996.0, f"100{THIN}000"),
+    (text.number, 999600.0, "1.00e6"),
+    (text.number, -2e12, "−2.00e12"),
+    (text.number, 0.0, "0"),
+    (text.number, -0.0, "0"),
+    (text.number, math.inf, "∞"),
+    (text.number, -math.inf, "−∞"),
+    (text.number, math.nan, "none"),
+    (lambda value: text.number(value, 6), -632.5456, "−632.546"),
+    (text.trimmed, 2.0, "2"),
+    (text.trimmed, 0.05, "0.05"),
+    (text.trimmed, 100.0, "100"),
+    (text.trimmed, -2e12, "−2e12"),
+    (text.trimmed, 1.5e-9, "1.5e-9"),
+    (text.trimmed, math.inf, "∞"),
+    (text.count, 0, "0"),
+    (text.count, 999, "999"),
+    (text.count, 1234567, f"1{THIN}234{THIN}567"),
+    (lambda n: text.plural(n, "sample"), 1.0, "1 sample"),
+    (lambda n: text.plural(n, "sample"), 4.102, "4.1 samples"),
+    (text.percent, 0.1234, "12 %"),
+    (text.percent, 0.00417, "0.42 %"),
+    (text.correlation, 0.12345, "0.123"),
+    (text.correlation, -0.0451, "−0.045"),
+    (text.correlation, -0.0001, "0.000"),
+    (text.p_value, 0.0512, "p\u00a0=\u00a00.051"),
+    (text.p_value, 1e-9, "p\u00a0<\u00a01e\u20116"),
+    (text.duration, None, ""),
+    (text.duration, math.nan, ""),
+    (text.duration, 0.0, "0 s"),
+    (text.duration, 5e-8, "0.05 µs"),
+    (text.duration, 0.0951, "95.1 ms"),
+    (text.duration, -2.0, "−2 s"),
+    (text.duration, 45.0, "45 s"),
+    (text.duration, 90.0, "1.5 min"),
+    (text.duration, 7200.0, "2 h"),
+    (text.duration, 86400.0, "1 day"),
+    (text.duration, YEAR, "1 year"),
+    (text.duration, 2.69 * YEAR, "2.69 years"),
+    (text.duration, math.inf, "∞"),
+    (lambda lag: text.lag_text(lag, None), 4.1, "4.1 samples"),
+    (lambda lag: text.lag_text(lag, 0.003), 4.1, "12.3 ms"),
+    (lambda lag: text.lag_in_full(lag, None), 4.1, "4.1 samples"),
+    (lambda lag: text.lag_in_full(lag, 0.003), 4.1, "12.3 ms (4.1 samples)"),
+    (lambda lag: text.lag_in_full(lag, 1.0), math.inf, "∞ (∞ samples)"),
+    (text.decibels, 13.0157, "13.0 dB"),
+    (text.decibels, -13.0157, "−13.0 dB"),
+    (text.decibels, -0.0, "0 dB"),
+    (text.decibels, -1e-9, "0 dB"),
+    (text.frequency, 1.592, "1.59 Hz"),
+    (text.frequency, 2100.0, "2.10 kHz"),
+    (text.frequency, 3e6, "3.00 MHz"),
+    (text.frequency, 1e-8, "1 / 3.17 years"),
+    (text.frequency, 0.0, "0 Hz"),
+    (text.frequency, None, "none"),
+    (text.frequency, math.nan, "none"),
+    (text.sample_rate, 0.01, "100 Hz"),
+    (text.sample_rate, 10.0, "0.100 Hz"),
+    (text.sample_rate, 900.0, "one every 15 min"),
+    (text.squared, "counts", "counts²"),
+    (text.squared, "°C", "°C²"),
+    (text.squared, "%", "%²"),
+    (text.squared, "m/s²", "(m/s²)²"),
+    (text.squared, "1e8 m³", "(1e8 m³)²"),
+    (text.squared, "", "unit²"),
+]
+
+
+@pytest.mark.parametrize(("write", "value", "written"), TABLE)
+def test_how_a_value_is_written(write, value, written):
+    assert write(value) == written
+
+
+@given(st.floats(-1e300, 1e300), st.integers(1, 8))
+def test_a_number_reads_back_to_its_digits(value, digits):
+    written = text.number(value, digits)
+    assert typed_number("q", written) == float(f"{value:.{digits - 1}e}")
+    assert not re.match(r"−0(\.0*)?$", written)
