@@ -106,7 +106,8 @@ def test_columns_and_units_that_are_markup_are_text_in_every_tab(shared, guest):
     assert any("onerror" in text for text in guest.texts)
 
 
-LABELS = [name.replace(",", " ").replace(":", " ").replace("\u2028", " ") for name in MARKUP]
+LABELS = [re.sub("[,;:\u2028]", " ", name) for name in MARKUP]
+"""Without the marks that end a label or a value: a line with them would be text."""
 
 
 def test_labels_that_a_board_sends_are_shown_as_text(guest):

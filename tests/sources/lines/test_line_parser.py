@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kalscope.sources.lines import line_parser
 from kalscope.sources.lines.cells import is_blank, is_comment, parse_number, split_fields
 from kalscope.sources.lines.line_format import LineFormat, plain_row_parser, split_labels, split_line, split_stamp
 
@@ -133,3 +134,18 @@ def test_the_fast_path_takes_plain_rows(line):
 @pytest.mark.parametrize("line", ["1,2,3", "1,2\n", "1,2,nan\n", "1,2,1e999\n", "1,2,1_0\n", "1,2,\x1c3\n"])
 def test_the_fast_path_leaves_everything_else(line):
     assert plain_row_parser(LineFormat(), 3)(line) is None
+
+
+def test_text_without_data_costs_each_line_only_a_few_looks(monkeypatch):
+    looked = []
+
+    def sniff(head, options):
+        looked.append(len(head))
+        return real(head, options)
+
+    real = line_parser.sniff
+    monkeypatch.setattr(line_parser, "sniff", sniff)
+    parser = line_parser.LineParser()
+    parser.feed(b"".join(b"state s%d\n" % i for i in range(3000)))
+    assert {event.kind for event in parser} == {"text"}
+    assert sum(looked) < 10 * 3000

@@ -72,6 +72,9 @@ HEAD_BYTES = 65_536
 _ALIKE, _MANY_ALIKE = 3, 8
 """Different lines with words beside numbers, or any, that it takes to believe that these are rows."""
 
+_SHORT_HEAD = 64
+"""Lines of a head without data that is looked at again at every line; a longer one must grow by a quarter."""
+
 _NEWLINE = re.compile(rb"[\r\n]")
 
 
@@ -102,6 +105,7 @@ class LineParser:
         self._head: list[str] = []
         self._head_bytes = 0
         self._misfits = 0
+        self._next_look = 0
         self._before: deque[str] = deque(maxlen=TAIL_LINES)
         self._number = 0
 
@@ -220,13 +224,14 @@ class LineParser:
         if self._head_bytes >= HEAD_BYTES:
             # As long as nothing was data, the head is still to come.
             self._settled, self._head, self._head_bytes = self._reader is not None, [], 0
+            self._next_look = 0
         return event
 
     def _look_again(self, line: str, event: LineEvent | None) -> LineEvent:
-        """Sniff the head anew, at the 1st, 2nd, 4th, 8th, … line that does not fit: new labels, a new header."""
+        """Sniff the head again where that is due, for data, new labels or a new header."""
         self._misfits += 1
-        if self._reader is None or self._misfits & (self._misfits - 1) == 0:
-            layout = sniff(self._head, self._options) if any(c.isdigit() for c in line) else None
+        if self._is_look_due(line):
+            layout = sniff(self._head, self._options)
             known = None if self._reader is None else self._reader.layout
             if layout and known is None and not self._is_surely_data(self._head, layout):
                 layout = None
@@ -234,6 +239,20 @@ class LineParser:
                 self._reader = LineReader(layout, self._options)
                 event = self._reader.read(self._number, line)
         return event or _without_layout(self._number, line)
+
+    def _is_look_due(self, line: str) -> bool:
+        """Whether to sniff the head again at a line that does not fit; all looks together stay linear in the head.
+
+        With a known layout that is at the 1st, 2nd, 4th, 8th, … such line.
+        """
+        if not any(c.isdigit() for c in line):
+            return False
+        if self._reader is not None:
+            return self._misfits & (self._misfits - 1) == 0
+        if len(self._head) < self._next_look:
+            return False
+        self._next_look = 0 if len(self._head) < _SHORT_HEAD else len(self._head) * 5 // 4
+        return True
 
     def _is_surely_data(self, head: Sequence[str], layout: Layout) -> bool:
         """Whether lines that look like rows are rows: `sine 1,sine 2` is a header, and only looks like one.
