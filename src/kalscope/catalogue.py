@@ -25,7 +25,7 @@ from kalscope.sources.synthetic import SignalSettings, synthesize
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from kalscope.common.progress import Progress
+    from kalscope.common.progress import OnProgress
     from kalscope.recording import Recording
 
 # Two letters at least before the colon: C:\x.csv and C:/x.csv are files.
@@ -37,7 +37,7 @@ def open_source(
     options: ReadOptions = DEFAULTS,
     *,
     sample_period: float | None = None,
-    progress: Progress | None = None,
+    progress: OnProgress | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> Recording:
     """Open what `spec` names, in the grammar above.

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import TextIO
+
+from kalscope.common.progress import Progress
 
 PATIENCE_S = 1.0
 """Work that takes longer shows how far it is."""
@@ -30,9 +31,10 @@ class ProgressLine:
             self._stream.write(f"\r{' ' * self._width}\r")
             self._stream.flush()
 
-    def part(self, name: str, index: int, count: int) -> Callable[[float, str], None]:
-        """The reporter of one channel among `count`."""
-        return lambda fraction, text: self._show((index + fraction) / count, f"{name}: {text}")
+    def part(self, name: str, index: int, count: int) -> Progress:
+        """The progress of one channel among `count`."""
+        whole = Progress(lambda fraction, text: self._show(fraction, f"{name}: {text}"))
+        return whole.part(index / count, (index + 1) / count)
 
     def _show(self, fraction: float, text: str) -> None:
         now = time.monotonic()

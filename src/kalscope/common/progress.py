@@ -1,4 +1,4 @@
-"""Progress of a reader, and the wish to stop."""
+"""Progress of a long task, and whether to stop it."""
 
 from __future__ import annotations
 
@@ -7,22 +7,31 @@ from dataclasses import dataclass
 
 from kalscope.errors import Cancelled
 
-Progress = Callable[[float, str], None]
-"""Called with the fraction done, 0…1, and what is being done."""
+OnProgress = Callable[[float, str], None]
+"""Called with the fraction done, 0 … 1, and what is being done."""
 
 
 @dataclass(frozen=True)
-class Watch:
-    """Whom to tell how far a reader is, and whom to ask whether to go on."""
+class Progress:
+    """Reports the progress of a task, or of one part of it; itself an `OnProgress`."""
 
-    progress: Progress | None = None
-    """Told how far it is; None = nobody looks."""
+    report: OnProgress | None = None
+    """Called with the progress of the whole task; None = not reported."""
     cancelled: Callable[[], bool] | None = None
-    """Asked whether to stop; None = never."""
+    """Whether to stop; None = never."""
+    start: float = 0.0
+    """Fraction of the whole at which this part starts."""
+    stop: float = 1.0
+    """Fraction of the whole at which this part ends."""
 
-    def tell(self, fraction: float, text: str) -> None:
-        """Tell how far this is; raises Cancelled where the caller wants to stop."""
+    def __call__(self, fraction: float, text: str) -> None:
+        """Report the fraction of this part that is done; raises Cancelled if the task is to stop."""
         if self.cancelled is not None and self.cancelled():
-            raise Cancelled("reading was cancelled before it was finished")
-        if self.progress is not None:
-            self.progress(min(max(fraction, 0.0), 1.0), text)
+            raise Cancelled("the task was cancelled before it was finished")
+        if self.report is not None:
+            self.report(self.start + (self.stop - self.start) * min(max(fraction, 0.0), 1.0), text)
+
+    def part(self, start: float, stop: float) -> Progress:
+        """The part of this one from `start` to `stop`."""
+        width = self.stop - self.start
+        return Progress(self.report, self.cancelled, self.start + width * start, self.start + width * stop)

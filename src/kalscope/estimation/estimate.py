@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation.methods import allan, expectation_maximization, innovation_correlations, moments
 from kalscope.estimation.methods import maximum_likelihood as ml
-from kalscope.estimation.result import Estimate, Pair, Watch, stack
+from kalscope.estimation.result import Estimate, stack
 from kalscope.estimation.verdict import conclude, each_channel, gain_of
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from kalscope.estimation.likelihood.profile import Differences
     from kalscope.estimation.likelihood.search import Peak
+    from kalscope.estimation.methods.pair import Pair
 
 METHODS = ("ml", "em", "moments", "als", "allan")
 """What `estimate` knows, in the order in which `compare_methods` shows them."""
@@ -55,12 +57,12 @@ def estimate(
     if method not in METHODS:
         raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {method!r})")
 
-    def fit(data: Differences, watch: Watch) -> tuple[Pair, Peak]:
+    def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
         searched = 0.1 if method == "em" else 0.9  # EM's passes are what takes long
-        peak = ml.search(data, watch.part(0.0, searched))
-        return _pair(method, data, peak, watch.part(searched, 1.0)), peak
+        peak = ml.search(data, progress.part(0.0, searched))
+        return _pair(method, data, peak, progress.part(searched, 1.0)), peak
 
-    return each_channel(method, z, dt, Watch(progress, cancelled), fit)
+    return each_channel(method, z, dt, Progress(progress, cancelled), fit)
 
 
 def compare_methods(
@@ -86,19 +88,19 @@ def compare_methods(
     """
     others: dict[str, list[Estimate]] = {method: [] for method in METHODS[1:]}
 
-    def fit(data: Differences, watch: Watch) -> tuple[Pair, Peak]:
-        peak = ml.search(data, watch.part(0.0, 0.1))
-        best = _pair("ml", data, peak, watch)
+    def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
+        peak = ml.search(data, progress.part(0.0, 0.1))
+        best = _pair("ml", data, peak, progress)
         table = [conclude("ml", data, best, peak)]
         for method, column in others.items():
-            pair = _pair(method, data, peak, watch.part(*((0.1, 0.9) if method == "em" else (0.9, 1.0))))
+            pair = _pair(method, data, peak, progress.part(*((0.1, 0.9) if method == "em" else (0.9, 1.0))))
             column.append(conclude(method, data, pair, peak))
             table.append(column[-1])
         found = disagreement(table)
         reason = best.note or (_REASON if found else "")
         return replace(best, note=f"{found} {reason}".strip()), peak
 
-    first = each_channel("ml", z, dt, Watch(progress, cancelled), fit)
+    first = each_channel("ml", z, dt, Progress(progress, cancelled), fit)
     if np.ndim(z) == 1:
         return first, *(found[0] if found else replace(first, method=m) for m, found in others.items())
     columns = [first.channel(c) for c in range(np.shape(z)[1])]
@@ -144,16 +146,16 @@ def _describe(one: Estimate, first: Estimate) -> str:
     return f"the same gain from {larger:.2g} times the variances"
 
 
-def _pair(method: str, data: Differences, peak: Peak, watch: Watch) -> Pair:
+def _pair(method: str, data: Differences, peak: Peak, progress: Progress) -> Pair:
     if method == "ml":
         return replace(ml.fit(data, peak), note=moments.what_differences_say(data))
     if method == "em":
-        pair = expectation_maximization.fit(data, watch)
+        pair = expectation_maximization.fit(data, progress)
         top = ml.fit(data, peak)
         if math.isfinite(peak.log_ratio):
             return replace(pair, q_se=top.q_se, r_se=top.r_se)  # the same likelihood has the same curvature
         return replace(top, note=_edge_note(pair))  # EM only creeps toward an edge
-    watch.report(0.0, method)
+    progress(0.0, method)
     return {"moments": moments, "als": innovation_correlations, "allan": allan}[method].fit(data)
 
 

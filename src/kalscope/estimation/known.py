@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import verdict_text as words
 from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
 from kalscope.estimation.methods import maximum_likelihood as ml
-from kalscope.estimation.result import Estimate, Pair, Watch
+from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.verdict import NOWHERE, each_channel, exp
 from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.params import LARGEST, FilterParams
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from kalscope.estimation.likelihood.profile import Array, Differences
+    from kalscope.estimation.result import Estimate
 
 _FARTHEST = 1e100
 """A given r this many times above or below the readings' largest squared step belongs to another unit."""
@@ -160,7 +162,7 @@ def estimate_fixed_r(z: ArrayLike, r: float, dt: ArrayLike | None = None) -> Est
     """
     noise = _above_zero("r", r)
 
-    def fit(data: Differences, watch: Watch) -> tuple[Pair, Peak]:
+    def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
         scaled = noise / data.scale / data.scale
         if not _FARTHEST**-1 < scaled < _FARTHEST:
             return Pair(0.0, 0.0, math.inf, math.inf, verdict="bad_unit", text=words.other_unit()), NOWHERE
@@ -171,12 +173,12 @@ def estimate_fixed_r(z: ArrayLike, r: float, dt: ArrayLike | None = None) -> Est
             return -0.5 * (constant + logdet + chi2 / scaled)
 
         # λ can hardly exceed the largest squared difference (at most 1 in this scale) over r
-        peak = find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(scaled))), -math.inf, watch)
+        peak = find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(scaled))), -math.inf, progress)
         q = math.exp(peak.log_ratio) * scaled
         q_se = q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf
         return Pair(q, scaled, q_se, 0.0), peak
 
-    return each_channel("fixed_r", z, dt, Watch(), fit)
+    return each_channel("fixed_r", z, dt, Progress(), fit)
 
 
 def estimate_fixed_ratio(z: ArrayLike, ratio: float = 0.01, dt: ArrayLike | None = None) -> Estimate:
@@ -192,15 +194,15 @@ def estimate_fixed_ratio(z: ArrayLike, ratio: float = 0.01, dt: ArrayLike | None
     """
     chosen = _above_zero("ratio", ratio)
 
-    def fit(data: Differences, watch: Watch) -> tuple[Pair, Peak]:
+    def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
         r = float(data.sums(np.array([chosen]))[0][0]) / data.m
         r_se = r * math.sqrt(2.0 / data.m)
-        peak = ml.search(data, watch)
+        peak = ml.search(data, progress)
         low, high = peak.interval
         text = words.chosen_ratio(exp(low), exp(high), chosen)
         return Pair(chosen * r, r, chosen * r_se, r_se, text=text), peak
 
-    return each_channel("fixed_ratio", z, dt, Watch(), fit)
+    return each_channel("fixed_ratio", z, dt, Progress(), fit)
 
 
 def _smallest_step(samples: Array) -> float:

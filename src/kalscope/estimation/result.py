@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.errors import Cancelled
 from kalscope.filtering.params import FilterParams
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
 Value = float | NDArray[np.float64]
 Words = str | NDArray[np.str_]
@@ -92,49 +91,3 @@ def _pick(value: Any, index: int) -> Any:
     if isinstance(value, tuple):
         return tuple(_pick(end, index) for end in value)
     return value[index].item() if isinstance(value, np.ndarray) else value
-
-
-@dataclass(frozen=True)
-class Pair:
-    """What one method finds in one channel, in the squared scale of its `Differences`."""
-
-    q: float
-    """Process-noise variance, scale², ≥ 0."""
-    r: float
-    """Measurement-noise variance, scale², ≥ 0."""
-    q_se: float
-    """Standard error of q, scale²; inf where unknown."""
-    r_se: float
-    """Standard error of r, scale²; inf where unknown."""
-    verdict: str = ""
-    """A verdict only the method can give: "irregular", "too_few", "not_converged"; "" = judge by the numbers."""
-    text: str = ""
-    """The whole message, where the one that belongs to the verdict does not fit; "" = that one."""
-    note: str = ""
-    """A sentence to add to the message."""
-
-
-@dataclass(frozen=True)
-class Watch:
-    """Shows progress and listens for the wish to stop, on behalf of one part of a longer task."""
-
-    progress: Callable[[float, str], None] | None = None
-    """Called with the fraction done, 0 … 1, and what is being done; None = nobody looks."""
-    cancelled: Callable[[], bool] | None = None
-    """Asked whether to stop; None = never."""
-    start: float = 0.0
-    """Fraction of the whole at which this part starts."""
-    stop: float = 1.0
-    """Fraction of the whole at which this part ends."""
-
-    def report(self, fraction: float, text: str) -> None:
-        """Tell how far this part is; raises Cancelled where the caller wants to stop."""
-        if self.cancelled is not None and self.cancelled():
-            raise Cancelled("the estimate was cancelled before it was finished")
-        if self.progress is not None:
-            self.progress(self.start + (self.stop - self.start) * fraction, text)
-
-    def part(self, start: float, stop: float) -> Watch:
-        """A watch over the part from `start` to `stop` of this one."""
-        width = self.stop - self.start
-        return Watch(self.progress, self.cancelled, self.start + width * start, self.start + width * stop)

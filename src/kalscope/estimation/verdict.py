@@ -11,12 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.estimation import verdict_text as words
 from kalscope.estimation.likelihood.profile import Differences, differences
 from kalscope.estimation.likelihood.search import Peak
-from kalscope.estimation.result import USABLE, Estimate, Pair, Watch, stack
+from kalscope.estimation.result import USABLE, Estimate, stack
 from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
 from kalscope.filtering.params import LARGEST, FilterParams
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from kalscope.common.progress import Progress
+    from kalscope.estimation.methods.pair import Pair
 
 Array = NDArray[np.float64]
 
@@ -30,8 +33,8 @@ def each_channel(
     method: str,
     z: ArrayLike,
     dt: ArrayLike | None,
-    watch: Watch,
-    fit: Callable[[Differences, Watch], tuple[Pair, Peak]],
+    progress: Progress,
+    fit: Callable[[Differences, Progress], tuple[Pair, Peak]],
 ) -> Estimate:
     """Check z and dt, `fit` each channel that has something to tell, and put the answers side by side."""
     columns, shape = columns_of(z)
@@ -44,9 +47,9 @@ def each_channel(
         if verdict:
             found.append(_estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), verdict, message))
         else:
-            pair, peak = fit(data, watch.part(c / len(columns), (c + 1) / len(columns)))
+            pair, peak = fit(data, progress.part(c / len(columns), (c + 1) / len(columns)))
             found.append(conclude(method, data, pair, peak))
-    watch.report(1.0, "done")
+    progress(1.0, "done")
     return found[0] if len(shape) == 1 else stack(found)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +9,8 @@ from kalscope.filtering.params import FilterParams
 from kalscope.papers.generalized_filter import GeneralizedParams
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from kalscope.recording import Recording
 
 Settings = FilterParams | GeneralizedParams
@@ -110,10 +111,6 @@ class Chapter:
     """What must stay in its tolerance."""
     results: dict[str, Any]
     """The numbers, as JSON takes them."""
-
-
-Report = Callable[[float, str], None]
-"""Told the fraction of a chapter that is done, 0 … 1, and what is being done."""
 
 
 @dataclass(frozen=True)

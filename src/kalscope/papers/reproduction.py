@@ -5,17 +5,15 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from kalscope.common.progress import OnProgress, Progress
 from kalscope.papers.disagreements import DISAGREEMENTS
 from kalscope.papers.interactive_matter_2009 import chapter as lis302dl_page
 from kalscope.papers.khan import chapter as generalized_page
 from kalscope.papers.maarif_2019 import chapter as noise_reducer_page
 from kalscope.papers.page import page
-from kalscope.papers.parts import FULL, QUICK, Chapter, Check, Report
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from kalscope.papers.parts import FULL, QUICK, Chapter, Check
 
 
 @dataclass(frozen=True)
@@ -45,31 +43,23 @@ class Reproduction:
         return json.dumps(self.results, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def reproduce(quick: bool = False, progress: Callable[[float, str], None] | None = None) -> Reproduction:
+def reproduce(quick: bool = False, progress: OnProgress | None = None) -> Reproduction:
     """Reproduce the documents' figures and tables.
 
     Args:
         quick: fewer random draws, inside the same tolerances.
-        progress: called with the fraction done, 0 … 1, and what is being done; None = nobody looks.
+        progress: called with the fraction done, 0 … 1, and what is being done; None = not reported.
 
     Returns:
         The page, the numbers and the checks; numbers outside their tolerance are in `failed`, not raised.
     """
     effort = QUICK if quick else FULL
 
-    def from_to(start: float, stop: float) -> Report:
-        """The reporter of the chapter that takes this part of the time."""
-
-        def report(fraction: float, text: str) -> None:
-            if progress is not None:
-                progress(start + (stop - start) * fraction, text)
-
-        return report
-
+    whole = Progress(progress)
     chapters = (
-        noise_reducer_page.chapter(effort, from_to(0.0, 0.7)),
-        generalized_page.chapter(from_to(0.7, 0.8)),
-        lis302dl_page.chapter(effort, from_to(0.8, 1.0)),
+        noise_reducer_page.chapter(effort, whole.part(0.0, 0.7)),
+        generalized_page.chapter(whole.part(0.7, 0.8)),
+        lis302dl_page.chapter(effort, whole.part(0.8, 1.0)),
     )
     installed = version("kalscope")
     results: dict[str, Any] = {"kalscope": installed, "quick": quick}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from kalscope.analysis import advice
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.common.progress import OnProgress, Progress
 from kalscope.estimation.estimate import compare_methods, disagreement
 from kalscope.estimation.finding import METHOD_WORDS, Found, Noise, find_parameters, still_or_silent
 from kalscope.estimation.likelihood.profile import Array
@@ -20,9 +20,6 @@ from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
-
-Report = Callable[[float, str], None]
-"""Told the fraction done and a few words."""
 
 CHOSEN = "chosen"
 """The verdict where no estimate was asked: the pair follows from what the user said."""
@@ -41,7 +38,9 @@ class Wanted:
     noise: Noise = field(default_factory=Noise)
     """What is known of r."""
 
-    def find(self, z: Array, period: float | None, report: Report | None = None, dt: Array | None = None) -> Found:
+    def find(
+        self, z: Array, period: float | None, report: OnProgress | None = None, dt: Array | None = None
+    ) -> Found:
         """The pair for the samples z at a nominal sample period in s; dt as `kalman_filter` takes it."""
         return find_parameters(
             z,
@@ -96,7 +95,7 @@ class Answer:
         return disagreement(self.opinions)
 
 
-def answer_for(recording: Recording, channel: str, wanted: Wanted, report: Report) -> Answer:
+def answer_for(recording: Recording, channel: str, wanted: Wanted, report: Progress) -> Answer:
     """Find and judge the pair of one channel.
 
     Raises:
@@ -104,8 +103,8 @@ def answer_for(recording: Recording, channel: str, wanted: Wanted, report: Repor
     """
     z, period = recording.channel(channel), recording.sample_period
     dt = recording.steps() if recording.gaps == "dt" else None
-    found = wanted.find(z, period, _part(report, 0.0, 0.3), dt)
-    opinions = compare_methods(z, dt, progress=_part(report, 0.3, 0.7))
+    found = wanted.find(z, period, report.part(0.0, 0.3), dt)
+    opinions = compare_methods(z, dt, progress=report.part(0.3, 0.7))
     report(0.7, "judging the answer")
     residuals = None
     if found.params is not None:
@@ -120,12 +119,12 @@ def answer_for(recording: Recording, channel: str, wanted: Wanted, report: Repor
         opinions=opinions,
         steady=None if found.params is None else steady_state(found.params, period),
         residuals=residuals if isinstance(residuals, Diagnostics) else None,
-        held_out=None if found.params is None else _held_out(z, dt, period, wanted, _part(report, 0.8, 1.0)),
+        held_out=None if found.params is None else _held_out(z, dt, period, wanted, report.part(0.8, 1.0)),
     )
 
 
 def _held_out(
-    z: Array, dt: Array | None, period: float | None, wanted: Wanted, report: Report
+    z: Array, dt: Array | None, period: float | None, wanted: Wanted, report: Progress
 ) -> Diagnostics | None:
     """The same question to the first half alone, its answer judged on the second half."""
     half = z[: len(z) // 2]
@@ -139,10 +138,6 @@ def _held_out(
         return None
     judged = diagnose_held_out(z, params, dt)
     return judged if judged.n >= advice.MIN_SAMPLES else None
-
-
-def _part(report: Report, start: float, stop: float) -> Report:
-    return lambda fraction, text: report(start + (stop - start) * fraction, text)
 
 
 def as_plain(answer: Answer) -> dict[str, Any]:

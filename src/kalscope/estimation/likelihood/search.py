@@ -17,7 +17,7 @@ from numpy.polynomial import Chebyshev
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from kalscope.estimation.result import Watch
+    from kalscope.common.progress import Progress
 
 Array = NDArray[np.float64]
 LogLik = Callable[[Array], Array]
@@ -55,21 +55,21 @@ def grid_for(m: int, highest: float = 24.0) -> Array:
     return lowest + STEP * np.arange(math.ceil((highest - lowest) / STEP) + 1, dtype=np.float64)
 
 
-def find_peak(loglik: LogLik, grid: Array, at_infinity: float, watch: Watch) -> Peak:
+def find_peak(loglik: LogLik, grid: Array, at_infinity: float, progress: Progress) -> Peak:
     """Search `loglik` (a function of ln λ, −inf allowed) over the grid, the point λ = 0, and λ = ∞.
 
     `at_infinity` is the log-likelihood at λ = ∞, −inf where that is no candidate.
     """
-    watch.report(0.0, "likelihood over all ratios q/r")
+    progress(0.0, "likelihood over all ratios q/r")
     values = loglik(np.append(grid, -math.inf))
     values, at_zero = values[:-1], float(values[-1])
-    watch.report(0.6, "likelihood around the best ratio")
+    progress(0.6, "likelihood around the best ratio")
     top, best, curvature = _refine(loglik, grid, values)
     slack = 1e-9 + 1e-12 * abs(best)  # an inner maximum must stand above the rounding of the sums
     if max(at_zero, at_infinity) >= best - slack:
         top = -math.inf if at_zero >= at_infinity else math.inf
         best, curvature = max(best, at_zero, at_infinity), 0.0
-    watch.report(0.8, "interval of the ratio")
+    progress(0.8, "interval of the ratio")
     return Peak(top, best, curvature, _interval(loglik, grid, values, (at_zero, at_infinity), top, best - DROP))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.estimation.methods.innovation_correlations import TOO_SHORT, solve
-from kalscope.estimation.result import Pair
+from kalscope.estimation.methods.pair import Pair
 
 if TYPE_CHECKING:
     from kalscope.estimation.likelihood.profile import Differences

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.estimation.methods.kernels import em_pass
-from kalscope.estimation.result import Pair, Watch
+from kalscope.estimation.methods.pair import Pair
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from kalscope.common.progress import Progress
     from kalscope.estimation.likelihood.profile import Differences
 
 SETTLED = 1e-8
@@ -38,7 +39,7 @@ def passes(data: Differences) -> Iterator[tuple[float, float, float]]:
         q, r = q_next, r_next
 
 
-def fit(data: Differences, watch: Watch) -> Pair:
+def fit(data: Differences, progress: Progress) -> Pair:
     """The pair where EM comes to rest, or where its passes are used up ("not_converged")."""
     limit = max(50, min(_MOST_PASSES, _MOST_SAMPLES // (data.m + 1)))
     q_before = r_before = q = r = math.nan
@@ -49,5 +50,5 @@ def fit(data: Differences, watch: Watch) -> Pair:
             break
         q_before, r_before = q, r
         if i % 10 == 0:
-            watch.report(i / limit, f"EM pass {i} of at most {limit}")
+            progress(i / limit, f"EM pass {i} of at most {limit}")
     return Pair(q, r, math.inf, math.inf, verdict="not_converged" if q > 0.0 and r > 0.0 else "")

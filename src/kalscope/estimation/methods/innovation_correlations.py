@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.estimation.methods.kernels import fixed_gain_innovations, lagged_products
-from kalscope.estimation.result import Pair
+from kalscope.estimation.methods.pair import Pair
 
 if TYPE_CHECKING:
     from kalscope.estimation.likelihood.profile import Differences

@@ -11,18 +11,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
-from kalscope.estimation.result import Pair, Watch
+from kalscope.estimation.methods.pair import Pair
 
 if TYPE_CHECKING:
+    from kalscope.common.progress import Progress
     from kalscope.estimation.likelihood.profile import Differences
 
 _DERIVATIVE_STEP = 1e-3
 """Step in ln λ for the slope of ln r̂(λ), which only feeds standard errors."""
 
 
-def search(data: Differences, watch: Watch) -> Peak:
+def search(data: Differences, progress: Progress) -> Peak:
     """The peak of the concentrated likelihood over λ, with its 95 % interval."""
-    return find_peak(data.concentrated, grid_for(data.m), data.random_walk()[0], watch)
+    return find_peak(data.concentrated, grid_for(data.m), data.random_walk()[0], progress)
 
 
 def fit(data: Differences, peak: Peak) -> Pair:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.estimation.methods.kernels import lagged_products
-from kalscope.estimation.result import Pair
+from kalscope.estimation.methods.pair import Pair
 
 if TYPE_CHECKING:
     from kalscope.estimation.likelihood.profile import Differences

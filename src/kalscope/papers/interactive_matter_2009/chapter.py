@@ -12,16 +12,17 @@ from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.papers.appendices import c_listing
 from kalscope.papers.interactive_matter_2009 import document as paper
 from kalscope.papers.interactive_matter_2009 import questions
-from kalscope.papers.parts import Chapter, Check, Effort, Figure, Report, Table
+from kalscope.papers.parts import Chapter, Check, Effort, Figure, Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from kalscope.common.progress import OnProgress
     from kalscope.papers.interactive_matter_2009.document import WalkRow
     from kalscope.papers.interactive_matter_2009.questions import EstimateAnswer, ExponentialAnswer, FusionAnswer
 
 
-def chapter(effort: Effort, report: Report) -> Chapter:
+def chapter(effort: Effort, report: OnProgress) -> Chapter:
     """Everything of this document, drawn and checked."""
     report(0.0, "the walk through q and r")
     walk = paper.try_walk()

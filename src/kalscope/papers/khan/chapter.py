@@ -14,13 +14,15 @@ from kalscope.papers.diagrams import block_diagram
 from kalscope.papers.generalized_filter import GeneralizedParams, generalized_filter, printed_fixed_point
 from kalscope.papers.khan import paper
 from kalscope.papers.khan.paper import GainRow, LevelRow, channel
-from kalscope.papers.parts import Chapter, Check, Figure, Report, Table
+from kalscope.papers.parts import Chapter, Check, Figure, Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from kalscope.common.progress import OnProgress
 
-def chapter(report: Report) -> Chapter:
+
+def chapter(report: OnProgress) -> Chapter:
     """Everything of this paper, drawn and checked."""
     report(0.0, "figures 7 to 10")
     gains, levels = paper.try_gains(), paper.try_levels()

@@ -22,18 +22,19 @@ from kalscope.papers.maarif_2019.limits import (
     swinging_rmse,
     try_advice,
 )
-from kalscope.papers.parts import Chapter, Check, Effort, Report, Table
+from kalscope.papers.parts import Chapter, Check, Effort, Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from kalscope.common.progress import OnProgress
     from kalscope.papers.maarif_2019.paper import Array, StartClue, TableRow
 
 TABLE_TOLERANCE = 0.02
 """Simulated against printed, and against theory, as a share."""
 
 
-def chapter(effort: Effort, report: Report) -> Chapter:
+def chapter(effort: Effort, report: OnProgress) -> Chapter:
     """Everything of this paper, drawn and checked."""
     report(0.0, "Table 1")
     table = paper.simulate_table(effort.table_draws)

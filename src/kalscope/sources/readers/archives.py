@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from kalscope.common.progress import Watch
+    from kalscope.common.progress import Progress
 
 MAX_UNPACKED = 1 << 31
 """Largest size of an unpacked file in bytes: a small archive can hold terabytes of zeros."""
@@ -30,7 +30,7 @@ def is_packed(magic: bytes) -> bool:
     return magic.startswith((GZIP, ZSTANDARD))
 
 
-def unpacked(path: Path, name: str, watch: Watch) -> Iterator[bytes]:
+def unpacked(path: Path, name: str, progress: Progress) -> Iterator[bytes]:
     """The content of an archive in pieces.
 
     Raises:
@@ -41,7 +41,7 @@ def unpacked(path: Path, name: str, watch: Watch) -> Iterator[bytes]:
         packed_by_gzip = file.read(2) == GZIP
         file.seek(0)
         for piece in _gunzip(file, name) if packed_by_gzip else _unzstandard(file, name):
-            watch.tell(0.5 * file.tell() / max(size, 1), "unpacking")
+            progress(0.5 * file.tell() / max(size, 1), "unpacking")
             total += len(piece)
             if total > MAX_UNPACKED:
                 raise BadFile(f"{name} must unpack to at most {MAX_UNPACKED} bytes (got more)")

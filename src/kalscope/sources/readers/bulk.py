@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from kalscope.common.progress import Watch
+    from kalscope.common.progress import Progress
     from kalscope.sources.lines.read_options import ReadOptions
     from kalscope.sources.lines.sniffer import Layout
     from kalscope.sources.readers.text_file import RawFile
@@ -49,7 +49,7 @@ Place = tuple[int, tuple[float, ...]]
 """Index among the rows of DuckDB, and the row that belongs there."""
 
 
-def read_bulk(raw: RawFile, layout: Layout, options: ReadOptions, watch: Watch) -> Reading | None:
+def read_bulk(raw: RawFile, layout: Layout, options: ReadOptions, progress: Progress) -> Reading | None:
     """Read a file on the disk; None where that is a task for the own parser.
 
     Raises:
@@ -67,8 +67,8 @@ def read_bulk(raw: RawFile, layout: Layout, options: ReadOptions, watch: Watch) 
     try:
         job.start()
         plain = b"0123456789+-.eEnaN \t\r\n" + layout.form.delimiter.encode()
-        scan = scan_lines(raw.path, plain, layout.first_data, lambda n: watch.tell(0.5 * n / raw.size, "reading"))
-        rows, rejects = job.wait(watch)
+        scan = scan_lines(raw.path, plain, layout.first_data, lambda n: progress(0.5 * n / raw.size, "reading"))
+        rows, rejects = job.wait(progress)
         if scan.encoding == "latin-1" and not raw.head.isascii():
             raise NotPlain("the header was read as UTF-8")
         raw.sha256 = raw.sha256 or scan.sha256
@@ -123,11 +123,11 @@ class _Query:
         except BaseException as error:  # told to whoever waits
             self._error = error
 
-    def wait(self, watch: Watch) -> tuple[Columns, list[int]]:
+    def wait(self, progress: Progress) -> tuple[Columns, list[int]]:
         """The columns by index, and the lines that were rejected, in order."""
         while self._thread.is_alive():
             self._thread.join(_POLL_S)
-            watch.tell(0.75, "reading")
+            progress(0.75, "reading")
         if self._error is not None:
             raise self._error
         rows = {i: _filled(self._answer.pop(f"c{i}")) for i in self._wanted}

@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kalscope.common.progress import Progress, Watch
+from kalscope.common.progress import OnProgress, Progress
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.lines.cells import is_blank, is_comment
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
@@ -53,7 +53,7 @@ def read_recording(
     options: ReadOptions = DEFAULTS,
     *,
     sample_period: float | None = None,
-    progress: Progress | None = None,
+    progress: OnProgress | None = None,
     cancelled: Callable[[], bool] | None = None,
     _bulk_bytes: float = BULK_BYTES,
 ) -> Recording:
@@ -84,27 +84,29 @@ def read_recording(
     if sample_period is not None and not (math.isfinite(sample_period) and sample_period > 0):
         raise BadSetting(f"sample_period must be a positive number of seconds (got {sample_period!r})")
     name = Path(path).name or str(path)
-    watch = Watch(progress, cancelled)
-    with open_raw(path, watch, _bulk_bytes) as raw:
+    progress = Progress(progress, cancelled)
+    with open_raw(path, progress, _bulk_bytes) as raw:
         raw.name = name
-        reading = _read_parquet(raw, options) if raw.head.startswith(PARQUET) else _read_text(raw, options, watch)
+        reading = (
+            _read_parquet(raw, options) if raw.head.startswith(PARQUET) else _read_text(raw, options, progress)
+        )
         recording = assemble(reading, options, sample_period, name)
         # An absolute path, so that a tuning file reopens it from any folder.
         return replace(recording, source=os.path.abspath(path), title=name, sha256=raw.sha256)
 
 
-def _read_text(raw: RawFile, options: ReadOptions, watch: Watch) -> Reading:
+def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Reading:
     if raw.content is None:
         layout = _sniff_head(raw, encoding_of_head(raw.head, raw.name), options)
         from kalscope.sources.readers.bulk import read_bulk
 
-        reading = read_bulk(raw, layout, options, watch)
+        reading = read_bulk(raw, layout, options, progress)
         if reading is not None:
             return reading
-    data = raw.bytes(watch)
+    data = raw.bytes(progress)
     encoding = find_encoding(data, raw.name)
     layout = _sniff_head(raw, encoding, options)
-    table, tally = read_rows(data, encoding, layout, options, watch)
+    table, tally = read_rows(data, encoding, layout, options, progress)
     columns = {i: table[:, i] for i in (*layout.channels, *(layout.time.indices if layout.time else ()))}
     return Reading(columns, tally, layout)
 

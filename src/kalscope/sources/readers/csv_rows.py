@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kalscope.common.progress import Watch
+from kalscope.common.progress import Progress
 from kalscope.sources.lines.cells import is_blank, is_number
 from kalscope.sources.lines.line_format import plain_row_parser
 from kalscope.sources.lines.line_reader import TAIL_LINES, LineEvent, LineReader
@@ -75,17 +75,17 @@ class Tally:
 
 
 def read_rows(
-    data: bytes, encoding: str, layout: Layout, options: ReadOptions = DEFAULTS, watch: Watch | None = None
+    data: bytes, encoding: str, layout: Layout, options: ReadOptions = DEFAULTS, progress: Progress | None = None
 ) -> tuple[NDArray[np.float64], Tally]:
     """All rows, shape (rows, width), NaN in the columns that are not read, and the account."""
-    tally, watch, width = Tally(), watch or Watch(), len(layout.columns)
+    tally, progress, width = Tally(), progress or Progress(), len(layout.columns)
     rows = TeleplotRows(layout) if layout.form.kind == "teleplot" else Rows(layout)
     fast, reader = fast_parser(layout, options), LineReader(layout, options.without_numbers())
     number = 0
     text = open_text(data, encoding)
     for number, line in enumerate(text, 1):
         if number % LINES_PER_LOOK == 0:
-            watch.tell(text.buffer.tell() / len(data), "reading")
+            progress(text.buffer.tell() / len(data), "reading")
         if number < layout.first_data:
             count_preamble(number, line, layout, tally)
             continue

@@ -17,7 +17,7 @@ from kalscope.sources.readers.archives import is_packed, unpacked
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from kalscope.common.progress import Watch
+    from kalscope.common.progress import Progress
 
 HEAD_BYTES = 1 << 20
 """How much of a file may be looked at to find how it is written."""
@@ -51,17 +51,17 @@ class RawFile:
     at_the_end: ExitStack = field(default_factory=ExitStack)
     """What is to be closed when the Recording is made."""
 
-    def bytes(self, watch: Watch) -> bytes:
+    def bytes(self, progress: Progress) -> bytes:
         """The whole content in memory."""
         if self.content is None:
-            watch.tell(0.0, "reading")
+            progress(0.0, "reading")
             self.content = self.path.read_bytes()
             self.sha256 = self.sha256 or hashlib.sha256(self.content).hexdigest()
         return self.content
 
 
 @contextmanager
-def open_raw(path: str | Path, watch: Watch, large: float) -> Iterator[RawFile]:
+def open_raw(path: str | Path, progress: Progress, large: float) -> Iterator[RawFile]:
     """Open a file. One of `large` bytes or more, unpacked, is left on the disk while the context lasts.
 
     Raises:
@@ -77,7 +77,7 @@ def open_raw(path: str | Path, watch: Watch, large: float) -> Iterator[RawFile]:
             with path.open("rb") as file:
                 magic = file.read(4)
             target = Path(folder) / "content"
-            raw = _unpack(path, target, watch, large) if is_packed(magic) else _plain(path, large)
+            raw = _unpack(path, target, progress, large) if is_packed(magic) else _plain(path, large)
         except FileNotFoundError:
             raise BadFile(f"file must exist (got {str(path)!r})") from None
         except (OSError, ValueError) as error:  # ValueError: a NUL in the name
@@ -98,12 +98,12 @@ def _plain(path: Path, large: float) -> RawFile:
     return RawFile(path.name, path, len(data), data[:HEAD_BYTES], data, hashlib.sha256(data).hexdigest())
 
 
-def _unpack(path: Path, target: Path, watch: Watch, large: float) -> RawFile:
+def _unpack(path: Path, target: Path, progress: Progress, large: float) -> RawFile:
     with path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     data, size, spilled = bytearray(), 0, None
     try:
-        for piece in unpacked(path, path.name, watch):
+        for piece in unpacked(path, path.name, progress):
             size += len(piece)
             if spilled is None and size >= large:
                 spilled = target.open("wb")
