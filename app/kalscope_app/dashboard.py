@@ -24,7 +24,7 @@ from kalscope_app.studies.tuning_map import MapMaker
 from kalscope_app.studies.variant_table import VariantTable
 from kalscope_app.views.charts.alternatives import AlternativesView
 from kalscope_app.views.charts.channels import ChannelsView
-from kalscope_app.views.charts.phone_picture import draw_picture
+from kalscope_app.views.charts.phone_picture import PhonePictures
 from kalscope_app.views.charts.range_control import WindowView
 from kalscope_app.views.charts.signal import SignalView
 from kalscope_app.views.charts.spectra import AllanView, SpectrumView
@@ -45,8 +45,7 @@ from kalscope_app.views.tune.parameters import ParametersView
 from kalscope_app.views.tune.presets import PresetsView
 from kalscope_app.views.tune.variants import VariantsView
 from kalscope_app.views.window.css import add_style
-from kalscope_app.views.window.fitting import WindowFitter
-from kalscope_app.views.window.layout import Panels, Sizes, gutter
+from kalscope_app.views.window.layout import Panels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,10 +69,9 @@ class Dashboard:
         self._panels = Panels(server)
         self._tour = Tour(UserSettings(), self._jobs)
         self._note = ""
-        self._frame: Frame | None = None
-        self._portraits: dict[viser.ClientHandle, float] = {}
         self._toasts = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
         self._map = TuningMapView(server, self.session)
+        self._phones = PhonePictures(self._map.set_phone)
         self._build(folder)
         rounds = [
             self._study(VariantTable().compute, self._variants.show_table),
@@ -88,7 +86,6 @@ class Dashboard:
         ]
         studies = Studies(rounds, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
-        self._fitter = WindowFitter(self._panels, self._set_sizes, self._set_portrait, self._map.aim)
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
 
@@ -156,6 +153,7 @@ class Dashboard:
         """Draw a frame in every view, as one message batch. Runs on the engine's thread."""
         with self._server.atomic():
             self._panels.set_theme(dark=frame.state.dark)
+            self._panels.set_map_shown(frame.state.map_shown)
             if self._dark.value != frame.state.dark:
                 self._dark.value = frame.state.dark
             self.signal.show(frame)
@@ -177,12 +175,9 @@ class Dashboard:
                 self._board,
             ):
                 view.show(frame)
-        self._frame = frame
-        for client, shape in tuple(self._portraits.items()):
-            self._draw_behind(client, shape)
+        self._phones.show(frame)
         self._server.flush()
         self._map.follow(frame)  # after the charts: a browser draws the scene at leisure
-        self._fitter.set_map_shown(frame.state.map_shown)
         if frame.state.note != self._note:
             self._note = frame.state.note
             if self._note:
@@ -229,34 +224,15 @@ class Dashboard:
             self.session.request(set_dark(self._dark.value))
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
-        """A browser has come: its own upload button, and charts that fill its window."""
+        """A new browser: its own upload button, its view of the map, and the tour."""
         self._source.add_upload(client)
-        self._fitter.attach(client)
+        self._phones.attach(client)
+        self._map.attach(client)
         self._tour.attach(client)
         if client.client_id not in self._server.get_clients():  # gone already: both run in a pool, in any order
             self._on_disconnect(client)
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
-        self._portraits.pop(client, None)
+        self._phones.detach(client)
         self._toasts.pop(client, None)
         self._map.detach(client)
-        self._fitter.detach(client)
-
-    def _set_sizes(self, sizes: Sizes) -> None:
-        """Charts and map for a window."""
-        for view in (self.signal, self._checks, self._alternatives, self._spectrum, self._allan):
-            view.set_heights(sizes)
-        self._map.set_size(sizes.canvas_width, sizes.window_height)
-
-    def _set_portrait(self, client: viser.ClientHandle, shape: float | None) -> None:
-        """Draw the signal into the canvas of a phone, width : height, where no panel is docked; None: no phone."""
-        self._map.set_portrait(client, portrait=shape is not None)
-        if shape is not None:
-            self._portraits[client] = shape
-            self._draw_behind(client, shape)
-        elif self._portraits.pop(client, None) is not None:
-            client.scene.set_background_image(gutter(dark=bool(self._frame and self._frame.state.dark)))
-
-    def _draw_behind(self, client: viser.ClientHandle, shape: float) -> None:
-        if self._frame is not None:
-            client.scene.set_background_image(draw_picture(self._frame, shape), format="jpeg", jpeg_quality=90)

@@ -96,6 +96,7 @@ def serve(state: State, door: Door, end: threading.Event, log: Log, *, browser: 
     from kalscope_app.guard.server import guarded_server
     from kalscope_app.guard.token_file import opening_page
     from kalscope_app.program.error_reporting import Trouble
+    from kalscope_app.views.window.page_script import page_script
 
     trouble, opened = Trouble(), contextlib.ExitStack()
     dashboard: Dashboard | None = None
@@ -112,6 +113,7 @@ def serve(state: State, door: Door, end: threading.Event, log: Log, *, browser: 
             behind=door.behind,
             token=door.token,
             on_refused=on_refused,
+            page_script=page_script(),
             label="Kalscope",
         )
         try:

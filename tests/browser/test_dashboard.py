@@ -267,7 +267,7 @@ def test_every_window_and_theme_is_filled_without_sideways_scrolling(start, widt
         screen.wait("() => document.documentElement.getAttribute('data-mantine-color-scheme') === 'dark'")
         screen.tab("Tune")
     if width > 576:  # the chart panel has grown to the window
-        screen.wait_for_fit(width)
+        screen.wait_for_fit()
     else:  # the signal is drawn behind the controls: its line above them, no map beside them
         palette = DARK if theme == "dark" else LIGHT
         orange = np.array([int(palette.filtered[i : i + 2], 16) for i in (1, 3, 5)])
@@ -322,17 +322,34 @@ def test_a_record_without_visible_noise_gets_a_verdict_and_no_parameters(start, 
     screen.shot("verdict")
 
 
-def test_a_second_window_of_another_size_is_filled_too(start, browser):
+BOXES = """() => [...document.querySelectorAll('.uplot, [data-dock-region], [data-dock-root] canvas')]
+    .filter(one => one.checkVisibility())
+    .map(one => Object.values(one.getBoundingClientRect().toJSON()).map(Math.round))"""
+FIRST_BOXES = f"""() => {{ const chart = ({FIND})('gain K');
+    return chart?.data[0].length > 2 && chart.width > 200 && ({BOXES})(); }}"""
+
+
+def test_the_first_picture_has_the_final_layout_in_every_load(start):
+    screen = start("demo", width=1440, height=900)
+    screen.wait_for_fit()
+    final = screen.page.evaluate(BOXES)
+    for _ in range(5):
+        screen.page.reload(wait_until="commit")
+        first = screen.page.wait_for_function(FIRST_BOXES).json_value()
+        assert first == final
+        screen.ready()
+        assert screen.page.evaluate(BOXES) == final
+
+
+def test_windows_of_several_sizes_are_filled_at_the_same_time(start, browser):
     first = start("demo", width=1600, height=900)
-    first.wait_for_fit(1600)
-    first.page.set_viewport_size({"width": 1280, "height": 720})
-    first.wait_for_fit(1280)
-    first.context.close()
-    second = Screen(browser, first.url, width=1600, height=900)
-    try:
-        second.wait_for_fit(1600)
-    finally:
-        second.close()
+    second = Screen(browser, first.url, width=1280, height=720)
+    for screen in (first, second):
+        screen.wait_for_fit()
+    first.page.set_viewport_size({"width": 1920, "height": 1080})
+    for screen in (first, second):
+        screen.wait_for_fit()
+    second.close()
 
 
 def test_missing_samples_are_drawn_as_gaps(start, tmp_path):

@@ -5,8 +5,6 @@ from __future__ import annotations
 import pytest
 from screen import FIND, Program, Screen
 
-from kalscope_app.views.window.layout import LEFT_WIDTH, sizes_for
-
 pytestmark = pytest.mark.browser
 
 RECORDING = "synthetic:random_walk?channels=3&n=3000&sample_period=0.01"
@@ -52,18 +50,6 @@ GOOD = f"""(side) => {{
 """For every chart of a panel whether it has room, data and ranges."""
 
 
-def fitted(screen, width, height):
-    """Wait until the panels fill the window, and the charts the panel."""
-    sizes = sizes_for(width, height)
-    screen.wait(
-        f"""([left, right, height]) => {{ const panel = ({PANEL})('right').getBoundingClientRect();
-        const chart = ({FIND})('filtered').root.parentElement.getBoundingClientRect();
-        return Math.abs(({PANEL})('left').clientWidth - left) < 6 && Math.abs(panel.width - right) < 20
-            && Math.abs(chart.height - height) < 40; }}""",
-        [LEFT_WIDTH, sizes.right_width, sizes.signal_height],
-    )
-
-
 def look(screen, side, name):
     """Pictures of one tab, a new one for each screenful of it, and what is wrong: only Signal must not scroll."""
     room, whole = screen.page.evaluate(
@@ -93,7 +79,7 @@ def test_every_tab_fits_its_panel_and_has_something_to_show(browser, tmp_path, w
     program = Program(RECORDING, cwd=tmp_path)
     screen = Screen(browser, program.url, width=width, height=height)
     screen.page.set_default_timeout(30_000)
-    fitted(screen, width, height)
+    screen.wait_for_fit()
     screen.page.get_by_role("button", name="Pin this setting").click()
     screen.wait(f"() => !!({FIND})('A')")
     screen.type("process noise q", "0.00001")

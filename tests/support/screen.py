@@ -16,7 +16,6 @@ from PIL import Image
 
 from kalscope_app.program.user_folders import FOLDER_VARIABLE
 from kalscope_app.program.user_settings import UserSettings
-from kalscope_app.views.window.layout import sizes_for
 
 ARTEFACTS = Path(__file__).parents[1] / "artefacts"
 KNOWN_PAGE_ERROR = "'unsafe-eval' is not an allowed source"
@@ -25,9 +24,17 @@ KNOWN_PAGE_ERROR = "'unsafe-eval' is not an allowed source"
 FIND = """(label) => Object.values(window.__viserTestpoints?.uplots ?? {}).map(entry => entry.chart)
     .find(chart => chart.series.some(series => series.label === label))"""
 
-CHART_WIDTH = "() => document.querySelector('.uplot').getBoundingClientRect().width"
-CHART_MARGIN = 35
-"""What the chart panel is wider than its charts, px."""
+FITS = """() => { const box = (one) => one.getBoundingClientRect(), map = box(document.querySelector('canvas'));
+    const [left, right] = ['left', 'right'].map(edge => box(document.querySelector(`[data-dock-region=${edge}]`)));
+    const pane = [...document.querySelectorAll('[data-dock-region=right] .mantine-ScrollArea-viewport')]
+        .find(view => view.checkVisibility());
+    const chart = box(pane.querySelector('.uplot')), near = (a, b) => Math.abs(a - b) < 12;
+    return near(left.width, 345) && near(left.right, map.left) && near(map.right, right.left)
+        && near(right.right, innerWidth) && near(chart.width, right.width - 20)
+        && near(map.width, Math.min(innerHeight / 2, Math.max(340, 0.38 * (innerWidth - 355))))
+        && pane.scrollHeight <= pane.clientHeight
+        && pane.clientHeight - (box(pane.querySelectorAll('.uplot')[2]).bottom - box(pane).top) < 40; }"""
+"""Whether both panels, the map between them and the three charts of the Signal tab fill a wide window."""
 
 
 class Program:
@@ -77,11 +84,9 @@ class Screen:
     def wait(self, condition, argument=None):
         self.page.wait_for_function(condition, arg=argument)
 
-    def wait_for_fit(self, width=1600):
-        """Until the chart panel has grown to a window of this width."""
-        self.wait(
-            f"(width) => Math.abs(({CHART_WIDTH})() - width) < 60", sizes_for(width, 900).right_width - CHART_MARGIN
-        )
+    def wait_for_fit(self):
+        """Until panels, map and charts fill the window."""
+        self.wait(FITS)
 
     def line(self, label):
         """Values that are drawn under a label, and their x."""

@@ -64,8 +64,12 @@ def link_page(home: str = "/") -> str:
     return _PAGE.format(title="Opening Kalscope…", body=body)
 
 
-def dashboard_page(stock: str) -> str:
+def dashboard_page(stock: str, script: str = "") -> str:
     """The page of viser, with our name, and what must run before anything else of it.
+
+    Args:
+        stock: viser's own page.
+        script: JavaScript of the dashboard that must run before viser's.
 
     Raises:
         ValueError: the page is not the known one.
@@ -74,7 +78,7 @@ def dashboard_page(stock: str) -> str:
     if stock.count(head) != 1 or stock.count(title) != 1:
         raise ValueError("viser's page has another head")
     return stock.replace(title, "<title>Kalscope</title>").replace(
-        head, f"{head}<script>{_TEST_WEBGL}{_KEEP_ADDRESS}</script>"
+        head, f"{head}<script>{_TEST_WEBGL}{_KEEP_ADDRESS}{script}</script>"
     )
 
 

@@ -28,9 +28,9 @@ MAX_CLIENTS = 32
 class Door:
     """Answers each request instead of viser, or lets viser answer."""
 
-    def __init__(self, policy: rules.Policy) -> None:
+    def __init__(self, policy: rules.Policy, page_script: str = "") -> None:
         stock = Path(viser.__file__).parent / "client" / "build" / "index.html"
-        page = pages.dashboard_page(stock.read_text("utf-8"))
+        page = pages.dashboard_page(stock.read_text("utf-8"), page_script)
         self._script_hashes = pages.inline_script_hashes(page)
         self._page = page.encode()
         self._packed = gzip.compress(self._page, 1)

@@ -79,6 +79,7 @@ def guarded_server(
     token: str | Callable[[int], str] | None = None,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
     on_refused: Callable[[str], None] | None = None,
+    page_script: str = "",
     **viser_kwargs: Any,
 ) -> GuardedServer:
     """Start viser behind the guard. When this returns, the server has withstood an attack on itself.
@@ -95,6 +96,7 @@ def guarded_server(
         max_upload_bytes: what the uploads of one client may need at a time.
         on_refused: told in plain words about each upload that was refused. It runs on the event loop:
             it may show a notification, and must not block.
+        page_script: JavaScript that runs in the dashboard's page before viser's own.
         viser_kwargs: passed to `viser.ViserServer`.
 
     Raises:
@@ -110,7 +112,7 @@ def guarded_server(
         secret = secrets.token_urlsafe(32) if secret is None else secret
         policy = rules.Policy(bound_port, secret, frozenset({*names, link_host}), rules.behind_of(behind))
         with _expecting_known_viser():
-            door = Door(policy)
+            door = Door(policy, page_script)
         server = _start_viser(listener, door, viser_kwargs)
         undo.callback(_stop, server)
         with _expecting_known_viser():

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from kalscope_app.session.session import Session
     from kalscope_app.session.state import State
     from kalscope_app.studies.alternatives import Compared
-    from kalscope_app.views.window.layout import Sizes
 
 NAMES: tuple[str, ...] = (
     "Moving average",
@@ -62,15 +61,10 @@ class AlternativesView:
         self._match = gui.add_dropdown("at", tuple(MATCHES), hint="What the others are made equal in.")
         self._rival = gui.add_dropdown("draw", (*NAMES, ALL), hint="Which one is drawn beside yours.")
         self._verdict = gui.add_markdown("")
-        self._chart = Chart(gui, 260, sync="kalscope-time")
+        self._chart = Chart(gui, 0.4, sync="kalscope-time")
         self._table = gui.add_markdown("")
         self._match.on_update(self._on_match)
         self._rival.on_update(self._on_rival)
-
-    def set_heights(self, sizes: Sizes) -> None:
-        """Height of the chart; verdict and table need the rest."""
-        whole = sizes.signal_height + sizes.innovation_height + sizes.gain_height
-        self._chart.handle.height = max(180, round(0.4 * whole))
 
     async def _on_match(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:

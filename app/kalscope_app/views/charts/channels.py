@@ -28,8 +28,8 @@ ONE = "This recording has one channel. A recording with several shows them here 
 LANE_HEIGHT = 46
 """Least height of a lane, px, so that eight need no scrolling at 720 px."""
 
-ROOM = 330
-"""Height that a few lanes share, px."""
+MIN_HEIGHT = 390
+"""Height of the chart at least, px."""
 
 
 class ChannelsView:
@@ -38,8 +38,9 @@ class ChannelsView:
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
         self._said = gui.add_markdown(ONE)
-        self._chart = Chart(gui, 200, sync="kalscope-time")
+        self._chart = Chart(gui, 0.0, sync="kalscope-time")
         self._chart.handle.legend = {"show": False}
+        self._chart.handle.height = MIN_HEIGHT
         self._table = gui.add_markdown("")
         with gui.add_folder("Copy a setting", visible=False) as self._folder:
             self._to = gui.add_dropdown(
@@ -66,7 +67,7 @@ class ChannelsView:
         self._said.content = lead_of(overview)
         self._table.content = table_of(overview)
         if overview.lanes:
-            height = 60 + max(LANE_HEIGHT * len(overview.lanes), ROOM)
+            height = max(60 + LANE_HEIGHT * len(overview.lanes), MIN_HEIGHT)
             if self._chart.handle.height != height:
                 self._chart.handle.height = height
             self._chart.show(*lanes_of(overview), overview.state.resets)

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope_app.views.window.layout import height_of
+
 if TYPE_CHECKING:
     import viser
 
@@ -50,9 +52,11 @@ def _finite(y: Array) -> Array:
 class Chart:
     """One uPlot chart that keeps its zoom while data change, and is rebuilt only when its lines do."""
 
-    def __init__(self, gui: viser.GuiApi, height: int, *, sync: str | None = None) -> None:
+    def __init__(self, gui: viser.GuiApi, share: float, *, sync: str | None = None) -> None:
+        """Args: the share of the window's height for charts; the name under which charts share their zoom."""
         zeros = np.zeros(2)
-        cursor: dict[str, Any] = {"drag": {"x": True, "y": False}}
+        # uPlot passes over `share`: it is for the page script, which fits the height to the window.
+        cursor: dict[str, Any] = {"drag": {"x": True, "y": False}, "share": share}
         if sync is not None:
             cursor["sync"] = {"key": sync}
         self._handle = gui.add_uplot(
@@ -60,7 +64,7 @@ class Chart:
             ({"label": "x"}, {"label": "y"}),
             scales={"x": {"time": False}},
             padding=(10, 24, 0, 0),  # without it viser rebuilds the chart whenever its width changes
-            height=height,
+            height=height_of(share),
             cursor=cursor,  # pyright: ignore[reportArgumentType]
         )
         self._layout: object = None

@@ -1,4 +1,4 @@
-"""The signal as a picture behind the sheet of a phone, where viser shows no chart beside the controls. Pure."""
+"""The signal as a picture behind the sheet of a phone, where viser shows no chart beside the controls."""
 
 from __future__ import annotations
 
@@ -12,8 +12,13 @@ from kalscope_app.views.charts.chart import Array, drawable
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette
 from kalscope_app.views.charts.time_axis import time_axis
 from kalscope_app.views.scales import scale_for
+from kalscope_app.views.window.layout import gutter, shape_of
+from kalscope_app.views.window.page_script import PHONE_CHECKBOX
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import viser
     from numpy.typing import NDArray
 
     from kalscope_app.engine.frame import Frame
@@ -26,6 +31,52 @@ VISIBLE = 0.39
 
 MARGIN = 0.04
 """Space around the curves, share of the width."""
+
+
+class PhonePictures:
+    """Draws every frame into the canvas of each phone. A hidden checkbox reports which browsers are on phones."""
+
+    def __init__(self, set_phone: Callable[[viser.ClientHandle, bool], None]) -> None:
+        """Args: called when a browser turns out to be a phone's, or no longer to be one."""
+        self._set_phone = set_phone
+        self._shapes: dict[viser.ClientHandle, float | None] = {}
+        self._frame: Frame | None = None
+
+    def attach(self, client: viser.ClientHandle) -> None:
+        """Ask a new browser whether it is on a phone."""
+        is_phone = client.gui.add_checkbox(PHONE_CHECKBOX, False, visible=False)
+        is_phone.on_update(lambda _event: self._on_report(client, is_phone.value))
+        client.camera.on_update(lambda _camera: self._follow_shape(client))
+
+    def detach(self, client: viser.ClientHandle) -> None:
+        """Forget a browser that has disconnected."""
+        self._shapes.pop(client, None)
+
+    def show(self, frame: Frame) -> None:
+        """Draw the frame."""
+        self._frame = frame
+        for client, shape in tuple(self._shapes.items()):
+            self._draw(client, shape)
+
+    def _on_report(self, client: viser.ClientHandle, is_phone: bool) -> None:
+        self._set_phone(client, is_phone)
+        if is_phone:
+            self._shapes[client] = None
+            self._follow_shape(client)
+        elif client in self._shapes:
+            self.detach(client)
+            client.scene.set_background_image(gutter(dark=bool(self._frame and self._frame.state.dark)))
+
+    def _follow_shape(self, client: viser.ClientHandle) -> None:
+        """Draw again once the canvas has another shape, as when the phone is turned."""
+        shape, known = shape_of(client), self._shapes.get(client, 0.0)
+        if shape is not None and (known is None or abs(shape - known) > 0.01 * known > 0.0):
+            self._shapes[client] = shape
+            self._draw(client, shape)
+
+    def _draw(self, client: viser.ClientHandle, shape: float | None) -> None:
+        if self._frame is not None and shape is not None:
+            client.scene.set_background_image(draw_picture(self._frame, shape), format="jpeg", jpeg_quality=90)
 
 
 def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:

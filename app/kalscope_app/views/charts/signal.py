@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,21 +14,19 @@ from kalscope_app.views.charts.style import DARK, LIGHT, Line, Palette, axes, ga
 from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
 from kalscope_app.views.scales import Scale, scale_for
 from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.window.css import HEADING
+from kalscope_app.views.window.layout import height_of
 
 if TYPE_CHECKING:
     import viser
 
     from kalscope_app.engine.frame import Frame
-    from kalscope_app.views.window.layout import Sizes
 
 LIVE_CONTROLS_HEIGHT = 44
 """Height in px that the controls of a live record take from the chart below them."""
 
-LINE_HEIGHT = 20
-"""Height of one line of the heading, px."""
-
-LETTER_WIDTH = 7.0
-"""Mean width of a letter of the heading, px; a little more than it is."""
+SHARES = (0.57, 0.235, 0.195)
+"""Of the height for charts: signal, innovation, gain."""
 
 LONGEST_LABEL = 16
 """Letters that fit beside the innovation at 720 px of height."""
@@ -39,43 +36,24 @@ class SignalView:
     """Three charts, one below the other; the first two share their zoom."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        self._sizes: Sizes | None = None
-        self._live = False
-        self._lines = 1
         self._heading = gui.add_markdown("")
-        self.signal = Chart(gui, 430, sync="kalscope-time")
-        self.innovation = Chart(gui, 200, sync="kalscope-time")
-        self.gain = Chart(gui, 150)
-
-    def set_heights(self, sizes: Sizes) -> None:
-        """Heights of the three charts."""
-        self._sizes = sizes
-        self._lines = self._lines_of(self._heading.content)
-        more = LINE_HEIGHT * (self._lines - 1) + (LIVE_CONTROLS_HEIGHT if self._live else 0)
-        self.signal.handle.height = max(120, sizes.signal_height - more)
-        self.innovation.handle.height = sizes.innovation_height
-        self.gain.handle.height = sizes.gain_height
+        self.signal = Chart(gui, SHARES[0], sync="kalscope-time")
+        self.innovation = Chart(gui, SHARES[1], sync="kalscope-time")
+        self.gain = Chart(gui, SHARES[2])
 
     def show(self, frame: Frame) -> None:
         """Draw the frame."""
         palette = DARK if frame.state.dark else LIGHT
-        heading = heading_of(frame)
-        live, lines = frame.state.live is not None, self._lines_of(heading)
-        if (live, lines) != (self._live, self._lines):
-            self._live, self._lines = live, lines
-            if self._sizes is not None:
-                self.set_heights(self._sizes)
+        heading = HEADING + heading_of(frame)
+        height = height_of(SHARES[0]) - (LIVE_CONTROLS_HEIGHT if frame.state.live is not None else 0)
+        if self.signal.handle.height != height:
+            self.signal.handle.height = height
         if self._heading.content != heading:
             self._heading.content = heading
         clock = time_axis(frame)
         self._show_signal(frame, palette, clock)
         self._show_innovation(frame, palette, clock)
         self._show_gain(frame, palette)
-
-    def _lines_of(self, heading: str) -> int:
-        """How many lines the heading takes in the panel; marks that are not seen are not counted."""
-        letters = len(re.sub(r"[\\*]", "", heading))
-        return 1 if self._sizes is None else math.ceil(letters * LETTER_WIDTH / (self._sizes.right_width - 30))
 
     def _show_signal(self, frame: Frame, palette: Palette, clock: Scale) -> None:
         shown, state = frame.shown, frame.state

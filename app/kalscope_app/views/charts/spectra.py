@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     import viser
 
     from kalscope_app.studies.spectra import Allan, Spectra
-    from kalscope_app.views.window.layout import Sizes
 
 NOTHING = "This filter has no q and r, so it has neither a response nor a model."
 
@@ -29,15 +28,9 @@ class SpectrumView:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._text = gui.add_markdown("")
-        self._density = Chart(gui, 420, sync="kalscope-frequency")
-        self._response = Chart(gui, 240, sync="kalscope-frequency")
+        self._density = Chart(gui, 0.61, sync="kalscope-frequency")
+        self._response = Chart(gui, 0.36, sync="kalscope-frequency")
         self._note = gui.add_markdown("")
-
-    def set_heights(self, sizes: Sizes) -> None:
-        """Heights of both charts."""
-        whole = sizes.signal_height + sizes.innovation_height + sizes.gain_height
-        self._density.handle.height = max(180, round(0.61 * whole))
-        self._response.handle.height = max(140, round(0.36 * whole))
 
     def show(self, spectra: Spectra | None) -> None:
         """Draw and write."""
@@ -97,13 +90,8 @@ class AllanView:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._text = gui.add_markdown("")
-        self._chart = Chart(gui, 600)
+        self._chart = Chart(gui, 0.93)
         self._note = gui.add_markdown("")
-
-    def set_heights(self, sizes: Sizes) -> None:
-        """Height of the chart."""
-        whole = sizes.signal_height + sizes.innovation_height + sizes.gain_height
-        self._chart.handle.height = max(200, round(0.93 * whole))
 
     def show(self, allan: Allan | None) -> None:
         """Draw and write."""

@@ -15,6 +15,7 @@ from kalscope_app.session.state import MAP_COLOURS, State
 from kalscope_app.studies.map_geometry import DISTANCE, PIXELS, Frame, Point, field_of_view, frame_for, grabbed, hit
 from kalscope_app.studies.tuning_map import TuningMap, exponents_of, nothing
 from kalscope_app.views.map.picture import Plate, chips, draw_map_picture, draw_ring
+from kalscope_app.views.window.layout import shape_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,6 +32,12 @@ RING = 0.30
 PACE = 0.1
 """Seconds between two moves of the mark at least: each makes the browser draw the scene anew, which may be slow."""
 
+SIZE = (400.0, 800.0)
+"""Width and height of the picture, px. Each browser's camera fits it into the canvas."""
+
+MIN_SHAPE = 0.2
+"""Width : height of a canvas that shows the map at least: viser keeps a strip of canvas where there is none."""
+
 SIDE = 400.0
 """Width of the invisible plane that takes every drag, so that none turns the view."""
 
@@ -41,14 +48,13 @@ class TuningMapView:
     def __init__(self, server: viser.ViserServer, session: Session) -> None:
         self._server, self._session = server, session
         self._lock = threading.Lock()
-        self._size = (452.0, 900.0)
         self._map: TuningMap = nothing("")
         self._state: State | None = None
         self._plate: Plate | None = None
-        self._frame = frame_for(*self._size, self._map.q, self._map.r)
+        self._frame = frame_for(*SIZE, self._map.q, self._map.r)
         # Browsers whose camera looks straight at the map; what others point at is not what they see.
-        self._aimed = WeakKeyDictionary[viser.ClientHandle, tuple[float, ...]]()
-        self._portraits: set[viser.ClientHandle] = set()
+        self._aimed = WeakKeyDictionary[viser.ClientHandle, float]()
+        self._phones: set[viser.ClientHandle] = set()
         self._drags, self._offset, self._moved = 0, (0.0, 0.0), 0.0
         self._build_scene()
 
@@ -58,7 +64,7 @@ class TuningMapView:
         scene.configure_default_lights(False, cast_shadow=False)
         camera.up, camera.near, camera.far = (0.0, 1.0, 0.0), 1.0, 200.0
         camera.position, camera.look_at = (0.0, 0.0, DISTANCE), (0.0, 0.0, 0.0)
-        camera.fov = field_of_view(self._frame, self._size[0] / self._size[1])
+        camera.fov = field_of_view(self._frame, SIZE[0] / SIZE[1])
         dot = np.zeros((2, 2, 3), dtype=np.uint8)
         quiet: Any = {"wxyz": FLAT, "cast_shadow": False, "receive_shadow": False, "visible": False}
         self._picture = scene.add_image("/map/picture", dot, 1.0, 1.0, format="png", **quiet)
@@ -152,17 +158,11 @@ class TuningMapView:
             self._state, self._map = answer
             self._draw()
 
-    def set_size(self, width: float, height: float) -> None:
-        """Draw for a canvas of this size, pixels of the page; every browser's camera is fitted to it."""
-        with self._lock:
-            self._size = width, height
-            self._draw()
-
     def _draw(self) -> None:
         state = self._state
         if state is None:
             return
-        self._frame = frame_for(*self._size, self._map.q, self._map.r)
+        self._frame = frame_for(*SIZE, self._map.q, self._map.r)
         plate = plate_of(state, self._map, self._frame)
         self._place(state)
         self._show_colour(state)
@@ -187,41 +187,40 @@ class TuningMapView:
 
     # Cameras.
 
+    def attach(self, client: viser.ClientHandle) -> None:
+        """Fit the picture into a new browser's canvas, and again whenever that changes."""
+        self._aim(client)
+        client.camera.on_update(lambda _camera: self._aim(client))
+
     def detach(self, client: viser.ClientHandle) -> None:
         """Forget a browser that has gone."""
         self._aimed.pop(client, None)
-        self._portraits.discard(client)
+        self._phones.discard(client)
 
-    def aim(self, client: viser.ClientHandle) -> None:
-        """Fit the picture into this browser's canvas if the shape of one of them is news."""
-        shape, known = shape_of(client), self._aimed.get(client, (0.0, 0.0, 0.0))
-        if shape is not None and (abs(shape - known[0]) > 0.002 * known[0] or self._size != known[1:]):
+    def _aim(self, client: viser.ClientHandle) -> None:
+        """Fit the picture into this browser's canvas if that has another shape than before."""
+        shape, known = shape_of(client), self._aimed.get(client, 0.0)
+        if shape is not None and abs(shape - known) > 0.002 * known:
             self._look_straight(client)
 
     def _look_straight(self, client: viser.ClientHandle) -> None:
-        """Look straight at the map; a phone looks past it, because its canvas shows the signal."""
+        """Look straight at the map; past it where the canvas is too narrow, or shows the signal as on a phone."""
         shape = shape_of(client)
         if shape is None:
             return
-        self._aimed[client] = (shape, *self._size)
+        self._aimed[client] = shape
         camera = client.camera
-        away = 10.0 * SIDE if client in self._portraits else 0.0
+        away = 10.0 * SIDE if client in self._phones or shape < MIN_SHAPE else 0.0
         with client.atomic():
             camera.up_direction = (0.0, 1.0, 0.0)
             camera.position, camera.look_at = (away, 0.0, DISTANCE), (away, 0.0, 0.0)
             camera.fov = field_of_view(self._frame, shape)
 
-    def set_portrait(self, client: viser.ClientHandle, *, portrait: bool) -> None:
-        """Whether this browser is a phone's."""
-        if portrait != (client in self._portraits):
-            (self._portraits.add if portrait else self._portraits.discard)(client)
+    def set_phone(self, client: viser.ClientHandle, is_phone: bool) -> None:
+        """Whether this browser is on a phone, and so has no map."""
+        if is_phone != (client in self._phones):
+            (self._phones.add if is_phone else self._phones.discard)(client)
             self._look_straight(client)
-
-
-def shape_of(client: viser.ClientHandle) -> float | None:
-    """Width : height of a browser's canvas; None before it is known."""
-    width, height = client.camera.image_width, client.camera.image_height
-    return width / height if width > 0 and height > 0 else None
 
 
 def plate_of(state: State, shown: TuningMap, frame: Frame) -> Plate:

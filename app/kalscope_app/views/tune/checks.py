@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from kalscope.analysis.diagnostics import Diagnostics
     from kalscope_app.studies.checks import Checks
-    from kalscope_app.views.window.layout import Sizes
 
 UNJUDGED = "This filter has no q and r, so there is nothing to judge it by."
 
@@ -33,13 +32,7 @@ class ChecksView:
     def build_tab(self, gui: viser.GuiApi) -> None:
         """The part that stands in the tab of the chart panel."""
         self._table = gui.add_markdown("")
-        self._correlation = Chart(gui, 170)
-
-    def set_heights(self, sizes: Sizes) -> None:
-        """Height of the chart: what table and second opinions leave."""
-        if self._correlation is not None:
-            whole = sizes.signal_height + sizes.innovation_height + sizes.gain_height
-            self._correlation.handle.height = max(150, round(0.26 * whole))
+        self._correlation = Chart(gui, 0.26)
 
     def show(self, checks: Checks | None) -> None:
         """Write both."""

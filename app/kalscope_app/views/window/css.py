@@ -7,7 +7,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import viser
 
+HEADING = '<span class="kalscope-heading"></span>'
+"""Starts a markdown paragraph that is two lines high at least, so that the charts below it do not move."""
+
 RULES = """<style>
+p:has(> .kalscope-heading) { min-height: 2.6em; line-height: 1.3; }
 table { border-collapse: collapse; }
 th, td { text-align: left; vertical-align: top; padding: 0 0.7em 0 0; }
 th:last-child, td:last-child { padding-right: 0; }

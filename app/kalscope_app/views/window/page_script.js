@@ -1,0 +1,68 @@
+// Fits the sizes in viser's messages to this window; see page_script.py. `sizes` is defined before this text.
+
+const phone = matchMedia(sizes.phoneWidth);
+const charts = new Map(); // uuid -> height and share of the window, as sent by the server
+const phoneCheckboxes = new Set();
+let rightPanel = null; // the last message with its width
+let deliver = () => {};
+let send = () => {};
+
+const rightWidth = () => {
+  const free = innerWidth - sizes.left;
+  const map = Math.round(Math.min(sizes.mapShape * innerHeight, Math.max(sizes.minMap, sizes.mapShare * free)));
+  const shown = rightPanel.width === sizes.withMap && free >= 2 * sizes.minMap;
+  return Math.max(300, free - (shown ? map : sizes.noMap));
+};
+
+const chartHeight = ({ height, share }) =>
+  Math.max(80, Math.round(height + share * (Math.max(innerHeight, sizes.minHeight) - sizes.height)));
+
+const tellPhone = (uuid) =>
+  send({ type: "send", message: { type: "GuiUpdateMessage", uuid, updates: { value: phone.matches } } });
+
+const fit = (message) => {
+  const { type, uuid, props, updates } = message;
+  if (type === "GuiSetPanelWidthMessage" && [sizes.withMap, sizes.withoutMap].includes(message.width)) {
+    rightPanel = { ...message };
+    message.width = rightWidth();
+  } else if (type === "GuiUplotMessage" && props.cursor?.share) {
+    charts.set(uuid, { height: props.height, share: props.cursor.share });
+    props.height = chartHeight(charts.get(uuid));
+  } else if (type === "GuiUpdateMessage" && charts.has(uuid) && updates.height) {
+    charts.get(uuid).height = updates.height;
+    updates.height = chartHeight(charts.get(uuid));
+  } else if (type === "GuiCheckboxMessage" && props.label === sizes.phone) {
+    phoneCheckboxes.add(uuid);
+    tellPhone(uuid);
+  }
+};
+
+const fitAgain = () => {
+  if (!rightPanel) return;
+  rightPanel.counter += 1e-6; // viser takes only messages newer than the last, and the server counts in ones
+  const heights = [...charts].map(([uuid, chart]) => ({
+    type: "GuiUpdateMessage",
+    uuid,
+    updates: { height: chartHeight(chart) },
+  }));
+  deliver({ data: { type: "message_batch", messages: [{ ...rightPanel, width: rightWidth() }, ...heights] } });
+};
+
+window.Worker = class extends Worker {
+  set onmessage(handler) {
+    super.onmessage = (event) => {
+      if (event.data?.type === "connected") {
+        charts.clear();
+        phoneCheckboxes.clear();
+        deliver = handler;
+        send = (message) => this.postMessage(message);
+      } else if (event.data?.type === "message_batch") {
+        event.data.messages.forEach(fit);
+      }
+      handler(event);
+    };
+  }
+};
+
+addEventListener("resize", fitAgain);
+phone.addEventListener("change", () => phoneCheckboxes.forEach(tellPhone));

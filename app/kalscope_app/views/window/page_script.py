@@ -1,0 +1,42 @@
+"""The script that fits the layout to each browser's window, in the page itself: no measuring, no round trip.
+
+viser has fixed sizes only, the same for every browser. The script runs before viser's own code and changes the
+sizes in the server's messages as they arrive, so the first picture already fills the window. When the window is
+resized it repeats those messages with new sizes. Without the script the layout fits a window of 1440 × 900 px.
+"""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+
+from kalscope_app.views.window.layout import (
+    CHROME_HEIGHT,
+    LEFT_WIDTH,
+    RIGHT_WIDTH,
+    RIGHT_WIDTH_WITHOUT_MAP,
+    WINDOW_HEIGHT,
+)
+
+PHONE_CHECKBOX = "phone"
+"""Label of the hidden checkbox with which a page reports whether it is on a phone."""
+
+SIZES = {
+    "phone": PHONE_CHECKBOX,
+    "phoneWidth": "(max-width: 36em)",  # viser then shows one sheet instead of panels
+    "left": LEFT_WIDTH + 10,  # px, with the edges that viser adds to both panels
+    "withMap": RIGHT_WIDTH,
+    "withoutMap": RIGHT_WIDTH_WITHOUT_MAP,
+    "minMap": 340,  # px; there is no map where the charts would be narrower than this
+    "mapShare": 0.38,  # of the width beside the control panel, at most
+    "mapShape": 0.5,  # width : height at most
+    "noMap": 120,  # px of canvas that viser keeps in any case
+    "height": WINDOW_HEIGHT,
+    "minHeight": CHROME_HEIGHT + 400,  # px; lower windows scroll
+}
+
+
+def page_script() -> str:
+    """The script for the head of the page."""
+    body = files(__package__).joinpath("page_script.js").read_text("utf-8")
+    return f"{{ const sizes = {json.dumps(SIZES)};\n{body}}}"
