@@ -9,13 +9,21 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
   && command -v avr-gcc >/dev/null 2>&1 && test -d /usr/share/arduino/hardware/arduino/avr \
   && test -e /usr/include/simavr/sim_avr.h
 
-.PHONY: run test check bench soak system can-test clean
+.PHONY: run test test-fast check bench soak system can-test clean
 
 run: .venv/run.stamp
 	$(BIN)/kalscope
 
+# Two workers unless told otherwise (WORKERS=4): a browser and the program it looks at fill a core.
+WORKERS ?= 2
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+
 test: can-test .venv/test.stamp
-	$(BIN)/python -m pytest
+	$(PYTEST)
+
+# What answers in seconds, for the minute between two edits: no browser, no board, no process, no long law.
+test-fast: .venv/test.stamp
+	$(PYTEST) -m "not (browser or device or server or slow)"
 
 check: .venv/check.stamp
 	$(BIN)/ruff check .
@@ -27,10 +35,12 @@ bench: .venv/bench.stamp
 	$(BIN)/kalscope bench
 	for script in start_up slider_latency drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
 
-# Half an hour; MINUTES=2 for a look.
+# Half an hour of a live board (MINUTES=2 for a look), then every random test at 25 times its usual effort.
 MINUTES ?= 30
+RANDOM_TESTS := $(shell grep -rlE "hypothesis|effort import" tests --include="test_*.py")
 soak: .venv/test.stamp
 	$(BIN)/python benchmarks/soak.py --minutes $(MINUTES)
+	KALSCOPE_FUZZ=25 KALSCOPE_DRAG=60 $(PYTEST) -o timeout=3600 $(RANDOM_TESTS)
 
 system:
 	apt-get update -qq

@@ -1,19 +1,38 @@
-"""What several tests share: the Nile flows, and where the real recordings lie."""
+"""What all tests share: profiles and markers of a run, the Nile flows, and where the real recordings lie."""
 
 from __future__ import annotations
 
-import os
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 from board_fixtures import start_board, stream_sketch, workshop
+from effort import EXAMPLES, FUZZ
+from hypothesis import settings
 
 __all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every folder
 
 ROOT = Path(__file__).parents[1]
 SHARED_DATA = ROOT.parent / "shared" / "data"
-REQUIRE_ALL = os.environ.get("KALSCOPE_REQUIRE") == "all"
+
+# No deadline: a busy machine is no failure. The ordinary run repeats its examples; `make soak` looks for new ones.
+settings.register_profile("kalscope", max_examples=EXAMPLES, deadline=None, derandomize=FUZZ == 1)
+settings.load_profile("kalscope")
+
+
+def pytest_configure() -> None:
+    """Restore SIGINT, which a shell ignores in background jobs: every program that a test starts inherits it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what needs a browser or a simulated board by the fixtures that provide them."""
+    for item in items:
+        for fixture, marker in (("browser", "browser"), ("workshop", "device")):
+            if fixture in getattr(item, "fixturenames", ()):
+                item.add_marker(marker)
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 
 import numpy as np
 import pytest
@@ -472,16 +471,6 @@ def test_result_is_left_as_it_was():
     copies = {f.name: np.copy(getattr(result, f.name)) for f in dataclasses.fields(FilterResult)}
     diagnose(result)
     assert all(np.array_equal(copies[name], getattr(result, name), equal_nan=True) for name in copies)
-
-
-def test_a_million_samples_are_judged_while_the_hand_rests():
-    result = kalman_filter(noisy_walk(1_000_000), FilterParams(0.01, 1.0))
-    times = []
-    for _ in range(8):
-        began = time.perf_counter()
-        diagnose(result)
-        times.append(time.perf_counter() - began)
-    assert min(times) < 0.15  # 50 ms on the machine it was written on, 100 ms while others load it
 
 
 def test_long_record_whose_samples_all_lie_between_the_stretches_is_not_an_error():

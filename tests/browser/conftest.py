@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 import pytest
 from chromium import CHROMIUM, FLAGS
+from required import not_here
 from screen import Program, Screen
 
 if TYPE_CHECKING:
@@ -45,10 +45,3 @@ def start(browser: Browser, tmp_path: Path) -> Iterator[Callable[..., Screen]]:
     yield begin
     for thing in reversed(running):
         thing.close() if isinstance(thing, Screen) else thing.stop()
-
-
-def not_here(reason: str) -> NoReturn:
-    """Skip the test, or fail it where `KALSCOPE_REQUIRE=all` says that every tool must be there."""
-    if os.environ.get("KALSCOPE_REQUIRE") == "all":
-        pytest.fail(f"{reason}, and KALSCOPE_REQUIRE=all")
-    pytest.skip(reason)

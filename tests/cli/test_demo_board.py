@@ -4,10 +4,10 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
+from waiting import PATIENCE, wait_until
 
 from kalscope import BadDevice, BadSetting, Recording, synthesize
 from kalscope.cli import app as cli
@@ -147,10 +147,7 @@ def test_a_live_source_reads_the_board_over_either_wire(make, tmp_path):
     board = Board(BoardLines(TWO, rate=2000, checksum=True), wire)
     try:
         with LiveSource(wire.address) as live:
-            end = time.monotonic() + 15
-            while live.status().accepted < 300 and time.monotonic() < end:
-                board.step()
-                time.sleep(0.001)
+            wait_until(lambda: (board.step(), live.status().accepted >= 300)[1], "300 rows", pause=0.001)
             status, values = live.status(), live.snapshot().recording.values
     finally:
         wire.close()
@@ -174,11 +171,9 @@ def test_the_program_prints_what_opens_it_and_stops_cleanly(number):
         assert first.startswith("Demo board: kalscope open serial:/dev/")
         live = LiveSource(first.split()[-1])
         live.start(require=True)
-        end = time.monotonic() + 15
-        while live.status().accepted < 20 and time.monotonic() < end:
-            time.sleep(0.01)
+        wait_until(lambda: live.status().accepted >= 20, "20 rows")
         program.send_signal(number)
-        assert program.wait(timeout=20) == 0
+        assert program.wait(timeout=PATIENCE) == 0
         assert program.stderr.read() == ""
         live.close()
     assert live.snapshot().recording.names == ("flex",)

@@ -6,12 +6,12 @@ import json
 import re
 import subprocess
 import sys
-import time
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 from kalscope.cli import app as cli
 from kalscope.common.svg import Line, Mark, Panel, draw
@@ -21,30 +21,27 @@ from kalscope.papers.maarif_2019 import chapter as noise_reducer_page
 from kalscope.papers.page import page
 from kalscope.papers.parts import Chapter, Check, Figure, Table
 
-QUICK_LIMIT_S = 20.0
 COMMAND = [sys.executable, "-m", "kalscope.cli", "reproduce"]
 
 
 @pytest.fixture(scope="module")
 def reproduced(tmp_path_factory):
-    """One quick run of the program; returns its folder, what it printed, and the seconds it took."""
+    """One quick run of the program; returns its folder and what it printed."""
     folder = tmp_path_factory.mktemp("reproduced") / "new" / "folder"
-    start = time.monotonic()
     done = subprocess.run(
-        [*COMMAND, "-o", folder, "--quick", "--json"], capture_output=True, text=True, timeout=120
+        [*COMMAND, "-o", folder, "--quick", "--json"], capture_output=True, text=True, timeout=PATIENCE
     )
     assert (done.returncode, done.stderr) == (0, "")
-    return folder, done.stdout, time.monotonic() - start
+    return folder, done.stdout
 
 
-def test_it_writes_two_files_in_time(reproduced):
-    folder, _, seconds = reproduced
+def test_it_writes_two_files(reproduced):
+    folder, _ = reproduced
     assert sorted(path.name for path in folder.iterdir()) == ["index.html", "results.json"]
-    assert seconds < QUICK_LIMIT_S
 
 
 def test_results_hold_table_1_and_every_check(reproduced):
-    folder, printed, _ = reproduced
+    folder, printed = reproduced
     results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     assert results == json.loads(printed)
     rows = results["noise_reducer"]["table_1"]

@@ -7,6 +7,7 @@ import time
 import pytest
 import serial
 from board import FLAT_OUT, read_lines
+from waiting import PATIENCE
 
 from kalscope.sources.lines.line_parser import LineParser
 
@@ -24,7 +25,7 @@ def test_opening_the_port_resets_the_board_and_its_boot_takes_its_time(start_boa
 
 def test_the_reset_button_starts_the_sketch_again(start_board, stream_sketch):
     board = start_board(stream_sketch, range(1024), "--wait-open")
-    with serial.Serial(board.port, 115200, timeout=30) as port:
+    with serial.Serial(board.port, 115200, timeout=PATIENCE) as port:
         assert port.readline() == BANNER
         board.reset()
         # What was on its way is lost, as it would be: the banner may follow the piece of a line.
@@ -33,7 +34,7 @@ def test_the_reset_button_starts_the_sketch_again(start_board, stream_sketch):
 
 def test_pulling_the_plug_hangs_up_and_the_same_port_comes_back(start_board, stream_sketch):
     board = start_board(stream_sketch, range(1024), *FLAT_OUT)
-    with serial.Serial(board.port, 115200, timeout=30) as port:
+    with serial.Serial(board.port, 115200, timeout=PATIENCE) as port:
         assert port.readline() == BANNER
         board.unplug()
         with pytest.raises(serial.SerialException):
@@ -47,7 +48,7 @@ def test_pulling_the_plug_hangs_up_and_the_same_port_comes_back(start_board, str
 
 def test_at_the_wrong_speed_no_line_can_be_read(start_board, stream_sketch):
     board = start_board(stream_sketch, range(1024), "--check-baud", *FLAT_OUT)
-    with serial.Serial(board.port, 9600, timeout=30) as port:
+    with serial.Serial(board.port, 9600, timeout=PATIENCE) as port:
         heard = port.read(1000)
     parser = LineParser()
     parser.feed(heard)

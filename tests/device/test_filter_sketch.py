@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import serial
 from board import FLAT_OUT, read_lines
+from waiting import PATIENCE
 
 from kalscope import FilterParams
 from kalscope.export.board.commands import commands, is_refusal, read_answer
@@ -103,7 +104,7 @@ def test_the_board_prints_the_bits_of_the_host_also_after_changes_while_it_runs(
     counts = noisy_counts(10_000)
     firmware = exported(workshop, ChannelTuning("raw", "", *TRIPLES[0]))
     board = start_board(firmware, counts, *FLAT_OUT)
-    with serial.Serial(board.port, 1_000_000, timeout=30) as port:
+    with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
         assert port.readline() == b"# raw,filtered\r\n"
         talk = Conversation(port, counts, Float32Oracle(*TRIPLES[0][:2], np.inf))
         for q, r, p0 in TRIPLES[1:]:
@@ -171,7 +172,7 @@ def test_kalscope_reads_the_sketch_with_its_names(start_board, workshop):
 )
 def test_what_a_board_cannot_take_changes_nothing(start_board, workshop, line):
     board = start_board(exported(workshop, ChannelTuning("light", "", 0.25, 4.0)), 500, *FLAT_OUT)
-    with serial.Serial(board.port, 1_000_000, timeout=30) as port:
+    with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
         port.readline()
         port.write(line.encode() + b"\n?\n")
         said = []

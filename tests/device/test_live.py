@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 from board import FLAT_OUT, SKETCHES
+from waiting import wait_until as wait_for
 
 from kalscope.sources.live.live_source import LiveSource
 
 pytestmark = pytest.mark.device
 SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"
-PATIENCE = 60.0
-
-
-def wait_for(condition):
-    end = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < end, f"must come true within {PATIENCE:g} s"
-        time.sleep(0.01)
 
 
 def test_all_1024_counts_arrive_exactly_under_the_name_the_board_gives(start_board, stream_sketch):

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from waiting import wait_until
 
 from kalscope import export_tuning
 from kalscope.export.board.check import check_board
@@ -18,16 +19,17 @@ from kalscope_app.session.live import opened_live, refreshed
 from kalscope_app.studies.board import compare_with_board, send_setting
 
 pytestmark = pytest.mark.device
-PATIENCE = 60.0
 
 
 def grown(state, condition):
     """The state once enough has come."""
-    end = time.monotonic() + PATIENCE
-    while not condition(state):
-        assert time.monotonic() < end, f"must come true within {PATIENCE:g} s"
-        time.sleep(0.05)
+
+    def enough():
+        nonlocal state
         state = refreshed(state)
+        return condition(state)
+
+    wait_until(enough, pause=0.05)
     return state
 
 

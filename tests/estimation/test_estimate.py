@@ -9,7 +9,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams
@@ -133,7 +133,6 @@ def records(draw):
     return z, draw(st.sampled_from(steps))
 
 
-@settings(deadline=None, max_examples=150)
 @given(records())
 def test_any_record_gets_numbers_and_words(record):
     z, dt = record

@@ -132,7 +132,7 @@ def test_hostile_texts_stay_in_comments_and_strings(target):
 
 
 @pytest.mark.parametrize("target", WRITING)
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(hostile=st.text(max_size=400))
 def test_any_text_stays_in_comments_and_strings(target, hostile):
     same_code(target, hostile)
@@ -166,7 +166,6 @@ def test_the_names_in_json_are_whole():
 
 
 @given(names=st.lists(st.text(max_size=50) | st.sampled_from(HOSTILE), max_size=30))
-@settings(max_examples=100, deadline=None)
 def test_identifiers_are_distinct_and_fit_every_language(names):
     words = identifiers(names)
     assert len(set(words)) == len(words) == len(names)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import configparser
 import json
 import math
-import os
 import random
 import re
 import runpy
@@ -18,7 +17,9 @@ import tomllib
 import numpy as np
 import pytest
 import yaml
+from required import REQUIRE_ALL
 from ruamel.yaml import YAML
+from waiting import PATIENCE
 
 from kalscope import ChannelTuning, Tuning, export_tuning
 from kalscope.export.names import number_text
@@ -30,7 +31,7 @@ NAMES = ("q", "r", "p0", "x0", "gate")
 
 def needs(program):
     """Skip where a program is missing; where all are required the test runs, and fails for want of it."""
-    missing = shutil.which(program) is None and os.environ.get("KALSCOPE_REQUIRE") != "all"
+    missing = shutil.which(program) is None and not REQUIRE_ALL
     return pytest.mark.skipif(missing, reason=f"{program} is not installed")
 
 
@@ -191,7 +192,7 @@ def test_matlab_numbers_read_back_through_octave(tuning, numbers, tmp_path):
     (tmp_path / "values.m").write_text(
         f"v = zeros(10000, 1);\n{body}\nf = fopen('out.bin', 'w'); fwrite(f, v, 'double');\nfclose(f);\n"
     )
-    subprocess.run(["octave-cli", "--norc", "--quiet", "values.m"], check=True, cwd=tmp_path, timeout=120)
+    subprocess.run(["octave-cli", "--norc", "--quiet", "values.m"], check=True, cwd=tmp_path, timeout=PATIENCE)
     identical(np.fromfile(tmp_path / "out.bin", "<f8").tolist(), numbers)
 
 

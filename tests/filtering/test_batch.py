@@ -8,7 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, kalman_filter, starting_params
@@ -179,7 +179,6 @@ def test_log_likelihood_is_the_sum_of_gaussian_log_densities():
     assert result.m == scored.sum()
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     z=st.lists(st.floats(-1e6, 1e6) | st.just(math.nan), min_size=1, max_size=60),
     q=st.floats(0, 1e6),

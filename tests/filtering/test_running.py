@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, kalman_filter
@@ -35,7 +35,6 @@ def same(piecewise, whole):
 
 
 @pytest.mark.parametrize("params", PARAMS, ids=repr)
-@settings(deadline=None)
 @given(cuts=st.lists(st.integers(0, 3000), max_size=8), timed=st.booleans())
 def test_pieces_equal_the_whole(params, cuts, timed):
     z = record()

@@ -4,12 +4,12 @@ through a compiler. The programs stand here as printed; only their input and out
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 
 import numpy as np
 import pytest
+from required import not_here
 
 from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -146,11 +146,7 @@ def tool(*names):
     for name in names:
         if path := shutil.which(name):
             return path
-    reason = f"{' or '.join(names)} is not installed"
-    if os.environ.get("KALSCOPE_REQUIRE") == "all":
-        pytest.fail(reason)
-    pytest.skip(reason)
-    return None
+    return not_here(f"{' or '.join(names)} is not installed")
 
 
 def run(command, data=b""):

@@ -2,21 +2,11 @@
 
 import os
 import threading
-import time
 
 import pytest
+from waiting import wait_until as wait_for
 
 from kalscope.sources.live.live_source import LiveSource
-
-PATIENCE = 60.0
-
-
-def wait_for(condition, what="the condition"):
-    """Wait until it holds; how long that takes is not judged."""
-    end = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < end, f"{what} must come true within {PATIENCE:g} s"
-        time.sleep(0.005)
 
 
 class FakeBoard:

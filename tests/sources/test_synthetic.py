@@ -3,7 +3,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.catalogue import open_source
@@ -140,7 +140,6 @@ _size = st.floats(0, 1e50)
 _share = st.floats(0, 1)
 
 
-@settings(max_examples=200, deadline=None)
 @given(
     st.builds(
         SignalSettings,

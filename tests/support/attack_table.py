@@ -19,8 +19,9 @@ from pathlib import Path
 
 import msgspec
 from program import port_of, running, token_of
+from waiting import PATIENCE, wait_until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from wire import PATIENCE, Guest, client
+from wire import Guest, client
 
 UPGRADE = "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
 
@@ -244,8 +245,7 @@ def stock_viser() -> Iterator[Victim]:
         with out.open("w") as sink:
             process = subprocess.Popen([sys.executable, "-c", STOCK], stdout=sink, stderr=subprocess.DEVNULL)
         try:
-            while "PORT" not in out.read_text():
-                time.sleep(0.1)
+            wait_until(lambda: "PORT" in out.read_text() and out.read_text().endswith("\n"), "the port")
             port = int(out.read_text().split("PORT", 1)[1].split()[0])
             yield Victim(port, "none", out.read_text)
         finally:

@@ -9,12 +9,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import serial
+from filelock import FileLock
 from numpy.typing import ArrayLike
+from waiting import PATIENCE
 
 HERE = Path(__file__).parent
 SKETCHES = HERE.parents[1] / "arduino"
@@ -58,14 +60,16 @@ class Firmware:
     """Bytes of static memory, of an Uno's 2,048."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Workshop:
-    """Compiles into one folder; the Arduino core and the simulator are made once, a sketch when asked for."""
+    """Compiles into one folder, which all workers of a test run share: nothing is compiled twice."""
 
     folder: Path
     """Where all that is made goes."""
-    made: dict[Path, Firmware] = field(default_factory=dict)
-    """Firmware by its .elf: nothing is compiled twice."""
+
+    @property
+    def _lock(self) -> FileLock:
+        return FileLock(self.folder / "lock", timeout=PATIENCE)
 
     def sketch(self, source: Path, *edits: tuple[str, str], include: Sequence[Path] = ()) -> Firmware:
         """Compile `source` (.ino), after replacing each regular expression of `edits`, as its user would edit it.
@@ -80,29 +84,29 @@ class Workshop:
         headers = [header.read_text() for folder in (source.parent, *include) for header in folder.glob("*.h")]
         digest = hashlib.sha256("\0".join((text, *headers)).encode()).hexdigest()[:12]
         elf = self.folder / f"{source.stem}-{digest}.elf"
-        if elf not in self.made:
-            self.made[elf] = self._compile(text, elf, [source.parent, *include])
-        return self.made[elf]
+        with self._lock:
+            if not elf.exists():
+                self._compile(text, elf, [source.parent, *include])
+        text_size, data, bss = map(int, run("avr-size", elf).splitlines()[1].split()[:3])
+        return Firmware(elf, text_size + data, data + bss)
 
     @property
     def uno(self) -> Path:
         """The simulated board, a program."""
         program = self.folder / "uno"
-        if not program.exists():
-            run(
-                "cc", "-O2", "-Wall", "-Wextra", "-Werror", "-o", program, HERE / "uno.c", f"-I{SIMAVR}", "-lsimavr"
-            )
+        with self._lock:
+            if not program.exists():
+                warnings = ("-Wall", "-Wextra", "-Werror")
+                run("cc", "-O2", *warnings, "-o", program, HERE / "uno.c", f"-I{SIMAVR}", "-lsimavr")
         return program
 
-    def _compile(self, text: str, elf: Path, include: list[Path]) -> Firmware:
+    def _compile(self, text: str, elf: Path, include: list[Path]) -> None:
         source, made = elf.with_suffix(".cpp"), elf.with_suffix(".o")
         source.write_text(f"#include <Arduino.h>\n#line 1\n{text}", encoding="utf-8")
         headers = [f"-I{folder}" for folder in include]
         run(*CXX, "-Wall", "-Wextra", "-Werror", *headers, source, "-o", made)
         linked = ["avr-gcc", "-Os", "-flto", "-fuse-linker-plugin", "-Wl,--gc-sections", "-mmcu=atmega328p", "-w"]
         run(*linked, "-o", elf, made, self._core(), "-lm")
-        text_size, data, bss = map(int, run("avr-size", elf).splitlines()[1].split()[:3])
-        return Firmware(elf, text_size + data, data + bss)
 
     def _core(self) -> Path:
         """The Arduino core as an archive, made at the first need: its 25 files take half a second."""
@@ -119,7 +123,7 @@ class Workshop:
 
 def run(*command: str | Path) -> str:
     """Standard output of a command; what it complained of is raised where it failed."""
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=120)
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=PATIENCE)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}\n{done.stderr}")
     return done.stdout
@@ -152,7 +156,7 @@ class Uno:
     def unplug(self) -> None:
         """Pull the plug: the port hangs up at once and unread bytes are lost."""
         self._process.kill()
-        self._process.wait(10)
+        self._process.wait(PATIENCE)
 
     def stop(self) -> dict[str, float]:
         """End the board. Returns its counts by name (see uno.c), {} where the plug was pulled."""
@@ -162,7 +166,7 @@ class Uno:
 
     def wait(self) -> dict[str, float]:
         """Wait for a board that ends by itself (`--seconds`), and return its counts by name."""
-        self._process.wait(30)
+        self._process.wait(PATIENCE)
         return {name: float(n) for name, n in re.findall(r"(\w+) ([\d.]+)", self._log.read_text())}
 
 
@@ -174,7 +178,7 @@ def write_counts(path: Path, counts: ArrayLike) -> Path:
 
 def read_lines(port: str, n: int, baud: int = 115200) -> list[bytes]:
     """The next n whole lines of a port, newlines kept."""
-    with serial.Serial(port, baud, timeout=30) as opened:
+    with serial.Serial(port, baud, timeout=PATIENCE) as opened:
         lines = [opened.readline() for _ in range(n)]
     assert all(line.endswith(b"\n") for line in lines), "the board fell silent"
     return lines

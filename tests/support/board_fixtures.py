@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from board import SKETCHES, Firmware, Uno, Workshop, missing, write_counts
 from numpy.typing import ArrayLike
+from required import not_here
 
 StartBoard = Callable[..., Uno]
 
@@ -20,11 +21,13 @@ StartBoard = Callable[..., Uno]
 def workshop(tmp_path_factory: pytest.TempPathFactory) -> Workshop:
     """Compiles sketches."""
     if lacking := missing():
-        reason = f"not installed: {', '.join(lacking)}"
-        if os.environ.get("KALSCOPE_REQUIRE") == "all":
-            pytest.fail(f"{reason}, and KALSCOPE_REQUIRE=all")
-        pytest.skip(reason)
-    return Workshop(tmp_path_factory.mktemp("workshop"))
+        not_here(f"not installed: {', '.join(lacking)}")
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent  # all workers share it
+    folder /= "workshop"
+    folder.mkdir(exist_ok=True)
+    return Workshop(folder)
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 
-from wire import PATIENCE
+from waiting import PATIENCE
 
 SCRIPT = """
 import signal, sys

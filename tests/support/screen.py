@@ -8,11 +8,11 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from waiting import PATIENCE, wait_until
 
 from kalscope_app.program.user_folders import FOLDER_VARIABLE
 from kalscope_app.program.user_settings import UserSettings
@@ -57,7 +57,7 @@ class Program:
 
     def stop(self):
         self.process.send_signal(signal.SIGTERM)
-        assert self.process.wait(timeout=15) == 0, self.log.read_text()
+        assert self.process.wait(timeout=PATIENCE) == 0, self.log.read_text()
         self.process.stdout.close()
 
 
@@ -67,7 +67,7 @@ class Screen:
     def __init__(self, browser, url, width=1600, height=900):
         self.context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
         self.page = self.context.new_page()
-        self.page.set_default_timeout(20_000)
+        self.page.set_default_timeout(1000 * PATIENCE)
         self.page_errors = []
         self.page.on("pageerror", lambda error: self.page_errors.append(str(error)))
         self.url = url
@@ -151,9 +151,7 @@ class Screen:
 
     def wait_for_picture(self, holds):
         """Until `holds` is true of the page's pixels, (height, width, 3): no script can read what WebGL drew."""
-        end = time.monotonic() + 60.0
-        while not holds(np.asarray(Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")).astype(int)):
-            assert time.monotonic() < end, "the picture did not come"
+        wait_until(lambda: holds(pixels(self.page.screenshot())), "the picture")
 
     def shot(self, name):
         ARTEFACTS.mkdir(exist_ok=True)
@@ -163,3 +161,8 @@ class Screen:
     def close(self):
         self.context.close()
         assert [error for error in self.page_errors if KNOWN_PAGE_ERROR not in error] == []
+
+
+def pixels(png):
+    """The pixels of a screenshot, (height, width, 3)."""
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)

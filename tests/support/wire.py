@@ -8,12 +8,10 @@ from typing import Any
 import msgspec
 import viser
 import zstandard
+from waiting import PATIENCE
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.sync.connection import Connection
-
-PATIENCE = 10.0
-"""Seconds that a test waits for something that must come; nothing waits that long when all is well."""
 
 CAMERA = {
     "wxyz": (1.0, 0.0, 0.0, 0.0),
@@ -132,7 +130,7 @@ class Guest:
 
     def read_until(self, is_so: Any, timeout: float = PATIENCE) -> None:
         """Take in frames until something holds; a live board sends frames without end."""
-        deadline = time.monotonic() + 4.0 * timeout
+        deadline = time.monotonic() + timeout
         while not is_so():
             assert self.read(timeout), "it never became so"
             assert time.monotonic() < deadline, "frames came, but it never became so"

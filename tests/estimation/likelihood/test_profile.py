@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, kalman_filter
@@ -139,7 +139,6 @@ def records(draw):
     return z, dt
 
 
-@settings(deadline=None, max_examples=150)
 @given(records(), st.floats(-12, 6))
 def test_profile_and_log_likelihood_equal_the_dense_oracle(record, log_ratio):
     z, dt = record

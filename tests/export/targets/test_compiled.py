@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from required import not_here
 
 from kalscope import kalman_filter
 from kalscope.export.float32 import filter_float32
@@ -64,7 +64,7 @@ WITH_FMA = CPUINFO.is_file() and " fma " in CPUINFO.read_text()
 def program(name):
     found = shutil.which(name)
     if found is None:
-        (pytest.fail if os.environ.get("KALSCOPE_REQUIRE") == "all" else pytest.skip)(f"{name} is not installed")
+        not_here(f"{name} is not installed")
     return found
 
 

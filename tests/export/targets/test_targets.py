@@ -17,7 +17,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from required import REQUIRE_ALL
 from ruamel.yaml import YAML
+from waiting import PATIENCE
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, kalman_filter, steady_state
 from kalscope.export.float32 import filter_float32
@@ -28,13 +30,13 @@ REFUSED = ("simplekalmanfilter", "gyverfilters")
 
 def needs(program):
     """Skip where a program is missing; where all are required the test runs, and fails for want of it."""
-    missing = shutil.which(program) is None and os.environ.get("KALSCOPE_REQUIRE") != "all"
+    missing = shutil.which(program) is None and not REQUIRE_ALL
     return pytest.mark.skipif(missing, reason=f"{program} is not installed")
 
 
 def run(*command, stdin="", cwd=None):
     done = subprocess.run(
-        [str(part) for part in command], input=stdin, capture_output=True, text=True, cwd=cwd, timeout=120
+        [str(part) for part in command], input=stdin, capture_output=True, text=True, cwd=cwd, timeout=PATIENCE
     )
     assert done.returncode == 0, done.stderr[-2000:]
     return done.stdout

@@ -6,7 +6,7 @@ from functools import reduce
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.lines.line_format import split_checksum, split_teleplot
@@ -172,7 +172,6 @@ def test_cuts_change_nothing(name):
         assert repr(events_of(data, [data[:cut], data[cut:]])[1]) == expected
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.binary(max_size=200), st.lists(st.integers(0, 200), max_size=5))
 def test_any_bytes_in_any_pieces_are_the_same_events(data, cuts):
     places = sorted({0, len(data), *(min(cut, len(data)) for cut in cuts)})

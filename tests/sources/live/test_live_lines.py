@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.lines.read_options import ReadOptions
@@ -213,7 +213,6 @@ def test_data_is_found_soon_after_any_amount_of_text(line, text):
 SEED = b"# boot\r\nms,a,b\r\n" + b"".join(b"%d,%d,%d\r\n" % (i, i * 3 % 7, i) for i in range(40))
 
 
-@settings(max_examples=300, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(0, len(SEED)), st.sampled_from(["cut", "put", "flip"]), st.binary(max_size=6))),
     st.lists(st.integers(0, len(SEED)), max_size=12),

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadFile
@@ -110,7 +110,6 @@ def test_our_reader_takes_host_time_as_the_time_and_device_time_as_no_channel(tm
     assert recording.report.rejected == 0
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(allow_infinity=False), min_size=1, max_size=20))
 def test_every_value_comes_back_bit_for_bit(tmp_path_factory, values):
     path = tmp_path_factory.mktemp("r") / "run.csv"
@@ -193,7 +192,6 @@ def test_hostile_names_come_back_in_our_reader_and_in_pandas(tmp_path, first):
     np.testing.assert_array_equal(table.to_numpy()[:, 1:], expected)
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     st.lists(st.text(max_size=20), min_size=1, max_size=4), st.lists(st.text(max_size=5), min_size=4, max_size=4)
 )
@@ -269,7 +267,6 @@ EVENTS = st.lists(
 )
 
 
-@settings(max_examples=80, deadline=None)
 @given(EVENTS)
 def test_received_is_written_and_rejected_and_dropped(tmp_path_factory, events):
     path = tmp_path_factory.mktemp("r") / "run.csv"

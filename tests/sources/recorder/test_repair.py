@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadFile
@@ -112,7 +112,6 @@ def test_a_tail_of_megabytes_is_moved_whole(tmp_path, recorded):
     assert (tmp_path / "run.torn").read_bytes() == tail + b"\n"
 
 
-@settings(max_examples=200, deadline=None)
 @given(st.binary(max_size=300))
 def test_whatever_follows_a_recording_stays_in_one_of_the_two_files(tmp_path_factory, recorded, tail):
     path = tmp_path_factory.mktemp("r") / "run.csv"
