@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 Gaps = Literal["rows", "missing", "dt"]
 """What a gap in time is to the filter: nothing, rows of missing samples, or elapsed time."""
@@ -62,19 +60,19 @@ class ReadReport:
 class Recording:
     """A recording of one or more channels, sampled together. Immutable."""
 
-    time: NDArray[np.float64]
+    time: Array
     """Time of each sample in s, shape (n,), as the source counts it (row numbers where it has no time)."""
     names: tuple[str, ...]
     """Channel names, distinct, as the source names them."""
     units: tuple[str, ...]
     """Unit of each channel, "" where unknown."""
-    values: NDArray[np.float64]
+    values: Array
     """Samples, shape (n, channels); NaN is a missing sample, never inf."""
     sample_period: float | None
     """Nominal sample period in s, the median step; None where the source has no time."""
     report: ReadReport = field(default_factory=ReadReport)
     """How the source was read; empty for synthetic signals."""
-    truth: NDArray[np.float64] | None = None
+    truth: Array | None = None
     """The noise-free signal, shape (n, channels), where it is known."""
     source: str = ""
     """What reopens it: a path, "sample:NAME", "synthetic:SHAPE?…"."""
@@ -96,11 +94,11 @@ class Recording:
             choices = ", ".join(self.names)
             raise BadSetting(f"channel must be one of {choices} (got {name!r})") from None
 
-    def channel(self, name: str) -> NDArray[np.float64]:
+    def channel(self, name: str) -> Array:
         """Samples of one channel, shape (n,)."""
         return self.values[:, self.index(name)]
 
-    def steps(self) -> NDArray[np.float64]:
+    def steps(self) -> Array:
         """Time before each sample in nominal sample periods, shape (n,): the filter's `dt`.
 
         The first is 1; a step back in time is 0. BadSetting where the recording has no time.

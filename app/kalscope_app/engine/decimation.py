@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tsdownsample import MinMaxLTTBDownsampler
 
-Array = NDArray[np.float64]
-
+from kalscope.common.array import Array
 
 POINT_LIMIT = 4000
 """Most points a line is drawn with."""

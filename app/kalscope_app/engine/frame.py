@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.smoothing import smooth
 from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
     from kalscope.sources.live.live_status import LiveStatus
     from kalscope_app.session.state import State
-
-Array = NDArray[np.float64]
 
 GAIN_POINTS = 500
 """Most points drawn of the gain; its start-up is smooth."""

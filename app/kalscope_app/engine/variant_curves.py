@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from kalscope.common.array import Array
 from kalscope.filtering.batch import denoise
 
 if TYPE_CHECKING:
-    from kalscope.filtering.arrays import Array
     from kalscope.filtering.params import FilterParams
     from kalscope_app.engine.frame import Shown
     from kalscope_app.session.state import State

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from kalscope.analysis.alternatives.comparison import Alternative, Comparison, compare_alternatives, stretch_of
+from kalscope.common.array import Array
 from kalscope_app.engine.frame import Shown, choose_shown
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from kalscope.filtering.arrays import Array
     from kalscope.recording import Recording
     from kalscope_app.session.state import State
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.experiments import run_filter
@@ -15,7 +16,6 @@ from kalscope_app.engine.decimation import choose_indices
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from kalscope.filtering.arrays import Array
     from kalscope.papers.parts import Settings
     from kalscope.recording import Recording
     from kalscope_app.session.state import State

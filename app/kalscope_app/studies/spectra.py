@@ -9,10 +9,10 @@ import numpy as np
 
 from kalscope.analysis.allan import AllanDeviation, allan_deviation
 from kalscope.analysis.spectrum import Spectrum, magnitude_response, spectrum
+from kalscope.common.array import Array
 from kalscope.filtering.steady_state import steady_state
 
 if TYPE_CHECKING:
-    from kalscope.filtering.arrays import Array
     from kalscope_app.session.state import State
 
 BINS = 240

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.likelihood.contour import likelihood_contour
 from kalscope.estimation.likelihood.profile import Profile, likelihood_profile, loglik_map
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from kalscope.tuning.tuning import ChannelTuning
     from kalscope_app.session.state import State
     from kalscope_app.studies.map_geometry import Point, Range
-
-Array = NDArray[np.float64]
 
 CELLS = 200
 """Cells along each side of the map."""

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.analysis.residual_tests import correlation, dot, slow_wave, variance_change
+from kalscope.common.array import Array
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 ALARM = 0.01

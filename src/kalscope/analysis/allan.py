@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.common.text import lag_in_full, number
 from kalscope.estimation.methods.allan import allan_variances
-from kalscope.filtering.arrays import Array, one_channel
+from kalscope.filtering.arrays import one_channel
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.analysis import advice, residual_kernels, residual_tests
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.params import FilterParams
 
-Array = NDArray[np.float64]
 Columns = tuple[Array, ...]
 """x, p, k, innovation and s of one channel."""
 

@@ -10,9 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from kalscope.common.array import Array
 
 SPIKE = 4.0
 """Size, in local standard deviations, beyond which a residual counts as a spike: 63 in a million by chance."""

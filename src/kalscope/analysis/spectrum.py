@@ -11,16 +11,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from kalscope.common.array import Array
 from kalscope.filtering.arrays import one_channel
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.steady_state import steady_state
 
 if TYPE_CHECKING:
     from kalscope.filtering.params import FilterParams
-
-Array = NDArray[np.float64]
 
 LEAST = 32
 """Samples in a row below which there is no density to speak of."""

@@ -12,12 +12,12 @@ from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from kalscope.common.array import Array
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-Array = NDArray[np.float64]
 
 WIDTH = 960
 """Width of every figure in its own units; the page scales it."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import METHODS, estimate
 from kalscope.estimation.known import (
@@ -26,7 +27,6 @@ from kalscope.filtering.params import LARGEST, FilterParams
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from kalscope.estimation.likelihood.profile import Array
     from kalscope.estimation.result import Estimate
 
 METHOD_WORDS = {

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import verdict_text as words
@@ -22,7 +23,7 @@ from kalscope.filtering.steady_state import ratio_for
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from kalscope.estimation.likelihood.profile import Array, Differences
+    from kalscope.estimation.likelihood.profile import Differences
     from kalscope.estimation.result import Estimate
 
 _FARTHEST = 1e100

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.filtering.params import FilterParams
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-Value = float | NDArray[np.float64]
+Value = float | Array
 Words = str | NDArray[np.str_]
 
 

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.params import LARGEST, FilterParams
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
 EVEN = 1e-9
 """Steps that differ by a smaller share are the same step."""
@@ -45,7 +46,7 @@ def starting_params(z: ArrayLike) -> FilterParams:
     return FilterParams(q=r / 100.0, r=r)
 
 
-def goes_evenly(z: NDArray[np.float64]) -> bool:
+def goes_evenly(z: Array) -> bool:
     """Whether the finite samples z, shape (n,), n ≥ 2, stand still or climb in equal steps, but for rounding."""
     size = float(np.abs(z).max())
     if size == 0.0:

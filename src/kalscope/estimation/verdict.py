@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kalscope.estimation import verdict_text as words
 from kalscope.estimation.likelihood.profile import Differences, differences
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from kalscope.common.progress import Progress
     from kalscope.estimation.methods.pair import Pair
-
-Array = NDArray[np.float64]
 
 NOWHERE = Peak(-math.inf, 0.0, 0.0, (-math.inf, math.inf))
 """The peak of a record without information."""

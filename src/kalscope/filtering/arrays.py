@@ -6,14 +6,13 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 
 if TYPE_CHECKING:
     from kalscope.filtering.params import FilterParams, Parameter
-
-Array = NDArray[np.float64]
 
 
 def scalar(value: float | Array | None) -> float:

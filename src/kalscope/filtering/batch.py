@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering import kernels
 from kalscope.filtering.arrays import (
-    Array,
     columns_of,
     infinite,
     kernel_values,

@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 
 LARGEST = 1e300
 """Largest variance accepted: sums of two of them still fit a double."""
 
 
-Parameter = float | NDArray[np.float64]
+Parameter = float | Array
 """One number for every channel, or an array of shape (channels,)."""
 
 

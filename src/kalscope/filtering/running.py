@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering import kernels
-from kalscope.filtering.arrays import Array, kernel_values, refuse_infinite, steps_of
+from kalscope.filtering.arrays import kernel_values, refuse_infinite, steps_of
 from kalscope.filtering.batch import FilterResult
 
 if TYPE_CHECKING:

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.filtering import smoothing_kernels
 from kalscope.filtering.arrays import columns_of, kernel_values, refuse_infinite, shaped_like, steps_of
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from kalscope.filtering.params import FilterParams
 
@@ -23,9 +24,9 @@ if TYPE_CHECKING:
 class SmootherResult:
     """What `smooth` computed; arrays have the shape of z, (n,) or (n, channels)."""
 
-    x: NDArray[np.float64]
+    x: Array
     """Smoothed value, the mean given all samples, unit; NaN only where z holds no sample and x0 is None."""
-    p: NDArray[np.float64]
+    p: Array
     """Its variance, unit², at most the filter's; inf only where z holds no sample and p0 is None."""
 
 

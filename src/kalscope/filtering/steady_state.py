@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SETTLED = 0.01
 """A step counts as followed when 1 % of it is left."""
 
-Value = float | NDArray[np.float64]
+Value = float | Array
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from kalscope.common.array import Array
 
 
 def matlab_appendix(zk: ArrayLike, r: float = 100.0, q: float = 1.0) -> Array:

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import Array, columns_of, refuse_infinite, shaped_like, steps_of
+from kalscope.filtering.arrays import columns_of, refuse_infinite, shaped_like, steps_of
 from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.params import LARGEST, FilterParams
 from kalscope.filtering.streaming import KalmanFilter

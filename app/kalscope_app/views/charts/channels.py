@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.common.text import count, decibels, lag_text, number
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.channel_changes import ALL_OTHERS, copy_setting
 from kalscope_app.studies.channels_overview import HALF_LANE, LIMIT, Lane, Overview
-from kalscope_app.views.charts.chart import Array, Chart, Layout
+from kalscope_app.views.charts.chart import Chart, Layout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
 from kalscope_app.views.charts.time_axis import time_label
 from kalscope_app.views.scales import time_scale_for

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from kalscope.common.array import Array
 from kalscope.common.text import decibels, lag_text, number
-from kalscope_app.views.charts.chart import Array, drawable
+from kalscope_app.views.charts.chart import drawable
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette
 from kalscope_app.views.charts.time_axis import time_axis
 from kalscope_app.views.scales import scale_for

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.common.text import count, number, sample_rate
 from kalscope_app.session.variants import css
-from kalscope_app.views.charts.chart import Array, Chart, Layout
+from kalscope_app.views.charts.chart import Chart, Layout
 from kalscope_app.views.charts.style import DARK, LIGHT, Line, Palette, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
 from kalscope_app.views.scales import Scale, scale_for

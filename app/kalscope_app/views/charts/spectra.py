@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.common.text import frequency, number, squared
-from kalscope_app.views.charts.chart import Array, Chart, Layout
+from kalscope_app.views.charts.chart import Chart, Layout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
 from kalscope_app.views.scales import Scale, log_rate_scale, log_scale_for, log_ticks, log_time_scale
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from kalscope_app.views.charts.chart import Array
+from kalscope.common.array import Array
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.analysis.advice import MIN_SAMPLES, as_sentences
+from kalscope.common.array import Array
 from kalscope.common.text import correlation, count, number, p_value, percent
-from kalscope_app.views.charts.chart import Array, Chart, Layout
+from kalscope_app.views.charts.chart import Chart, Layout
 from kalscope_app.views.charts.style import DARK, LIGHT, axes, line
 
 if TYPE_CHECKING:

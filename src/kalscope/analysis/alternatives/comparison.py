@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kalscope.analysis.alternatives.candidates import Candidate, at_lag, at_noise
 from kalscope.analysis.alternatives.error_measures import Errors
@@ -15,6 +15,7 @@ from kalscope.analysis.alternatives.filters import exponential
 from kalscope.analysis.alternatives.measured_response import Bench, bench_of
 from kalscope.analysis.alternatives.verdict import Difference, difference, refusal, verdict
 from kalscope.analysis.alternatives.versus_smoothing import identity_words
+from kalscope.common.array import Array
 from kalscope.common.text import decibels, plural
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import one_channel
@@ -25,7 +26,6 @@ from kalscope.filtering.steady_state import SteadyState, steady_state
 if TYPE_CHECKING:
     from kalscope.filtering.params import FilterParams
 
-Array = NDArray[np.float64]
 Match = Literal["lag", "noise"]
 
 LIMIT = 200_000

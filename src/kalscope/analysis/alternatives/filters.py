@@ -9,15 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kalscope.analysis.alternatives import one_euro as kernels
+from kalscope.common.array import Array
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-Array = NDArray[np.float64]
-
 
 LONG = 501
 """Windows of a parabola above this go by Fourier transform."""

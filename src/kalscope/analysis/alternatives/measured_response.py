@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kalscope.analysis.alternatives.filters import exponential
+from kalscope.common.array import Array
 
-Array = NDArray[np.float64]
 Run = Callable[[Array], Array]
 
 MOST_NOISE = 20_000

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.common.text import number, percent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-Array = NDArray[np.float64]
 
 BLOCKS = 100
 """Most blocks that a recording is cut into."""

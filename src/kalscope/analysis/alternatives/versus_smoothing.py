@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.common.text import number
 from kalscope.filtering.steady_state import steady_state
 
 if TYPE_CHECKING:
     from kalscope.filtering.batch import FilterResult
     from kalscope.filtering.params import FilterParams
-
-Array = NDArray[np.float64]
 
 
 def identity_words(z: Array, result: FilterResult, params: FilterParams, plain: Array) -> str:

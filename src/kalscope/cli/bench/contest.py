@@ -14,11 +14,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.filtering.params import FilterParams
 
-Array = NDArray[np.float64]
 Clocked = Callable[[], object]
 
 LEAST_TURN = 0.03

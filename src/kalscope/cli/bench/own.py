@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numba import njit
 
-from kalscope.cli.bench.contest import Array, Contest, Sizes, Work, compared_with
+from kalscope.cli.bench.contest import Contest, Sizes, Work, compared_with
+from kalscope.common.array import Array
 from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.filtering.steady_state import steady_state
 

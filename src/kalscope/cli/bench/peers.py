@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from kalscope.cli.bench.contest import Array, Contest, Row, Sizes, Work, compared_with, missing
+from kalscope.cli.bench.contest import Contest, Row, Sizes, Work, compared_with, missing
+from kalscope.common.array import Array
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.streaming import KalmanFilter
 

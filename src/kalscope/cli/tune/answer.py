@@ -10,10 +10,10 @@ import numpy as np
 
 from kalscope.analysis import advice
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.common.array import Array
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.estimation.estimate import compare_methods, disagreement
 from kalscope.estimation.finding import METHOD_WORDS, Found, Noise, find_parameters, still_or_silent
-from kalscope.estimation.likelihood.profile import Array
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict import gain_of, lag_of
 from kalscope.filtering.batch import kalman_filter

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from kalscope.common.array import Array
 from kalscope.estimation.likelihood.profile import WIDEST, Profile, likelihood_profile
 
 if TYPE_CHECKING:
     from kalscope.estimation.result import Estimate
-
-Array = NDArray[np.float64]
 
 DROP_95 = 5.991464547107979
 """Twice the drop in log-likelihood on the 95 % contour: the 95 % point of χ² with two degrees of freedom."""

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import Chebyshev
-from numpy.typing import NDArray
+
+from kalscope.common.array import Array
 
 if TYPE_CHECKING:
     from kalscope.common.progress import Progress
 
-Array = NDArray[np.float64]
 LogLik = Callable[[Array], Array]
 
 STEP = 0.8

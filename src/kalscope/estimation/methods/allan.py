@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.estimation.methods.innovation_correlations import TOO_SHORT, solve
 from kalscope.estimation.methods.pair import Pair
 
 if TYPE_CHECKING:
     from kalscope.estimation.likelihood.profile import Differences
-
-Array = NDArray[np.float64]
 
 _ROUNDS = 3
 _CORRELATED = 1.5

@@ -11,15 +11,13 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.estimation.methods.kernels import fixed_gain_innovations, lagged_products
 from kalscope.estimation.methods.pair import Pair
 
 if TYPE_CHECKING:
     from kalscope.estimation.likelihood.profile import Differences
-
-Array = NDArray[np.float64]
 
 TOO_SHORT = "This method needs a longer stretch of regular samples without gaps than this record has."
 

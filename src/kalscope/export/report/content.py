@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from kalscope.analysis.advice import as_sentences
 from kalscope.analysis.alternatives.comparison import Comparison, compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
+from kalscope.common.array import Array
 from kalscope.common.text import (
     correlation,
     count,
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
     from kalscope.tuning.tuning import ChannelTuning, Tuning
 
-Array = NDArray[np.float64]
 Rows = tuple[tuple[str, ...], ...]
 
 DRAWN = 1500

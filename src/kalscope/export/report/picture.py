@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.export.report.page import y_range
 
 if TYPE_CHECKING:
     from PIL.Image import Image
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
-    from kalscope.export.report.content import Array, Curves, Report, Table
+    from kalscope.export.report.content import Curves, Report, Table
 
 SIZE = (1654, 2339)
 """Width and height of A4 at 200 dots an inch, px."""

@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.parts import Experiment, Settings
 from kalscope.recording import Recording
-
-Array = NDArray[np.float64]
 
 PAPER = "Filtering Sensor Data with a Kalman Filter (interactive matter 2009)"
 ASSUMED_R = 4.0

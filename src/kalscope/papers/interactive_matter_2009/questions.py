@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.estimation.estimate import estimate
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.kernels import step
@@ -18,8 +18,6 @@ from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.interactive_matter_2009.document import P0, X0, moved_board, truth_of, walk_params
 from kalscope.sources.samples import open_sample
-
-Array = NDArray[np.float64]
 
 TRUE_Q, TRUE_R = 0.125, 9.0
 """The document's q and the noise of the re-created board, counts²: what the estimates should find."""

@@ -12,8 +12,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import ratio_for
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from kalscope.recording import Recording
-
-Array = NDArray[np.float64]
 
 PAPER = "Single Dimensional Generalized Kalman Filter (Khan et al.)"
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.appendices import arduino_appendix, matlab_appendix
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from kalscope.common.progress import OnProgress
-    from kalscope.papers.maarif_2019.paper import Array, StartClue, TableRow
+    from kalscope.papers.maarif_2019.paper import StartClue, TableRow
 
 TABLE_TOLERANCE = 0.02
 """Simulated against printed, and against theory, as a share."""

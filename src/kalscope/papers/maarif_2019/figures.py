@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.common.svg import Line, Mark, Panel, draw
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
@@ -16,8 +17,6 @@ from kalscope.papers.parts import Figure
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from kalscope.papers.maarif_2019.paper import Array
 
 
 def figure_1() -> Figure:

@@ -12,14 +12,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.maarif_2019.paper import SIGMA, theoretical_mean_error
-
-Array = NDArray[np.float64]
 
 ADVISED = 100.0
 """The paper's recommended r/q."""

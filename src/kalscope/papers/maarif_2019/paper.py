@@ -12,16 +12,15 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from kalscope.common.array import Array
 from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.parts import Experiment, Settings
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
-
-Array = NDArray[np.float64]
 
 PAPER = "Kalman Filter for Noise Reducer on Sensor Readings (Ma'arif et al. 2019)"
 SAMPLES = 100
