@@ -14,7 +14,7 @@ from kalscope_app.engine.idle_studies import Studies, Study
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.program.error_reporting import sentence_for
 from kalscope_app.program.user_settings import UserSettings
-from kalscope_app.session.changes import set_dark, set_smoother
+from kalscope_app.session.changes.view import set_dark, set_smoother
 from kalscope_app.session.session import Session
 from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.channels_overview import Overviews
@@ -152,13 +152,13 @@ class Dashboard:
     def show(self, frame: Frame) -> None:
         """Draw a frame in every view, as one message batch. Runs on the engine's thread."""
         with self._server.atomic():
-            self._panels.set_theme(dark=frame.state.dark)
-            self._panels.set_map_shown(frame.state.map_shown)
-            if self._dark.value != frame.state.dark:
-                self._dark.value = frame.state.dark
+            self._panels.set_theme(dark=frame.state.view.dark)
+            self._panels.set_map_shown(frame.state.view.map_shown)
+            if self._dark.value != frame.state.view.dark:
+                self._dark.value = frame.state.view.dark
             self.signal.show(frame)
-            if self._smoother.value != frame.state.smoother:
-                self._smoother.value = frame.state.smoother
+            if self._smoother.value != frame.state.view.smoother:
+                self._smoother.value = frame.state.view.smoother
             for view in (
                 self.parameters,
                 self._variants,
@@ -178,8 +178,8 @@ class Dashboard:
         self._phones.show(frame)
         self._server.flush()
         self._map.follow(frame)  # after the charts: a browser draws the scene at leisure
-        if frame.state.note != self._note:
-            self._note = frame.state.note
+        if frame.state.answers.note != self._note:
+            self._note = frame.state.answers.note
             if self._note:
                 self.tell(self._note, good=True)
 

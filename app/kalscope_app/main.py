@@ -148,8 +148,6 @@ def first_state(
     source: str, options: ReadOptions, config: Path | None, sample_period: float | None = None
 ) -> State:
     """What the dashboard shows first: the source, with the values of the tuning file if there is one."""
-    from dataclasses import replace
-
     from kalscope.catalogue import open_source
     from kalscope.errors import BadSetting
     from kalscope.sources.live.live_source import LiveSource
@@ -161,12 +159,12 @@ def first_state(
     if is_live(source):
         live = LiveSource(source, options)
         state = opened_live(live, live.spec.url, tuning=None if config is None else load_tuning(config))
-        return replace(state, options=options)
+        return state.with_open(options=options)
     if source.startswith("experiment:") and config is None:
         return opened_experiment(source)
     if config is None:
         state = opened(open_source(source or "demo", options, sample_period=sample_period))
-        return replace(state, options=options, typed_period=sample_period)
+        return state.with_open(options=options, typed_period=sample_period)
     tuning = load_tuning(config)
     spec = source or tuning.source
     if not spec:
@@ -175,7 +173,7 @@ def first_state(
             f"kalscope open {tuning.source_name or 'FILE'} --config {config}"
         )
     state = opened_with(open_source(spec, options, sample_period=sample_period), tuning)
-    return replace(state, options=options, typed_period=sample_period or state.typed_period)
+    return state.with_open(options=options, typed_period=sample_period or state.open.typed_period)
 
 
 @contextlib.contextmanager

@@ -17,9 +17,9 @@ from kalscope.papers.generalized_filter import GeneralizedParams
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.engine import idle_studies as studies
 from kalscope_app.guard.server import guarded_server
-from kalscope_app.session.changes import set_map_colour, set_match, set_window
+from kalscope_app.session.changes.variants import pin_present
+from kalscope_app.session.changes.view import set_map_colour, set_match_by, set_window
 from kalscope_app.session.opening import opened
-from kalscope_app.session.variant_changes import pin_present
 
 PATIENCE = 60.0
 RNG = np.random.default_rng(71)
@@ -73,10 +73,10 @@ SETTINGS = {
     "q = 0": lambda state: state.with_tuning(q=0.0, r=1.0),
     "r = 0": lambda state: state.with_tuning(q=1.0, r=0.0),
     "far away": lambda state: set_map_colour("lag")(state.with_tuning(q=1e-300, r=1e300)),
-    "equal noise": set_match("noise"),
+    "equal noise": set_match_by("noise"),
     "start and gate": lambda state: state.with_tuning(p0=1.0, x0=0.0, gate=4.0),
     "part of it": lambda state: set_window(0.0, float(np.median(state.recording.time)))(state),
-    "second paper": lambda state: state.with_rule(GeneralizedParams(1.0, None, None, "without_slip")),
+    "second paper": lambda state: state.with_paper_filter(GeneralizedParams(1.0, None, None, "without_slip")),
 }
 
 

@@ -14,8 +14,7 @@ from kalscope.export.board.check import check_board
 from kalscope.export.float32 import float32_params
 from kalscope.sources.live.live_source import LiveSource
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.session.changes import set_sent
-from kalscope_app.session.live import opened_live, refreshed
+from kalscope_app.session.live import opened_live, refreshed, set_sent
 from kalscope_app.studies.board import compare_with_board, send_setting
 
 pytestmark = pytest.mark.device
@@ -63,7 +62,7 @@ def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(star
     with LiveSource(board.port) as source:
         state = grown(opened_live(source, "board"), lambda state: len(state.recording) > 150)
         assert state.recording.names == ("light", "light_filtered", "temp", "temp_filtered")
-        state = replace(state, channel="temp").with_tuning(q=0.037, r=11.3)
+        state = state.with_open(channel="temp").with_tuning(q=0.037, r=11.3)
         state = replace(state, sent=send_setting(state, source))
         rows = state.sent.row + 200
         state = grown(state, lambda state: len(state.recording) > rows)

@@ -84,22 +84,22 @@ class Engine:
 
     def start(self) -> None:
         """Begin with a frame of the state as it is."""
-        self._session.bell.set()
+        self._session.wakeup.set()
         self._thread.start()
 
     def stop(self) -> None:
         """End the thread; returns when it has ended, or after 2 s."""
         self._stopping.set()
-        self._session.bell.set()
+        self._session.wakeup.set()
         self._thread.join(timeout=2.0)
 
     def _run(self) -> None:
         last = 0.0
         while not self._stopping.is_set():
             session = self._session
-            session.bell.wait(timeout=wait_for_request(session.seconds_to_next(), live=session.is_live))
+            session.wakeup.wait(timeout=wait_for_request(session.seconds_to_next(), live=session.is_live))
             time.sleep(pause_before_frame(time.monotonic(), last))
-            self._session.bell.clear()
+            self._session.wakeup.clear()
             if self._stopping.is_set():
                 return
             last = time.monotonic()
@@ -113,7 +113,7 @@ class Engine:
             self._tell(error)
 
     def _turn(self) -> None:
-        state, serial, failures = self._session.settle()
+        state, serial, failures = self._session.apply_due_requests()
         for failure in failures:
             if not isinstance(failure, KalscopeError):
                 log.error("A request failed", exc_info=failure)

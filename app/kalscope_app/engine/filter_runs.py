@@ -44,8 +44,8 @@ class FilterRuns:
 
     def of(self, state: State, params: FilterParams | None = None) -> FilterResult:
         """The channel on screen, filtered with `params`, or with the State's own filter."""
-        if params is None and state.rule is not None:
-            return run_filter(state.recording.channel(state.channel), state.rule, state.dt)
+        if params is None and state.paper_filter is not None:
+            return run_filter(state.recording.channel(state.channel), state.paper_filter, state.dt)
         params = state.params if params is None else params
         self._asked.add(params)
         return self._whole(state, params) if state.live is None else self._grown(state, params)

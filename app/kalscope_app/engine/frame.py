@@ -118,7 +118,7 @@ def compute_frame(
     runs = runs or FilterRuns()
     runs.begin(state)
     result = runs.of(state)
-    settled = state.params if state.rule is None else _as_if_settled(float(result.k[-1]))
+    settled = state.params if state.paper_filter is None else _as_if_settled(float(result.k[-1]))
     steady = steady_state(settled, recording.sample_period)
     at = shown.indices
     start_up = samples_to_settle(result, float(steady.gain))
@@ -131,7 +131,7 @@ def compute_frame(
         steady=steady,
         filtered=result.x[at],
         spread=2.0 * np.sqrt(result.p[at]),
-        smoothed=_smoothed(state, shown) if state.smoother and state.rule is None else None,
+        smoothed=_smoothed(state, shown) if state.view.smoother and state.paper_filter is None else None,
         rejected=int(result.rejected),
         innovation=result.innovation[at],
         innovation_spread=2.0 * np.sqrt(result.s[at]),

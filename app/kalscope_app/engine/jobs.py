@@ -12,6 +12,9 @@ from kalscope.errors import Cancelled, KalscopeError, describe
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from kalscope_app.session.session import Session
+    from kalscope_app.session.state import State
+
 log = logging.getLogger(__name__)
 
 MOST_WAITING = 8
@@ -34,6 +37,10 @@ class Jobs:
             self._waiting.put(work)
         else:
             self._tell("Too much is waiting already. Try again when what runs has ended.")
+
+    def run_with_state(self, session: Session, work: Callable[[State], None]) -> None:
+        """Queue `work` on the state, once every earlier request is in it."""
+        session.with_state(lambda state: self.run(lambda: work(state)))
 
     def _run(self) -> None:
         while True:

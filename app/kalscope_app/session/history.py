@@ -36,7 +36,7 @@ class History:
 
 
 def record(history: History, before: State, after: State, key: str, now: float) -> History:
-    """Remember `before` if `after` differs in what a person tunes; the view and the theme do not count."""
+    """Remember `before` if `after` differs in what the user tunes; the view does not count."""
     if _essence(before) == _essence(after):
         return history
     if key and key == history.key and (key.startswith(HELD) or now - history.time < SAME_GESTURE):
@@ -61,18 +61,18 @@ def step_forward(history: History, present: State) -> tuple[History, State]:
 
 
 def _essence(state: State) -> tuple[object, ...]:
-    return state.record_key, state.channel, state.tunings, state.rules, state.pins, state.together
+    return state.record_key, state.channel, state.settings
 
 
 def _seen_as(present: State, other: State) -> State:
     """The other state in the present view and, on the same recording, in the present window."""
     same_record = present.record_key == other.record_key
-    window = present.window if same_record else other.window
-    same_view = same_record and present.channel == other.channel
-    resets = present.resets if same_view else present.resets + 1
-    live = present.live if same_record else other.live  # what follows or is paused is the view's, not tuned
+    view = present.view if same_record else replace(present.view, window=other.view.window)
+    if not (same_record and present.channel == other.channel):
+        view = replace(view, resets=view.resets + 1)
+    live = present.live if same_record else other.live  # following and pausing belong to the view
     # What a board has taken stays taken.
-    return replace(other.seen_as(present), window=window, resets=resets, note="", live=live, sent=present.sent)
+    return replace(other, view=view, live=live, sent=present.sent).with_answers(note="")
 
 
 def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:

@@ -7,33 +7,33 @@ from dataclasses import replace
 from kalscope.filtering.params import LARGEST
 from kalscope.tuning.tuning import ChannelTuning
 
-ALONE, SAME_NUMBERS, SAME_LAG = "this channel alone", "all: same q and r", "all: same lag, by own noise"
+UNLINKED, SAME_NUMBERS, SAME_LAG = "this channel alone", "all: same q and r", "all: same lag, by own noise"
 
-WAYS: tuple[str, ...] = (ALONE, SAME_NUMBERS, SAME_LAG)
+LINKS: tuple[str, ...] = (UNLINKED, SAME_NUMBERS, SAME_LAG)
 """How channels go together, in the words on screen. Axes of one sensor share their numbers; a pressure and a
 temperature share at most the lag: then q, r and p0 are scaled by each channel's own noise."""
 
 Tunings = tuple[ChannelTuning, ...]
 
 
-def in_step(tunings: Tunings, starts: Tunings, leader: int, way: str) -> Tunings:
+def apply_to_linked(tunings: Tunings, starts: Tunings, leader: int, link: str) -> Tunings:
     """All tunings once the others follow the one that leads; the same where each goes alone.
 
     Args:
         tunings: of all channels.
         starts: what they began with; their r is each channel's own noise.
         leader: index of the channel that was changed.
-        way: one of WAYS.
+        link: one of LINKS.
     """
-    if way == ALONE:
+    if link == UNLINKED:
         return tunings
     return tuple(
-        own if i == leader else follower(tunings[leader], own, _factor(starts, leader, i, way))
+        own if i == leader else scaled_copy(tunings[leader], own, _factor(starts, leader, i, link))
         for i, own in enumerate(tunings)
     )
 
 
-def follower(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) -> ChannelTuning:
+def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) -> ChannelTuning:
     """Another channel's setting, its variances `factor` times as large.
 
     The start value x0 is taken over as it is, or, where the scale of the channels differs, left to the channel.
@@ -51,8 +51,8 @@ def follower(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) -> 
     )
 
 
-def _factor(starts: Tunings, leader: int, i: int, way: str) -> float:
-    return starts[i].r / starts[leader].r if way == SAME_LAG and starts[leader].r > 0.0 else 1.0
+def _factor(starts: Tunings, leader: int, i: int, link: str) -> float:
+    return starts[i].r / starts[leader].r if link == SAME_LAG and starts[leader].r > 0.0 else 1.0
 
 
 def _scaled(variance: float, factor: float) -> float:

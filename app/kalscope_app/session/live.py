@@ -1,7 +1,7 @@
-"""A live board in the State: which stretch follows the newest sample, what is paused. Pure; no viser here.
+"""A live board in the State: its window follows the newest sample or is paused; new samples come in by `refreshed`.
 
-The State holds the record as it was when last looked at (`Snapshot`: views, so taking one costs nothing);
-`refreshed` looks again. What a person chose stays; only the record under it grows.
+The State holds the record as of the last refresh (`Snapshot`: views, so taking one costs nothing). What the user
+chose stays; only the record under it grows.
 """
 
 from __future__ import annotations
@@ -14,15 +14,14 @@ import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
-from kalscope.tuning.choose import adapt_tuning
-from kalscope_app.session.opening import opened, reopened
-from kalscope_app.session.state import Feed, Live, State
+from kalscope_app.session.changes.channels import channel_named, select_channel
+from kalscope_app.session.live_state import Deferred, Feed, Live, Sent
+from kalscope_app.session.opening import adapted, opened, reopened
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from kalscope.sources.live.live_samples import Snapshot
     from kalscope.tuning.tuning import Tuning
+    from kalscope_app.session.state import Change, State
 
 SPANS = {
     "1 s": 1.0,
@@ -38,17 +37,16 @@ SPANS = {
 }
 """Lengths of the window that follows the newest sample, s."""
 
-
-ENOUGH_SAMPLES, ENOUGH_SECONDS = 100, 2.0
+START_SAMPLES, START_SECONDS = 100, 2.0
 """The starting r is measured on the first samples: on so many, or on so long if the board is slow."""
 
-FEWEST_SAMPLES = 10
+MIN_SAMPLES = 10
 """Fewer samples than this show nothing yet."""
 
 SAME_RATE = 0.05
 """Share by which a measured sample period may differ from that of a tuning file before q is rescaled."""
 
-STUDIED = 100_000
+MAX_STUDIED = 100_000
 """Newest samples that the checks, spectra and maps of a live record are computed from."""
 
 
@@ -61,128 +59,135 @@ def opened_live(feed: Feed, title: str, before: State | None = None, tuning: Tun
         before: what was on screen.
         tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
     """
-    wanted = () if tuning is None else (set_tuning(tuning),)
-    return refreshed(replace(opened(waiting(title), before), live=Live(feed, wanted=wanted)))
+    live = Live(feed, deferred=None if tuning is None else Deferred(tuning))
+    return refreshed(replace(opened(waiting(title), before), live=live))
 
 
 def waiting(title: str) -> Recording:
-    """What stands on screen until a board has sent something: two missing samples."""
+    """What is on screen until a board has sent something: two missing samples."""
     return Recording(np.arange(2.0), ("signal",), ("",), np.full((2, 1), np.nan), None, title=title)
 
 
-def set_tuning(tuning: Tuning) -> Callable[[State], State]:
-    """The values of a tuning file for the channels of a board; what had to be adapted is said in the note.
+def defer_until_settled(state: State, channel: str | None, values: dict[str, float | None]) -> State:
+    """Choose channel and parameters as soon as the channels of a board are known; at once where they are."""
+    live = state.live
+    if live is None or live.settled:
+        return with_setting(state, channel, values)
+    deferred = replace(live.deferred or Deferred(), channel=channel, values=tuple(values.items()))
+    return replace(state, live=replace(live, deferred=deferred))
+
+
+def with_setting(state: State, channel: str | None, values: dict[str, float | None]) -> State:
+    """The state at the channel and the parameters of the command line; None and {} change nothing."""
+    if channel is not None:
+        state = select_channel(channel_named(state.recording, channel))(state)
+    return state.with_standard_filter().with_tuning(**values, how="command line") if values else state
+
+
+def with_tuning_file(state: State, tuning: Tuning) -> State:
+    """The values of a tuning file for the channels of a board; the note says what had to be adapted.
 
     A measured sample period is never quite the one of the file: within a few percent it is taken for the same.
     """
-
-    def change(state: State) -> State:
-        measured, meant, tuned = state.recording.sample_period, tuning.sample_period, tuning
-        if measured and meant and abs(measured / meant - 1) <= SAME_RATE:
-            tuned = replace(tuning, sample_period=measured)
-        entries, notes = adapt_tuning(state.recording, tuned)
-        tunings = tuple(
-            replace(entries[own.name], name=own.name, unit=own.unit) if own.name in entries else own
-            for own in state.tunings
-        )
-        channel = tuning.selected if tuning.selected in entries else next(iter(entries))
-        note = " ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
-        return replace(state, tunings=tunings, channel=channel, note=note)
-
-    return change
+    measured, meant = state.recording.sample_period, tuning.sample_period
+    if measured and meant and abs(measured / meant - 1) <= SAME_RATE:
+        tuning = replace(tuning, sample_period=measured)
+    return adapted(state, tuning)
 
 
-def when_known(state: State, change: Callable[[State], State]) -> State:
-    """Do `change` as soon as the channels of a board are known; at once where they are."""
+def _apply_deferred(state: State) -> State:
+    """The state with what the command line asked for; the note says what cannot be."""
     live = state.live
-    if live is None or live.settled:
-        return change(state)
-    return replace(state, live=replace(live, wanted=(*live.wanted, change)))
-
-
-def _as_wanted(state: State) -> State:
-    """The state with what the command line asked for; what cannot be is said in the note."""
-    live = state.live
-    if live is None or not live.settled or not live.wanted:
+    if live is None or not live.settled or live.deferred is None:
         return state
-    state = replace(state, live=replace(live, wanted=()))
-    notes = []
-    for change in live.wanted:
+    deferred, state = live.deferred, replace(state, live=replace(live, deferred=None))
+    notes: list[str] = []
+
+    def apply(change: Change) -> State:
         try:
-            state = change(state)
-            notes += [state.note] if state.note else []
+            after = change(state)
         except BadSetting as error:
-            notes.append(f"Of the command line was left out: {error}.")
-    return replace(state, note=" ".join(notes), resets=state.resets + 1)
+            notes.append(f"Ignored command-line option: {error}.")
+            return state
+        notes.extend([after.answers.note] if after.answers.note else [])
+        return after
+
+    if (tuning := deferred.tuning) is not None:
+        state = apply(lambda state: with_tuning_file(state, tuning))
+    if deferred.channel is not None or deferred.values:
+        state = apply(lambda state: with_setting(state, deferred.channel, dict(deferred.values)))
+    return state.with_answers(note=" ".join(notes)).with_reset_view()
 
 
 def refreshed(state: State) -> State:
-    """The state with the samples that have come since; the same object where nothing has."""
+    """The state with the samples that have arrived since; the same object where there are none."""
     live = state.live
     if live is None or live.paused:
         return state
     snapshot = live.feed.snapshot()
-    if snapshot is None or len(snapshot.recording) < FEWEST_SAMPLES:
+    if snapshot is None or len(snapshot.recording) < MIN_SAMPLES:
         return state
     if live.snapshot is not None and same_samples(snapshot, live.snapshot):
         return state
     if live.snapshot is None or snapshot.generation != live.snapshot.generation or not live.settled:
         state = _begun(state, snapshot)
     grown = replace(state.live or live, snapshot=snapshot)
-    return replace(state, recording=snapshot.recording, live=grown)
+    return replace(state.with_open(recording=snapshot.recording), live=grown)
 
 
 def same_samples(one: Snapshot, other: Snapshot) -> bool:
-    """Whether nothing has come between two looks at a feed."""
+    """Whether no sample lies between two snapshots of a feed."""
     return (one.generation, one.version) == (other.generation, other.version)
 
 
 def _begun(state: State, snapshot: Snapshot) -> State:
-    """Starting values from the first samples; what a person has tuned already stays, by name."""
+    """Starting values from the first samples; what the user has tuned already stays, by name."""
     recording = snapshot.recording
     lasted = float(recording.time[-1] - recording.time[0])
-    settled = len(recording) >= ENOUGH_SAMPLES or lasted >= ENOUGH_SECONDS
-    head = _part(recording, 0, ENOUGH_SAMPLES)
-    same_board = replace(state, recording=replace(state.recording, source=head.source, title=head.title))
+    settled = len(recording) >= START_SAMPLES or lasted >= START_SECONDS
+    head = _part(recording, 0, START_SAMPLES)
+    same_board = state.with_open(recording=replace(state.recording, source=head.source, title=head.title))
     fresh = reopened(head, same_board)
     live = replace(state.live, settled=settled) if state.live else None
-    same_names = fresh.recording.names == state.recording.names
-    resets = state.resets if same_names else fresh.resets
-    choice = state.board_choice if state.board_choice in (*fresh.recording.names, None) else fresh.board_choice
-    fresh = replace(fresh, board_choice=choice, options=state.options)
-    return _as_wanted(replace(fresh, live=live, resets=resets))
+    if fresh.recording.names == state.recording.names:
+        fresh = fresh.with_view(resets=state.view.resets)
+    choice = state.open.board_choice
+    choice = choice if choice in (*fresh.recording.names, None) else fresh.open.board_choice
+    fresh = fresh.with_open(board_choice=choice, options=state.open.options)
+    return _apply_deferred(replace(fresh, live=live))
 
 
-def at_rest(state: State) -> State:
-    """The state as the history keeps it: without the samples, which are the feed's."""
+def without_samples(state: State) -> State:
+    """The state as the history keeps it: without the samples, which the feed keeps."""
     if state.live is None or state.live.snapshot is None:
         return state
     few = _part(state.recording, 0, 2)
-    stub = replace(few, time=few.time.copy(), values=few.values.copy())  # a view would keep all that it is of
-    return replace(state, recording=stub, live=replace(state.live, snapshot=None, paused=False))
+    stub = replace(few, time=few.time.copy(), values=few.values.copy())  # a view would keep the whole array
+    return replace(state.with_open(recording=stub), live=replace(state.live, snapshot=None, paused=False))
 
 
-def awake(rested: State, present: State) -> State:
+def with_current_samples(kept: State, present: State) -> State:
     """A state from the history with the samples of now: those on screen if it is the same board."""
-    if rested.live is None:
-        return rested
-    same_names = tuple(tuning.name for tuning in rested.tunings) == present.recording.names
-    if present.live is not None and present.live.feed is rested.live.feed and same_names:
-        rested = replace(rested, live=present.live, recording=present.recording)
-    return refreshed(rested)
+    if kept.live is None:
+        return kept
+    same_names = tuple(tuning.name for tuning in kept.settings.tunings) == present.recording.names
+    if present.live is not None and present.live.feed is kept.live.feed and same_names:
+        kept = replace(kept.with_open(recording=present.recording), live=present.live)
+    return refreshed(kept)
 
 
 def studied(state: State) -> State:
-    """The state that slow studies look at: the newest samples of a live record, all of any other."""
-    if state.live is None or len(state.recording) <= STUDIED:
+    """The state that idle-time computations use: the newest samples of a live record, all of any other."""
+    n = len(state.recording)
+    if state.live is None or n <= MAX_STUDIED:
         return state
-    return replace(state, recording=_part(state.recording, len(state.recording) - STUDIED, len(state.recording)))
+    return state.with_open(recording=_part(state.recording, n - MAX_STUDIED, n))
 
 
 def live_window(state: State) -> tuple[float, float] | None:
     """First and last moment on screen, s, of whatever is open; None = all of it."""
     if state.live is None or not state.live.following:
-        return state.window
+        return state.view.window
     if math.isinf(state.live.span):
         return None
     end = float(state.recording.time[-1])
@@ -198,11 +203,11 @@ def follow(state: State) -> State:
     if state.live is None:
         return state
     live = replace(state.live, following=True, paused=False)
-    return refreshed(replace(state, live=live, window=None, resets=state.resets + 1))
+    return refreshed(replace(state, live=live).with_reset_view(window=None))
 
 
-def set_paused(paused: bool) -> Callable[[State], State]:
-    """Let the screen stand still, or go on; samples come in all the same."""
+def set_paused(paused: bool) -> Change:
+    """Let the screen stand still, or go on; samples arrive all the same."""
 
     def change(state: State) -> State:
         return state if state.live is None else replace(state, live=replace(state.live, paused=bool(paused)))
@@ -210,7 +215,7 @@ def set_paused(paused: bool) -> Callable[[State], State]:
     return change
 
 
-def set_span(words: str) -> Callable[[State], State]:
+def set_span(words: str) -> Change:
     """Choose how much the following window shows, by its words."""
     if words not in SPANS:
         raise BadSetting(f"the live window must be one of {', '.join(SPANS)} (got {words[:40]!r})")
@@ -219,6 +224,17 @@ def set_span(words: str) -> Callable[[State], State]:
         if state.live is None:
             return state
         live = replace(state.live, span=SPANS[words], following=True)  # a paused screen stays so
-        return refreshed(replace(state, live=live, window=None, resets=state.resets + 1))
+        return refreshed(replace(state, live=live).with_reset_view(window=None))
+
+    return change
+
+
+def set_sent(sent: Sent | None) -> Change:
+    """The board has taken a setting, and its curve is drawn; None: what it uses is not known."""
+
+    def change(state: State) -> State:
+        if sent is not None and state.board is None and sent.filtered in state.recording.names:
+            state = state.with_open(board_choice=sent.filtered)
+        return replace(state, sent=sent)
 
     return change

@@ -14,7 +14,7 @@ from kalscope.papers.experiments import open_experiment
 from kalscope.papers.generalized_filter import GeneralizedParams
 from kalscope.tuning.choose import adapt_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.session.state import State
+from kalscope_app.session.state import ChannelSettings, OpenRecording, State
 
 if TYPE_CHECKING:
     from kalscope.filtering.params import FilterParams
@@ -24,11 +24,8 @@ if TYPE_CHECKING:
 def opened(recording: Recording, before: State | None = None) -> State:
     """A state that looks at a newly opened recording, every channel at its starting values."""
     starts = tuple(starting_tuning(recording, name) for name in recording.names)
-    resets = before.resets + 1 if before else 0
-    fresh = State(recording, recording.names[0], starts, starts, resets=resets)
-    if before is None:
-        return fresh
-    return fresh.seen_as(before)
+    fresh = State(OpenRecording(recording, recording.names[0]), ChannelSettings(starts, starts))
+    return fresh if before is None else replace(fresh, view=before.view).with_reset_view(window=None)
 
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
@@ -44,17 +41,17 @@ def reopened(recording: Recording, before: State) -> State:
     Of another recording pinned settings stay where name and unit of the channel agree: the next log of one sensor.
     """
     state = opened(recording, before)
-    old = before.recording
+    old, settings = before.recording, before.settings
     if (recording.source, recording.title) != (old.source, old.title):
         units = dict(zip(recording.names, recording.units, strict=True))
-        pins = tuple(one for one in before.pins if units.get(one.tuning.name) == one.tuning.unit)
+        pins = tuple(one for one in settings.pins if units.get(one.tuning.name) == one.tuning.unit)
         said = "Pinned settings stay on channels of the same name and unit." if pins else ""
-        return replace(state, pins=pins, note=said)
-    known = {now.name: now for now, start in zip(before.tunings, before.starts, strict=True) if now != start}
-    tunings = tuple(known.get(tuning.name, tuning) for tuning in state.tunings)
+        return state.with_settings(pins=pins).with_answers(note=said)
+    known = {now.name: now for now, start in zip(settings.tunings, settings.starts, strict=True) if now != start}
+    tunings = tuple(known.get(tuning.name, tuning) for tuning in state.settings.tunings)
     channel = before.channel if before.channel in recording.names else state.channel
-    pins = tuple(variant for variant in before.pins if variant.tuning.name in recording.names)
-    return replace(state, tunings=tunings, channel=channel, pins=pins, together=before.together)
+    pins = tuple(variant for variant in settings.pins if variant.tuning.name in recording.names)
+    return state.with_settings(tunings=tunings, pins=pins, link=settings.link).with_open(channel=channel)
 
 
 def opened_with(recording: Recording, tuning: Tuning, before: State | None = None) -> State:
@@ -67,15 +64,23 @@ def opened_with(recording: Recording, tuning: Tuning, before: State | None = Non
     if recording.sample_period is None and tuning.sample_period is not None:
         typed_period = tuning.sample_period
         recording = timed(recording, typed_period)
-    adapted, notes = adapt_tuning(recording, tuning)
-    state = opened(recording, before)
-    units = dict(zip(recording.names, recording.units, strict=True))
+    return adapted(opened(recording, before), tuning).with_open(typed_period=typed_period)
+
+
+def adapted(state: State, tuning: Tuning) -> State:
+    """The state at the values of a tuning file, and at the channel that it selects.
+
+    Raises:
+        BadSetting: none of the recording's channels is in the file.
+    """
+    entries, notes = adapt_tuning(state.recording, tuning)
     tunings = tuple(
-        replace(adapted[t.name], name=t.name, unit=units[t.name]) if t.name in adapted else t for t in state.tunings
+        replace(entries[own.name], name=own.name, unit=own.unit) if own.name in entries else own
+        for own in state.settings.tunings
     )
-    channel = tuning.selected if tuning.selected in adapted else next(iter(adapted))
+    channel = tuning.selected if tuning.selected in entries else next(iter(entries))
     note = " ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
-    return replace(state, tunings=tunings, channel=channel, typed_period=typed_period, note=note)
+    return state.with_settings(tunings=tunings).with_open(channel=channel).with_answers(note=note)
 
 
 def opened_experiment(name: str, before: State | None = None) -> State:
@@ -87,9 +92,9 @@ def opened_experiment(name: str, before: State | None = None) -> State:
     recording, settings = open_experiment(name)
     state = opened(recording, before)
     chosen = [settings[channel] for channel in recording.names]
-    tunings = tuple(map(_tuning_of, state.tunings, chosen))
-    rules = tuple(s if isinstance(s, GeneralizedParams) else None for s in chosen)
-    return replace(state, tunings=tunings, starts=tunings, rules=rules)
+    tunings = tuple(map(_tuning_of, state.settings.tunings, chosen))
+    filters = tuple(s if isinstance(s, GeneralizedParams) else None for s in chosen)
+    return state.with_settings(tunings=tunings, starts=tunings, paper_filters=filters)
 
 
 def _tuning_of(start: ChannelTuning, settings: FilterParams | GeneralizedParams) -> ChannelTuning:

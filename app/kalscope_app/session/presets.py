@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -15,8 +15,7 @@ from kalscope.papers.maarif_2019.paper import SIMULATED_FIGURES
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from kalscope_app.session.changes import Change
-    from kalscope_app.session.state import State
+    from kalscope_app.session.state import Change, State
 
 Pair = tuple[float, float]
 """q and r, unit²."""
@@ -68,7 +67,7 @@ PAPER_3 = {
 
 def _by_lag(lag_samples: float, state: State) -> Pair:
     """The signal's own noise as r, var(Δz)/2 of the recording, and the q that has the lag."""
-    r = state.starts[state.recording.index(state.channel)].r
+    r = state.start.r
     return min(float(f"{r * ratio_for(lag_samples=lag_samples):.3e}"), LARGEST), r
 
 
@@ -104,7 +103,7 @@ PRESETS = {preset.title: preset for preset in _all()}
 def choose_preset(title: str) -> Change:
     """Look at what a preset would do."""
     preset = _known(title)
-    return lambda state: replace(state, preset=preset.title)
+    return lambda state: state.with_view(preset=preset.title)
 
 
 def take_preset(title: str) -> Change:
@@ -113,8 +112,8 @@ def take_preset(title: str) -> Change:
 
     def change(state: State) -> State:
         q, r = preset.pair(state)
-        five_lines = state.with_rule(None) if state.rule is not None else state
-        return replace(five_lines.with_tuning(q=q, r=r, how=f"preset {preset.title}"), preset=preset.title)
+        tuned = state.with_standard_filter().with_tuning(q=q, r=r, how=f"preset {preset.title}")
+        return tuned.with_view(preset=preset.title)
 
     return change
 

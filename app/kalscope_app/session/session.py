@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from kalscope_app.session.history import History, record, step_back, step_forward
-from kalscope_app.session.live import at_rest, awake, refreshed
+from kalscope_app.session.live import refreshed, with_current_samples, without_samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from kalscope_app.session.changes import Change
-    from kalscope_app.session.state import State
+    from kalscope_app.session.state import Change, State
 
 
 def undo(state: State) -> State:
@@ -39,7 +38,7 @@ class _Request:
 
 
 class Session:
-    """The State and the changes that wait for the engine. `bell` rings when there is something to do."""
+    """The State and the changes that wait for the engine. `wakeup` is set when a request is waiting."""
 
     def __init__(self, state: State) -> None:
         self._state = state
@@ -47,7 +46,7 @@ class Session:
         self._lock = threading.Lock()
         self._waiting: list[_Request] = []
         self._serial = 0
-        self.bell = threading.Event()
+        self.wakeup = threading.Event()
 
     def request(self, change: Change, *, key: str = "", delay: float = 0.0) -> int:
         """File a change and return its serial number; frames tell up to which serial all is in them.
@@ -66,14 +65,14 @@ class Session:
             self._waiting = [replace(waiting, due=min(waiting.due, now)) for waiting in self._waiting]
             self._waiting.append(_Request(self._serial, now + delay, key, change))
             serial = self._serial
-        self.bell.set()
+        self.wakeup.set()
         return serial
 
-    def ask(self, use: Callable[[State], None]) -> None:
-        """Hand the state to `use` once every earlier request is in it; on the engine's thread, so be quick."""
+    def with_state(self, callback: Callable[[State], None]) -> None:
+        """Hand the state to `callback` once every earlier request is in it; on the engine's thread, so be quick."""
 
         def change(state: State) -> State:
-            use(state)
+            callback(state)
             return state
 
         self.request(change)
@@ -85,7 +84,7 @@ class Session:
                 return None
             return max(0.0, min(waiting.due for waiting in self._waiting) - time.monotonic())
 
-    def settle(self) -> tuple[State, int, list[Exception]]:
+    def apply_due_requests(self) -> tuple[State, int, list[Exception]]:
         """Apply what is due, in order; a change that fails leaves the state as it was.
 
         Returns the state, the serial up to which every request was seen, and what failed.
@@ -106,16 +105,18 @@ class Session:
 
     def _apply(self, request: _Request, now: float) -> None:
         if request.change is undo and not self.can_undo:
-            self._state = replace(self._state, note="There is nothing to undo.")
+            self._state = self._state.with_answers(note="There is nothing to undo.")
         elif request.change is redo and not self.can_redo:
-            self._state = replace(self._state, note="There is nothing to redo.")
+            self._state = self._state.with_answers(note="There is nothing to redo.")
         elif request.change is undo or request.change is redo:
             step = step_back if request.change is undo else step_forward
-            self._history, rested = step(self._history, at_rest(self._state))
-            self._state = awake(rested, self._state)
+            self._history, kept = step(self._history, without_samples(self._state))
+            self._state = with_current_samples(kept, self._state)
         else:
             after = request.change(self._state)
-            self._history = record(self._history, at_rest(self._state), at_rest(after), request.key, now)
+            self._history = record(
+                self._history, without_samples(self._state), without_samples(after), request.key, now
+            )
             self._state = after
 
     @property

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from kalscope.common.text import typed_number
-from kalscope_app.session.changes import select_channel
-from kalscope_app.session.live import when_known
+from kalscope_app.session.live import defer_until_settled
 
 if TYPE_CHECKING:
     from kalscope.recording import Recording
@@ -39,7 +38,7 @@ def share_line(state: State) -> ShareLine:
     """The command that reopens what is on screen."""
     source, remarks = _source(state.recording)
     words = ["kalscope", "open", source, *reading_words(state), *_channel_words(state.recording, state.channel)]
-    if state.rule is None:
+    if state.paper_filter is None:
         words += setting_words(state)
     else:
         remarks.append("The second paper's filter reopens as its experiment has it.")
@@ -67,7 +66,7 @@ def _channel_words(recording: Recording, channel: str) -> list[str]:
 
 def setting_words(state: State) -> list[str]:
     """Q and r always, the rest where it is not what the recording begins with."""
-    tuning, start = state.tuning, state.starts[state.recording.index(state.channel)]
+    tuning, start = state.tuning, state.start
     words = [*_option("q", repr(tuning.q)), *_option("r", repr(tuning.r))]
     by_value = tuning.p0 is not None
     for name in ("p0", "x0", "gate"):
@@ -79,8 +78,8 @@ def setting_words(state: State) -> list[str]:
 
 def reading_words(state: State) -> list[str]:
     """How the file is to be read, where that was decided."""
-    options = state.options
-    words = [] if state.typed_period is None else _option("sample-period", repr(state.typed_period))
+    options, period = state.open.options, state.open.typed_period
+    words = [] if period is None else _option("sample-period", repr(period))
     if options.delimiter is not None:
         words += _option("delimiter", DELIMITER_WORDS[options.delimiter])
     if options.time_column is not None:
@@ -120,24 +119,6 @@ def apply_options(
     if values.get("p0", 0.0) is None:
         values["x0"] = None
 
-    def change(state: State) -> State:
-        if channel is not None:
-            state = select_channel(channel_named(state.recording, channel))(state)
-        if not values:
-            return state
-        five_lines = state.with_rule(None) if state.rule is not None else state
-        return five_lines.with_tuning(**values, how="command line")
-
-    if state.live is None or state.live.settled or (channel is None and not values):
-        return change(state)
-    if values:
+    if values and state.live is not None and not state.live.settled:
         state.with_tuning(**values)  # refuses now what no channel could have
-    return when_known(state, change)
-
-
-def channel_named(recording: Recording, text: str) -> str:
-    """A channel by its name, or by its number from 1 where no channel is called so."""
-    number = int(text) if text.isascii() and text.isdecimal() and len(text) < 6 else 0
-    if text not in recording.names and 1 <= number <= len(recording.names):
-        return recording.names[number - 1]
-    return text
+    return defer_until_settled(state, channel, values) if values or channel is not None else state

@@ -1,98 +1,89 @@
-"""What the user has chosen, as one frozen State. No viser here."""
+"""What the user has chosen, as one frozen State of a few small values."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 from kalscope.errors import BadSetting
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.session.linked_channels import ALONE, in_step
+from kalscope_app.session.linked_channels import UNLINKED, apply_to_linked
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
     import numpy as np
     from numpy.typing import NDArray
 
     from kalscope.estimation.result import Estimate
-    from kalscope.export.float32 import Float32Params
     from kalscope.filtering.params import FilterParams
     from kalscope.papers.generalized_filter import GeneralizedParams
     from kalscope.recording import Recording
-    from kalscope.sources.live.live_samples import Snapshot
-    from kalscope.sources.live.live_status import LiveStatus
+    from kalscope_app.session.live_state import Live, Sent
     from kalscope_app.session.variants import Variant
-
-FIRST_SPAN = 10.0
-"""Length that it begins with, s."""
-
-
-class Feed(Protocol):
-    """What a live source offers to the dashboard; `LiveSource` is one."""
-
-    def snapshot(self) -> Snapshot | None:
-        """What is kept, or None before the first sample."""
-        ...
-
-    def status(self) -> LiveStatus:
-        """How the connection is."""
-        ...
-
-
-@dataclass(frozen=True)
-class Live:
-    """The live part of a State."""
-
-    feed: Feed
-    """Where the samples come from."""
-    snapshot: Snapshot | None = None
-    """The record as it was last looked at; None before the first samples."""
-    span: float = FIRST_SPAN
-    """Length of the window that follows the newest sample, s; inf = all that is kept."""
-    following: bool = True
-    """Whether the window follows; looking back ends that."""
-    paused: bool = False
-    """Whether the screen stands still while samples still come in."""
-    settled: bool = False
-    """Whether the starting values have been measured."""
-    wanted: tuple[Callable[[State], State], ...] = ()
-    """What the command line asked for, done once the channels and the starting values are known."""
-
-    @property
-    def key(self) -> tuple[int, int]:
-        """What stays the same while the record only grows: the feed and its layout."""
-        return id(self.feed), -1 if self.snapshot is None else self.snapshot.generation
-
-
-@dataclass(frozen=True)
-class Sent:
-    """A setting that a board has taken."""
-
-    record: tuple[int, int]
-    """The live record that it belongs to."""
-    channel: str
-    """The channel that was tuned."""
-    filtered: str
-    """The channel in which the board sends what its filter makes of it."""
-    asked: FilterParams
-    """What was on screen when it was sent."""
-    params: Float32Params
-    """What the board says it uses, exact."""
-    row: int
-    """Number of the first sample after the board was asked to start anew, counted since it began to send."""
-
-
-DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
-"""Reach of each slider, in decades around the starting r of the channel."""
 
 MAP_COLOURS: tuple[str, ...] = ("likelihood", "RMSE", "lag")
 """What the tuning map may be coloured by; RMSE where the truth is known."""
 
-VIEW = ("dark", "map_shown", "map_colour", "smoother", "match", "rival", "way", "preset")
-"""Fields of State that say how it is looked at; they outlive the recording, and Undo leaves them alone."""
+
+@dataclass(frozen=True)
+class OpenRecording:
+    """What is open, how it was read, and which channel is on screen."""
+
+    recording: Recording
+    """The samples."""
+    channel: str
+    """The channel on screen, one of recording.names."""
+    options: ReadOptions = DEFAULTS
+    """What the user decided about reading the file."""
+    typed_period: float | None = None
+    """The sample period that the user typed, s; None = as the recording says."""
+    board_choice: str | None = ""
+    """The channel said to be the board's own filtered curve; "" = by its name, None = there is none."""
+
+
+@dataclass(frozen=True)
+class ChannelSettings:
+    """The filters of all channels: with the open recording and its channel, what Undo restores."""
+
+    tunings: tuple[ChannelTuning, ...]
+    """The parameters of every channel, in the order of recording.names."""
+    starts: tuple[ChannelTuning, ...]
+    """What they were when the recording was opened; Reset goes back there."""
+    paper_filters: tuple[GeneralizedParams | None, ...] = ()
+    """The second paper's filter in place of the standard one, by channel; None or absent = the standard one."""
+    pins: tuple[Variant, ...] = ()
+    """Pinned settings of every channel; `State.variants` are those of the channel on screen."""
+    link: str = UNLINKED
+    """Whether the other channels follow the one on screen, one of `linked_channels.LINKS`."""
+
+
+@dataclass(frozen=True)
+class View:
+    """How it is looked at. It outlives the recording, and Undo leaves it alone."""
+
+    dark: bool = False
+    """Dark theme."""
+    map_shown: bool = True
+    """Whether the tuning map is shown where the window has room for it."""
+    map_colour: str = "likelihood"
+    """What the tuning map is coloured by, one of MAP_COLOURS."""
+    smoother: bool = False
+    """Whether the best possible offline curve is drawn."""
+    match_by: Literal["lag", "noise"] = "lag"
+    """What simpler filters are made equal in."""
+    drawn_alternative: str = "Moving average"
+    """The simpler filter that is drawn beside the present one; any other word draws all."""
+    search_method: str = "maximum likelihood"
+    """How q and r are searched, one of the search methods of the dashboard."""
+    preset: str = ""
+    """Title of the preset that is looked at; "" = the first."""
+    window: tuple[float, float] | None = None
+    """First and last moment on screen, s; None = the whole recording."""
+    resets: int = 0
+    """How often the view was reset: a new number makes the charts forget their zoom."""
 
 
 @dataclass(frozen=True)
@@ -110,83 +101,94 @@ class Outcome:
 
 
 @dataclass(frozen=True)
+class Answers:
+    """What was computed or done on request, for the channel on screen."""
+
+    outcome: Outcome | None = None
+    """The last search."""
+    method_comparison: tuple[Estimate, ...] = ()
+    """The estimates of the five methods, once they were run."""
+    note: str = ""
+    """One sentence on what the last change did, where that needs saying."""
+
+
+@dataclass(frozen=True)
 class State:
     """All that decides what is on screen."""
 
-    recording: Recording
-    """What is open."""
-    channel: str
-    """The channel on screen, one of recording.names."""
-    tunings: tuple[ChannelTuning, ...]
-    """The parameters of every channel, in the order of recording.names."""
-    starts: tuple[ChannelTuning, ...]
-    """What they were when the recording was opened; Reset goes back there."""
-    rules: tuple[GeneralizedParams | None, ...] = ()
-    """The second paper's filter in place of the five lines, by channel; None or absent = the five lines."""
-    window: tuple[float, float] | None = None
-    """First and last moment on screen, s; None = the whole recording."""
-    outcome: Outcome | None = None
-    """The last search on this channel."""
-    opinions: tuple[Estimate, ...] = ()
-    """What the five methods say of this channel, once asked."""
-    way: str = "maximum likelihood"
-    """How q and r are searched, one of the ways of the dashboard."""
-    match: Literal["lag", "noise"] = "lag"
-    """What simpler filters are made equal in."""
-    rival: str = "Moving average"
-    """The simpler filter that is drawn beside the present one; any other word draws all."""
-    smoother: bool = False
-    """Whether the best possible offline curve is drawn."""
-    dark: bool = False
-    """Dark theme."""
-    map_shown: bool = True
-    """Whether the tuning map is shown where the window has room for it."""
-    map_colour: str = "likelihood"
-    """What the tuning map is coloured by, one of MAP_COLOURS."""
-    resets: int = 0
-    """How often the view was reset: a new number tells the charts to forget their zoom."""
-    pins: tuple[Variant, ...] = ()
-    """Settings that were pinned, of every channel; `variants` are those of the channel on screen."""
-    together: str = ALONE
-    """Whether the other channels follow the one on screen, one of `together.WAYS`."""
-    preset: str = ""
-    """Title of the preset that is looked at; "" = the first."""
-    options: ReadOptions = DEFAULTS
-    """What the person decided about reading the file."""
-    typed_period: float | None = None
-    """The sample period that the person gave, s; None = as the recording tells."""
-    note: str = ""
-    """One sentence on what the last change did, where that needs saying."""
-    board_choice: str | None = ""
-    """The channel said to be the board's own filtered curve; "" = by its name, None = there is none."""
+    open: OpenRecording
+    settings: ChannelSettings
+    view: View = View()
+    answers: Answers = Answers()
     sent: Sent | None = None
     """What was last sent to the live board; None = nothing yet."""
     live: Live | None = None
     """The live board that the recording grows from; None for a finished recording."""
 
-    def seen_as(self, other: State) -> State:
-        """The state in the view of another: theme, map, what is drawn beside the signal, what is asked for."""
-        return replace(self, **{name: getattr(other, name) for name in VIEW})
+    def with_open(self, **values: Any) -> State:
+        """The state with other fields of `open`."""
+        return replace(self, open=replace(self.open, **values))
+
+    def with_settings(self, **values: Any) -> State:
+        """The state with other fields of `settings`."""
+        return replace(self, settings=replace(self.settings, **values))
+
+    def with_view(self, **values: Any) -> State:
+        """The state with other fields of `view`."""
+        return replace(self, view=replace(self.view, **values))
+
+    def with_answers(self, **values: Any) -> State:
+        """The state with other fields of `answers`."""
+        return replace(self, answers=replace(self.answers, **values))
+
+    def with_reset_view(self, **values: Any) -> State:
+        """The state with the zoom of the charts forgotten, and other fields of `view`."""
+        return self.with_view(resets=self.view.resets + 1, **values)
+
+    @property
+    def recording(self) -> Recording:
+        """What is open."""
+        return self.open.recording
+
+    @property
+    def channel(self) -> str:
+        """The channel on screen."""
+        return self.open.channel
+
+    @property
+    def index(self) -> int:
+        """Its index among recording.names."""
+        return self.recording.index(self.channel)
+
+    @property
+    def z(self) -> NDArray[np.float64]:
+        """Its measurements, unit; NaN where missing, shape (n,)."""
+        return self.recording.channel(self.channel)
 
     @property
     def tuning(self) -> ChannelTuning:
-        """Parameters of the channel on screen."""
-        return self.tunings[self.recording.index(self.channel)]
+        """Its parameters."""
+        return self.settings.tunings[self.index]
+
+    @property
+    def start(self) -> ChannelTuning:
+        """Its starting values."""
+        return self.settings.starts[self.index]
 
     @property
     def params(self) -> FilterParams:
-        """The same as the filter takes them."""
+        """Its parameters as the standard filter takes them."""
         return self.tuning.params
 
     @property
     def variants(self) -> tuple[Variant, ...]:
-        """The pinned settings of the channel on screen, in the order in which they were pinned."""
-        return tuple(variant for variant in self.pins if variant.tuning.name == self.channel)
+        """Its pinned settings, in the order in which they were pinned."""
+        return tuple(variant for variant in self.settings.pins if variant.tuning.name == self.channel)
 
     @property
-    def rule(self) -> GeneralizedParams | None:
+    def paper_filter(self) -> GeneralizedParams | None:
         """The second paper's filter, where the channel on screen runs it."""
-        return self.rules[self.recording.index(self.channel)] if self.rules else None
+        return self.settings.paper_filters[self.index] if self.settings.paper_filters else None
 
     @property
     def dt(self) -> NDArray[np.float64] | None:
@@ -196,11 +198,10 @@ class State:
     @property
     def board(self) -> str | None:
         """The channel with the board's own filtered curve, drawn beside ours; None = there is none."""
-        names = self.recording.names
-        if self.board_choice != "":
-            return self.board_choice if self.board_choice in names else None
-        own = "filtered" if self.channel == "raw" else f"{self.channel}_filtered"  # as the exported sketch says
-        return own if own in names else None
+        names, choice = self.recording.names, self.open.board_choice
+        if choice == "":
+            choice = "filtered" if self.channel == "raw" else f"{self.channel}_filtered"  # as the exported sketch
+        return choice if choice in names else None
 
     @property
     def record_key(self) -> tuple[int, int]:
@@ -214,24 +215,33 @@ class State:
         ours = self.recording
         return (ours.source, ours.title, ours.names) == (recording.source, recording.title, recording.names)
 
-    def with_rule(self, rule: GeneralizedParams | None) -> State:
-        """The state with another filter for the channel on screen."""
-        rules = list(self.rules or (None,) * len(self.tunings))
-        rules[self.recording.index(self.channel)] = rule
-        return replace(self, rules=tuple(rules), outcome=None, note="")
+    def with_paper_filter(self, paper_filter: GeneralizedParams | None) -> State:
+        """The state with another filter for the channel on screen; None = the standard one."""
+        filters = list(self.settings.paper_filters or (None,) * len(self.settings.tunings))
+        filters[self.index] = paper_filter
+        return self.with_settings(paper_filters=tuple(filters)).with_answers(outcome=None, note="")
 
-    def with_tuning(self, **values: object) -> State:
+    def with_standard_filter(self) -> State:
+        """The state with the standard filter for the channel on screen."""
+        return self if self.paper_filter is None else self.with_paper_filter(None)
+
+    def with_tuning(self, **values: Any) -> State:
         """The state with other parameters for the channel on screen; refused as FilterParams refuses."""
-        changed = replace(self.tuning, **values)  # pyright: ignore[reportArgumentType]
-        at = self.recording.index(self.channel)
-        tunings = (*self.tunings[:at], changed, *self.tunings[at + 1 :])
-        tunings = in_step(tunings, self.starts, at, self.together)
+        changed = replace(self.tuning, **values)
         same = (changed.q, changed.r) == (self.tuning.q, self.tuning.r)
-        return replace(self, tunings=tunings, outcome=self.outcome if same else None, note="")
+        state = self.with_tuning_of(self.index, changed)
+        return state.with_answers(outcome=self.answers.outcome if same else None, note="")
 
-    def check_five_lines(self, names: Iterable[str]) -> None:
-        """BadSetting where one of these channels runs the second paper's filter, which leaves only as a picture."""
-        other = [name for name in names if self.rules and self.rules[self.recording.index(name)] is not None]
+    def with_tuning_of(self, at: int, tuning: ChannelTuning) -> State:
+        """The state with other parameters for one channel, by its index; linked channels follow."""
+        settings = self.settings
+        tunings = (*settings.tunings[:at], tuning, *settings.tunings[at + 1 :])
+        return self.with_settings(tunings=apply_to_linked(tunings, settings.starts, at, settings.link))
+
+    def require_standard_filter(self, names: Iterable[str]) -> None:
+        """BadSetting where one of these channels runs the second paper's filter, which cannot be exported."""
+        filters = dict(zip(self.recording.names, self.settings.paper_filters, strict=False))
+        other = [name for name in names if filters.get(name) is not None]
         if other:
             raise BadSetting(
                 "what is exported must be the filter with q and r: choose it under Tune first (got the second"
@@ -242,7 +252,7 @@ class State:
         """What the tuning file holds."""
         rec = self.recording
         return Tuning(
-            channels=self.tunings,
+            channels=self.settings.tunings,
             source=rec.source,
             source_name=rec.title,
             sha256=rec.sha256,
@@ -251,12 +261,5 @@ class State:
         )
 
 
-def slider_limits(state: State, name: str) -> tuple[int, int]:
-    """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside."""
-    start = state.starts[state.recording.index(state.channel)]
-    centre = round(math.log10(start.r))
-    low, high = (centre + reach for reach in DECADES[name])
-    value = getattr(state.tuning, name)
-    if value:
-        low, high = min(low, math.floor(math.log10(value))), max(high, math.ceil(math.log10(value)))
-    return max(low, -300), min(high, 300)
+Change = Callable[[State], State]
+"""What is asked of the session; the engine's thread applies it."""

@@ -40,7 +40,7 @@ class Compared:
     @property
     def rivals(self) -> tuple[Alternative, ...]:
         """What is drawn beside the present filter: the chosen one, or all."""
-        chosen = tuple(one for one in self.found.others if one.name == self.state.rival)
+        chosen = tuple(one for one in self.found.others if one.name == self.state.view.drawn_alternative)
         return chosen or self.found.others
 
 
@@ -54,18 +54,18 @@ class AlternativesStudy:
 
     def compute(self, state: State) -> Compared | None:
         """Compare; None where the filter on screen has no q and r."""
-        if state.rule is not None:
+        if state.paper_filter is not None:
             return None
         recording = state.recording
-        shown = choose_shown(recording, state.channel, state.window)
+        shown = choose_shown(recording, state.channel, state.view.window)
         window = (shown.first, shown.last)
-        key = (state.channel, state.params, state.match, *stretch_of(len(recording), window))
+        key = (state.channel, state.params, state.view.match_by, *stretch_of(len(recording), window))
         if self._found is None or self._recording is not recording or self._key != key:
             column = recording.index(state.channel)
             self._found = compare_alternatives(
                 recording.values[:, column],
                 state.params,
-                match=state.match,
+                match=state.view.match_by,
                 dt=state.dt,
                 sample_period=recording.sample_period,
                 truth=None if recording.truth is None else recording.truth[:, column],

@@ -14,11 +14,12 @@ from kalscope.errors import BadDevice, BadSetting
 from kalscope.export.board.check import BoardCheck, check_board
 from kalscope.export.board.commands import BoardAnswer, commands, is_refusal, read_answer
 from kalscope.export.float32 import float32_params
-from kalscope_app.session.state import Sent, State
+from kalscope_app.session.live_state import Sent
 
 if TYPE_CHECKING:
     from kalscope.sources.live.live_samples import Snapshot
     from kalscope.sources.live.live_source import LiveSource
+    from kalscope_app.session.state import State
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def send_setting(state: State, source: LiveSource) -> Sent:
         BadSetting: the values do not fit float32, this board has no such filter, or another one is on screen.
         BadDevice: the board did not answer, or did not take a value.
     """
-    state.check_five_lines([state.channel])
+    state.require_standard_filter([state.channel])
     wanted = float32_params(state.params)
     names = state.recording.names
     filters = len(_answers(source, "?")) if is_unnamed(names) and len(names) > 1 else 0

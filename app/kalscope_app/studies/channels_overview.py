@@ -78,7 +78,9 @@ class Overviews:
         known, self._known = self._known, {}
         lanes = []
         for i, name in enumerate(recording.names[:LIMIT]):
-            settings = (state.rules[i] if state.rules else None) or state.tunings[i].params
+            settings = (
+                state.settings.paper_filters[i] if state.settings.paper_filters else None
+            ) or state.settings.tunings[i].params
             key = name, settings
             if key not in known:
                 known[key] = _filtered(recording.values[:, i], settings, state.dt)[self._at]
@@ -88,13 +90,13 @@ class Overviews:
 
     def _look_at(self, state: State, clock: Array) -> None:
         """Choose the samples to draw, anew where recording or window changed."""
-        if self._of is not None and self._of[0] is state.recording and self._of[1] == state.window:
+        if self._of is not None and self._of[0] is state.recording and self._of[1] == state.view.window:
             return
-        self._of, self._known = (state.recording, state.window), {}
+        self._of, self._known = (state.recording, state.view.window), {}
         first, last = 0, len(clock)
-        if state.window is not None:
-            first = int(np.searchsorted(clock, state.window[0], side="left"))
-            last = max(int(np.searchsorted(clock, state.window[1], side="right")), first + 1)
+        if state.view.window is not None:
+            first = int(np.searchsorted(clock, state.view.window[0], side="left"))
+            last = max(int(np.searchsorted(clock, state.view.window[1], side="right")), first + 1)
         values = state.recording.values[first:last, :LIMIT]
         share = max(2, POINTS // values.shape[1])
         chosen = [choose_indices(np.ascontiguousarray(column), None, share) for column in values.T]

@@ -30,7 +30,7 @@ class Checks:
 
 def compute_checks(state: State) -> Checks | None:
     """Diagnose the channel on screen; None where its filter has no q and r to judge."""
-    if state.rule is not None:
+    if state.paper_filter is not None:
         return None
     z, dt = state.recording.channel(state.channel), state.dt
     whole = diagnose(kalman_filter(z, state.params, dt))

@@ -39,7 +39,7 @@ class Spectra:
 
 def compute_spectra(state: State) -> Spectra | None:
     """Densities and response of the channel on screen; None where its filter has no q and r."""
-    if state.rule is not None:
+    if state.paper_filter is not None:
         return None
     period = state.recording.sample_period
     found = spectrum(state.recording.channel(state.channel), state.params, state.dt, period)
@@ -78,7 +78,7 @@ class Allan:
 
 def compute_allan(state: State) -> Allan | None:
     """Allan deviation of the channel on screen; None where its filter has no q and r."""
-    if state.rule is not None:
+    if state.paper_filter is not None:
         return None
     z = state.recording.channel(state.channel)
     return Allan(state, allan_deviation(z, state.params, state.recording.sample_period))

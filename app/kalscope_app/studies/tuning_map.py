@@ -101,11 +101,13 @@ class MapMaker:
 
     def __call__(self, state: State) -> TuningMap:
         """The map of a state; the same object while nothing of it has changed."""
-        if state.rule is not None:
+        if state.paper_filter is not None:
             return nothing("This filter has no q and r: the tuning map belongs to the five lines.")
         scan = self._scan_of(state)
         colour = (
-            state.map_colour if state.recording.truth is not None or state.map_colour != "RMSE" else "likelihood"
+            state.view.map_colour
+            if state.recording.truth is not None or state.view.map_colour != "RMSE"
+            else "likelihood"
         )
         q, r = map_ranges(state, scan)
         key = (scan, colour, q, r, limits_of(state))
@@ -176,8 +178,7 @@ def rms(error: Array) -> float:
 
 def map_ranges(state: State, scan: Scan) -> tuple[Range, Range]:
     """Exponents at the edges: around the signal's own noise, wider for the present, best and pinned pairs."""
-    start = state.starts[state.recording.index(state.channel)]
-    centre = round(math.log10(start.r)) if start.r > 0.0 else 0
+    centre = round(math.log10(state.start.r)) if state.start.r > 0.0 else 0
     pairs = [(state.tuning.q, state.tuning.r), (float(scan.best.q), float(scan.best.r))]
     pairs += [(v.tuning.q, v.tuning.r) for v in state.variants]
 

@@ -68,7 +68,7 @@ class VariantTable:
         if self._of is None or self._of[0] is not state.recording or self._of[1] != state.channel:
             self._of, self._known = (state.recording, state.channel), {}
         settings = [(variant, variant.tuning.params) for variant in state.variants]
-        present = [(None, state.params)] if state.rule is None else []
+        present = [(None, state.params)] if state.paper_filter is None else []
         rows = tuple(
             Row(variant, params, self._measure(state, params)) for variant, params in (*present, *settings)
         )

@@ -10,7 +10,7 @@ import pytest
 
 from kalscope import Recording, kalman_filter
 from kalscope_app.engine.engine import LEAST_INTERVAL, Engine, pause_before_frame
-from kalscope_app.session.changes import set_exponent, set_text
+from kalscope_app.session.changes.parameters import set_exponent, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
 

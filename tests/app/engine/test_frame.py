@@ -8,7 +8,8 @@ import pytest
 from kalscope import FilterParams, Recording, kalman_filter, steady_state
 from kalscope_app.engine.decimation import POINT_LIMIT
 from kalscope_app.engine.frame import choose_shown, compute_frame, gain_axis, samples_to_settle
-from kalscope_app.session.changes import set_text, set_window
+from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.session.changes.view import set_window
 from kalscope_app.session.opening import opened
 
 
@@ -28,7 +29,7 @@ def recording(n=20_000, missing=0.0, truth=False, period=0.01):
 
 
 def frame_of(state):
-    return compute_frame(state, 0, choose_shown(state.recording, state.channel, state.window))
+    return compute_frame(state, 0, choose_shown(state.recording, state.channel, state.view.window))
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 300, POINT_LIMIT, POINT_LIMIT + 1, 50_000])

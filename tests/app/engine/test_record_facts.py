@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from feed import Board
 
 from kalscope import Recording
 from kalscope_app.engine.record_facts import Facts, RecordFacts, facts_of
-from kalscope_app.session.changes import select_channel
+from kalscope_app.session.changes.channels import select_channel
 from kalscope_app.session.live import opened_live, refreshed
 from kalscope_app.session.opening import opened
 
@@ -65,4 +63,4 @@ def test_another_recording_is_looked_at_afresh():
     other = opened(record([0, 2, 1, 3], [1, 1, 2, 3]))
     assert facts.of(first) == Facts(ascends=True, missing=1)
     assert facts.of(other) == Facts(ascends=False, missing=0)
-    assert facts.of(replace(first, window=(0.0, 1.0))) == Facts(ascends=True, missing=1)
+    assert facts.of(first.with_view(window=(0.0, 1.0))) == Facts(ascends=True, missing=1)

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from kalscope import Recording
-from kalscope_app.session.changes import set_dark, set_exponent, set_text, set_window
-from kalscope_app.session.channel_changes import set_together
+from kalscope_app.session.changes.channels import set_link
+from kalscope_app.session.changes.parameters import set_exponent, set_text
+from kalscope_app.session.changes.variants import pin_present
+from kalscope_app.session.changes.view import set_dark, set_window
 from kalscope_app.session.history import LIMIT, SAME_GESTURE, History, record, step_back, step_forward
 from kalscope_app.session.linked_channels import SAME_NUMBERS
 from kalscope_app.session.opening import opened
 from kalscope_app.session.presets import PRESETS, take_preset
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.state import VIEW
-from kalscope_app.session.variant_changes import pin_present
+from kalscope_app.session.state import View
 
 
 def recording(seed=0):
@@ -74,27 +75,27 @@ def test_a_change_of_the_view_in_between_does_not_split_a_gesture(state):
     assert len(record(history, seen, set_text("q", "2")(seen), "slider q", 10.2).past) == 1
 
 
-TUNING_CHANGES = [pin_present, set_together(SAME_NUMBERS), take_preset(next(iter(PRESETS))), set_text("gate", "9")]
+TUNING_CHANGES = [pin_present, set_link(SAME_NUMBERS), take_preset(next(iter(PRESETS))), set_text("gate", "9")]
 
 
 @pytest.mark.parametrize("change", TUNING_CHANGES)
 def test_pins_presets_and_channels_are_remembered(state, change):
     history = record(History(), state, change(state), "", 0.0)
     assert history.past == (state,)
-    assert step_back(history, change(state))[1] == replace(state, note="", preset=change(state).preset)
+    assert step_back(history, change(state))[1] == replace(state.with_answers(note=""), view=change(state).view)
 
 
-VIEW_CHANGES = [set_dark(True), set_window(1.0, 50.0), lambda s: s, lambda s: replace(s, note="x")]
+VIEW_CHANGES = [set_dark(True), set_window(1.0, 50.0), lambda s: s, lambda s: s.with_answers(note="x")]
 
 
-@pytest.mark.parametrize("name", VIEW)
+@pytest.mark.parametrize("name", [field.name for field in fields(View)])
 def test_undo_and_redo_leave_the_view_as_it_is(state, name):
     history = record(History(), state, set_text("q", "1")(state), "", 0.0)
-    looked = replace(set_text("q", "1")(state), **{name: "otherwise"})
+    looked = set_text("q", "1")(state).with_view(**{name: "otherwise"})
     history, back = step_back(history, looked)
-    assert (back.tuning.q, getattr(back, name)) == (state.tuning.q, "otherwise")
-    _, forth = step_forward(history, replace(back, **{name: "again"}))
-    assert (forth.tuning.q, getattr(forth, name)) == (1.0, "again")
+    assert (back.tuning.q, getattr(back.view, name)) == (state.tuning.q, "otherwise")
+    _, forth = step_forward(history, back.with_view(**{name: "again"}))
+    assert (forth.tuning.q, getattr(forth.view, name)) == (1.0, "again")
 
 
 @pytest.mark.parametrize("change", VIEW_CHANGES)
@@ -106,9 +107,9 @@ def test_back_and_forth_is_the_identity(state):
     tuned = set_text("q", "1")(state)
     history = record(History(), state, tuned, "", 0.0)
     history, before = step_back(history, tuned)
-    assert before.tunings == state.tunings
+    assert before.settings.tunings == state.settings.tunings
     history, after = step_forward(history, before)
-    assert after.tunings == tuned.tunings
+    assert after.settings.tunings == tuned.settings.tunings
     assert step_forward(history, after) == (history, after)
     assert step_back(History(), state) == (History(), state)
 
@@ -123,7 +124,7 @@ def test_a_new_gesture_ends_the_future(state):
 def test_the_present_view_stays_while_values_go_back(state):
     tuned = set_window(10.0, 20.0)(set_dark(True)(set_text("q", "1")(state)))
     _, back = step_back(record(History(), state, tuned, "", 0.0), tuned)
-    assert (back.window, back.dark, back.resets) == ((10.0, 20.0), True, tuned.resets)
+    assert (back.view.window, back.view.dark, back.view.resets) == ((10.0, 20.0), True, tuned.view.resets)
 
 
 def test_at_least_a_hundred_gestures_are_kept_but_few_recordings(state):
@@ -144,14 +145,14 @@ def test_the_session_undoes_and_redoes_by_request(state):
     session.request(set_text("q", "1"))
     session.request(set_text("q", "2"))
     session.request(undo)
-    assert session.settle()[0].tuning.q == 1
+    assert session.apply_due_requests()[0].tuning.q == 1
     assert (session.can_undo, session.can_redo) == (True, True)
     session.request(undo)
-    assert session.settle()[0].tuning.q == state.tuning.q
+    assert session.apply_due_requests()[0].tuning.q == state.tuning.q
     session.request(undo)
-    assert session.settle()[0].note == "There is nothing to undo."
+    assert session.apply_due_requests()[0].answers.note == "There is nothing to undo."
     session.request(redo)
     session.request(redo)
     session.request(redo)
-    settled = session.settle()[0]
-    assert (settled.tuning.q, settled.note) == (2, "There is nothing to redo.")
+    settled = session.apply_due_requests()[0]
+    assert (settled.tuning.q, settled.answers.note) == (2, "There is nothing to redo.")

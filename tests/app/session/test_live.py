@@ -19,12 +19,13 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.engine.engine import LIVE_INTERVAL, Engine, wait_for_request
 from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.engine.frame import choose_shown, compute_frame
-from kalscope_app.session.changes import reset_parameters, select_channel, set_board_channel, set_text, set_window
+from kalscope_app.session.changes.channels import select_channel, set_board_channel
+from kalscope_app.session.changes.parameters import reset_parameters, set_text
+from kalscope_app.session.changes.view import set_window
 from kalscope_app.session.live import (
-    ENOUGH_SAMPLES,
+    MAX_STUDIED,
     SPANS,
-    STUDIED,
-    at_rest,
+    START_SAMPLES,
     follow,
     live_window,
     opened_live,
@@ -32,6 +33,7 @@ from kalscope_app.session.live import (
     set_paused,
     set_span,
     studied,
+    without_samples,
 )
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
@@ -72,15 +74,15 @@ def replace_sent(board, count, state):
 
 def test_starting_values_are_measured_on_the_first_samples_and_then_stay(board):
     state = opened_live(board.send(20), "x")
-    early = state.starts
-    state = refreshed(replace_sent(board, ENOUGH_SAMPLES - 20, state))
-    assert state.starts != early
-    settled = state.starts
+    early = state.settings.starts
+    state = refreshed(replace_sent(board, START_SAMPLES - 20, state))
+    assert state.settings.starts != early
+    settled = state.settings.starts
     state = refreshed(replace_sent(board, 5000, state))
-    assert state.starts == settled
-    assert reset_parameters(set_text("q", "7")(state)).tunings == settled
-    head = board.values[:ENOUGH_SAMPLES, 0]
-    assert state.starts[0].r == pytest.approx(np.var(np.diff(head)) / 2, rel=0.05)
+    assert state.settings.starts == settled
+    assert reset_parameters(set_text("q", "7")(state)).settings.tunings == settled
+    head = board.values[:START_SAMPLES, 0]
+    assert state.settings.starts[0].r == pytest.approx(np.var(np.diff(head)) / 2, rel=0.05)
 
 
 def test_new_channels_keep_what_was_tuned_by_name(board):
@@ -89,7 +91,7 @@ def test_new_channels_keep_what_was_tuned_by_name(board):
     board.names, board.values, board.generation = other.names, other.send(500).values, 1
     state = refreshed(state)
     assert state.recording.names == ("b", "a", "c")
-    assert [t.r == 9.0 for t in state.tunings] == [False, True, False]
+    assert [t.r == 9.0 for t in state.settings.tunings] == [False, True, False]
     assert state.channel == "a"
 
 
@@ -97,7 +99,7 @@ def test_a_tuning_file_decides_the_channels_that_it_names(board):
     tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),))
     state = opened_live(board, "x", tuning=tuning)
     state = refreshed(replace_sent(board, 500, state))
-    assert (state.tunings[1].q, state.tunings[1].r) == (3.0, 4.0)
+    assert (state.settings.tunings[1].q, state.settings.tunings[1].r) == (3.0, 4.0)
     assert state.channel == "b"
 
 
@@ -159,18 +161,18 @@ def test_new_parameters_filter_all_that_is_kept(board):
 
 def test_undo_takes_back_the_tuning_and_leaves_the_samples(board):
     session = Session(opened_live(board.send(500), "x"))
-    before = session.settle()[0].tuning.q
+    before = session.apply_due_requests()[0].tuning.q
     for text in ("2", "3"):
         session.request(set_text("q", text))
         board.send(100)
-        assert session.settle()[0].tuning.q == float(text)
+        assert session.apply_due_requests()[0].tuning.q == float(text)
     session.request(undo)
-    state, _, failures = session.settle()
+    state, _, failures = session.apply_due_requests()
     assert (state.tuning.q, len(state.recording), failures) == (2.0, 700, [])
     session.request(undo)
-    assert session.settle()[0].tuning.q == before
+    assert session.apply_due_requests()[0].tuning.q == before
     session.request(redo)
-    assert session.settle()[0].tuning.q == 2.0
+    assert session.apply_due_requests()[0].tuning.q == 2.0
     assert not any(len(kept.recording) > 2 for kept in session._history.past)
 
 
@@ -178,33 +180,33 @@ def test_undo_on_a_paused_screen_keeps_it_paused(board):
     session = Session(opened_live(board.send(500), "x"))
     session.request(set_text("q", "2"))
     session.request(set_paused(True))
-    session.settle()
+    session.apply_due_requests()
     board.send(100)
     session.request(undo)
-    state = session.settle()[0]
+    state = session.apply_due_requests()[0]
     assert (state.live.paused, len(state.recording)) == (True, 500)
 
 
 def test_undo_comes_back_from_another_recording_to_the_board(board):
     session = Session(opened_live(board.send(500), "x"))
-    session.settle()
+    session.apply_due_requests()
     other = Recording(np.arange(50.0), ("z",), ("",), np.random.default_rng(0).normal(size=(50, 1)), 1.0)
     session.request(lambda state: opened(other, state))
-    assert session.settle()[0].live is None
+    assert session.apply_due_requests()[0].live is None
     session.request(undo)
-    assert len(session.settle()[0].recording) == 500
+    assert len(session.apply_due_requests()[0].recording) == 500
 
 
 def test_at_rest_holds_no_samples_of_a_board(board):
     state = opened_live(board.send(500), "x")
-    assert len(at_rest(state).recording) == 2
+    assert len(without_samples(state).recording) == 2
     plain = opened(Recording(np.arange(50.0), ("z",), ("",), np.zeros((50, 1)), 1.0))
-    assert at_rest(plain) is plain
+    assert without_samples(plain) is plain
 
 
 def test_at_rest_keeps_no_array_of_a_board_alive(board):
     state = opened_live(board.send(200), "x")
-    rested = at_rest(state)
+    rested = without_samples(state)
     for kept, of in (
         (rested.recording.time, state.recording.time),
         (rested.recording.values, state.recording.values),
@@ -214,9 +216,9 @@ def test_at_rest_keeps_no_array_of_a_board_alive(board):
 
 
 def test_studies_of_a_board_look_at_its_newest_samples(board):
-    state = opened_live(board.send(STUDIED + 500), "x")
+    state = opened_live(board.send(MAX_STUDIED + 500), "x")
     assert studied(state).recording.values[-1, 0] == board.values[-1, 0]
-    assert len(studied(state).recording) == STUDIED
+    assert len(studied(state).recording) == MAX_STUDIED
 
 
 def test_the_boards_own_filter_is_drawn_and_compared():
@@ -281,7 +283,7 @@ def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(boar
     state = refreshed(replace_sent(board, 500, state))
     tuning = state.tuning
     assert (state.channel, tuning.q, tuning.r, tuning.gate) == ("b", 1.0, 2.0, 9.0)
-    assert state.starts[1].r != 2.0
+    assert state.settings.starts[1].r != 2.0
     assert refreshed(replace_sent(board, 500, set_text("q", "5")(state))).tuning.q == 5.0
 
 
@@ -289,7 +291,7 @@ def test_a_channel_that_the_board_does_not_have_is_said_and_the_rest_goes_on(boa
     state = refreshed(
         replace_sent(board, 500, apply_options(opened_live(board, "x"), "c", "1", None, None, None, None))
     )
-    assert "c" in state.note
+    assert "c" in state.answers.note
     assert state.channel == "a"
     assert len(state.recording) == 500
 
@@ -303,7 +305,7 @@ def test_a_setting_that_no_channel_could_have_is_refused_at_once(board):
 def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_percent(board, period, q):
     tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)
     state = refreshed(replace_sent(board, 500, opened_live(board, "x", tuning=tuning)))
-    assert state.tunings[1].q == pytest.approx(q)
+    assert state.settings.tunings[1].q == pytest.approx(q)
 
 
 def test_another_window_leaves_a_paused_screen_paused(board):

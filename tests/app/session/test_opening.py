@@ -10,7 +10,13 @@ from kalscope.estimation.finding import Found
 from kalscope.papers.experiments import list_experiments, open_experiment, run_filter
 from kalscope.papers.generalized_filter import GeneralizedParams
 from kalscope_app.engine.frame import choose_shown, compute_frame
-from kalscope_app.session.changes import apply_found, reset_parameters, set_reading, set_rule_text, set_text
+from kalscope_app.session.changes.parameters import (
+    apply_found,
+    reset_parameters,
+    set_paper_text,
+    set_text,
+    set_variant_of_eq3,
+)
 from kalscope_app.session.history import History, record
 from kalscope_app.session.opening import opened, opened_experiment, opened_with
 from kalscope_app.studies.checks import compute_checks
@@ -28,7 +34,7 @@ def test_every_experiment_opens_at_the_settings_of_its_figure(name):
     frame = frame_of(state)
     expected = run_filter(recording.channel(state.channel), settings[state.channel]).x
     assert np.array_equal(frame.filtered, expected[frame.shown.indices], equal_nan=True)
-    assert reset_parameters(set_text("q", "7")(state)).tunings == state.tunings
+    assert reset_parameters(set_text("q", "7")(state)).settings.tunings == state.settings.tunings
     assert "gain K" in table(frame)
 
 
@@ -40,27 +46,27 @@ def state():
 
 @pytest.mark.parametrize("reading", ["printed", "without_slip"])
 def test_the_second_papers_filter_is_a_choice_and_can_be_left(state, reading):
-    chosen = set_reading(reading)(state)
-    typed = set_rule_text("sigma_m", "50")(chosen)
+    chosen = set_variant_of_eq3(reading)(state)
+    typed = set_paper_text("sigma_m", "50")(chosen)
     frame = frame_of(typed)
     expected = run_filter(state.recording.channel("z"), GeneralizedParams(50.0, None, None, reading)).x
     assert np.array_equal(frame.filtered, expected)
     assert compute_checks(typed) is None
     assert "| q / r | – |" in table(frame)
-    assert set_reading(None)(typed).rule is None
+    assert set_variant_of_eq3(None)(typed).paper_filter is None
     assert len(record(History(), state, chosen, "", 0.0).past) == 1
 
 
 def test_its_gain_is_told_in_the_words_of_the_five_lines(state):
-    frame = frame_of(set_rule_text("sigma_m", "100")(set_reading("printed")(state)))
+    frame = frame_of(set_paper_text("sigma_m", "100")(set_variant_of_eq3("printed")(state)))
     assert float(frame.steady.gain) == pytest.approx(frame.gain[-1], abs=0.1)
     assert frame.steady.lag_samples == pytest.approx((1 - frame.steady.gain) / frame.steady.gain)
 
 
 def test_finding_q_and_r_returns_to_the_five_lines(state):
-    chosen = set_reading("printed")(state)
+    chosen = set_variant_of_eq3("printed")(state)
     found = apply_found(state.recording, "z", Found(FilterParams(1.0, 2.0), "x", "y"))(chosen)
-    assert found.rule is None
+    assert found.paper_filter is None
     assert frame_of(found).steady == steady_state(FilterParams(1.0, 2.0), 1.0)
 
 
@@ -68,7 +74,7 @@ def test_a_signal_below_zero_is_refused_by_the_printed_equation_in_words():
     z = np.linspace(5, -5, 50)[:, None]
     state = opened(Recording(np.arange(50.0), ("z",), ("",), z, 1.0))
     with pytest.raises(BadSetting, match="0"):
-        frame_of(set_reading("printed")(state))
+        frame_of(set_variant_of_eq3("printed")(state))
 
 
 def test_an_unknown_experiment_is_refused():
@@ -81,4 +87,4 @@ def test_an_experiment_is_a_source_like_any_other():
     opened_alone, _ = open_experiment(name)
     assert np.array_equal(open_source(f"experiment:{name}").values, opened_alone.values, equal_nan=True)
     again = opened_with(opened_alone, opened_experiment(name).as_tuning())
-    assert again.tunings == opened_experiment(name).tunings
+    assert again.settings.tunings == opened_experiment(name).settings.tunings

@@ -9,7 +9,7 @@ import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter, starting_params, steady_state
 from kalscope.papers.generalized_filter import GeneralizedParams
-from kalscope_app.session.changes import set_text
+from kalscope_app.session.changes.parameters import set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.presets import PRESETS, choose_preset, take_preset
 from kalscope_app.session.session import Session, undo
@@ -58,7 +58,7 @@ def test_the_documents_pairs_are_taken_as_printed(state, beginning, q, r):
 def test_choosing_shows_and_changes_nothing(state):
     for title, preset in PRESETS.items():
         seen = choose_preset(title)(state)
-        assert seen.tunings == state.tunings
+        assert seen.settings.tunings == state.settings.tunings
         text = preset_text(seen, title, steady_state(seen.params))
         q, r = preset.pair(seen)
         lag = float(steady_state(FilterParams(q, r)).lag_s or float(steady_state(FilterParams(q, r)).lag_samples))
@@ -73,15 +73,15 @@ def test_taking_one_is_one_step_that_undo_takes_back(state):
     for title in PRESETS:
         session.request(choose_preset(title))
         session.request(take_preset(title))
-        taken, _, failures = session.settle()
+        taken, _, failures = session.apply_due_requests()
         assert failures == []
-        assert (taken.tuning.p0, taken.preset) == (3.0, title)  # the start stays
+        assert (taken.tuning.p0, taken.view.preset) == (3.0, title)  # the start stays
         session.request(undo)
-        assert session.settle()[0].tuning.q == state.tuning.q
+        assert session.apply_due_requests()[0].tuning.q == state.tuning.q
 
 
 def test_a_preset_ends_the_second_papers_filter_and_an_unknown_one_is_refused(state):
-    other = state.with_rule(GeneralizedParams(1.0, None, None, "printed"))
-    assert take_preset(next(iter(PRESETS)))(other).rule is None
+    other = state.with_paper_filter(GeneralizedParams(1.0, None, None, "printed"))
+    assert take_preset(next(iter(PRESETS)))(other).paper_filter is None
     with pytest.raises(BadSetting, match="preset must be one of"):
         take_preset("<img>")

@@ -12,20 +12,18 @@ import pytest
 from kalscope import BadSetting, FilterParams, Recording
 from kalscope.common.text import typed_number
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.session.changes import (
-    follow_end,
+from kalscope_app.session.changes.channels import select_channel
+from kalscope_app.session.changes.parameters import (
     reset_parameters,
-    reset_view,
-    select_channel,
     set_automatic_start,
     set_exponent,
     set_sample_period,
     set_text,
-    set_window,
+    slider_limits,
 )
+from kalscope_app.session.changes.view import follow_end, reset_view, set_window
 from kalscope_app.session.opening import opened, opened_with, reopened
 from kalscope_app.session.session import Session
-from kalscope_app.session.state import slider_limits
 
 
 def recording(n=1000, period=0.01, scale=1.0, names=("a", "b"), sha256="x"):
@@ -153,31 +151,35 @@ def test_channels_keep_their_own_parameters(state):
     ],
 )
 def test_the_window_is_clamped_ordered_and_never_empty(state, ends, window):
-    seen = set_window(*ends)(state).window
+    seen = set_window(*ends)(state).view.window
     assert seen == (window if window is None else pytest.approx(window))
 
 
 def test_following_the_end_keeps_the_length_of_the_window(state):
-    assert follow_end(set_window(1.0, 3.0)(state)).window == pytest.approx((7.99, 9.99))
-    assert follow_end(state).window == pytest.approx((8.991, 9.99))
+    assert follow_end(set_window(1.0, 3.0)(state)).view.window == pytest.approx((7.99, 9.99))
+    assert follow_end(state).view.window == pytest.approx((8.991, 9.99))
     reset = reset_view(set_window(1.0, 3.0)(state))
-    assert reset.window is None
-    assert reset.resets == state.resets + 1
+    assert reset.view.window is None
+    assert reset.view.resets == state.view.resets + 1
 
 
 def test_a_parameter_change_never_touches_the_view(state):
     zoomed = set_window(1.0, 3.0)(state)
     for change in (set_exponent("q", 0.0), set_text("r", "2"), set_automatic_start(False), reset_parameters):
         after = change(zoomed)
-        assert (after.window, after.resets, after.channel) == (zoomed.window, zoomed.resets, zoomed.channel)
+        assert (after.view.window, after.view.resets, after.channel) == (
+            zoomed.view.window,
+            zoomed.view.resets,
+            zoomed.channel,
+        )
 
 
 def test_a_tuning_reopens_the_same_state(state):
     tuned = apply(state, set_text("q", "7"), select_channel("b"), set_text("p0", "0"), set_text("x0", "2"))
     again = opened_with(tuned.recording, tuned.as_tuning())
-    assert again.tunings == tuned.tunings
+    assert again.settings.tunings == tuned.settings.tunings
     assert again.channel == "b"
-    assert again.note == ""
+    assert again.answers.note == ""
 
 
 def test_a_tuning_of_another_rate_scales_q_and_says_so(state):
@@ -185,11 +187,11 @@ def test_a_tuning_of_another_rate_scales_q_and_says_so(state):
     slower = opened_with(recording(period=0.02), tuning)
     assert slower.tuning.q == pytest.approx(14)
     assert slower.tuning.r == state.tuning.r
-    assert "tuned at a sample period of 0.01 s, here it is 0.02 s" in slower.note
+    assert "tuned at a sample period of 0.01 s, here it is 0.02 s" in slower.answers.note
 
 
 def test_a_tuning_of_another_recording_says_so(state):
-    assert "not the one" in opened_with(recording(sha256="y"), state.as_tuning()).note
+    assert "not the one" in opened_with(recording(sha256="y"), state.as_tuning()).answers.note
 
 
 def test_a_tuning_without_a_common_channel_is_refused(state):
@@ -201,7 +203,7 @@ def test_channels_missing_in_the_tuning_start_afresh(state):
     tuning = Tuning((ChannelTuning("b", "", 1.0, 2.0),))
     again = opened_with(state.recording, tuning)
     assert again.channel == "b"
-    assert again.tunings[0] == state.tunings[0]
+    assert again.settings.tunings[0] == state.settings.tunings[0]
 
 
 @pytest.mark.parametrize(
@@ -228,7 +230,7 @@ def test_requests_are_applied_in_order_and_the_serial_covers_them(state):
     session = Session(state)
     session.request(set_text("q", "1"))
     last = session.request(set_text("q", "2"))
-    settled, serial, failures = session.settle()
+    settled, serial, failures = session.apply_due_requests()
     assert (settled.tuning.q, serial, failures) == (2.0, last, [])
 
 
@@ -236,7 +238,7 @@ def test_of_requests_with_one_key_only_the_last_is_left(state):
     session, ran = Session(state), []
     for i in range(5):
         session.request(lambda s, i=i: ran.append(i) or s, key="slider")
-    session.settle()
+    session.apply_due_requests()
     assert ran == [4]
 
 
@@ -244,7 +246,7 @@ def test_a_delayed_request_waits_and_the_serial_does_not_cover_it(state):
     session = Session(state)
     first = session.request(set_text("r", "5"))
     delayed = session.request(set_text("q", "7"), delay=60.0)
-    settled, serial, _ = session.settle()
+    settled, serial, _ = session.apply_due_requests()
     assert settled.tuning.r == 5
     assert settled.tuning.q == state.tuning.q
     assert first <= serial < delayed
@@ -256,19 +258,19 @@ def test_a_later_request_ends_the_wait_of_what_was_typed_before(state):
     session = Session(state)
     session.request(set_text("q", "7"), key="text q", delay=60.0)
     session.request(select_channel("b"))
-    settled, _, _ = session.settle()
-    assert settled.tunings[0].q == 7
-    assert settled.tuning == state.tunings[1]
+    settled, _, _ = session.apply_due_requests()
+    assert settled.settings.tunings[0].q == 7
+    assert settled.tuning == state.settings.tunings[1]
     session.request(set_text("q", "9"), key="text q", delay=60.0)
     session.request(set_exponent("q", -1.0), key="slider q")
-    assert session.settle()[0].tuning.q == pytest.approx(0.1)
+    assert session.apply_due_requests()[0].tuning.q == pytest.approx(0.1)
 
 
 def test_asking_for_the_state_sees_every_earlier_request(state):
     session, seen = Session(state), []
     session.request(set_text("q", "7"), delay=60.0)
-    session.ask(lambda present: seen.append(present.tuning.q))
-    session.settle()
+    session.with_state(lambda present: seen.append(present.tuning.q))
+    session.apply_due_requests()
     assert seen == [7.0]
 
 
@@ -284,14 +286,14 @@ def test_the_only_channel_of_a_tuning_fits_the_only_channel_of_a_recording(state
     one = opened(recording(names=("z",)))
     again = opened_with(one.recording, Tuning((ChannelTuning("other", "mV", 3.0, 4.0),)))
     assert (again.tuning.name, again.tuning.unit, again.tuning.q) == ("z", "V", 3.0)
-    assert "only channel" in again.note
+    assert "only channel" in again.answers.note
 
 
 def test_a_failing_change_leaves_the_state_and_is_reported(state):
     session = Session(state)
     session.request(set_text("q", "-1"))
     session.request(set_text("r", "5"))
-    settled, _, failures = session.settle()
+    settled, _, failures = session.apply_due_requests()
     assert settled.tuning == replace(state.tuning, r=5.0, how="by hand")
     assert [str(f)[:9] for f in failures] == ["q must be"]
 
@@ -308,7 +310,7 @@ def test_requests_of_many_threads_are_all_applied(state):
         thread.start()
     for thread in threads:
         thread.join()
-    _, serial, _ = session.settle()
+    _, serial, _ = session.apply_due_requests()
     assert (len(hits), serial) == (1600, 1600)
 
 
@@ -322,7 +324,7 @@ def test_a_recording_without_time_takes_the_period_that_is_typed(state):
     timed = set_sample_period("0,02")(untimed)
     assert timed.recording.sample_period == 0.02
     assert timed.recording.time[:3].tolist() == [0.0, 0.02, 0.04]
-    assert timed.tunings == untimed.tunings
+    assert timed.settings.tunings == untimed.settings.tunings
     assert set_sample_period("5")(state).recording.sample_period == 0.01
     with pytest.raises(BadSetting, match="above 0"):
         set_sample_period("0")(untimed)
@@ -333,7 +335,7 @@ def test_a_tuning_brings_its_period_to_a_recording_without_time():
     tuned = set_sample_period("0.02")(untimed)
     again = opened_with(untimed.recording, tuned.as_tuning())
     assert again.recording.sample_period == 0.02
-    assert (again.tunings, again.note) == (tuned.tunings, "")
+    assert (again.settings.tunings, again.answers.note) == (tuned.settings.tunings, "")
 
 
 def test_a_file_read_again_keeps_what_was_tuned_and_starts_the_rest_afresh(state):
@@ -342,7 +344,7 @@ def test_a_file_read_again_keeps_what_was_tuned_and_starts_the_rest_afresh(state
     values[::4] = np.nan
     again = reopened(replace(state.recording, values=values), tuned)
     assert again.channel == "b"
-    assert again.tunings[0] == tuned.tunings[0]
-    assert again.tunings[1] == again.starts[1] != state.starts[1]
+    assert again.settings.tunings[0] == tuned.settings.tunings[0]
+    assert again.settings.tunings[1] == again.settings.starts[1] != state.settings.starts[1]
     other = replace(state.recording, source="other.csv")
-    assert reopened(other, tuned).tunings == state.tunings
+    assert reopened(other, tuned).settings.tunings == state.settings.tunings

@@ -11,9 +11,10 @@ import pytest
 from kalscope import open_source
 from kalscope.sources.lines.read_options import options_from_text
 from kalscope_app import main as program
-from kalscope_app.session.changes import select_channel, set_automatic_start, set_sample_period, set_text
+from kalscope_app.session.changes.channels import channel_named, select_channel
+from kalscope_app.session.changes.parameters import set_automatic_start, set_sample_period, set_text
 from kalscope_app.session.opening import opened, opened_experiment
-from kalscope_app.session.share import channel_named, share_line
+from kalscope_app.session.share import share_line
 
 
 class Stopped(Exception):
@@ -46,7 +47,7 @@ def essence(state):
     tuning = state.tuning
     setting = (tuning.q, tuning.r, tuning.p0, tuning.x0, tuning.gate)
     recording = state.recording
-    return state.channel, setting, recording.sample_period, recording.gaps, state.options, state.rule
+    return state.channel, setting, recording.sample_period, recording.gaps, state.open.options, state.paper_filter
 
 
 def files(folder):
@@ -91,7 +92,7 @@ def test_samples_and_made_signals_reopen_too(source, reopen):
 def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(name, reopen):
     state = opened_experiment(f"experiment:{name}")
     assert essence(reopen(share_line(state).line)) == essence(state)
-    tuned = set_automatic_start(True)(set_text("r", "3")(state.with_rule(None)))
+    tuned = set_automatic_start(True)(set_text("r", "3")(state.with_paper_filter(None)))
     again = reopen(share_line(tuned).line)
     assert essence(again) == essence(tuned)
 
@@ -100,12 +101,12 @@ def test_how_the_file_was_read_comes_along(reopen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     name = next(files(tmp_path))
     options = options_from_text("comma", "none", None, ["-200", "n/x"], "rows")
-    state = replace(opened(open_source(name, options)), options=options)
+    state = opened(open_source(name, options)).with_open(options=options)
     line = share_line(state).line
     assert "--missing=-200.0" in line
     assert essence(reopen(line)) == essence(state)
     timed = options_from_text(None, "t", "ms", [], "dt")
-    state = replace(opened(open_source(name, timed)), options=timed)
+    state = opened(open_source(name, timed)).with_open(options=timed)
     assert essence(reopen(share_line(state).line)) == essence(state)
 
 

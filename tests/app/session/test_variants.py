@@ -11,10 +11,12 @@ from kalscope import BadSetting, Recording, kalman_filter, steady_state
 from kalscope.papers.generalized_filter import GeneralizedParams
 from kalscope_app.engine.frame import choose_shown
 from kalscope_app.engine.variant_curves import Curves
-from kalscope_app.session.changes import select_channel, set_dark, set_text
+from kalscope_app.session.changes.channels import select_channel
+from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.session.changes.variants import delete_variant, pin_present, rename_variant, use_variant
+from kalscope_app.session.changes.view import set_dark
 from kalscope_app.session.opening import opened, reopened
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.variant_changes import delete_variant, pin_present, rename_variant, use_variant
 from kalscope_app.session.variants import DARK, LIGHT, LIMIT, checked_name, css, next_name
 from kalscope_app.studies.variant_table import VariantTable
 from kalscope_app.views.tune.variants import EMPTY, NOTHING, _follow, table_text
@@ -105,8 +107,8 @@ def test_using_a_variant_brings_all_of_its_setting(state):
 
 
 def test_using_a_variant_ends_the_second_papers_filter(state):
-    other = pin(state, 7).with_rule(GeneralizedParams(1.0, None, None, "printed"))
-    assert use_variant("A")(other).rule is None
+    other = pin(state, 7).with_paper_filter(GeneralizedParams(1.0, None, None, "printed"))
+    assert use_variant("A")(other).paper_filter is None
     with pytest.raises(BadSetting, match="q and r to be pinned"):
         pin_present(other)
 
@@ -132,17 +134,17 @@ def test_renaming_keeps_the_rest_and_frees_the_letter(state):
     assert names(pin(renamed, 3)) == ["robot", "B", "A"]
     with pytest.raises(BadSetting, match="which another has"):
         rename_variant("A", "B")(two)
-    assert rename_variant("A", "A")(two).pins == two.pins
+    assert rename_variant("A", "A")(two).settings.pins == two.settings.pins
 
 
 def test_each_of_them_can_be_undone_one_by_one(state):
     session = Session(state)
     for change in (pin_present, rename_variant("A", "first"), set_text("q", "9"), delete_variant("first")):
         session.request(change)
-    seen = [names(session.settle()[0])]
+    seen = [names(session.apply_due_requests()[0])]
     for step in (undo, undo, undo, undo, redo):
         session.request(step)
-        seen.append(names(session.settle()[0]))
+        seen.append(names(session.apply_due_requests()[0]))
     assert seen == [[], ["first"], ["first"], ["A"], [], ["A"]]
 
 
@@ -152,7 +154,7 @@ def test_variants_stay_for_channels_of_the_same_name_and_unit(state):
     assert names(reopened(replace(state.recording, source="other.csv"), tuned)) == ["A"]
     for other in ({"names": ("b", "c")}, {"units": ("furlong", "furlong")}):
         changed = replace(state.recording, source="other.csv", **other)
-        assert reopened(changed, tuned).pins == ()
+        assert reopened(changed, tuned).settings.pins == ()
 
 
 def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state):

@@ -13,9 +13,10 @@ from kalscope import BadSetting, Recording
 from kalscope.errors import BadDevice
 from kalscope.export.float32 import Float32Params, filter_float32
 from kalscope.sources.live.live_samples import Snapshot
+from kalscope_app.session.live_state import Live, Sent
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import Session
-from kalscope_app.session.state import Live, Sent, State
+from kalscope_app.session.state import State
 from kalscope_app.studies.board import BoardFilter, board_filter, send_setting
 from kalscope_app.views.export.board import BoardView, compared
 from kalscope_app.views.export.export import how_to_use
@@ -98,7 +99,7 @@ def test_a_command_that_fails_leaves_no_claim_of_what_the_board_uses(state, at, 
     view = BoardView(MagicMock(), session, MagicMock(), told.append, lambda: board)
     with pytest.raises(BadDevice, match=f"the board must .* '{at} "):
         view._send(state)
-    after, _, failures = session.settle()
+    after, _, failures = session.apply_due_requests()
     assert (after.sent, failures, told) == (None, [], [])
     assert compared(after) == ""
 
@@ -125,7 +126,7 @@ def test_a_board_with_other_values_is_said_to_differ(state):
 
 
 def test_a_live_board_is_no_file_to_filter(state):
-    live = replace(state, recording=replace(state.recording, source="serial:/dev/ttyACM0@115200"))
+    live = state.with_open(recording=replace(state.recording, source="serial:/dev/ttyACM0@115200"))
     assert "`kalscope filter FILE --config tuning.toml -o out.csv`" in how_to_use(live)
     assert "`kalscope filter serial:" in how_to_use(replace(live, live=None))
 

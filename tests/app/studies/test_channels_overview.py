@@ -13,16 +13,10 @@ from kalscope.filtering.params import FilterParams
 from kalscope.papers.experiments import run_filter
 from kalscope.papers.generalized_filter import GeneralizedParams
 from kalscope.tuning.tuning import ChannelTuning
-from kalscope_app.session.changes import (
-    apply_found,
-    reset_parameters,
-    select_channel,
-    set_exponent,
-    set_text,
-    set_window,
-)
-from kalscope_app.session.channel_changes import ALL_OTHERS, copy_setting, set_together
-from kalscope_app.session.linked_channels import ALONE, SAME_LAG, SAME_NUMBERS, follower, in_step
+from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting, select_channel, set_link
+from kalscope_app.session.changes.parameters import apply_found, reset_parameters, set_exponent, set_text
+from kalscope_app.session.changes.view import set_window
+from kalscope_app.session.linked_channels import SAME_LAG, SAME_NUMBERS, UNLINKED, apply_to_linked, scaled_copy
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.channels_overview import LIMIT, POINTS, Overviews
@@ -41,7 +35,7 @@ def state():
 
 
 def lags(state):
-    return [float(steady_state(tuning.params).lag_samples) for tuning in state.tunings]
+    return [float(steady_state(tuning.params).lag_samples) for tuning in state.settings.tunings]
 
 
 A = ChannelTuning("a", "", 2.0, 8.0, p0=1.0, x0=5.0, gate=9.0, how="by hand")
@@ -51,21 +45,21 @@ B = ChannelTuning("b", "V", 1.0, 1.0, p0=3.0, x0=7.0)
 @pytest.mark.parametrize(
     ("way", "expected"),
     [
-        (ALONE, B),
+        (UNLINKED, B),
         (SAME_NUMBERS, ChannelTuning("b", "V", 2.0, 8.0, 1.0, 5.0, "by hand", 9.0)),
         (SAME_LAG, ChannelTuning("b", "V", 200.0, 800.0, 100.0, 7.0, "by hand", 9.0)),
     ],
 )
 def test_what_a_follower_takes_over(way, expected):
     starts = (replace(A, r=0.5), replace(B, r=50.0))
-    assert in_step((A, B), starts, 0, way) == (A, expected)
+    assert apply_to_linked((A, B), starts, 0, way) == (A, expected)
 
 
 def test_a_scaled_setting_is_still_a_filter():
-    tiny = follower(replace(A, q=1e-299, r=0.0), B, 1e-10)
+    tiny = scaled_copy(replace(A, q=1e-299, r=0.0), B, 1e-10)
     assert (tiny.q, tiny.r) == (1e-300, 0.0)
-    assert follower(replace(A, r=1e299), B, 1e10).r == 1e300
-    assert follower(replace(A, p0=None, x0=None), B, 3.0).x0 is None
+    assert scaled_copy(replace(A, r=1e299), B, 1e10).r == 1e300
+    assert scaled_copy(replace(A, p0=None, x0=None), B, 3.0).x0 is None
 
 
 CHANGES = [
@@ -79,46 +73,46 @@ CHANGES = [
 
 @pytest.mark.parametrize("change", CHANGES)
 def test_tuned_together_every_change_sets_all_channels(state, change):
-    together = change(set_together(SAME_NUMBERS)(set_text("q", "0.1")(state)))
-    assert len({tuning.params for tuning in together.tunings}) == 1
+    together = change(set_link(SAME_NUMBERS)(set_text("q", "0.1")(state)))
+    assert len({tuning.params for tuning in together.settings.tunings}) == 1
     alone = change(set_text("q", "0.1")(state))
-    assert alone.tunings[1:] == state.tunings[1:]
+    assert alone.settings.tunings[1:] == state.settings.tunings[1:]
 
 
 def test_the_same_lag_holds_for_channels_of_any_scale(state):
-    together = set_text("q", "0.3")(set_together(SAME_LAG)(state))
+    together = set_text("q", "0.3")(set_link(SAME_LAG)(state))
     assert lags(together) == pytest.approx([lags(together)[0]] * 3)
-    noise = [start.r for start in state.starts]
-    assert [t.r / n for t, n in zip(together.tunings, noise, strict=True)] == pytest.approx([1.0] * 3)
+    noise = [start.r for start in state.settings.starts]
+    assert [t.r / n for t, n in zip(together.settings.tunings, noise, strict=True)] == pytest.approx([1.0] * 3)
 
 
 def test_a_search_sets_all_that_go_together(state):
     found = Found(FilterParams(0.5, 2.0), "maximum likelihood", "")
-    together = apply_found(state.recording, "c0", found)(set_together(SAME_NUMBERS)(state))
-    assert {(tuning.q, tuning.r) for tuning in together.tunings} == {(0.5, 2.0)}
+    together = apply_found(state.recording, "c0", found)(set_link(SAME_NUMBERS)(state))
+    assert {(tuning.q, tuning.r) for tuning in together.settings.tunings} == {(0.5, 2.0)}
 
 
 def test_going_together_is_undone_in_one_step(state):
     session = Session(select_channel("c1")(state))
-    session.request(set_together(SAME_NUMBERS))
-    together = session.settle()[0]
-    assert {tuning.q for tuning in together.tunings} == {state.tunings[1].q}
+    session.request(set_link(SAME_NUMBERS))
+    together = session.apply_due_requests()[0]
+    assert {tuning.q for tuning in together.settings.tunings} == {state.settings.tunings[1].q}
     session.request(undo)
-    back = session.settle()[0]
-    assert (back.together, back.tunings) == (ALONE, state.tunings)
+    back = session.apply_due_requests()[0]
+    assert (back.settings.link, back.settings.tunings) == (UNLINKED, state.settings.tunings)
     with pytest.raises(BadSetting, match="way of tuning channels must be one of"):
-        set_together("<img>")
+        set_link("<img>")
 
 
 def test_a_setting_is_copied_to_one_or_to_all_others(state):
     tuned = set_text("gate", "9")(set_text("q", "0.3")(state))
     one = copy_setting("c2")(tuned)
-    assert (one.tunings[2].params, one.tunings[1]) == (tuned.params, state.tunings[1])
-    assert [t.name for t in one.tunings] == ["c0", "c1", "c2"]
+    assert (one.settings.tunings[2].params, one.settings.tunings[1]) == (tuned.params, state.settings.tunings[1])
+    assert [t.name for t in one.settings.tunings] == ["c0", "c1", "c2"]
     every = copy_setting(ALL_OTHERS)(tuned)
-    assert {tuning.params for tuning in every.tunings} == {tuned.params}
-    assert "2 channels more" in every.note
-    assert copy_setting("c0")(tuned).tunings == tuned.tunings
+    assert {tuning.params for tuning in every.settings.tunings} == {tuned.params}
+    assert "2 channels more" in every.answers.note
+    assert copy_setting("c0")(tuned).settings.tunings == tuned.settings.tunings
     with pytest.raises(BadSetting, match="channel must be one of c0, c1, c2"):
         copy_setting("c9")(tuned)
 
@@ -131,7 +125,7 @@ def test_lanes_hold_each_channel_on_its_own_scale(state):
         assert (lane.low, lane.high) == (z.min(), z.max())
         middle, half = (z.max() + z.min()) / 2, (z.max() - z.min()) / 2
         assert np.allclose(lane.raw, (z - middle) / half, atol=1e-12)
-        filtered = denoise(z, state.tunings[i].params)
+        filtered = denoise(z, state.settings.tunings[i].params)
         assert np.allclose(lane.filtered, (filtered - middle) / half, atol=1e-9)
 
 
@@ -173,9 +167,9 @@ def test_constant_and_empty_channels_have_a_flat_lane():
 
 
 def test_the_second_papers_filter_has_a_lane_and_no_q(state):
-    other = state.with_rule(GeneralizedParams(1.0, None, None, "without_slip"))
+    other = state.with_paper_filter(GeneralizedParams(1.0, None, None, "without_slip"))
     overview = Overviews().compute(other)
-    expected = run_filter(state.recording.values[:, 0], other.rule).x
+    expected = run_filter(state.recording.values[:, 0], other.paper_filter).x
     assert np.argmax(overview.lanes[0].filtered) == np.argmax(expected)
     assert table_of(overview).count("| – | – |") == 1
     assert "| – | – |" not in table_of(Overviews().compute(state))

@@ -11,7 +11,7 @@ from kalscope import FilterParams, Recording, open_source
 from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.alternatives.verdict import Difference
 from kalscope.papers.generalized_filter import GeneralizedParams
-from kalscope_app.session.changes import set_match, set_rival, set_window
+from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by, set_window
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.spectra import compute_allan, compute_spectra, log_binned
@@ -42,7 +42,7 @@ def test_drawn_curves_are_those_of_the_comparison_at_the_drawn_samples():
     for one in (compared.found.present, *compared.rivals):
         assert np.array_equal(compared.curve(one), one.curve[at], equal_nan=True)
     assert [one.name for one in compared.rivals] == ["Moving average"]
-    everything = AlternativesStudy().compute(set_rival(ALL)(state))
+    everything = AlternativesStudy().compute(set_drawn_alternative(ALL)(state))
     assert tuple(one.name for one in everything.rivals) == NAMES
 
 
@@ -61,10 +61,10 @@ def test_a_long_recording_is_compared_around_the_view_and_drawn_only_there():
 def test_the_study_compares_anew_only_when_the_comparison_changes():
     study, state = AlternativesStudy(), state_of()
     first = study.compute(state).found
-    assert study.compute(set_rival("Median")(state)).found is first
-    assert study.compute(replace(state, dark=True)).found is first
+    assert study.compute(set_drawn_alternative("Median")(state)).found is first
+    assert study.compute(state.with_view(dark=True)).found is first
     assert study.compute(set_window(1.0, 5.0)(state)).found is first  # the whole recording all the same
-    assert study.compute(set_match("noise")(state)).found.match == "noise"
+    assert study.compute(set_match_by("noise")(state)).found.match == "noise"
     assert study.compute(state.with_tuning(q=0.5)).found is not first
     again = study.compute(state_of()).found
     assert study.compute(state).found is not again
@@ -73,14 +73,14 @@ def test_the_study_compares_anew_only_when_the_comparison_changes():
 @pytest.mark.parametrize(("word", "match"), [("noise", "noise"), ("lag", "lag"), ("rubbish", "lag"), ("", "lag")])
 def test_a_browser_may_send_any_word(word, match):
     state = state_of()
-    assert set_match(word)(state).match == match
-    long = set_rival("x" * 10_000)(state)
-    assert len(long.rival) == 60
+    assert set_match_by(word)(state).view.match_by == match
+    long = set_drawn_alternative("x" * 10_000)(state)
+    assert len(long.view.drawn_alternative) == 60
     assert len(AlternativesStudy().compute(long).rivals) == len(NAMES)
 
 
 def test_the_second_papers_filter_has_nothing_to_compare():
-    state = state_of().with_rule(GeneralizedParams(1.0, None, None, "printed"))
+    state = state_of().with_paper_filter(GeneralizedParams(1.0, None, None, "printed"))
     assert AlternativesStudy().compute(state) is None
     assert compute_spectra(state) is None
     assert compute_allan(state) is None
@@ -94,7 +94,7 @@ def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
     assert "<b>" not in text
     assert "exponential smoothing with α = K" in text
     assert "**Moving average.**" in text
-    assert "**Median.**" in text_of(AlternativesStudy().compute(set_rival(ALL)(state_of())))
+    assert "**Median.**" in text_of(AlternativesStudy().compute(set_drawn_alternative(ALL)(state_of())))
 
 
 @pytest.mark.parametrize(

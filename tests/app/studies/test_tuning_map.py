@@ -19,15 +19,8 @@ from kalscope import (
     synthesize,
 )
 from kalscope.catalogue import open_source
-from kalscope_app.session.changes import (
-    set_automatic_start,
-    set_exponent,
-    set_map_colour,
-    set_map_shown,
-    set_point,
-    set_reading,
-    set_window,
-)
+from kalscope_app.session.changes.parameters import set_automatic_start, set_exponent, set_point, set_variant_of_eq3
+from kalscope_app.session.changes.view import set_map_colour, set_map_shown, set_window
 from kalscope_app.session.history import HELD, History, record, step_back
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.tuning_map import CELLS, MapMaker, cell_exponents, errors_over_ratio, rms
@@ -98,7 +91,7 @@ def test_moving_q_r_or_the_window_gives_the_same_map_without_work():
     for change in (set_exponent("q", -1.0), set_exponent("r", 0.5), set_window(1.0, 5.0), set_point(-2.0, 0.2)):
         state = change(state)
         assert make(state) is shown
-    assert make(replace(state, dark=True)) is shown
+    assert make(state.with_view(dark=True)) is shown
 
 
 def test_another_recording_or_colour_gives_another_map():
@@ -135,7 +128,7 @@ def test_a_record_without_noise_or_movement_says_so():
 
 
 def test_the_second_papers_filter_has_no_map():
-    shown = MapMaker()(set_reading("printed")(opened(walk())))
+    shown = MapMaker()(set_variant_of_eq3("printed")(opened(walk())))
     assert shown.colour == ""
     assert "no q and r" in shown.note
 
@@ -160,7 +153,7 @@ def test_a_point_that_is_no_point_changes_nothing(asked):
 
 
 def test_the_second_papers_filter_takes_no_point():
-    state = set_reading("printed")(opened(walk()))
+    state = set_variant_of_eq3("printed")(opened(walk()))
     assert set_point(0.0, 0.0)(state) is state
 
 
@@ -173,11 +166,11 @@ def test_a_colour_that_cannot_be_shown_is_refused(recording, colour):
 def test_what_is_seen_stays_over_a_new_recording_and_over_undo():
     state = set_map_shown(False)(set_map_colour("RMSE")(opened(known())))
     after = opened(walk(), state)
-    assert (after.map_shown, after.map_colour) == (False, "RMSE")
+    assert (after.view.map_shown, after.view.map_colour) == (False, "RMSE")
     assert MapMaker()(after).colour == "likelihood"  # no truth there
     history = record(History(), set_map_colour("lag")(state), set_point(0.0, 0.0)(state), "", 0.0)
     _, back = step_back(history, state)
-    assert (back.map_shown, back.map_colour) == (False, "RMSE")
+    assert (back.view.map_shown, back.view.map_colour) == (False, "RMSE")
 
 
 @pytest.mark.parametrize(("key", "entries"), [(HELD + "map 1", 1), ("q", 2)])

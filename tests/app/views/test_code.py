@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, export_tuning
-from kalscope_app.session.changes import set_text
+from kalscope_app.session.changes.parameters import set_text
 from kalscope_app.session.history import History, record, step_back
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.views.export.code import GAPS, TITLES, Choice, files_of, limits_text, packed
@@ -49,7 +49,7 @@ def test_the_second_papers_filter_is_refused_wherever_it_would_leave():
     with pytest.raises(BadSetting, match="must be the filter with q and r"):
         files_of(state, Choice())
     assert "second paper" in limits_text(state)
-    assert files_of(state.with_rule(None), Choice())
+    assert files_of(state.with_paper_filter(None), Choice())
 
 
 def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
@@ -67,9 +67,9 @@ def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
 
 def test_gaps_that_count_on_screen_are_said_not_to_count_on_a_device(state):
     uneven = replace(state.recording, time=state.recording.time + (np.arange(300) > 100) * 1.0, gaps="dt")
-    assert GAPS in limits_text(replace(state, recording=uneven))
-    assert GAPS not in limits_text(replace(state, recording=replace(uneven, gaps="rows")))
-    assert GAPS not in limits_text(replace(state, recording=replace(state.recording, gaps="dt")))
+    assert GAPS in limits_text(state.with_open(recording=uneven))
+    assert GAPS not in limits_text(state.with_open(recording=replace(uneven, gaps="rows")))
+    assert GAPS not in limits_text(state.with_open(recording=replace(state.recording, gaps="dt")))
 
 
 def test_one_file_is_sent_as_it_is_and_several_as_a_zip(state):

@@ -11,7 +11,9 @@ from kalscope import BadSetting, FilterParams, Recording, compare_methods, stead
 from kalscope.analysis.advice import as_sentences
 from kalscope.estimation.finding import Found, find_parameters
 from kalscope_app.engine.frame import choose_shown, compute_frame
-from kalscope_app.session.changes import apply_found, select_channel, set_opinions, set_smoother, set_text
+from kalscope_app.session.changes.channels import select_channel
+from kalscope_app.session.changes.parameters import apply_found, set_method_comparison, set_text
+from kalscope_app.session.changes.view import set_smoother
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
@@ -72,7 +74,7 @@ def test_the_likelihood_finds_what_made_the_signal(state):
 )
 def test_a_still_stretch_is_typed_or_the_part_on_screen(texts, samples):
     resting = recording(q=0.0)
-    state = replace(opened(resting), window=(10.0, 15.0))
+    state = opened(resting).with_view(window=(10.0, 15.0))
     found = search(state, "a still stretch, fit q", *texts)
     assert f"over {samples} readings" in found.message
 
@@ -99,18 +101,18 @@ def test_applying_is_one_step_that_undo_takes_back(state):
     session = Session(state)
     found = search(state, "maximum likelihood")
     session.request(apply_found(state.recording, "a", found))
-    applied = session.settle()[0]
+    applied = session.apply_due_requests()[0]
     assert applied.params == found.params
     assert applied.tuning.how == "maximum likelihood"
-    assert (applied.outcome.before, applied.outcome.after) == (state.tuning, applied.tuning)
+    assert (applied.answers.outcome.before, applied.answers.outcome.after) == (state.tuning, applied.tuning)
     session.request(undo)
-    assert session.settle()[0].tuning == state.tuning
+    assert session.apply_due_requests()[0].tuning == state.tuning
 
 
 def test_an_answer_without_parameters_changes_nothing_and_is_said(state):
     found = Found(None, "maximum likelihood", "Your sensor shows no noise.")
     after = apply_found(state.recording, "a", found)(state)
-    assert after.tunings == state.tunings
+    assert after.settings.tunings == state.settings.tunings
     assert "nothing was changed" in answer_text(after)
     assert "no noise" in answer_text(after)
 
@@ -118,27 +120,27 @@ def test_an_answer_without_parameters_changes_nothing_and_is_said(state):
 def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
     found = Found(FilterParams(7.0, 8.0), "x", "y")
     on_b = apply_found(state.recording, "a", found)(select_channel("b")(state))
-    assert (on_b.tunings[0].q, on_b.tuning, on_b.outcome) == (7.0, state.tunings[1], None)
+    assert (on_b.settings.tunings[0].q, on_b.tuning, on_b.answers.outcome) == (7.0, state.settings.tunings[1], None)
     elsewhere = opened(recording(seed=1))
     late = apply_found(state.recording, "a", found)(elsewhere)
-    assert late.tunings == elsewhere.tunings
-    assert "another recording" in late.note
+    assert late.settings.tunings == elsewhere.settings.tunings
+    assert "another recording" in late.answers.note
 
 
 def test_opinions_belong_to_their_channel(state):
     opinions = compare_methods(state.recording.channel("a"))
-    asked = set_opinions(state.recording, "a", opinions)(state)
+    asked = set_method_comparison(state.recording, "a", opinions)(state)
     assert opinions_text(asked).count("\n|") >= 6
     assert "They agree" in opinions_text(asked)
-    assert select_channel("b")(asked).opinions == ()
-    assert set_opinions(state.recording, "b", opinions)(state).opinions == ()
+    assert select_channel("b")(asked).answers.method_comparison == ()
+    assert set_method_comparison(state.recording, "b", opinions)(state).answers.method_comparison == ()
 
 
 def test_opinions_on_a_sine_name_the_disagreement():
     n = 3000
     z = np.sin(np.arange(n) / 30) + np.random.default_rng(0).normal(0, 0.1, n)
     state = opened(Recording(np.arange(float(n)), ("z",), ("",), z[:, None], 1.0))
-    asked = set_opinions(state.recording, "z", compare_methods(z))(state)
+    asked = set_method_comparison(state.recording, "z", compare_methods(z))(state)
     assert "The model does not describe this signal" in opinions_text(asked)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from PIL import ImageFont
@@ -18,7 +16,7 @@ from kalscope_app.views.charts.phone_picture import VISIBLE, WIDTH, draw_picture
 def frame_of(values, dark=False):
     n = len(values)
     recording = Recording(np.arange(float(n)), ("<b>z",), ("V",), np.array(values, dtype=float)[:, None], 1.0)
-    state = replace(opened(recording), dark=dark)
+    state = opened(recording).with_view(dark=dark)
     return compute_frame(state, 0, choose_shown(recording, "<b>z", None))
 
 

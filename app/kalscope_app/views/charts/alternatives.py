@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kalscope.common.text import count, decibels, lag_text, number, percent
-from kalscope_app.session.changes import set_match, set_rival
+from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by
 from kalscope_app.views.charts.chart import Chart, Layout
 from kalscope_app.views.charts.style import DARK, LIGHT, Line, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import time_label
@@ -68,11 +68,11 @@ class AlternativesView:
 
     async def _on_match(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
-            self._session.request(set_match(MATCHES.get(self._match.value, "lag")))
+            self._session.request(set_match_by(MATCHES.get(self._match.value, "lag")))
 
     async def _on_rival(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
-            self._session.request(set_rival(self._rival.value))
+            self._session.request(set_drawn_alternative(self._rival.value))
 
     def show(self, compared: Compared | None) -> None:
         """Draw and write."""
@@ -81,8 +81,8 @@ class AlternativesView:
             self._chart.hide()
             return
         state = compared.state
-        match = next(words for words, inner in MATCHES.items() if inner == state.match)
-        rival = state.rival if state.rival in NAMES else ALL
+        match = next(words for words, inner in MATCHES.items() if inner == state.view.match_by)
+        rival = state.view.drawn_alternative if state.view.drawn_alternative in NAMES else ALL
         for handle, value in ((self._match, match), (self._rival, rival)):
             if handle.value != value:
                 handle.value = value
@@ -93,7 +93,7 @@ class AlternativesView:
 
     def _draw(self, compared: Compared) -> None:
         state, inside = compared.state, compared.inside
-        palette = DARK if state.dark else LIGHT
+        palette = DARK if state.view.dark else LIGHT
         time, raw = compared.shown.time[inside], compared.shown.raw[inside]
         span = float(time[-1] - time[0]) if len(time) > 1 else 1.0
         clock = time_scale_for(span, state.recording.sample_period)
@@ -103,13 +103,13 @@ class AlternativesView:
             truth = {**line("truth", palette.truth, 1.5), "dash": (6, 4)}
             lines.append(Line(compared.shown.truth[inside], truth))
         lines.append(Line(compared.curve(compared.found.present), loud("yours", palette.filtered, 2.5)))
-        colours = dict(zip(NAMES, COLOURS[state.dark], strict=True))
+        colours = dict(zip(NAMES, COLOURS[state.view.dark], strict=True))
         for one in compared.rivals:
             lines.append(Line(compared.curve(one), loud(one.name, colours.get(one.name, palette.truth), 1.5)))
         series = ({"label": time_label(clock)}, *(one.style for one in lines))
         gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
         layout = Layout(series, axes(scale.label(short(state.channel, 14))), gaps=gaps)
-        self._chart.show(time * clock.factor, [one.y * scale.factor for one in lines], layout, state.resets)
+        self._chart.show(time * clock.factor, [one.y * scale.factor for one in lines], layout, state.view.resets)
 
 
 def loud(label: str, colour: str, width: float) -> dict[str, object]:
@@ -151,12 +151,14 @@ def cells(one: Alternative, state: State) -> list[str]:
     """One row of the table."""
     error = one.prediction if one.rmse is None else one.rmse
     row = [
-        f"**{one.name}**" if one.name == state.rival or (one.against is None and one.causal) else one.name,
+        f"**{one.name}**"
+        if one.name == state.view.drawn_alternative or (one.against is None and one.causal)
+        else one.name,
         one.parameters,
         lag_text(one.lag_samples, state.recording.sample_period) if one.causal else "looks ahead",
         "–" if np.isnan(one.noise_reduction_db) else decibels(-one.noise_reduction_db),
         "–" if error is None else number(error, 4),
-        against(one.against) if one.matched or one.against is None else "not at this " + state.match,
+        against(one.against) if one.matched or one.against is None else "not at this " + state.view.match_by,
     ]
     return [text.replace(" ", "\u00a0") if len(text) < 16 else text for text in row]
 

@@ -9,7 +9,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.common.text import count, decibels, lag_text, number
 from kalscope.filtering.steady_state import steady_state
-from kalscope_app.session.channel_changes import ALL_OTHERS, copy_setting
+from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting
 from kalscope_app.studies.channels_overview import HALF_LANE, LIMIT, Lane, Overview
 from kalscope_app.views.charts.chart import Chart, Layout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
@@ -71,13 +71,13 @@ class ChannelsView:
             height = max(60 + LANE_HEIGHT * len(overview.lanes), MIN_HEIGHT)
             if self._chart.handle.height != height:
                 self._chart.handle.height = height
-            self._chart.show(*lanes_of(overview), overview.state.resets)
+            self._chart.show(*lanes_of(overview), overview.state.view.resets)
 
 
 def lanes_of(overview: Overview) -> tuple[Array, list[Array], Layout]:
     """The chart: lane 1 on top; raw pale, filtered bold, the channel on screen in its own colour."""
     state = overview.state
-    palette = DARK if state.dark else LIGHT
+    palette = DARK if state.view.dark else LIGHT
     span = float(overview.time[-1] - overview.time[0]) if len(overview.time) > 1 else 1.0
     clock = time_scale_for(span, state.recording.sample_period)
     ys: list[Array] = []
@@ -117,10 +117,10 @@ def table_of(overview: Overview) -> str:
     state, period = overview.state, overview.state.recording.sample_period
     lines = ["| | channel | q | r | lag | noise | from … to | missing |", "|---|---|---|---|---|---|---|---|"]
     for i, lane in enumerate(overview.lanes):
-        tuning, unit = state.tunings[i], escape_markdown(state.tunings[i].unit, 12)
+        tuning, unit = state.settings.tunings[i], escape_markdown(state.settings.tunings[i].unit, 12)
         bold = "**" if lane.name == state.channel else ""
         cells = [f"{bold}{i + 1}{bold}", f"{bold}{escape_markdown(lane.name, 24)}{bold}"]
-        if state.rules and state.rules[i] is not None:
+        if state.settings.paper_filters and state.settings.paper_filters[i] is not None:
             cells += ["–"] * 4
         else:
             steady = steady_state(tuning.params)

@@ -66,7 +66,7 @@ class PhonePictures:
             self._follow_shape(client)
         elif client in self._shapes:
             self.detach(client)
-            client.scene.set_background_image(gutter(dark=bool(self._frame and self._frame.state.dark)))
+            client.scene.set_background_image(gutter(dark=bool(self._frame and self._frame.state.view.dark)))
 
     def _follow_shape(self, client: viser.ClientHandle) -> None:
         """Draw again once the canvas has another shape, as when the phone is turned."""
@@ -82,8 +82,8 @@ class PhonePictures:
 
 def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
     """Raw and filtered signal with its band, for a canvas of `shape` = width : height; (height, width, 3)."""
-    palette = DARK if frame.state.dark else LIGHT
-    background, ink = ("#1e2024", "#c9ced6") if frame.state.dark else ("#ffffff", "#495057")
+    palette = DARK if frame.state.view.dark else LIGHT
+    background, ink = ("#1e2024", "#c9ced6") if frame.state.view.dark else ("#ffffff", "#495057")
     image = Image.new("RGB", (WIDTH, round(WIDTH / shape)), background)
     margin = round(MARGIN * WIDTH)
     text = ImageFont.load_default(size=24)

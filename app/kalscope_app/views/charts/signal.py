@@ -44,7 +44,7 @@ class SignalView:
 
     def show(self, frame: Frame) -> None:
         """Draw the frame."""
-        palette = DARK if frame.state.dark else LIGHT
+        palette = DARK if frame.state.view.dark else LIGHT
         heading = HEADING + heading_of(frame)
         height = height_of(SHARES[0]) - (LIVE_CONTROLS_HEIGHT if frame.state.live is not None else 0)
         if self.signal.handle.height != height:
@@ -67,7 +67,7 @@ class SignalView:
             Line(frame.filtered + frame.spread, {**line("+2√p"), "auto": False}),
         ]
         for variant, curve in zip(state.variants, frame.variants, strict=False):
-            colour = css(variant.rgb(dark=state.dark))
+            colour = css(variant.rgb(dark=state.view.dark))
             lines.append(Line(curve, {**line(variant.name, colour, 1.5), "auto": False}))
         lines.append(Line(frame.filtered, {**line("filtered", palette.filtered, 2.5), "auto": False}))
         if shown.truth is not None:
@@ -102,7 +102,7 @@ class SignalView:
         ys = [one.y * scale.factor for one in lines]
         x, reach = time_points(frame)
         ends = None if reach is None else (reach[0] * clock.factor, reach[1] * clock.factor)
-        chart.show(x * clock.factor, ys, layout, frame.state.resets, ends)
+        chart.show(x * clock.factor, ys, layout, frame.state.view.resets, ends)
 
     def _show_gain(self, frame: Frame, palette: Palette) -> None:
         top = float(frame.gain.max(initial=0.0))

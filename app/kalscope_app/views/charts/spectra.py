@@ -41,7 +41,7 @@ class SpectrumView:
             self._density.hide()
             self._response.hide()
             return
-        palette = DARK if spectra.state.dark else LIGHT
+        palette = DARK if spectra.state.view.dark else LIGHT
         self._text.content = f"**{cutoff_words(spectra)}**"
         self._note.content = spectra.found.note
         hertz = (
@@ -65,7 +65,7 @@ class SpectrumView:
             log_x=True,
             log_y=True,
         )
-        self._density.show(x, [y * scale.factor for y in ys], layout, spectra.state.resets)
+        self._density.show(x, [y * scale.factor for y in ys], layout, spectra.state.view.resets)
 
     def _draw_response(self, spectra: Spectra, palette: Palette, hertz: Scale) -> None:
         x = spectra.fine * hertz.factor
@@ -83,7 +83,7 @@ class SpectrumView:
             y_range=(min(-6.0, 5.0 * math.floor(lowest / 5.0)), 2.0),
             log_x=True,
         )
-        self._response.show(x, [spectra.response_db, cut], layout, spectra.state.resets)
+        self._response.show(x, [spectra.response_db, cut], layout, spectra.state.view.resets)
 
 
 class AllanView:
@@ -101,7 +101,7 @@ class AllanView:
             self._note.content = ""
             self._chart.hide()
             return
-        found, palette = allan.found, DARK if allan.state.dark else LIGHT
+        found, palette = allan.found, DARK if allan.state.view.dark else LIGHT
         self._text.content = f"**{found.message}**"
         self._note.content = (
             "Allan deviation: how much neighbouring averages differ. It falls while averaging takes off noise "
@@ -142,7 +142,7 @@ class AllanView:
             log_y=True,
         )
         drawn = [*edges, *ys, mark]
-        self._chart.show(x, [y * scale.factor for y in drawn], layout, allan.state.resets)
+        self._chart.show(x, [y * scale.factor for y in drawn], layout, allan.state.view.resets)
 
 
 def plain_unit(unit: str) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from kalscope.common.text import count, number
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import float32_params
-from kalscope_app.session.changes import set_sent
+from kalscope_app.session.live import set_sent
 from kalscope_app.studies.board import compare_with_board, send_setting
 
 if TYPE_CHECKING:
@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from kalscope.sources.live.live_source import LiveSource
     from kalscope_app.engine.frame import Frame
     from kalscope_app.engine.jobs import Jobs
+    from kalscope_app.session.live_state import Sent
     from kalscope_app.session.session import Session
-    from kalscope_app.session.state import Sent, State
+    from kalscope_app.session.state import State
 
 HOW = (
     "Works with the exported Arduino sketch. Its filter starts anew with these values; start value and outlier "
@@ -47,7 +48,7 @@ class BoardView:
         send.on_click(self._on_send)
 
     async def _on_send(self, _event: viser.GuiEvent[Any]) -> None:
-        self._session.ask(lambda state: self._jobs.run(lambda: self._send(state)))
+        self._jobs.run_with_state(self._session, self._send)
 
     def _send(self, state: State) -> None:
         source = self._connected()

@@ -97,7 +97,7 @@ class CodeView:
         await self._on_choice(_event)
 
     async def _on_choice(self, _event: viser.GuiEvent[Any]) -> None:
-        self._session.ask(lambda state: self._jobs.run(lambda: self.show_limits(limits_text(state, self.choice))))
+        self._jobs.run_with_state(self._session, lambda state: self.show_limits(limits_text(state, self.choice)))
 
     @property
     def choice(self) -> Choice:
@@ -139,7 +139,7 @@ class CodeView:
             else:
                 use(choice.target, files)
 
-        self._session.ask(lambda state: self._jobs.run(lambda: work(state)))
+        self._jobs.run_with_state(self._session, work)
 
     def show(self, frame: Frame) -> None:
         """One channel leaves no choice."""
@@ -156,7 +156,7 @@ class CodeView:
 
 def limits_text(state: State, choice: Choice = Choice()) -> str:
     """What will differ from the screen, as markdown; "" where nothing does. A study."""
-    if state.rule is not None:
+    if state.paper_filter is not None:
         return "The second paper's filter is on screen, and there is no code for it: choose *q and r* under Tune."
 
     def level(name: str) -> float:
@@ -189,7 +189,7 @@ def chosen(state: State, choice: Choice) -> tuple[Tuning, str | None]:
     Raises:
         BadSetting: The period is none, or a channel has the second paper's filter.
     """
-    state.check_five_lines(state.recording.names if choice.all_channels else [state.channel])
+    state.require_standard_filter(state.recording.names if choice.all_channels else [state.channel])
     tuning = state.as_tuning()
     if choice.period.strip():
         tuning = carried_over(tuning, typed_number("period", choice.period))

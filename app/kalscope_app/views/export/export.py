@@ -47,25 +47,25 @@ class ExportView:
 
     async def _on_save(self, _event: viser.GuiEvent[Any]) -> None:
         name = self._path.value.strip() or "tuning.toml"
-        self._session.ask(lambda state: self._jobs.run(lambda: self._save_to(state, name)))
+        self._jobs.run_with_state(self._session, lambda state: self._save_to(state, name))
 
     def _save_to(self, state: State, name: str) -> None:
         path = check_inside(name, self._folder)
         if path.suffix != ".toml" or any(part.startswith(".") for part in Path(name).parts if part != "."):
             raise BadSetting(f"the tuning file must be named like tuning.toml (got {name!r})")
-        state.check_five_lines(state.recording.names)
+        state.require_standard_filter(state.recording.names)
         save_tuning(state.as_tuning(), path)
         self._tell(f"Saved {path}", good=True)
 
     async def _on_download(self, event: viser.GuiEvent[Any]) -> None:
         client = event.client
         if client is not None:
-            self._session.ask(lambda state: self._jobs.run(lambda: _send_tuning(state, client)))
+            self._jobs.run_with_state(self._session, lambda state: _send_tuning(state, client))
 
     async def _on_csv(self, event: viser.GuiEvent[Any]) -> None:
         client = event.client
         if client is not None:
-            self._session.ask(lambda state: self._jobs.run(lambda: _send_csv(state, client)))
+            self._jobs.run_with_state(self._session, lambda state: _send_csv(state, client))
 
     def show(self, frame: Frame) -> None:
         """Say how to use the file."""
@@ -91,13 +91,13 @@ def how_to_use(state: State) -> str:
 
 
 def _send_tuning(state: State, client: viser.ClientHandle) -> None:
-    state.check_five_lines(state.recording.names)
+    state.require_standard_filter(state.recording.names)
     content = dumps(state.as_tuning()).encode()
     client.send_file_download("tuning.toml", content, save_immediately=True)
 
 
 def _send_csv(state: State, client: viser.ClientHandle) -> None:
-    state.check_five_lines(state.recording.names)
+    state.require_standard_filter(state.recording.names)
     content = filtered_csv(state.recording, state.as_tuning()).encode()
     client.send_file_download("filtered.csv", content, save_immediately=True)
 

@@ -37,11 +37,11 @@ class ReportView:
 
     def _ask(self, client: viser.ClientHandle | None, name: str) -> None:
         if client is not None:
-            self._session.ask(lambda state: self._jobs.run(lambda: _send(state, client, name)))
+            self._jobs.run_with_state(self._session, lambda state: _send(state, client, name))
 
 
 def _send(state: State, client: viser.ClientHandle, name: str) -> None:
-    if state.rule is not None:
+    if state.paper_filter is not None:
         raise BadSetting("a report must be on the filter with q and r (got the second paper's)")
     report = make_report(state.recording, state.as_tuning(), state.channel)
     content = as_png(report) if name.endswith(".png") else as_html(report).encode()

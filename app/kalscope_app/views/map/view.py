@@ -10,7 +10,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import viser
 
-from kalscope_app.session.changes import set_map_colour, set_map_shown, set_point
+from kalscope_app.session.changes.parameters import set_point
+from kalscope_app.session.changes.view import set_map_colour, set_map_shown
 from kalscope_app.session.state import MAP_COLOURS, State
 from kalscope_app.studies.map_geometry import DISTANCE, PIXELS, Frame, Point, field_of_view, frame_for, grabbed, hit
 from kalscope_app.studies.tuning_map import TuningMap, exponents_of, nothing
@@ -138,14 +139,14 @@ class TuningMapView:
     def follow(self, frame: frames.Frame) -> None:
         """Move the mark, at a slow pace; once the person rests, `show` brings it to its place."""
         self._state, now = frame.state, time.monotonic()
-        if self._shown.value != frame.state.map_shown:
-            self._shown.value = frame.state.map_shown
+        if self._shown.value != frame.state.view.map_shown:
+            self._shown.value = frame.state.view.map_shown
         if now - self._moved >= PACE:
             self._place(frame.state)
 
     def _place(self, state: State) -> None:
         x, y = self._frame.scene(self._frame.pixel(self._frame.held(exponents_of(state))))
-        visible = bool(self._map.colour) and state.rule is None
+        visible = bool(self._map.colour) and state.paper_filter is None
         if visible and tuple(self._ring.position) != (x, y, 0.1):
             self._ring.position = (x, y, 0.1)
             self._moved = time.monotonic()
@@ -225,10 +226,10 @@ class TuningMapView:
 
 def plate_of(state: State, shown: TuningMap, frame: Frame) -> Plate:
     """What the picture is drawn from."""
-    pinned = tuple((v.name, v.rgb(dark=state.dark), exponents_of(state, v.tuning)) for v in state.variants)
+    pinned = tuple((v.name, v.rgb(dark=state.view.dark), exponents_of(state, v.tuning)) for v in state.variants)
     recording = state.recording
     unit, truth = state.tuning.unit, recording.truth is not None
-    return Plate(shown, frame, unit, recording.sample_period, state.dark, truth, pinned)
+    return Plate(shown, frame, unit, recording.sample_period, state.view.dark, truth, pinned)
 
 
 def same_plate(one: Plate, other: Plate) -> bool:

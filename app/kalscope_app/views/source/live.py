@@ -10,7 +10,7 @@ from kalscope.common.text import count, duration, number
 from kalscope.errors import BadSetting
 from kalscope.sources.live.live_source import LiveSource
 from kalscope.sources.port.port_spec import list_ports, port_of
-from kalscope_app.session.changes import set_board_channel
+from kalscope_app.session.changes.channels import set_board_channel
 from kalscope_app.session.live import opened_live
 from kalscope_app.views.source.recording import RecordingView
 from kalscope_app.views.text import escape_markdown

@@ -20,7 +20,7 @@ from kalscope.recording import Recording
 from kalscope.sources.lines.read_options import ReadOptions
 from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.samples import list_samples
-from kalscope_app.session.changes import set_sample_period
+from kalscope_app.session.changes.parameters import set_sample_period
 from kalscope_app.session.opening import opened_experiment, reopened
 from kalscope_app.views.slow_job import Patience
 from kalscope_app.views.source.generator import GeneratorForm
@@ -135,7 +135,7 @@ class SourceView:
             same = (recording.source, recording.title) == (source, title)
             self._read(reader if same else partial(open_source, recording.source), options)
 
-        self._session.ask(read)
+        self._session.with_state(read)
 
     def _read(self, reader: Reader, options: ReadOptions) -> None:
         stop = self._stop = threading.Event()
@@ -144,7 +144,7 @@ class SourceView:
             with Patience(self._progress, self._cancel) as patience:
                 recording = reader(options, progress=patience.report, cancelled=stop.is_set)
             self._again = (recording.source, recording.title), reader
-            self._session.request(lambda state: replace(reopened(recording, state), options=options))
+            self._session.request(lambda state: reopened(recording, state).with_open(options=options))
 
         self._jobs.run(work)
 

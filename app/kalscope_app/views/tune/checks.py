@@ -56,7 +56,7 @@ class ChecksView:
 
 def correlation_lines(checks: Checks) -> tuple[Array, list[Array], Layout]:
     """Correlation of the innovation with itself, lags 1 … h, and the bound that 95 % of white ones keep."""
-    d, palette = checks.all_samples, DARK if checks.state.dark else LIGHT
+    d, palette = checks.all_samples, DARK if checks.state.view.dark else LIGHT
     lags = np.arange(1.0, len(d.correlation) + 1.0)
     bound = np.full(len(lags), d.r1_bound)
     marks = {"show": True, "size": 7, "space": 0, "fill": palette.innovation}

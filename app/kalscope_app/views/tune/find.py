@@ -11,7 +11,8 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import compare_methods, disagreement
 from kalscope.estimation.finding import METHOD_WORDS, Noise, find_parameters
 from kalscope.filtering.steady_state import steady_state
-from kalscope_app.session.changes import apply_found, set_opinions, set_way
+from kalscope_app.session.changes.parameters import apply_found, set_method_comparison
+from kalscope_app.session.changes.view import set_search_method
 from kalscope_app.views.scales import Scale, time_scale_for
 from kalscope_app.views.slow_job import Patience
 
@@ -58,12 +59,12 @@ def _noise(*names: tuple[str, str, str]) -> Way:
 
 def _still(state: State, texts: list[str]) -> dict[str, Any]:
     """The stretch that is typed, in the unit of the time axis, or else the part on screen."""
-    if state.window is None and not all(text.strip() for text in texts):
+    if state.view.window is None and not all(text.strip() for text in texts):
         raise BadSetting(
             "the still stretch must be named: type from and to, or narrow the view to it (got neither)"
         )
     time, factor = state.recording.time, clock_of(state).factor
-    shown = state.window or (float(time.min()), float(time.max()))
+    shown = state.view.window or (float(time.min()), float(time.max()))
     first, last = (
         typed_number(label, text) / factor if text.strip() else default
         for label, text, default in zip(("from", "to"), texts, shown, strict=False)
@@ -82,7 +83,7 @@ def _still(state: State, texts: list[str]) -> dict[str, Any]:
 def clock_of(state: State) -> Scale:
     """Unit of the time axis on screen."""
     time = state.recording.time
-    first, last = state.window or (float(time.min()), float(time.max()))
+    first, last = state.view.window or (float(time.min()), float(time.max()))
     return time_scale_for(last - first, state.recording.sample_period)
 
 
@@ -153,11 +154,11 @@ class FindView:
 
     async def _on_way(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
-            self._session.request(set_way(self._way.value, WAYS))
+            self._session.request(set_search_method(self._way.value, WAYS))
 
     async def _on_find(self, _event: viser.GuiEvent[Any]) -> None:
         texts = [box.value for box in self._boxes]
-        self._start(lambda state, stop: self._search(state, WAYS[state.way], texts, stop))
+        self._start(lambda state, stop: self._search(state, WAYS[state.view.search_method], texts, stop))
 
     async def _on_ask(self, _event: viser.GuiEvent[Any]) -> None:
         self._start(self._compare)
@@ -168,7 +169,7 @@ class FindView:
     def _start(self, work: Callable[[State, threading.Event], None]) -> None:
         """Queue a job on the state that every earlier request has led to; each job has a stop sign of its own."""
         stop = self._stop = threading.Event()
-        self._session.ask(lambda state: self._jobs.run(lambda: work(state, stop)))
+        self._jobs.run_with_state(self._session, lambda state: work(state, stop))
 
     def _search(self, state: State, way: Way, texts: list[str], stop: threading.Event) -> None:
         z, period = state.recording.channel(state.channel), state.recording.sample_period
@@ -187,7 +188,7 @@ class FindView:
         z = state.recording.channel(state.channel)
         with Patience(self._progress, self._cancel) as patience:
             opinions = compare_methods(z, state.dt, progress=patience.report, cancelled=stop.is_set)
-        self._session.request(set_opinions(state.recording, state.channel, opinions))
+        self._session.request(set_method_comparison(state.recording, state.channel, opinions))
 
     def show(self, frame: Frame) -> None:
         """Show the boxes of the chosen way, and the last answers."""
@@ -201,23 +202,23 @@ class FindView:
             self._opinions.content = opinions
 
     def _show_way(self, state: State) -> None:
-        if self._way.value != state.way:
-            self._way.value = state.way
-        wanted = WAYS[state.way].boxes
+        if self._way.value != state.view.search_method:
+            self._way.value = state.view.search_method
+        wanted = WAYS[state.view.search_method].boxes
         for i, box in enumerate(self._boxes):
             box.visible = i < len(wanted)
             if i < len(wanted):
                 label, content = wanted[i]
                 box.label = f"{label} ({clock_of(state).unit})" if label in ("from", "to") else label
-                if state.way != self._shown_way:
+                if state.view.search_method != self._shown_way:
                     box.value = content
                 box.hint = BOX_HINTS.get(label, BOX_HINTS[""])
-        self._shown_way = state.way
+        self._shown_way = state.view.search_method
 
 
 def answer_text(state: State) -> str:
     """The last answer with before and after, as markdown; made of our own words and numbers."""
-    outcome = state.outcome
+    outcome = state.answers.outcome
     if outcome is None:
         return ""
     if outcome.after is None:
@@ -238,18 +239,18 @@ def answer_text(state: State) -> str:
 
 def opinions_text(state: State) -> str:
     """The five methods side by side and their disagreement named, as markdown."""
-    if not state.opinions:
+    if not state.answers.method_comparison:
         return "Five ways to estimate q and r from the record. If the model describes the signal, they agree."
     period = state.recording.sample_period
     rows = []
-    for one in state.opinions:
+    for one in state.answers.method_comparison:
         steady = steady_state(one.params) if one.params is not None else None
         lag = "–" if steady is None else lag_text(float(steady.lag_samples), period)
         gain = "–" if steady is None else number(float(steady.gain))
         q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
         rows.append(f"| {METHOD_WORDS[one.method]} | {q} | {r} | {gain} | {lag} | {verdict} |")
-    usable = sum(one.params is not None for one in state.opinions)
+    usable = sum(one.params is not None for one in state.answers.method_comparison)
     agree = "They agree, as far as chance allows." if usable > 1 else "No two of them can be compared."
-    said = disagreement(state.opinions) or agree
+    said = disagreement(state.answers.method_comparison) or agree
     head = "| method | q | r | gain K | lag | verdict |\n|---|---|---|---|---|---|\n"
-    return f"{head}{chr(10).join(rows)}\n\n**{said}**\n\n{state.opinions[0].message}"
+    return f"{head}{chr(10).join(rows)}\n\n**{said}**\n\n{state.answers.method_comparison[0].message}"

@@ -6,20 +6,18 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from kalscope.common.text import squared
-from kalscope_app.session.changes import (
-    Change,
+from kalscope_app.session.changes.channels import select_channel, set_link
+from kalscope_app.session.changes.parameters import (
     reset_parameters,
-    select_channel,
     set_automatic_start,
     set_exponent,
-    set_reading,
-    set_rule_text,
+    set_paper_text,
     set_text,
+    set_variant_of_eq3,
+    slider_limits,
 )
-from kalscope_app.session.channel_changes import set_together
-from kalscope_app.session.linked_channels import WAYS
+from kalscope_app.session.linked_channels import LINKS
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.state import State, slider_limits
 from kalscope_app.views.text import typed
 
 if TYPE_CHECKING:
@@ -28,6 +26,7 @@ if TYPE_CHECKING:
     import viser
 
     from kalscope_app.engine.frame import Frame
+    from kalscope_app.session.state import Change, State
 
 NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "start variance p0"}
 
@@ -54,11 +53,11 @@ class ParametersView:
             )
             self._together = gui.add_dropdown(
                 "tune",
-                WAYS,
+                LINKS,
                 hint="All together: a change here, or a search, sets every channel. Undo takes it back.",
             )
             self._rule_boxes = [
-                TypedNumber(gui, session, name, label, hint, set_rule_text) for name, label, hint in RULE_BOXES
+                TypedNumber(gui, session, name, label, hint, set_paper_text) for name, label, hint in RULE_BOXES
             ]
             self._controls = [VarianceControl(gui, session, name) for name in ("q", "r")]
             self._start = gui.add_dropdown(
@@ -103,11 +102,11 @@ class ParametersView:
 
     async def _on_together(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
-            self._session.request(set_together(self._together.value))
+            self._session.request(set_link(self._together.value))
 
     async def _on_filter(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
-            self._session.request(set_reading(FILTERS[self._filter.value]))
+            self._session.request(set_variant_of_eq3(FILTERS[self._filter.value]))
 
     async def _on_start(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
@@ -134,25 +133,25 @@ class ParametersView:
         if self._channel.value != state.channel:
             self._channel.value = state.channel
         self._channel.visible = self._together.visible = len(state.recording.names) > 1
-        if self._together.value != state.together:
-            self._together.value = state.together
+        if self._together.value != state.settings.link:
+            self._together.value = state.settings.link
         self._show_rule(state)
         for control in self._controls:
-            control.visible = state.rule is None
+            control.visible = state.paper_filter is None
             control.show(frame)
-        self._start.visible = self._gate.visible = state.rule is None
+        self._start.visible = self._gate.visible = state.paper_filter is None
         start = AUTOMATIC if tuning.p0 is None else BY_VALUE
         if self._start.value != start:
             self._start.value = start
-        self._x0.visible = tuning.p0 is not None and state.rule is None
+        self._x0.visible = tuning.p0 is not None and state.paper_filter is None
         self._x0.show(frame, tuning.x0, "first")
         self._gate.show(frame, tuning.gate, "off")
         for box, (name, _, _) in zip(self._rule_boxes, RULE_BOXES, strict=True):
-            box.visible = state.rule is not None
-            box.show(frame, None if state.rule is None else getattr(state.rule, name), "automatic")
+            box.visible = state.paper_filter is not None
+            box.show(frame, None if state.paper_filter is None else getattr(state.paper_filter, name), "automatic")
 
     def _show_rule(self, state: State) -> None:
-        reading = None if state.rule is None else state.rule.reading
+        reading = None if state.paper_filter is None else state.paper_filter.reading
         name = next(name for name, value in FILTERS.items() if value == reading)
         if self._filter.value != name:
             self._filter.value = name

@@ -40,7 +40,7 @@ class PresetsView:
 
     def show(self, frame: Frame) -> None:
         """Tell what the chosen preset would do."""
-        title = frame.state.preset or next(iter(PRESETS))
+        title = frame.state.view.preset or next(iter(PRESETS))
         if self._which.value != title:
             self._which.value = title
         text = preset_text(frame.state, title, frame.steady)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from kalscope.common.text import correlation, count, decibels, lag_text, number
-from kalscope_app.session.variant_changes import delete_variant, pin_present, rename_variant, use_variant
+from kalscope_app.session.changes.variants import delete_variant, pin_present, rename_variant, use_variant
 from kalscope_app.session.variants import LIMIT, LONGEST_NAME, Variant, css
 from kalscope_app.views.text import escape_markdown
 
@@ -115,7 +115,7 @@ def _best(rows: tuple[Row, ...]) -> tuple[float | None, float | None]:
 def _cells(table: Table, row: Row, with_truth: bool, best: tuple[float | None, float | None]) -> list[str]:
     measures, steady, d = row.measures, row.measures.steady, row.measures.diagnostics
     cells = [
-        "**now**" if row.variant is None else mark(row.variant, dark=table.state.dark),
+        "**now**" if row.variant is None else mark(row.variant, dark=table.state.view.dark),
         number(float(row.params.q)),
         number(float(row.params.r)),
         lag_text(float(steady.lag_samples), table.state.recording.sample_period),
@@ -151,6 +151,6 @@ def _explained(table: Table, with_truth: bool) -> str:
     else:
         few, many = count(min(scored)), count(max(scored))
         said.append(f"The log-likelihoods sum over {few} to {many} samples and cannot be compared.")
-    if table.state.rule is not None:
+    if table.state.paper_filter is not None:
         said.append("The present filter has no q and r, and so no line here.")
     return " ".join(said)

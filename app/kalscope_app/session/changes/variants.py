@@ -1,4 +1,4 @@
-"""What can be done with pinned settings: each returns a function State -> State, as in `changes`."""
+"""Changes of the pinned settings."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from kalscope.errors import BadSetting
 from kalscope_app.session.variants import Variant, checked_name, pinned
 
 if TYPE_CHECKING:
-    from kalscope_app.session.changes import Change
-    from kalscope_app.session.state import State
+    from kalscope_app.session.state import Change, State
 
 PARAMETERS = ("q", "r", "p0", "x0", "gate")
 """What a setting consists of."""
@@ -18,12 +17,13 @@ PARAMETERS = ("q", "r", "p0", "x0", "gate")
 
 def pin_present(state: State) -> State:
     """Keep the present setting of the channel on screen as a variant, under the first free letter."""
-    if state.rule is not None:
+    if state.paper_filter is not None:
         raise BadSetting("a setting must be one of q and r to be pinned (got the second paper's filter)")
     same = next((one for one in state.variants if one.tuning.params == state.params), None)
     if same is not None:
         raise BadSetting(f"a setting must differ from those that are pinned (got that of {same.name})")
-    return replace(state, pins=(*state.pins, pinned(state.tuning, state.variants)), note="")
+    pin = pinned(state.tuning, state.variants)
+    return state.with_settings(pins=(*state.settings.pins, pin)).with_answers(note="")
 
 
 def use_variant(name: str) -> Change:
@@ -32,14 +32,13 @@ def use_variant(name: str) -> Change:
     def change(state: State) -> State:
         tuning = _variant(state, name).tuning
         values = {key: getattr(tuning, key) for key in PARAMETERS}
-        five_lines = state.with_rule(None) if state.rule is not None else state
-        return five_lines.with_tuning(**values, how=tuning.how)
+        return state.with_standard_filter().with_tuning(**values, how=tuning.how)
 
     return change
 
 
 def rename_variant(name: str, new: str) -> Change:
-    """Call a variant otherwise."""
+    """Rename a variant."""
 
     def change(state: State) -> State:
         variant = _variant(state, name)
@@ -63,5 +62,6 @@ def _variant(state: State, name: str) -> Variant:
 
 
 def _with(state: State, old: Variant, new: tuple[Variant, ...]) -> State:
-    at = next(i for i, one in enumerate(state.pins) if one is old)
-    return replace(state, pins=(*state.pins[:at], *new, *state.pins[at + 1 :]), note="")
+    pins = state.settings.pins
+    at = next(i for i, one in enumerate(pins) if one is old)
+    return state.with_settings(pins=(*pins[:at], *new, *pins[at + 1 :])).with_answers(note="")

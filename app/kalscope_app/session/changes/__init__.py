@@ -1,0 +1,1 @@
+"""Changes of the State, each a checked function State -> State."""

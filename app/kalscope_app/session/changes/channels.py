@@ -1,0 +1,77 @@
+"""Changes of the channels: which is on screen, which are linked, whose settings are copied."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kalscope.errors import BadSetting
+from kalscope_app.session.linked_channels import LINKS, scaled_copy
+
+if TYPE_CHECKING:
+    from kalscope.recording import Recording
+    from kalscope_app.session.state import Change, State
+
+ALL_OTHERS = "all other channels"
+
+
+def select_channel(name: str) -> Change:
+    """Look at another channel, with its own parameters."""
+
+    def change(state: State) -> State:
+        state.recording.index(name)
+        if name == state.channel:
+            return state
+        state = state.with_open(channel=name).with_reset_view()
+        return state.with_answers(outcome=None, method_comparison=(), note="")
+
+    return change
+
+
+def channel_named(recording: Recording, text: str) -> str:
+    """A channel by its name, or by its number from 1 where no channel is called so."""
+    number = int(text) if text.isascii() and text.isdecimal() and len(text) < 6 else 0
+    if text not in recording.names and 1 <= number <= len(recording.names):
+        return recording.names[number - 1]
+    return text
+
+
+def set_link(link: str) -> Change:
+    """Tune this channel alone or all together; all then take the present one's setting at once."""
+    if link not in LINKS:
+        raise BadSetting(f"the way of tuning channels must be one of {', '.join(LINKS)} (got {link[:40]!r})")
+
+    def change(state: State) -> State:
+        return state.with_settings(link=link).with_tuning_of(state.index, state.tuning).with_answers(note="")
+
+    return change
+
+
+def copy_setting(to: str) -> Change:
+    """The numbers of the channel on screen become those of another channel, or of all others."""
+
+    def change(state: State) -> State:
+        names, settings = state.recording.names, state.settings
+        targets = [name for name in names if name != state.channel] if to == ALL_OTHERS else [to]
+        chosen = {state.recording.index(name) for name in targets}
+        tunings = tuple(
+            scaled_copy(state.tuning, own) if i in chosen and names[i] != state.channel else own
+            for i, own in enumerate(settings.tunings)
+        )
+        filters = tuple(None if i in chosen else one for i, one in enumerate(settings.paper_filters))
+        where = f"{len(chosen)} channels" if len(chosen) > 1 else "one channel"
+        same = tunings == settings.tunings
+        note = "" if same else f"The setting of {state.channel} is now that of {where} more."
+        return state.with_settings(tunings=tunings, paper_filters=filters).with_answers(note=note)
+
+    return change
+
+
+def set_board_channel(name: str | None) -> Change:
+    """Say which channel is the board's own filtered curve; None: there is none."""
+
+    def change(state: State) -> State:
+        if name is not None:
+            state.recording.index(name)
+        return state if name == state.board else state.with_open(board_choice=name)
+
+    return change

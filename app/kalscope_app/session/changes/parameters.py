@@ -1,0 +1,171 @@
+"""Changes of the parameters of the channel on screen, and of its filter.
+
+A browser may send anything, so a change clamps its values or raises BadSetting; it never trusts a widget's limits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from kalscope.common.text import typed_number
+from kalscope.papers.generalized_filter import GeneralizedParams
+from kalscope_app.session.opening import timed
+from kalscope_app.session.state import Outcome, State
+
+if TYPE_CHECKING:
+    from kalscope.estimation.finding import Found
+    from kalscope.estimation.result import Estimate
+    from kalscope.recording import Recording
+    from kalscope_app.session.state import Change
+
+DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
+"""Range of each slider, in decades around the starting r of the channel."""
+
+
+def slider_limits(state: State, name: str) -> tuple[int, int]:
+    """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside."""
+    centre = round(math.log10(state.start.r))
+    low, high = (centre + end for end in DECADES[name])
+    value = getattr(state.tuning, name)
+    if value:
+        low, high = min(low, math.floor(math.log10(value))), max(high, math.ceil(math.log10(value)))
+    return max(low, -300), min(high, 300)
+
+
+def set_exponent(name: str, exponent: float) -> Change:
+    """A slider was moved: q, r or p0 becomes 10^exponent; moving p0 means a start by value."""
+
+    def change(state: State) -> State:
+        if not math.isfinite(exponent):
+            return state
+        low, high = slider_limits(state, name)
+        value = 10.0 ** min(max(exponent, low), high)
+        return _by_hand(state, name, float(f"{value:.2e}"))  # three digits suit a slider
+
+    return change
+
+
+def set_point(q_exponent: float, r_exponent: float) -> Change:
+    """A point of the tuning map was chosen: q and r become 10^exponent, to three digits."""
+
+    def change(state: State) -> State:
+        if state.paper_filter is not None or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
+            return state
+        q, r = (float(f"{10.0 ** min(max(e, -300.0), 299.9):.2e}") for e in (q_exponent, r_exponent))
+        return state if (q, r) == (state.tuning.q, state.tuning.r) else state.with_tuning(q=q, r=r, how="by hand")
+
+    return change
+
+
+def set_text(name: str, text: str) -> Change:
+    """An exact value was typed for q, r, p0 or x0; an empty x0 is the first sample, an empty gate is off."""
+
+    def change(state: State) -> State:
+        if name == "x0" and text.strip().lower() in ("", "first"):
+            return state.with_tuning(x0=None)
+        if name == "gate" and text.strip().lower() in ("", "off"):
+            return state.with_tuning(gate=None)
+        value = typed_number(name, text)
+        if getattr(state.tuning, name) == value:
+            return state
+        if name == "x0" and state.tuning.p0 is None:
+            return state.with_tuning(x0=value, p0=state.tuning.r)
+        return _by_hand(state, name, value)
+
+    return change
+
+
+def _by_hand(state: State, name: str, value: float) -> State:
+    """One parameter set by hand; only q and r have a history that this ends."""
+    how = "by hand" if name in ("q", "r") else state.tuning.how
+    return state.with_tuning(**{name: value}, how=how)
+
+
+def set_automatic_start(automatic: bool) -> Change:
+    """Automatic (diffuse) start at the first sample, or p0 and x0 by value, beginning with p0 = r."""
+
+    def change(state: State) -> State:
+        if automatic == (state.tuning.p0 is None):
+            return state
+        return state.with_tuning(p0=None if automatic else max(state.tuning.r, 1e-300), x0=None)
+
+    return change
+
+
+def reset_parameters(state: State) -> State:
+    """Back to the starting values of the channel."""
+    start = state.start
+    return state.with_tuning(q=start.q, r=start.r, p0=start.p0, x0=start.x0, gate=start.gate, how=start.how)
+
+
+def apply_found(recording: Recording, channel: str, found: Found) -> Change:
+    """A search has ended: its pair becomes the channel's q and r, if it has one and the channel is still there."""
+
+    def change(state: State) -> State:
+        if not state.continues(recording):
+            note = "The search ended after another recording was opened; nothing was changed."
+            return state.with_answers(note=note)
+        at = recording.index(channel)
+        before = state.settings.tunings[at]
+        if found.params is None:
+            return state.with_answers(outcome=Outcome(found.how, found.message, before, None))
+        q, r = float(found.params.q), float(found.params.r)
+        after = replace(before, q=q, r=r, how=found.how)
+        outcome = Outcome(found.how, found.message, before, after) if channel == state.channel else None
+        filters = state.settings.paper_filters
+        state = state.with_settings(paper_filters=(*filters[:at], None, *filters[at + 1 :]) if filters else ())
+        return state.with_tuning_of(at, after).with_answers(outcome=outcome)
+
+    return change
+
+
+def set_method_comparison(recording: Recording, channel: str, estimates: tuple[Estimate, ...]) -> Change:
+    """The five methods have given their estimates."""
+
+    def change(state: State) -> State:
+        same = state.continues(recording) and state.channel == channel
+        return state.with_answers(method_comparison=estimates) if same else state
+
+    return change
+
+
+def set_variant_of_eq3(variant: str | None) -> Change:
+    """Filter with the second paper's equations, "printed" or "without_slip", or with the standard filter (None)."""
+
+    def change(state: State) -> State:
+        paper = state.paper_filter
+        if variant is None:
+            return state.with_standard_filter()
+        if paper is None:
+            return state.with_paper_filter(GeneralizedParams(max(state.tuning.r, 1e-290), None, None, variant))
+        return state if paper.reading == variant else state.with_paper_filter(replace(paper, reading=variant))
+
+    return change
+
+
+def set_paper_text(name: str, text: str) -> Change:
+    """A value of the second paper's filter was typed: sigma_m, sigma_e0 or e0; empty is automatic."""
+
+    def change(state: State) -> State:
+        if state.paper_filter is None:
+            return state
+        empty = name != "sigma_m" and text.strip().lower() in ("", "automatic")
+        value = None if empty else typed_number(name, text)
+        return state.with_paper_filter(replace(state.paper_filter, **{name: value}))
+
+    return change
+
+
+def set_sample_period(text: str) -> Change:
+    """The time between two samples was typed, s, for a recording that does not have it."""
+
+    def change(state: State) -> State:
+        recording = timed(state.recording, typed_number("sample period", text))
+        if recording is state.recording:
+            return state
+        period = recording.sample_period
+        return state.with_open(recording=recording, typed_period=period).with_reset_view(window=None)
+
+    return change

@@ -1,0 +1,83 @@
+"""What the State knows of a live board: the record as of the last refresh, what it shows, what was sent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from kalscope.export.float32 import Float32Params
+    from kalscope.filtering.params import FilterParams
+    from kalscope.sources.live.live_samples import Snapshot
+    from kalscope.sources.live.live_status import LiveStatus
+    from kalscope.tuning.tuning import Tuning
+
+FIRST_SPAN = 10.0
+"""Length of the live window at first, s."""
+
+
+class Feed(Protocol):
+    """What a live source offers to the dashboard; `LiveSource` is one."""
+
+    def snapshot(self) -> Snapshot | None:
+        """What is kept, or None before the first sample."""
+        ...
+
+    def status(self) -> LiveStatus:
+        """How the connection is."""
+        ...
+
+
+@dataclass(frozen=True)
+class Deferred:
+    """What the command line asked for, applied once the channels and the starting values of a board are known."""
+
+    tuning: Tuning | None = None
+    """A tuning file."""
+    channel: str | None = None
+    """The channel to look at, a name or a number from 1."""
+    values: tuple[tuple[str, float | None], ...] = ()
+    """Names and values of its parameters."""
+
+
+@dataclass(frozen=True)
+class Live:
+    """The live part of a State."""
+
+    feed: Feed
+    """Where the samples come from."""
+    snapshot: Snapshot | None = None
+    """The record as of the last refresh; None before the first samples."""
+    span: float = FIRST_SPAN
+    """Length of the window that follows the newest sample, s; inf = all that is kept."""
+    following: bool = True
+    """Whether the window follows; looking back ends that."""
+    paused: bool = False
+    """Whether the screen stands still while samples still arrive."""
+    settled: bool = False
+    """Whether the starting values have been measured."""
+    deferred: Deferred | None = None
+    """What waits for them."""
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """What stays the same while the record only grows: the feed and its layout."""
+        return id(self.feed), -1 if self.snapshot is None else self.snapshot.generation
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A setting that a board has taken."""
+
+    record: tuple[int, int]
+    """The live record that it belongs to."""
+    channel: str
+    """The channel that was tuned."""
+    filtered: str
+    """The channel in which the board sends the output of its filter."""
+    asked: FilterParams
+    """What was on screen when it was sent."""
+    params: Float32Params
+    """What the board says it uses, exact."""
+    row: int
+    """Number of the first sample after the board restarted its filter, counted since it began to send."""
