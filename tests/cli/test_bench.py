@@ -14,9 +14,8 @@ import pytest
 from kalscope.cli.app import run
 from kalscope.cli.bench import contest as bench
 from kalscope.cli.bench import peers as bench_peers
-from kalscope.cli.bench import run as contests
 from kalscope.cli.bench.command import line_of
-from kalscope.cli.bench.contest import Contest, Row, measure, take_turns
+from kalscope.cli.bench.contest import Contest, Row, Work, measure, take_turns
 from kalscope.cli.bench.own import five_lines, five_lines_in_python
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -63,8 +62,9 @@ def test_every_peer_has_a_row_installed_or_not(rows):
 @pytest.mark.parametrize("module", ["filterpy.kalman", "no_such_library"])
 def test_a_missing_library_is_a_row_that_says_so(monkeypatch, module):
     monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.setattr(bench_peers, "PEERS", (("filterpy", module, bench_peers.filterpy_contests),))
-    (row,) = bench_peers.peer_contests(contests.make_work(1_000), contests.QUICK)
+    peer = ("filterpy", module, "kalman_filter", bench_peers.filterpy_contests)
+    monkeypatch.setattr(bench_peers, "PEERS", (peer,))
+    (row,) = bench_peers.peer_contests(lambda _: Work.make(1_000))
     assert row == Row("filterpy", 0, None, None, "kalman_filter", None, "not installed")
     assert line_of(row).split() == ["filterpy", "kalman_filter", "not", "installed"]
 
@@ -85,8 +85,8 @@ def test_the_two_sides_take_turns_and_the_order_alternates(monkeypatch):
 
 def test_the_ratio_is_the_median_of_the_turns(monkeypatch):
     monkeypatch.setattr(bench, "take_turns", lambda *_: ([2.0, 30.0, 4.0], [1.0, 1.0, 1.0]))
-    row = measure(Contest("a", "b", 4, lambda: None, lambda: None, None), 3)
-    assert (row.ratio, row.microseconds_per_sample, row.difference) == (4.0, 1e6, None)
+    row = measure(Contest("a", "b", 4, lambda: None, lambda: None, lambda _: 0.5), 3)
+    assert (row.ratio, row.microseconds_per_sample, row.difference) == (4.0, 1e6, 0.5)
 
 
 @pytest.mark.parametrize("text", ["many", "9999", "1e9", "nan", "20000.5"])

@@ -16,7 +16,7 @@ import pytest
 
 from kalscope.catalogue import open_source
 from kalscope.cli.app import run
-from kalscope.cli.console import LONGEST_LINE
+from kalscope.cli.filter import MAX_LINE_BYTES
 from kalscope.cli.line_filter import LineFilter
 from kalscope.estimation.starting import starting_params
 from kalscope.filtering.batch import kalman_filter
@@ -201,13 +201,13 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["filter", "demo", "--q"], "'--q' requires an argument"),
     (["filter", "demo", "--q", "abc"], "--q must be a number (got 'abc')"),
     (["filter", "demo", "--q", "-1", "--r", "1"], "q must be a finite variance from 0 to 1e300 (got -1.0)"),
-    (["filter", "demo", "--q", "nan", "--r", "1"], "q must be"),
+    (["filter", "demo", "--q", "nan", "--r", "1"], "--q must be a number (got 'nan')"),
     (["filter", "demo", "--q", "0", "--r", "0"], "q and r must not both be 0"),
     (["filter", "demo", "--p0", "x"], "--p0 must be a number or \"diffuse\" (got 'x')"),
     (["filter", "demo", "--x0", "x"], "--x0 must be a number or \"first\" (got 'x')"),
     (["filter", "demo", "--x0", "1"], "x0 needs p0"),
-    (["filter", "demo", "--sample-period", "x"], "--sample-period must be a number (got 'x')"),
-    (["filter", "demo", "--sample-period", "-1"], "sample_period must be"),
+    (["filter", "demo", "--sample-period", "x"], "--sample-period must be a number above 0 (got 'x')"),
+    (["filter", "demo", "--sample-period", "-1"], "--sample-period must be a number above 0 (got '-1')"),
     (["filter", "demo", "--channel", "zz"], "channel must be one of"),
     (["filter", "demo", "--config", "missing.toml"], "missing.toml"),
     (["filter", "missing.csv"], "missing.csv"),
@@ -365,7 +365,7 @@ def test_lines_before_the_first_readable_one_count_as_missing() -> None:
 
 
 def test_a_line_without_end_is_one_unreadable_line(feed: Callable[[bytes], None], capsys: Captured) -> None:
-    feed(b"1\n" + b"1," * (LONGEST_LINE * 2) + b"1\n" + b"3\n")
+    feed(b"1\n" + b"1," * (MAX_LINE_BYTES * 2) + b"1\n" + b"3\n")
     assert run(["filter", "-", "--q", "1", "--r", "1"]) == 0
     out, err = capsys.readouterr()
     x = kalman_filter([1.0, NAN, 3.0], FilterParams(1.0, 1.0)).x

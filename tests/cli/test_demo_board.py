@@ -11,7 +11,7 @@ from waiting import PATIENCE, wait_until
 
 from kalscope import BadDevice, BadSetting, Recording, synthesize
 from kalscope.cli import app as cli
-from kalscope.cli.board.demo_board import BOOT, Board, BoardLines
+from kalscope.cli.board.demo_board import BOOT_S, Board, BoardLines
 from kalscope.cli.board.wires import PtyWire, SocketWire
 from kalscope.sources.lines.line_parser import LineParser
 from kalscope.sources.live.live_source import LiveSource
@@ -53,7 +53,7 @@ def test_no_name_can_break_a_line(name):
 
 def test_each_sample_is_due_at_its_own_time_and_the_recording_repeats_without_drift():
     lines = BoardLines(TWO)
-    np.testing.assert_allclose([*lines.due, lines.turn], [0.0, 0.1, 0.4, 0.5])
+    np.testing.assert_allclose([*lines.due, lines.period], [0.0, 0.1, 0.4, 0.5])
     sent, now, at = 0, 0.0, []
     while sent < 3000:
         found, due = lines.between(sent, now)
@@ -105,9 +105,9 @@ def test_a_board_begins_anew_whenever_the_port_is_opened():
     start = b"# kalscope demo-board\r\na,b[mV]\r\n1,2\r\n"
     for opened in (5.0, 9.0):
         wire.open, wire.sent, now[0] = True, b"", opened
-        assert board.step() == pytest.approx(BOOT)
+        assert board.step() == pytest.approx(BOOT_S)
         assert wire.sent == b""  # whoever opens a port may still throw away what is there
-        now[0] += BOOT + 1e-9
+        now[0] += BOOT_S + 1e-9
         board.step()
         assert wire.sent == start
         wire.open = False

@@ -61,7 +61,7 @@ def test_q_is_carried_over_to_the_period_of_the_device(tuning_file, capfd):
     assert cli.run([*command, "0.01"]) == 0
     assert capfd.readouterr().out == export_tuning(load_tuning(tuning_file), "json")["kalscope_parameters.json"]
     assert cli.run([*command, "0"]) == 2
-    assert capfd.readouterr().err == "kalscope: sample_period must be a positive number of seconds (got 0.0)\n"
+    assert capfd.readouterr().err == "kalscope: --sample-period must be a number above 0 (got '0')\n"
 
 
 def test_one_channel_can_be_chosen(tuning_file, tmp_path):

@@ -1,12 +1,12 @@
 """The headless commands. `run` is the whole program; the dashboard adds its own command to `app`.
 
-What the commands need is imported when they run, so that --help and a slip of the keyboard answer at once.
+What a command needs is imported when it runs, so that --help and a mistyped option answer at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
 
 import typer
 
@@ -21,6 +21,19 @@ from kalscope.cli.report import report_command
 from kalscope.cli.reproduce import reproduce_command
 from kalscope.cli.tune.command import tune_command
 
+COMMANDS: dict[str, Callable[..., Any]] = {
+    "tune": tune_command,
+    "filter": filter_command,
+    "export": export_command,
+    "reproduce": reproduce_command,
+    "record": record_command,
+    "ports": ports_command,
+    "demo-board": demo_board_command,
+    "report": report_command,
+    "bench": bench_command,
+}
+"""The commands in the order of --help."""
+
 app = typer.Typer(
     name="kalscope",
     help="Kalscope, an oscilloscope for the scalar Kalman noise filter.",
@@ -28,17 +41,8 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help: importing rich takes longer than all the rest
     pretty_exceptions_enable=False,
 )
-
-
-app.command("tune")(tune_command)
-app.command("filter")(filter_command)
-app.command("export")(export_command)
-app.command("reproduce")(reproduce_command)
-app.command("record")(record_command)
-app.command("ports")(ports_command)
-app.command("demo-board")(demo_board_command)
-app.command("report")(report_command)
-app.command("bench")(bench_command)
+for name, command in COMMANDS.items():
+    app.command(name)(command)
 
 
 def run(argv: Sequence[str] | None = None) -> int:
@@ -53,14 +57,14 @@ def run(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         message = user_message(error)
         if message is None:
-            raise  # a mistake of ours: the traceback is what we need to see
+            raise  # a bug: its traceback is needed
         say(message)
         return USER_ERROR
     return status if isinstance(status, int) else 0
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(asked: bool) -> None:
+    if asked:
         from importlib.metadata import version as installed
 
         print(f"kalscope {installed('kalscope')}")
@@ -68,10 +72,10 @@ def _print_version(wanted: bool) -> None:
 
 
 @app.callback()
-def _program(
+def program(
     version: Annotated[  # acts in its callback, before a missing command is noticed
         bool,
         typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_print_version),
     ] = False,
 ) -> None:
-    """Make `filter` a command even while it is the only one."""
+    """Take the options of the program itself."""

@@ -1,53 +1,47 @@
-"""What every command shares: messages, exit statuses, standard streams, numbers of options."""
+"""What all commands share: exit statuses, messages, standard streams, progress, and stopping."""
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO, TextIO
 
 import typer
 
-from kalscope.errors import BadSetting, KalscopeError, describe
+from kalscope.errors import KalscopeError, describe
 
+CHECK_FAILED = 1
+"""Exit status when something that was checked is not as it must be."""
 USER_ERROR = 2
 """Exit status when something the user gave cannot be used; stderr then has one line."""
-
-
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as a shell counts it."""
 
-
-LONGEST_LINE = 65_536
-"""Bytes of one line on stdin, hundreds of channels; a longer one is no line of numbers."""
-
-
-def number_option(name: str, text: str) -> Any:
-    """An option that takes a number or one special word, parsed by `number_from_option`."""
-    return typer.Option(name, metavar="NUMBER", help=text)
+PROGRESS_DELAY_S = 1.0
+"""Work that takes longer than this shows its progress, s."""
+PROGRESS_INTERVAL_S = 0.1
+"""Least time between two updates of the progress, s."""
+STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 
 
-def number_from_option(option: str, text: str, word: str | None = None) -> float:
-    """The number of an option. Typer's own message does not say what came."""
-    try:
-        return float(text)
-    except ValueError:
-        must = "a number" if word is None else f'a number or "{word}"'
-        raise BadSetting(f"{option} must be {must} (got {text!r})") from None
+def say(message: str) -> None:
+    """Print one line on stderr."""
+    print(f"kalscope: {' '.join(message.split())}", file=sys.stderr, flush=True)
 
 
-def bounded_lines(stream: BinaryIO) -> Iterator[bytes]:
-    """The lines of a stream, none longer than LONGEST_LINE."""
-    while line := stream.readline(LONGEST_LINE):
-        if len(line) < LONGEST_LINE or line.endswith(b"\n"):
-            yield line
-            continue
-        while (rest := stream.readline(LONGEST_LINE)) and not rest.endswith(b"\n"):
-            pass
-        yield line[:60] + b" and so on"  # the rest was dropped, so it must not read as numbers
+def user_message(error: Exception) -> str | None:
+    """The message for the user; None for an exception that is a bug of the program."""
+    if isinstance(error, KalscopeError | OSError):
+        return describe(error)
+    # Typer's usage errors; it brought its own copy of click's classes in 0.2x, the method is common to both.
+    usage = getattr(error, "format_message", None)
+    return str(usage()) if callable(usage) else None
 
 
 def write_output(chunks: Iterator[str], output: Path | None) -> None:
@@ -66,22 +60,74 @@ def open_stdout() -> Iterator[BinaryIO]:
         yield sys.stdout.buffer
         sys.stdout.buffer.flush()
     except OSError as error:
-        # What is left in the buffer would raise once more when Python ends, where nobody can catch it.
+        # What is left in the buffer would raise once more when Python ends, where it cannot be caught.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):  # `kalscope filter … | head` has all it wants
+        if isinstance(error, BrokenPipeError):  # `kalscope filter … | head` has all it needs
             raise typer.Exit(0) from None
         raise
 
 
-def say(message: str) -> None:
-    """One line on stderr."""
-    print(f"kalscope: {' '.join(message.split())}", file=sys.stderr, flush=True)
+class TerminalLine:
+    """A line that is rewritten in place on a terminal; nothing is written to anything else."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self.visible = stream.isatty()
+        """Whether the stream is a terminal."""
+        self._width = 0
+
+    def show(self, text: str) -> None:
+        """Replace what the line shows."""
+        if self.visible:
+            self._write(f"\r{text:<{self._width}}")
+            self._width = max(self._width, len(text))
+
+    def clear(self) -> None:
+        """Leave an empty line behind."""
+        if self._width:
+            self._write(f"\r{' ' * self._width}\r")
+            self._width = 0
+
+    def _write(self, text: str) -> None:
+        with suppress(OSError):  # a terminal that was closed must not end the work
+            self._stream.write(text)
+            self._stream.flush()
 
 
-def user_message(error: Exception) -> str | None:
-    """What to tell the user; None for an exception that is not theirs to mend."""
-    if isinstance(error, KalscopeError | OSError):
-        return describe(error)
-    # Typer's usage errors; it brought its own copy of click's classes in 0.2x, the method is common to both.
-    usage = getattr(error, "format_message", None)
-    return str(usage()) if callable(usage) else None
+@contextmanager
+def progress_line() -> Iterator[Callable[[float, str], None]]:
+    """Report progress inside the block, as a fraction and a few words: one line on stderr if it is a terminal.
+
+    The line appears once the work has taken PROGRESS_DELAY_S, and is gone when the block ends.
+    """
+    line = TerminalLine(sys.stderr)
+    due = time.monotonic() + PROGRESS_DELAY_S
+
+    def report(fraction: float, text: str) -> None:
+        nonlocal due
+        now = time.monotonic()
+        if now >= due:
+            due = now + PROGRESS_INTERVAL_S
+            line.show(f"{fraction:4.0%} {text}"[:70])
+
+    try:
+        yield report
+    finally:
+        line.clear()
+
+
+@contextmanager
+def stop_signals() -> Iterator[threading.Event]:
+    """An event that Ctrl+C, SIGTERM or the closing of the terminal sets while the block runs."""
+    stop = threading.Event()
+    previous = {}
+    if threading.current_thread() is threading.main_thread():  # Python delivers signals to no other thread
+        for name in STOP_SIGNALS:
+            number = getattr(signal, name, None)  # SIGHUP is unknown on Windows, SIGBREAK elsewhere
+            if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # nohup ignores SIGHUP
+                previous[number] = signal.signal(number, lambda *_: stop.set())
+    try:
+        yield stop
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

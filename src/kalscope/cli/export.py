@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from kalscope.cli.options import number_option
 from kalscope.errors import BadSetting
+from kalscope.export.write import limits_of, write_files
 
 if TYPE_CHECKING:
     from kalscope.recording import Recording
     from kalscope.tuning.tuning import Tuning
-from kalscope.export.write import limits_of, write_files
 
 CHOICES = "arduino, c, python, matlab, json, ros2, platformio, esphome, bachagas, kalmanjs"
-"""The targets that write something; said here too, so that --help need not import the filter."""
+"""The targets that write something; repeated here, so that --help need not import the filter."""
 
 
 def export_command(
@@ -30,15 +31,12 @@ def export_command(
         str | None,
         typer.Option("--vectors", metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered."),
     ] = None,
-    sample_period: Annotated[
-        str | None,
-        typer.Option("--sample-period", metavar="NUMBER", help="Of the device, s: q is carried over to it."),
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over files that are there.")] = False,
+    sample_period: Annotated[float | None, number_option("Of the device, s: q is rescaled to it.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
 ) -> None:
-    """Export the tuned filter for the device or the program that is to run it."""
+    """Export the tuned filter for the device or the program that will run it."""
     from kalscope.catalogue import open_source
-    from kalscope.cli.console import number_from_option, say, write_output
+    from kalscope.cli.console import say, write_output
     from kalscope.export.registry import carried_over, export_tuning
     from kalscope.tuning.tuning import load_tuning
 
@@ -46,7 +44,7 @@ def export_command(
         raise BadSetting("--vectors needs -o, the folder to write to (got none)")
     tuned = load_tuning(tuning)
     if sample_period is not None:
-        tuned = carried_over(tuned, number_from_option("--sample-period", sample_period))
+        tuned = carried_over(tuned, sample_period)
     recording = None if vectors is None else open_source(vectors)
     files = export_tuning(tuned, target, channel=channel, vectors=recording)
     for message in [*_other_rate(recording, tuned), *limits_of(tuned, channel, target)]:

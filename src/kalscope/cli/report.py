@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from kalscope.cli.console import progress_line, say
+from kalscope.cli.options import Source
 from kalscope.errors import BadSetting
 
 
 def report_command(
-    source: Annotated[
-        str, typer.Argument(metavar="SOURCE", help='A file, "demo", "sample:NAME", "synthetic:SHAPE?…".')
-    ],
+    source: Source,
     config: Annotated[Path, typer.Option("--config", metavar="FILE", help="Tuning file with q and r.")],
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="FILE", help="Write to this file: .html or .png.")
@@ -29,7 +28,6 @@ def report_command(
     import numpy as np
 
     from kalscope.catalogue import open_source
-    from kalscope.cli.progress_line import ProgressLine
     from kalscope.common.files import write_atomic
     from kalscope.export.report.content import make_report
     from kalscope.export.report.page import as_html
@@ -41,8 +39,8 @@ def report_command(
     if kind not in (".html", ".htm", ".png"):
         raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
     tuning = load_tuning(config)
-    with ProgressLine(sys.stderr) as line:
-        recording = open_source(source, progress=line.part(source, 0, 1))
+    with progress_line() as progress:
+        recording = open_source(source, progress=progress)
     if recording.sample_period is None and tuning.sample_period is not None:
         moments = np.arange(len(recording)) * tuning.sample_period
         recording = replace(recording, time=moments, sample_period=tuning.sample_period)
@@ -53,4 +51,4 @@ def report_command(
     report = make_report(recording, fitted, config=str(config))
     write_atomic(output, as_png(report) if kind == ".png" else as_html(report).encode())
     for note in notes:
-        print(f"kalscope: note: {note}", file=sys.stderr)
+        say(f"note: {note}")

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from kalscope.cli.console import CHECK_FAILED, progress_line, say
 from kalscope.errors import BadSetting
 
 if TYPE_CHECKING:
     from kalscope.papers.reproduction import Reproduction
-
-CHECK_FAILED = 1
-"""Exit status when a reproduced number leaves its tolerance."""
 
 
 def reproduce_command(
@@ -26,24 +24,20 @@ def reproduce_command(
 
     Exit status 1 where a reproduced number leaves its tolerance.
     """
-    from kalscope.cli.progress_line import ProgressLine
     from kalscope.common.files import write_atomic
     from kalscope.papers.reproduction import reproduce
 
     if output.exists() and not output.is_dir():
         raise BadSetting(f"-o must name a folder (got {str(output)!r}, a file)")
     output.mkdir(parents=True, exist_ok=True)  # before the work: a folder that cannot be made is told at once
-    with ProgressLine(sys.stderr) as line:
-        done = reproduce(quick, progress=line.part("reproduce", 0, 1))
+    with progress_line() as progress:
+        done = reproduce(quick, progress=progress)
     write_atomic(output / "results.json", done.json.encode())
     write_atomic(output / "index.html", done.html.encode())
     sys.stdout.write(done.json if as_json else summary(done, output))
     if done.failed:
         names = "; ".join(map(str, done.failed))
-        print(
-            f"kalscope: {len(done.failed)} of {len(done.checks)} numbers left their tolerance: {names}",
-            file=sys.stderr,
-        )
+        say(f"{len(done.failed)} of {len(done.checks)} numbers left their tolerance: {names}")
         raise typer.Exit(CHECK_FAILED)
 
 

@@ -1,19 +1,23 @@
-"""The contests against memory, against scipy's steady filter, and against the plain loop of five lines."""
+"""The contests against memory, scipy's steady filter, the plain loop of five lines, and a single pass."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numba import njit
 
-from kalscope.cli.bench.contest import Contest, Sizes, Work, compared_with
+from kalscope.cli.bench.contest import PARAMS, Contest, Q, R, Work
 from kalscope.common.array import Array
+from kalscope.estimation.likelihood.profile import likelihood_profile
 from kalscope.filtering.batch import denoise, kalman_filter
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
-STARTED = 5_000
+SETTLED = 5_000
 """Samples after which a filter of constant gain has forgotten its start: (1 − K)^5000 is 2e-22 at λ = 1e-4."""
+SAME_MEMORY = "both write to an existing array"
 
 
 @njit(cache=True, nogil=True)
@@ -44,65 +48,85 @@ def five_lines_in_python(z: Array, q: float, r: float) -> Array:
     return np.array(out)
 
 
-def own_contests(work: Work, sizes: Sizes) -> Iterator[Contest]:
-    """Ours against memory, against scipy's steady filter and against the plain loop."""
-    z, params, n = work.z, work.params, len(work.z)
+def denoise_contests(work: Work) -> Iterator[Contest]:
+    """`denoise` with and without its own output, against memory, scipy's steady filter and the plain loop."""
+    z, n = work.z, len(work.z)
     out, other = np.empty_like(z), np.empty_like(z)
-    scale = float(np.abs(z).max())
-    same = compared_with(work.x, scale)
 
-    def into() -> Array:
-        return denoise(z, params, out=out)
+    def existing() -> Array:
+        return denoise(z, PARAMS, out=out)
 
-    def fresh() -> Array:
-        return denoise(z, params)
+    def new() -> Array:
+        return denoise(z, PARAMS)
 
     def copy() -> None:
         np.copyto(other, z)
 
-    yield Contest("denoise(out=)", "np.copyto", n, into, copy, same, "both write to an array that is there")
-    yield Contest("denoise", "z.copy()", n, fresh, z.copy, same, "both make their output")
-    gain = float(steady_state(params).gain)
-    late = compared_with(work.x, scale, since=STARTED)
-    told = f"constant gain; compared from sample {STARTED:,} on; "
+    yield Contest("denoise(out=)", "np.copyto", n, existing, copy, work.difference, SAME_MEMORY)
+    yield Contest("denoise", "z.copy()", n, new, z.copy, work.difference, "both make their output")
 
-    def lfilter() -> Array:
-        return _lfilter(z, gain)
+    gain = float(steady_state(PARAMS).gain)
+    note = f"constant gain; compared from sample {SETTLED:,} on; "
 
-    yield Contest("scipy lfilter", "denoise", n, lfilter, fresh, late, told + "both make their output")
-    yield Contest("scipy lfilter", "denoise(out=)", n, lfilter, into, late, told + "lfilter takes no out")
-    yield Contest(
-        "five lines, numba",
-        "denoise(out=)",
-        n,
-        lambda: five_lines(z, work.q, work.r, other),
-        into,
-        same,
-        "both write to an array that is there",
-    )
-    some = work.first(sizes.at_most(1_000_000))
-    yield Contest(
+    def steady() -> Array:
+        from scipy.signal import lfilter
+
+        return lfilter([gain], [1.0, gain - 1.0], z, zi=[(1.0 - gain) * z[0]])[0]
+
+    def difference(result: Array) -> float:
+        return work.difference(result, since=SETTLED)
+
+    yield Contest("scipy lfilter", "denoise", n, steady, new, difference, note + "both make their output")
+    yield Contest("scipy lfilter", "denoise(out=)", n, steady, existing, difference, note + "lfilter takes no out")
+
+    def loop() -> Array:
+        return five_lines(z, Q, R, other)
+
+    yield Contest("five lines, numba", "denoise(out=)", n, loop, existing, work.difference, SAME_MEMORY)
+
+
+def kalman_filter_contest(work: Work) -> Contest:
+    """`kalman_filter` against the plain loop."""
+    return Contest(
         "kalman_filter",
         "five lines, numba",
-        len(some.z),
-        lambda: kalman_filter(some.z, params).x,
-        lambda: five_lines(some.z, work.q, work.r, np.empty_like(some.z)),
-        compared_with(some.x, scale),
+        len(work.z),
+        lambda: kalman_filter(work.z, PARAMS).x,
+        lambda: five_lines(work.z, Q, R, np.empty_like(work.z)),
+        work.difference,
         "kalman_filter also keeps p, k, innovation, s and sums the likelihood",
     )
-    few = work.first(sizes.at_most(200_000))
-    yield Contest(
+
+
+def python_contest(work: Work) -> Contest:
+    """The plain loop without a compiler against `denoise`."""
+    return Contest(
         "five lines, Python",
         "denoise",
-        len(few.z),
-        lambda: five_lines_in_python(few.z, work.q, work.r),
-        lambda: denoise(few.z, params),
-        compared_with(few.x, scale),
+        len(work.z),
+        lambda: five_lines_in_python(work.z, Q, R),
+        lambda: denoise(work.z, PARAMS),
+        work.difference,
         "over a list of floats",
     )
 
 
-def _lfilter(z: Array, gain: float) -> Array:
-    from scipy.signal import lfilter
+def profile_contest(work: Work) -> Contest:
+    """The profile over λ against one pass at one λ."""
+    out = np.empty_like(work.z)
 
-    return lfilter([gain], [1.0, gain - 1.0], z, zi=[(1.0 - gain) * z[0]])[0]
+    def difference(profile: Any) -> float:
+        at = np.linspace(0, len(profile.log_ratios) - 1, 7).astype(int)
+        pairs = [FilterParams(float(np.exp(profile.log_ratios[i]) * profile.r[i]), profile.r[i]) for i in at]
+        exact = np.array([kalman_filter(work.z, params).loglik for params in pairs])
+        return float(np.max(np.abs(profile.loglik[at] - exact) / np.abs(exact)))
+
+    return Contest(
+        "likelihood_profile, 121 λ",
+        "five lines, numba",
+        len(work.z),
+        lambda: likelihood_profile(work.z),
+        lambda: five_lines(work.z, Q, R, out),
+        difference,
+        "against a single pass at one λ; difference: relative to kalman_filter's log-likelihood at 7 of the λ",
+    )

@@ -1,7 +1,7 @@
-"""The contests against other Kalman libraries: each is asked for what it does best at, one scalar filter.
+"""The contests against other Kalman libraries: each does what it does best, with one scalar filter.
 
-The libraries are not required; a missing one is a row that says so. All start where ours starts: the first
-sample sets x = z and p = r. Those without a diffuse start get that as their prior and the samples after it.
+The libraries are optional; a missing one is a row that says so. All start as Kalscope does: the first sample sets
+x = z and p = r. Those without a diffuse start get that as their prior and the samples after it.
 """
 
 from __future__ import annotations
@@ -13,53 +13,49 @@ from typing import Any
 
 import numpy as np
 
-from kalscope.cli.bench.contest import Contest, Row, Sizes, Work, compared_with, missing
+from kalscope.cli.bench.contest import PARAMS, Contest, Q, R, Row, Work
 from kalscope.common.array import Array
+from kalscope.estimation.estimate import estimate
 from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.streaming import KalmanFilter
 
-OURS = "kalman_filter"
-
 SAME_DIGITS = 1e-30
-"""Where statsmodels takes its variance for settled: at its own 1e-19 the result is off by 4e-7 and no faster."""
+"""When statsmodels takes its variance as settled: at its own 1e-19 the result is off by 4e-7 and no faster."""
 
-Build = Callable[[Any, Work, Sizes], Iterator[Contest]]
+Size = Callable[[int], Work]
+"""The work of so many samples, fewer in a quick run."""
 
 
-def peer_contests(work: Work, sizes: Sizes) -> Iterator[Contest | Row]:
+def peer_contests(size: Size) -> Iterator[Contest | Row]:
     """The contests of every installed library, and a row for each that is not."""
-    for name, module, build in PEERS:
+    for name, module, against, contests in PEERS:
         try:
             library = importlib.import_module(module)
         except ImportError:
-            yield missing(name, OURS)
+            yield Row(name, 0, None, None, against, None, "not installed")
             continue
-        yield from build(library, work, sizes)
+        yield from contests(library, size)
 
 
-def against_ours(name: str, work: Work, run: Callable[[], Array], note: str) -> Contest:
+def _filter_contest(name: str, work: Work, run: Callable[[], Array], note: str = "") -> Contest:
     """A peer's x against `kalman_filter` on the same samples: both give x and p and make their output."""
-    return Contest(
-        name,
-        OURS,
-        len(work.z),
-        run,
-        lambda: kalman_filter(work.z, work.params),
-        compared_with(work.x, float(np.abs(work.z).max())),
-        note,
-    )
+
+    def opponent() -> object:
+        return kalman_filter(work.z, PARAMS)
+
+    return Contest(name, "kalman_filter", len(work.z), run, opponent, work.difference, note)
 
 
-def filterpy_contests(library: Any, work: Work, sizes: Sizes) -> Iterator[Contest]:
+def filterpy_contests(library: Any, size: Size) -> Iterator[Contest]:
     """FilterPy over a record, and sample by sample."""
-    some = work.first(sizes.at_most(10_000))
-    z = some.z
+    work = size(10_000)
+    z = work.z
 
     def start() -> Any:
         peer = library.KalmanFilter(dim_x=1, dim_z=1)
-        peer.x = np.array([[z[0]]])
-        peer.P, peer.Q, peer.R = np.array([[some.r]]), np.array([[some.q]]), np.array([[some.r]])
-        peer.H = np.ones((1, 1))
+        peer.x, peer.H = np.array([[z[0]]]), np.ones((1, 1))
+        peer.P, peer.Q, peer.R = np.array([[R]]), np.array([[Q]]), np.array([[R]])
         return peer
 
     def batch() -> Array:
@@ -73,121 +69,132 @@ def filterpy_contests(library: Any, work: Work, sizes: Sizes) -> Iterator[Contes
             out.append(peer.x[0, 0])
         return np.array(out)
 
-    def ours_one_by_one() -> Array:
-        stream = KalmanFilter(some.params)
+    def streaming() -> Array:
+        stream = KalmanFilter(PARAMS)
         return np.array([stream.update(value) for value in z.tolist()])
 
-    yield against_ours("filterpy batch_filter", some, batch, "")
-    yield Contest(
-        "filterpy predict, update",
-        "KalmanFilter.update",
-        len(z),
-        one_by_one,
-        ours_one_by_one,
-        compared_with(some.x, float(np.abs(z).max())),
-        "sample by sample on both sides",
-    )
+    yield _filter_contest("filterpy batch_filter", work, batch)
+    name, against, note = "filterpy predict, update", "KalmanFilter.update", "sample by sample on both sides"
+    yield Contest(name, against, len(z), one_by_one, streaming, work.difference, note)
 
 
-def pykalman_contests(library: Any, work: Work, sizes: Sizes) -> Iterator[Contest]:
-    """Pykalman's prior is that of the first observed state, so it has taken one predict already."""
-    some = work.first(sizes.at_most(3_000))
-    z = some.z
+def pykalman_contests(library: Any, size: Size) -> Iterator[Contest]:
+    """Pykalman's prior is that of the first observed state, after one predict."""
+    work = size(3_000)
+    z = work.z
 
     def run() -> Array:
         peer = library.KalmanFilter(
             transition_matrices=[[1.0]],
             observation_matrices=[[1.0]],
-            transition_covariance=[[some.q]],
-            observation_covariance=[[some.r]],
+            transition_covariance=[[Q]],
+            observation_covariance=[[R]],
             initial_state_mean=[z[0]],
-            initial_state_covariance=[[some.r + some.q]],
+            initial_state_covariance=[[R + Q]],
         )
         return np.concatenate((z[:1], np.asarray(peer.filter(z[1:])[0]).reshape(-1)))
 
-    yield against_ours("pykalman filter", some, run, "")
+    yield _filter_contest("pykalman filter", work, run)
 
 
-def simdkalman_contests(library: Any, work: Work, sizes: Sizes) -> Iterator[Contest]:
-    """Simdkalman on one series, and on many at once, which is what it is made for."""
+def simdkalman_contests(library: Any, size: Size) -> Iterator[Contest]:
+    """Simdkalman on one series, and on many at once, for which it is made."""
 
-    def filtered(rows: Array, first: Array, some: Work) -> Array:
+    def filtered(rows: Array) -> Array:
+        """Each row filtered, its first sample being the start."""
         peer = library.KalmanFilter(
             state_transition=np.eye(1),
-            process_noise=np.array([[some.q]]),
+            process_noise=np.array([[Q]]),
             observation_model=np.ones((1, 1)),
-            observation_noise=some.r,
+            observation_noise=R,
         )
         result = peer.compute(
-            rows,
+            rows[:, 1:],
             0,
-            initial_value=first,
-            initial_covariance=np.array([[some.r + some.q]]),
+            initial_value=rows[:, :1, None],
+            initial_covariance=np.array([[R + Q]]),
             smoothed=False,
             filtered=True,
             observations=False,
         )
-        return result.filtered.states.mean[..., 0]
+        return np.concatenate((rows[:, :1], result.filtered.states.mean[..., 0]), axis=1)
 
-    some = work.first(sizes.at_most(3_000))
+    work = size(3_000)
+    note = "one series; smoother and observations off"
+    yield _filter_contest("simdkalman compute", work, lambda: filtered(work.z[None])[0], note)
 
-    def one() -> Array:
-        return np.concatenate((some.z[:1], filtered(some.z[1:], some.z[:1].reshape(1, 1), some)))
-
-    yield against_ours("simdkalman compute", some, one, "one series; smoother and observations off")
-    series, length = 200, sizes.at_most(2_000)
+    series, length = 200, len(size(2_000).z)
     columns = np.random.default_rng(2).standard_normal((length, series))
     rows = np.ascontiguousarray(columns.T)
-    ours = kalman_filter(columns, work.params).x.T
-
-    def many() -> Array:
-        first = rows[:, :1]
-        return np.concatenate((first, filtered(rows[:, 1:], first[:, :, None], work)), axis=1)
-
     yield Contest(
         "simdkalman compute",
-        OURS,
-        series * length,
-        many,
-        lambda: kalman_filter(columns, work.params),
-        compared_with(ours, float(np.abs(columns).max())),
+        "kalman_filter",
+        columns.size,
+        lambda: filtered(rows),
+        lambda: kalman_filter(columns, PARAMS),
+        Work(rows, kalman_filter(columns, PARAMS).x.T).difference,
         f"{series} series of {length:,} at once, each side in its own order of axes",
     )
 
 
-def statsmodels_contests(library: Any, work: Work, sizes: Sizes) -> Iterator[Contest]:
-    """UnobservedComponents with its exact diffuse start; the model is built outside the clock."""
-    some = work.first(sizes.at_most(100_000))
-    model = library.tsa.UnobservedComponents(some.z, "llevel", use_exact_diffuse=True)
+def statsmodels_contests(library: Any, size: Size) -> Iterator[Contest]:
+    """UnobservedComponents with its exact diffuse start; the model is built outside the measured time."""
+    work = size(100_000)
+    model = library.tsa.UnobservedComponents(work.z, "llevel", use_exact_diffuse=True)
     model.tolerance = SAME_DIGITS
-    values = [some.r, some.q]
-    told = f"tolerance {SAME_DIGITS:g}"
 
     def run() -> Array:
-        return model.filter(values, return_ssm=True).filtered_state[0]
+        return model.filter([R, Q], return_ssm=True).filtered_state[0]
 
-    yield against_ours("statsmodels filter", some, run, f"its plain result, not wrapped in tables; {told}")
-    ours = float(kalman_filter(some.z, some.params).loglik)
+    note = f"its plain result, not wrapped in tables; tolerance {SAME_DIGITS:g}"
+    yield _filter_contest("statsmodels filter", work, run, note)
+    exact = float(kalman_filter(work.z, PARAMS).loglik)
 
-    def difference(result: object) -> float:
-        # It scores the sample that sets the start with −½ ln 2π; we do not score it.
-        return abs(float(str(result)) + 0.5 * math.log(2.0 * math.pi) - ours) / abs(ours)
+    def difference(loglik: float) -> float:
+        # It scores the sample that sets the start with −½ ln 2π; Kalscope does not score it.
+        return abs(float(loglik) + 0.5 * math.log(2.0 * math.pi) - exact) / abs(exact)
 
     yield Contest(
         "statsmodels loglike",
-        OURS,
-        len(some.z),
-        lambda: model.loglike(values),
-        lambda: kalman_filter(some.z, some.params),
+        "kalman_filter",
+        len(work.z),
+        lambda: model.loglike([R, Q]),
+        lambda: kalman_filter(work.z, PARAMS),
         difference,
-        "it keeps the sum alone, we keep x, p, k, v, s too; difference: relative, of the two sums",
+        "it keeps the sum alone, kalman_filter x, p, k, v, s too; difference: relative, of the two sums",
     )
 
 
-PEERS: tuple[tuple[str, str, Build], ...] = (
-    ("filterpy", "filterpy.kalman", filterpy_contests),
-    ("pykalman", "pykalman", pykalman_contests),
-    ("simdkalman", "simdkalman", simdkalman_contests),
-    ("statsmodels", "statsmodels.api", statsmodels_contests),
+def fit_contest(library: Any, size: Size) -> Iterator[Contest]:
+    """The fit of statsmodels against that of Kalscope."""
+    work = size(100_000)
+    best = float(estimate(work.z, method="ml").loglik)
+
+    def run() -> FilterParams:
+        r, q = library.tsa.UnobservedComponents(work.z, "llevel").fit(disp=0).params
+        return FilterParams(q=float(q), r=float(r))
+
+    def lost(params: FilterParams) -> float:
+        return (best - float(kalman_filter(work.z, params).loglik)) / abs(best)
+
+    yield Contest(
+        FIT,
+        ESTIMATE,
+        len(work.z),
+        run,
+        lambda: estimate(work.z, method="ml"),
+        lost,
+        "difference: what their q and r lose of the exact log-likelihood, relative",
+        repetitions=3,
+    )
+
+
+FIT, ESTIMATE = "statsmodels llevel fit", 'estimate(method="ml")'
+PEERS: tuple[tuple[str, str, str, Callable[[Any, Size], Iterator[Contest]]], ...] = (
+    ("filterpy", "filterpy.kalman", "kalman_filter", filterpy_contests),
+    ("pykalman", "pykalman", "kalman_filter", pykalman_contests),
+    ("simdkalman", "simdkalman", "kalman_filter", simdkalman_contests),
+    ("statsmodels", "statsmodels.api", "kalman_filter", statsmodels_contests),
+    (FIT, "statsmodels.api", ESTIMATE, fit_contest),
 )
-"""Name, module to import and contests of each library."""
+"""Name, module to import, what it is held against, and contests of each library."""

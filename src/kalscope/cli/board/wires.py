@@ -1,38 +1,14 @@
-"""What a fake board is wired to: a pseudo-terminal that opens like a serial port, or a socket on this machine."""
+"""The connection of the demo board: a pseudo-terminal that opens like a serial port, or a local socket."""
 
 from __future__ import annotations
 
 import os
 import select
 import socket
-from typing import Protocol
 
 from kalscope.errors import BadDevice, BadSetting
 
 _READ = 4096
-
-
-class Wire(Protocol):
-    """One end of a line; whoever opens the other end may come and go."""
-
-    address: str
-    """What opens the other end, as `kalscope open` takes it."""
-
-    def connected(self) -> bool:
-        """True while somebody has the other end open."""
-        ...
-
-    def send(self, data: bytes) -> int:
-        """Send without waiting; how many bytes were taken."""
-        ...
-
-    def receive(self) -> bytes:
-        """What came from the other end, without waiting."""
-        ...
-
-    def close(self) -> None:
-        """Take the port away."""
-        ...
 
 
 class PtyWire:
@@ -51,20 +27,21 @@ class PtyWire:
         except (ImportError, AttributeError, OSError) as error:
             raise BadDevice("demo-board needs --socket PORT on this system (got no pseudo-terminal)") from error
         try:
-            tty.setraw(slave)  # before anyone opens it: a cooked one would send all back
+            tty.setraw(slave)  # before it is opened: in cooked mode it would echo everything
             self.address = f"serial:{os.ttyname(slave)}"
+            """What opens the other end, as `kalscope open` takes it."""
         finally:
-            os.close(slave)  # then the other end is told to be open only while somebody has it
+            os.close(slave)  # so that POLLHUP tells whether the other end is open
         os.set_blocking(self._master, False)
 
     def connected(self) -> bool:
-        """True while somebody has the port open."""
+        """Whether the port is open elsewhere."""
         poll = select.poll()
         poll.register(self._master, 0)
         return not any(event & select.POLLHUP for _, event in poll.poll(0))
 
     def send(self, data: bytes) -> int:
-        """Bytes that went into the buffer of the terminal, some 4 KB."""
+        """Send what fits into the buffer of the terminal, about 4 KB."""
         try:
             return os.write(self._master, data)
         except BlockingIOError:
@@ -74,23 +51,23 @@ class PtyWire:
         """What was sent to the board."""
         try:
             return os.read(self._master, _READ)
-        except OSError:  # nothing there, or nobody
+        except OSError:  # nothing was sent, or the port is closed
             return b""
 
     def close(self) -> None:
-        """Take the port away, as an unplugged cable does."""
+        """Remove the port, as an unplugged cable does."""
         os.close(self._master)
 
 
 class SocketWire:
-    """A listening socket on 127.0.0.1, for one at a time."""
+    """A listening socket on 127.0.0.1 for one client at a time."""
 
     def __init__(self, port: int) -> None:
-        """Listen on `port`, 0 for any that is free.
+        """Listen on `port`; 0 means any free one.
 
         Raises:
-            BadSetting: the port is out of its range.
-            BadDevice: it is taken.
+            BadSetting: the port is out of range.
+            BadDevice: the port is in use.
         """
         if not 0 <= port <= 65535:
             raise BadSetting(f"--socket must be a port from 0 to 65535 (got {port})")
@@ -103,7 +80,7 @@ class SocketWire:
         self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
 
     def connected(self) -> bool:
-        """True while somebody is connected; takes the next one where nobody is."""
+        """Whether a client is connected; accepts the next one if not."""
         if self._client is None:
             try:
                 self._client = self._server.accept()[0]
@@ -113,13 +90,13 @@ class SocketWire:
         return True
 
     def send(self, data: bytes) -> int:
-        """Bytes that went into the buffer of the connection."""
+        """Send what fits into the buffer of the connection."""
         try:
             return self._client.send(data) if self._client else 0
         except BlockingIOError:
             return 0
         except OSError:
-            self._hang_up()
+            self._disconnect()
             return 0
 
     def receive(self) -> bytes:
@@ -131,15 +108,19 @@ class SocketWire:
         except OSError:
             data = b""
         if not data:
-            self._hang_up()
+            self._disconnect()
         return data
 
     def close(self) -> None:
-        """Hang up, and listen no more."""
-        self._hang_up()
+        """Disconnect and stop listening."""
+        self._disconnect()
         self._server.close()
 
-    def _hang_up(self) -> None:
+    def _disconnect(self) -> None:
         if self._client is not None:
             self._client.close()
             self._client = None
+
+
+Wire = PtyWire | SocketWire
+"""The board's end of a connection; the other end may be opened and closed at any time."""

@@ -22,12 +22,12 @@ from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
 
 CHOSEN = "chosen"
-"""The verdict where no estimate was asked: the pair follows from what the user said."""
+"""The verdict without an estimate: the pair follows from the options."""
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What the user knows and wishes; see `find_parameters`."""
+class TuneRequest:
+    """What the user asks for and what is known of the noise; see `find_parameters`."""
 
     method: str = "ml"
     """Method of `estimate`."""
@@ -95,7 +95,7 @@ class Answer:
         return disagreement(self.opinions)
 
 
-def answer_for(recording: Recording, channel: str, wanted: Wanted, report: Progress) -> Answer:
+def answer_for(recording: Recording, channel: str, request: TuneRequest, progress: Progress) -> Answer:
     """Find and judge the pair of one channel.
 
     Raises:
@@ -103,9 +103,9 @@ def answer_for(recording: Recording, channel: str, wanted: Wanted, report: Progr
     """
     z, period = recording.channel(channel), recording.sample_period
     dt = recording.steps() if recording.gaps == "dt" else None
-    found = wanted.find(z, period, report.part(0.0, 0.3), dt)
-    opinions = compare_methods(z, dt, progress=report.part(0.3, 0.7))
-    report(0.7, "judging the answer")
+    found = request.find(z, period, progress.part(0.0, 0.3), dt)
+    opinions = compare_methods(z, dt, progress=progress.part(0.3, 0.7))
+    progress(0.7, "judging the answer")
     residuals = None
     if found.params is not None:
         residuals = diagnose(kalman_filter(z, found.params, dt), fitted=found.estimate is not None)
@@ -119,21 +119,21 @@ def answer_for(recording: Recording, channel: str, wanted: Wanted, report: Progr
         opinions=opinions,
         steady=None if found.params is None else steady_state(found.params, period),
         residuals=residuals if isinstance(residuals, Diagnostics) else None,
-        held_out=None if found.params is None else _held_out(z, dt, period, wanted, report.part(0.8, 1.0)),
+        held_out=None if found.params is None else _held_out(z, dt, period, request, progress.part(0.8, 1.0)),
     )
 
 
 def _held_out(
-    z: Array, dt: Array | None, period: float | None, wanted: Wanted, report: Progress
+    z: Array, dt: Array | None, period: float | None, request: TuneRequest, progress: Progress
 ) -> Diagnostics | None:
     """The same question to the first half alone, its answer judged on the second half."""
     half = z[: len(z) // 2]
-    known = wanted.noise.resolve(z)  # a still stretch may lie in the second half: it is knowledge, not a fit
+    known = request.noise.resolve(z)  # a still stretch may lie in the second half: it is knowledge, not a fit
     if known:
-        wanted = replace(wanted, noise=Noise(r=known[0]))
+        request = replace(request, noise=Noise(r=known[0]))
     elif still_or_silent(half):
         return None
-    params = wanted.find(half, period, report, None if dt is None else dt[: len(half)]).params
+    params = request.find(half, period, progress, None if dt is None else dt[: len(half)]).params
     if params is None:
         return None
     judged = diagnose_held_out(z, params, dt)

@@ -1,63 +1,97 @@
-"""`kalscope tune`: what the options say, the answer on paper, and the tuning file."""
+"""`kalscope tune`: the options, the printed answer, and the tuning file."""
 
 from __future__ import annotations
 
 import json
 import math
-import sys
 import textwrap
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.options import Delimiter, GapsChoice, Missing, SamplePeriod, TimeColumnChoice, TimeUnit
+from kalscope.cli.options import (
+    BadValue,
+    Delimiter,
+    GapsChoice,
+    Missing,
+    SamplePeriod,
+    Source,
+    TimeColumnChoice,
+    TimeUnit,
+    number_option,
+)
 from kalscope.errors import BadSetting
-from kalscope.sources.lines.read_options import ReadOptions, options_from_text
+from kalscope.sources.lines.read_options import options_from_text
 
 if TYPE_CHECKING:
-    from kalscope.cli.tune.answer import Answer, Wanted
-    from kalscope.estimation.finding import Noise
+    from kalscope.cli.tune.answer import Answer, TuneRequest
     from kalscope.recording import Recording
-    from kalscope.tuning.tuning import Tuning
+    from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 Given = dict[str, float]
 """The options with a number that were given, by name."""
 
 FOR_LAMBDA = ("--lag-ms", "--cutoff-hz", "--noise-reduction-db", "--gain", "--ratio")
 FOR_NOISE = ("--still", "--sigma", "--density", "--r")
+SPECIFICATIONS = {
+    "--lag-ms": ("lag_s", 1e-3),
+    "--cutoff-hz": ("cutoff_hz", 1.0),
+    "--noise-reduction-db": ("noise_reduction_db", 1.0),
+    "--gain": ("gain", 1.0),
+}
+"""The options that specify the filter: the word of `find_parameters`, and its value over that of the option."""
 
 
-def _number(name: str, text: str) -> Any:
-    return typer.Option(name, metavar="NUMBER", help=text)
+@dataclass(frozen=True)
+class Interval:
+    """A stretch of the recording."""
+
+    first: float
+    """Where it begins, s, or as a sample number where the recording has no time."""
+    last: float
+    """Where it ends, included."""
+    text: str
+    """As it was typed."""
+
+
+def interval(text: str) -> Interval:
+    """The interval "FROM:TO"."""
+    try:
+        first, last = (float(part) for part in text.split(":"))
+    except ValueError:
+        first, last = math.nan, math.nan
+    if not first < last:
+        raise BadValue("FROM:TO, two rising numbers such as 2:5.5", text)
+    return Interval(first, last, text)
 
 
 def tune_command(
-    source: Annotated[
-        str, typer.Argument(metavar="SOURCE", help='A file, "demo", "sample:NAME", "synthetic:SHAPE?…".')
-    ],
+    source: Source,
     channel: Annotated[str | None, typer.Option("--channel", metavar="NAME", help="Else the first.")] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
     method: Annotated[
         str | None, typer.Option("--method", metavar="NAME", help="ml (default), em, moments, als or allan.")
     ] = None,
-    lag_ms: Annotated[str | None, _number("--lag-ms", "Wanted: lag behind a ramp, ms.")] = None,
-    cutoff_hz: Annotated[str | None, _number("--cutoff-hz", "Wanted: −3 dB frequency, Hz.")] = None,
-    noise_reduction_db: Annotated[
-        str | None, _number("--noise-reduction-db", "Wanted: white noise less, dB.")
-    ] = None,
-    gain: Annotated[str | None, _number("--gain", "Wanted: steady gain, 0 to 1.")] = None,
-    ratio: Annotated[str | None, _number("--ratio", "Wanted: q/r, such as 0.01; r is estimated.")] = None,
+    lag_ms: Annotated[float | None, number_option("Wanted: lag behind a ramp, ms.")] = None,
+    cutoff_hz: Annotated[float | None, number_option("Wanted: −3 dB frequency, Hz.")] = None,
+    noise_reduction_db: Annotated[float | None, number_option("Wanted: white noise less, dB.")] = None,
+    gain: Annotated[float | None, number_option("Wanted: steady gain, 0 to 1.")] = None,
+    ratio: Annotated[float | None, number_option("Wanted: q/r, such as 0.01; r is estimated.")] = None,
     still: Annotated[
-        str | None,
+        Interval | None,
         typer.Option(
-            "--still", metavar="FROM:TO", help="Sensor at rest from … to, s (sample numbers without time): gives r."
+            "--still",
+            metavar="FROM:TO",
+            parser=interval,
+            help="Constant input from … to, s (sample numbers without time): gives r.",
         ),
     ] = None,
-    sigma: Annotated[str | None, _number("--sigma", "Data sheet: RMS noise, unit; gives r.")] = None,
-    density: Annotated[str | None, _number("--density", "Data sheet: noise density, unit/√Hz; gives r.")] = None,
-    bandwidth_hz: Annotated[str | None, _number("--bandwidth-hz", "Noise bandwidth for --density, Hz.")] = None,
-    r: Annotated[str | None, _number("--r", "Known measurement-noise variance, unit²; q is estimated.")] = None,
+    sigma: Annotated[float | None, number_option("Data sheet: RMS noise, unit; gives r.")] = None,
+    density: Annotated[float | None, number_option("Data sheet: noise density, unit/√Hz; gives r.")] = None,
+    bandwidth_hz: Annotated[float | None, number_option("Noise bandwidth for --density, Hz.")] = None,
+    r: Annotated[float | None, number_option("Known measurement-noise variance, unit²; q is estimated.")] = None,
     sample_period: SamplePeriod = None,
     delimiter: Delimiter = None,
     time_column: TimeColumnChoice = None,
@@ -69,8 +103,13 @@ def tune_command(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Save the tuning to this file.")
     ] = None,
 ) -> None:
-    """Find q and r for a recording and say why: by estimation, by a wished lag or cut-off, or by known noise."""
-    texts = {
+    """Find q and r for a recording and say why: by estimation, by a specified lag or cut-off, or by known noise."""
+    from kalscope.catalogue import open_source
+    from kalscope.cli.console import say, write_output
+    from kalscope.sources.readers.account import overruled
+    from kalscope.tuning.tuning import save_tuning
+
+    numbers = {
         "--lag-ms": lag_ms,
         "--cutoff-hz": cutoff_hz,
         "--noise-reduction-db": noise_reduction_db,
@@ -82,37 +121,12 @@ def tune_command(
         "--r": r,
         "--sample-period": sample_period,
     }
-    given = {name: _above_zero(name, text) for name, text in texts.items() if text is not None}
+    given = {name: value for name, value in numbers.items() if value is not None}
     _refuse_contradictions(given, method, still, channel, every)
     options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
-    _tune(source, options, given, method or "ml", still, channel, every, as_json, output)
-
-
-def _tune(
-    source: str,
-    options: ReadOptions,
-    given: Given,
-    method: str,
-    still: str | None,
-    channel: str | None,
-    every: bool,
-    as_json: bool,
-    output: Path | None,
-) -> None:
-    from kalscope.catalogue import open_source
-    from kalscope.cli.console import say, write_output
-    from kalscope.cli.progress_line import ProgressLine
-    from kalscope.cli.tune.answer import answer_for
-    from kalscope.sources.readers.account import overruled
-    from kalscope.tuning.tuning import save_tuning
-
-    recording = open_source(source, options, sample_period=given.get("--sample-period"))
-    wanted = _wanted(given, method, still, recording)
-    names = recording.names if every else (channel or recording.names[0],)
-    answers: list[Answer] = []
-    with ProgressLine(sys.stderr) as line:
-        for i, name in enumerate(names):
-            answers.append(answer_for(recording, name, wanted, line.part(name, i, len(names))))
+    recording = open_source(source, options, sample_period=sample_period)
+    request = _request(given, method or "ml", still, recording)
+    answers = _answers(recording, recording.names if every else (channel or recording.names[0],), request)
     notes = [overruled(recording)] if "--sample-period" in given else []
     if output is not None:
         tuning, more = _tuning(recording, answers, output)
@@ -123,18 +137,8 @@ def _tune(
         say(f"note: {note}")
 
 
-def _above_zero(name: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise BadSetting(f"{name} must be a number above 0 (got {text!r})")
-    return value
-
-
 def _refuse_contradictions(
-    given: Given, method: str | None, still: str | None, channel: str | None, every: bool
+    given: Given, method: str | None, still: Interval | None, channel: str | None, every: bool
 ) -> None:
     named = [*given, *([] if still is None else ["--still"])]
     for group, must in ((FOR_LAMBDA, "decide q/r"), (FOR_NOISE, "give r")):
@@ -151,56 +155,55 @@ def _refuse_contradictions(
         raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
 
 
-def _wanted(given: Given, method: str, still: str | None, recording: Recording) -> Wanted:
+def _request(given: Given, method: str, still: Interval | None, recording: Recording) -> TuneRequest:
     """The options in the words of `find_parameters`."""
-    from kalscope.cli.tune.answer import Wanted
-
-    wish: dict[str, float] = {}
-    for name, word, factor in (
-        ("--lag-ms", "lag_s", 1e-3),
-        ("--cutoff-hz", "cutoff_hz", 1.0),
-        ("--noise-reduction-db", "noise_reduction_db", 1.0),
-        ("--gain", "gain", 1.0),
-    ):
-        if name in given:
-            wish[word] = given[name] * factor
-            if word in ("lag_s", "cutoff_hz") and recording.sample_period is None:
-                raise BadSetting(f"{name} needs the time between two samples: give --sample-period (got none)")
-    return Wanted(method, wish, given.get("--ratio"), _noise(given, still, recording))
-
-
-def _noise(given: Given, still: str | None, recording: Recording) -> Noise:
+    from kalscope.cli.tune.answer import TuneRequest
     from kalscope.estimation.finding import Noise
 
-    return Noise(
+    specified = [name for name in SPECIFICATIONS if name in given]
+    for name in specified:
+        if name in ("--lag-ms", "--cutoff-hz") and recording.sample_period is None:
+            raise BadSetting(f"{name} needs the time between two samples: give --sample-period (got none)")
+    wish = {SPECIFICATIONS[name][0]: given[name] * SPECIFICATIONS[name][1] for name in specified}
+    noise = Noise(
         r=given.get("--r"),
         sigma=given.get("--sigma"),
         density=given.get("--density"),
         bandwidth_hz=given.get("--bandwidth-hz"),
         still=None if still is None else still_samples(recording, still),
     )
+    return TuneRequest(method, wish, given.get("--ratio"), noise)
 
 
-def still_samples(recording: Recording, text: str) -> tuple[int, int]:
-    """The samples of "FROM:TO" in s of the recording's time, both ends included: the first, one past the last.
+def _answers(recording: Recording, names: tuple[str, ...], request: TuneRequest) -> list[Answer]:
+    """The answers of the channels, with progress on a terminal."""
+    from kalscope.cli.console import progress_line
+    from kalscope.cli.tune.answer import answer_for
+    from kalscope.common.progress import Progress
+
+    with progress_line() as show:
+
+        def progress_of(i: int) -> Progress:
+            whole = Progress(lambda fraction, text: show(fraction, f"{names[i]}: {text}"))
+            return whole.part(i / len(names), (i + 1) / len(names))
+
+        return [answer_for(recording, name, request, progress_of(i)) for i, name in enumerate(names)]
+
+
+def still_samples(recording: Recording, still: Interval) -> tuple[int, int]:
+    """The samples of an interval of the recording's time: the first, and one past the last.
 
     Raises:
-        BadSetting: no two rising numbers, nothing between them, or time steps back between them.
+        BadSetting: the interval holds no sample, or time steps back within it.
     """
-    try:
-        first, last = (float(part) for part in text.split(":"))
-    except ValueError:
-        first, last = math.nan, math.nan
-    if not first < last:
-        raise BadSetting(f"--still must be FROM:TO, two rising numbers such as 2:5.5 (got {text!r})")
-    inside = ((recording.time >= first) & (recording.time <= last)).nonzero()[0]
+    inside = ((recording.time >= still.first) & (recording.time <= still.last)).nonzero()[0]
     unit = " s" if recording.sample_period is not None else ""
     if len(inside) == 0:
         low, high = float(recording.time.min()), float(recording.time.max())
-        raise BadSetting(f"--still must lie in the recording, {low:.12g}:{high:.12g}{unit} (got {text!r})")
+        raise BadSetting(f"--still must lie in the recording, {low:.12g}:{high:.12g}{unit} (got {still.text!r})")
     start, stop = int(inside[0]), int(inside[-1]) + 1
     if stop - start > len(inside):
-        raise BadSetting(f"--still must be one stretch, but time steps back in it (got {text!r})")
+        raise BadSetting(f"--still must be one stretch, but time steps back in it (got {still.text!r})")
     return start, stop
 
 
@@ -226,7 +229,7 @@ def _json(recording: Recording, answers: list[Answer], every: bool) -> str:
 
 
 def _tuning(recording: Recording, answers: list[Answer], output: Path) -> tuple[Tuning, list[str]]:
-    """The tuning file of the channels that have a pair, and what a person should know about it."""
+    """The tuning file of the channels that have a pair, and notes about it for the user."""
     from kalscope.cli.tune.page import VERDICT_WORDS
     from kalscope.filtering.arrays import scalar
     from kalscope.tuning.tuning import ChannelTuning, Tuning
@@ -260,15 +263,15 @@ def _tuning(recording: Recording, answers: list[Answer], output: Path) -> tuple[
 
 
 def _instead(answer: Answer) -> str:
-    """What to do where there is no pair, in a few words."""
+    """What to do without a pair, in a few words."""
     first = {"no_noise": "give r (--still, --sigma)", "irregular": "take --method ml"}
     return (
         f"{first.get(answer.verdict, 'record while it moves')} or choose a filter (--lag-ms, --cutoff-hz, --gain)"
     )
 
 
-def _kept(recording: Recording, tuned: set[str], output: Path) -> list[Any]:
-    """Other channels that a tuning file of this very recording holds already: tuned one after another."""
+def _kept(recording: Recording, tuned: set[str], output: Path) -> list[ChannelTuning]:
+    """Other channels that a tuning file of this recording already holds: they were tuned before."""
     from kalscope.errors import BadFile
     from kalscope.tuning.tuning import load_tuning
 
