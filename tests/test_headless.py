@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from waiting import PATIENCE
 
 ROOT = Path(__file__).parents[1]
 
@@ -70,7 +71,7 @@ def test_the_installed_wheel_opens_the_demo_outside_the_checkout(installed, tmp_
     with subprocess.Popen(command, cwd=tmp_path, env=env, stdout=subprocess.PIPE, text=True) as program:
         first = program.stdout.readline()
         program.send_signal(signal.SIGTERM)
-        assert program.wait(timeout=20) == 0
+        assert program.wait(timeout=PATIENCE) == 0
     assert re.match(r"Kalscope: http://127\.0\.0\.1:\d+/\?token=\S+$", first)
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 from kalscope import Recording
 from kalscope.export.report.content import make_report
@@ -21,7 +22,6 @@ from kalscope_app.session.changes.variants import pin_present
 from kalscope_app.session.changes.view import set_map_colour, set_match_by, set_window
 from kalscope_app.session.opening import opened
 
-PATIENCE = 60.0
 RNG = np.random.default_rng(71)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 from kalscope.catalogue import open_source
 from kalscope.cli.app import run
@@ -398,7 +399,7 @@ def test_each_line_of_stdin_is_answered_before_the_next_is_sent() -> None:
             assert select.select([program.stdout], [], [], 30.0)[0], "no answer to a line"
             assert float(program.stdout.readline()) == twin.update(z)
         program.stdin.close()
-        assert program.wait() == 0
+        assert program.wait(PATIENCE) == 0
 
 
 @posix_only
@@ -413,7 +414,7 @@ def test_a_reader_that_leaves_is_no_error() -> None:
         program.stdout.read(10)
         program.stdout.close()
         assert program.stderr.read() == b""
-        assert program.wait() == 0
+        assert program.wait(PATIENCE) == 0
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")

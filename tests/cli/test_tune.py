@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 from kalscope.catalogue import open_source
 from kalscope.cli import console
@@ -412,7 +413,7 @@ def test_a_reader_that_leaves_is_no_error() -> None:
         assert program.stderr is not None
         program.stdout.close()
         assert program.stderr.read() == ""
-        assert program.wait() == 0
+        assert program.wait(PATIENCE) == 0
 
 
 def test_help_answers_at_once() -> None:
@@ -430,14 +431,16 @@ def test_help_answers_at_once() -> None:
 # ---- the world
 
 
-def real_files() -> list[Path]:
-    found = (path for path in SHARED_DATA.rglob("*") if path.is_file() and path.suffix != ".md")
-    return sorted(found) if SHARED_DATA.is_dir() else []
+def one_of_each_folder() -> list[Path]:
+    """The shortest: tests/estimation/test_real_recordings.py asks for every channel of every file."""
+    files = [path for path in SHARED_DATA.rglob("*") if path.is_file() and path.suffix != ".md"]
+    longest_first = sorted(files, key=lambda path: (path.stat().st_size, path), reverse=True)
+    return sorted({path.parent: path for path in longest_first}.values())
 
 
 @pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the folder of real recordings is absent")
-@pytest.mark.parametrize("path", real_files(), ids=lambda path: path.name)
-def test_every_real_recording_gets_an_estimate_or_a_verdict_in_words(path: Path, capsys: Captured) -> None:
+@pytest.mark.parametrize("path", one_of_each_folder(), ids=lambda path: path.name)
+def test_a_real_recording_gets_an_estimate_or_a_verdict_in_words(path: Path, capsys: Captured) -> None:
     try:
         recording = open_source(str(path))
     except KalscopeError:

@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 
 import pytest
+from effort import FUZZ
+from waiting import PATIENCE
 
 from kalscope.common import files as atomic
 from kalscope.common.files import atomic_file, check_inside, write_atomic, write_private
@@ -40,7 +42,7 @@ def test_a_killed_writer_leaves_all_of_the_old_or_all_of_the_new(tmp_path: Path)
     target = tmp_path / "tuning.toml"
     write_atomic(target, OLD)
     moments = random.Random(11)
-    for _ in range(30):
+    for _ in range(6 * FUZZ):
         writer = subprocess.Popen(
             [sys.executable, "-c", KILLED_WRITER, str(target)], stdout=subprocess.PIPE, text=True
         )
@@ -49,7 +51,7 @@ def test_a_killed_writer_leaves_all_of_the_old_or_all_of_the_new(tmp_path: Path)
             ready.readline()
             time.sleep(moments.uniform(0.0, 0.02))
             writer.send_signal(signal.SIGKILL)
-            assert writer.wait() == -signal.SIGKILL
+            assert writer.wait(PATIENCE) == -signal.SIGKILL
         assert target.read_bytes() in (OLD, NEW)
     assert len(names(tmp_path)) > 1, "no kill met a write, else a temporary file would be left"
 

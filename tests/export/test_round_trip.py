@@ -17,6 +17,7 @@ import tomllib
 import numpy as np
 import pytest
 import yaml
+from effort import FUZZ
 from required import REQUIRE_ALL
 from ruamel.yaml import YAML
 from waiting import PATIENCE
@@ -25,7 +26,7 @@ from kalscope import ChannelTuning, Tuning, export_tuning
 from kalscope.export.names import number_text
 from kalscope.tuning.tuning import dumps
 
-CHANNELS = 2000
+CHANNELS = 200 * FUZZ
 NAMES = ("q", "r", "p0", "x0", "gate")
 
 
@@ -68,14 +69,14 @@ def without_subnormals(tuning):
 
 
 def identical(found, expected):
-    assert len(found) == len(expected) >= 5000
+    assert len(found) == len(expected) >= len(NAMES) * CHANNELS // 2
     assert [value.hex() for value in found] == [value.hex() for value in expected]
 
 
-def test_the_numbers_are_ten_thousand_of_all_kinds(numbers):
-    assert len(numbers) == 10_000
-    assert sum(abs(number) < sys.float_info.min for number in numbers) > 500
-    assert sum(number.is_integer() and abs(number) < 2**53 for number in numbers) > 500
+def test_the_numbers_are_of_all_kinds(numbers):
+    assert len(numbers) == len(NAMES) * CHANNELS
+    assert sum(abs(number) < sys.float_info.min for number in numbers) > len(numbers) / 20
+    assert sum(number.is_integer() and abs(number) < 2**53 for number in numbers) > len(numbers) / 20
     assert max(numbers) > 1e290
 
 
@@ -115,7 +116,7 @@ def test_ros2_numbers_are_doubles_to_the_rules_of_its_parser(tuning):
     """rcl: an integer if strtol takes all of it; then a double if strtod does (C syntax) within its range."""
     (text,) = export_tuning(without_subnormals(tuning), "ros2").values()
     values = re.findall(r"(?:_q|_r|_p0|_x0|_gate|_period): (\S+)$", text, re.MULTILINE)
-    assert len(values) > 5000
+    assert len(values) > len(NAMES) * CHANNELS / 2
     for value in values:
         assert re.fullmatch(r"[-+]?(0[xX][0-9a-fA-F]+|[0-9]+)", value) is None
         assert re.fullmatch(r"[-+]?[0-9]+\.[0-9]+(e[-+][0-9]+)?", value), value
@@ -187,7 +188,7 @@ def test_matlab_numbers_read_back_through_octave(tuning, numbers, tmp_path):
         for line in text.splitlines()
         if re.match(r"(Q|R|Pk|xk|gate) = ", line)
     ]
-    assert len(assignments) == 10_000
+    assert len(assignments) == len(NAMES) * CHANNELS
     body = "\n".join(f"{line}\nv({i}) = {line.split()[0]};" for i, line in enumerate(assignments, 1))
     (tmp_path / "values.m").write_text(
         f"v = zeros(10000, 1);\n{body}\nf = fopen('out.bin', 'w'); fwrite(f, v, 'double');\nfclose(f);\n"
@@ -207,7 +208,7 @@ def test_kalmanjs_numbers_read_back(tuning):
 
 def test_esphome_deviations_read_back(tuning):
     """Its reader gives the very double of the square root; squared it is the variance to the last digits."""
-    variances = [10.0 ** random.Random(i).uniform(-30.0, 30.0) for i in range(5000)]
+    variances = [10.0 ** random.Random(i).uniform(-30.0, 30.0) for i in range(500)]
     channels = tuple(ChannelTuning(f"c{i}", "", v, v) for i, v in enumerate(variances))
     (text,) = export_tuning(Tuning(channels, sample_period=0.01), "esphome").values()
     sensors = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))["sensor"]

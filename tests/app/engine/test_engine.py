@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 from kalscope import Recording, kalman_filter
 from kalscope_app.engine.engine import LEAST_INTERVAL, Engine, pause_before_frame
@@ -35,7 +36,7 @@ class Screen:
 
     def wait(self, condition):
         with self.news:
-            assert self.news.wait_for(condition, timeout=20)
+            assert self.news.wait_for(condition, timeout=PATIENCE)
 
 
 @pytest.fixture

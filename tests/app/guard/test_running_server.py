@@ -15,6 +15,7 @@ import websockets.asyncio.server
 from attack_table import UPGRADE, exchange
 from viser import _messages as messages
 from viser.infra import _infra
+from waiting import PATIENCE
 from websockets.datastructures import Headers
 from websockets.exceptions import InvalidStatus
 from websockets.http11 import Request
@@ -27,7 +28,6 @@ from kalscope_app.guard.server import GuardedServer, GuardFailed, guarded_server
 
 TOKEN = "T0ken-T0ken_T0ken"
 HOME = guard_rules.Policy(8080, TOKEN).home
-PATIENCE = 10.0
 """Seconds that a test waits for something that must come; nothing waits that long when all is well."""
 
 

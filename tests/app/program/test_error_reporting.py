@@ -12,13 +12,12 @@ from pathlib import Path
 
 import pytest
 from viser import _scene_api
+from waiting import PATIENCE
 from websockets.exceptions import ConnectionClosedOK
 
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.program import error_reporting as module
 from kalscope_app.program.error_reporting import Trouble, sentence_for
-
-PATIENCE = 10.0
 
 
 @pytest.fixture

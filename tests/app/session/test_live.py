@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from feed import Board
+from waiting import PATIENCE
 
 from kalscope import BadSetting, Recording, kalman_filter
 from kalscope.sources.live.live_status import RecordingStatus
@@ -265,10 +266,10 @@ def test_the_engine_draws_what_comes_without_being_asked(board):
             board.send(10)
             time.sleep(0.02)
         with news:
-            assert news.wait_for(lambda: frames and len(frames[-1].state.recording) == 700, timeout=20)
+            assert news.wait_for(lambda: frames and len(frames[-1].state.recording) == 700, timeout=PATIENCE)
         sent = session.request(set_paused(True))
         with news:
-            assert news.wait_for(lambda: frames[-1].serial >= sent, timeout=20)
+            assert news.wait_for(lambda: frames[-1].serial >= sent, timeout=PATIENCE)
         board.send(10)
         assert len(frames[-1].state.recording) == 700
     finally:

@@ -135,7 +135,7 @@ def test_the_names_stay_when_the_board_comes_back_with_or_without_its_header():
     ],
 )
 def test_another_program_on_the_board_brings_its_own_columns(lines, names):
-    stream = Stream().feed(b"x\nheat,light\n1,2\n3,4\n" + b"5,6\n" * 50_000, 3.0)
+    stream = Stream().feed(b"x\nheat,light\n1,2\n3,4\n" + b"5,6\n" * 5_000, 3.0)
     stream.reopen().feed(b"x\n" + lines + lines.splitlines(keepends=True)[-1] * 40, 0.1)
     assert stream.names == names
     assert stream.rows[-1] in ((9.0, 10.0), (9.0, 10.0, 11.0), (8.0,))
@@ -192,7 +192,7 @@ def test_text_is_no_wrong_baud_rate(text):
     assert not stream.lines.wrong_baud
 
 
-@pytest.mark.parametrize("noise", [b"\x00" * 300_000, b"7" * 1_000_000, bytes(range(256)) * 2000])
+@pytest.mark.parametrize("noise", [b"\x00" * 150_000, b"7" * 300_000, bytes(range(256)) * 300])
 def test_noise_of_any_kind_takes_no_memory_and_no_sample(noise):
     stream = Stream()
     for begin in range(0, len(noise), 4096):
@@ -206,7 +206,7 @@ def test_noise_of_any_kind_takes_no_memory_and_no_sample(noise):
 @pytest.mark.parametrize("line", [b"1,2\n", b"a:1,b:2\n"])
 @pytest.mark.parametrize("text", [b"waiting for WiFi ...\n", b"waiting for WiFi 7 ...\n"])
 def test_data_is_found_soon_after_any_amount_of_text(line, text):
-    stream = Stream().feed(text * 3000, 3.0).feed(line * 60)
+    stream = Stream().feed(text * 500, 3.0).feed(line * 60)
     assert stream.rows[-20:] == [(1.0, 2.0)] * 20
 
 
