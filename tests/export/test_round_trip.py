@@ -1,4 +1,4 @@
-"""10,000 random doubles through each format and its own reader come back bit for bit."""
+"""A thousand random doubles (25,000 in `make soak`) through each format and its own reader come back bit for bit."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def without_subnormals(tuning):
 
 
 def identical(found, expected):
-    assert len(found) == len(expected) >= len(NAMES) * CHANNELS // 2
+    assert len(found) == len(expected) >= 500
     assert [value.hex() for value in found] == [value.hex() for value in expected]
 
 
@@ -154,7 +154,8 @@ def test_bachagas_numbers_read_back_through_gcc(tuning, numbers, tmp_path):
     (tmp_path / "t.c").write_text(
         "#include <stdio.h>\n#include <math.h>\nstatic const double values[] = {"
         + ",\n".join(f"{init}, {gate}" for init, gate in rows)
-        + '};\nint main(void) { for (unsigned i = 0; i < 10000; i++) printf("%a\\n", values[i]); return 0; }\n'
+        + "};\nint main(void) { for (unsigned i = 0; i < sizeof values / sizeof *values; i++)"
+        + ' printf("%a\\n", values[i]); return 0; }\n'
     )
     subprocess.run(["gcc", "-std=c99", "-Wall", "-Werror", "t.c", "-o", "t"], check=True, cwd=tmp_path)
     out = subprocess.run([tmp_path / "t"], check=True, capture_output=True, text=True).stdout
@@ -191,7 +192,7 @@ def test_matlab_numbers_read_back_through_octave(tuning, numbers, tmp_path):
     assert len(assignments) == len(NAMES) * CHANNELS
     body = "\n".join(f"{line}\nv({i}) = {line.split()[0]};" for i, line in enumerate(assignments, 1))
     (tmp_path / "values.m").write_text(
-        f"v = zeros(10000, 1);\n{body}\nf = fopen('out.bin', 'w'); fwrite(f, v, 'double');\nfclose(f);\n"
+        f"v = zeros({len(assignments)}, 1);\n{body}\nf = fopen('out.bin', 'w'); fwrite(f, v, 'double');\nfclose(f);\n"
     )
     subprocess.run(["octave-cli", "--norc", "--quiet", "values.m"], check=True, cwd=tmp_path, timeout=PATIENCE)
     identical(np.fromfile(tmp_path / "out.bin", "<f8").tolist(), numbers)
