@@ -305,7 +305,7 @@ def channel(*lines: str) -> str:
         ("source = 5\n" + channel('name = "a"', "q = 1", "r = 1"), "[source] must be a table (got 5)"),
         (
             "source.sample_period = 0\n" + channel('name = "a"', "q = 1", "r = 1"),
-            "positive number of seconds",
+            "sample_period must be a finite number above 0",
         ),
         ("source.sample_period = 'x'\n" + channel('name = "a"', "q = 1", "r = 1"), "must be a finite number"),
         ("not toml at all", "must be TOML text (got: "),
@@ -433,7 +433,7 @@ def test_rescaling_to_the_same_period_changes_no_bit() -> None:
 def test_rescaling_needs_both_periods() -> None:
     with pytest.raises(BadSetting, match="must be known"):
         replace(TWO, sample_period=None).rescaled(0.01)
-    with pytest.raises(BadSetting, match="positive"):
+    with pytest.raises(BadSetting, match="sample_period must be a finite number above 0"):
         TWO.rescaled(-1.0)
 
 

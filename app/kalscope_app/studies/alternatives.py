@@ -67,7 +67,6 @@ class AlternativesStudy:
                 state.params,
                 match=state.view.match_by,
                 dt=state.dt,
-                sample_period=recording.sample_period,
                 truth=None if recording.truth is None else recording.truth[:, column],
                 window=window,
             )

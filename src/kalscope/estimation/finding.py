@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.common.array import Array
+from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import METHODS, estimate
 from kalscope.estimation.known import (
@@ -69,7 +70,7 @@ class Noise:
             noise = noise_from_still(z[first:last])
             return noise.r, f"r is the variance of the still stretch. {noise.message}"
         if self.r is not None:
-            return _above_zero("r", self.r), "r as given."
+            return above_zero("r", self.r, LARGEST), "r as given."
         if self.sigma is not None or self.density is not None:
             r = noise_from_datasheet(sigma=self.sigma, density=self.density, bandwidth_hz=self.bandwidth_hz)
             return r, f"r = {r:.4g} from the data sheet."
@@ -159,14 +160,7 @@ def _check(method: str, wish: dict[str, float] | None, ratio: float | None) -> N
         if name not in WISHES:
             raise BadSetting(f"wish must be one of {', '.join(WISHES)} (got {name!r})")
     if ratio is not None:
-        _above_zero("q/r", ratio)
-
-
-def _above_zero(name: str, value: float) -> float:
-    number = float(value)
-    if not 0.0 < number <= LARGEST:
-        raise BadSetting(f"{name} must be a finite number above 0 (got {value})")
-    return number
+        above_zero("q/r", ratio, LARGEST)
 
 
 def _two_variances(params: FilterParams) -> FilterParams:

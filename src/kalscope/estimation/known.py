@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.common.array import Array
+from kalscope.common.checks import above_zero
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import verdict_text as words
@@ -108,10 +109,10 @@ def noise_from_datasheet(
     if (sigma is None) == (density is None):
         raise BadSetting(f"one of sigma and density must be given (got sigma = {sigma}, density = {density})")
     if sigma is not None:
-        return _above_zero("sigma", sigma) ** 2
+        return above_zero("sigma", sigma, LARGEST) ** 2
     if density is None or bandwidth_hz is None:
         raise BadSetting("density needs bandwidth_hz, the bandwidth of the noise in Hz (got None)")
-    return _above_zero("density", density) ** 2 * _above_zero("bandwidth_hz", bandwidth_hz)
+    return above_zero("density", density, LARGEST) ** 2 * above_zero("bandwidth_hz", bandwidth_hz, LARGEST)
 
 
 def params_for_specification(
@@ -146,7 +147,7 @@ def params_for_specification(
         noise_reduction_db=noise_reduction_db,
         sample_period=sample_period,
     )
-    noise = _above_zero("r", r)
+    noise = above_zero("r", r, LARGEST)
     return FilterParams(q=ratio * noise, r=noise)
 
 
@@ -161,7 +162,7 @@ def estimate_fixed_r(z: ArrayLike, r: float, dt: ArrayLike | None = None) -> Est
     Raises:
         BadSetting: r is not above 0; z holds inf or has another shape; dt does not fit z.
     """
-    noise = _above_zero("r", r)
+    noise = above_zero("r", r, LARGEST)
 
     def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
         scaled = noise / data.scale / data.scale
@@ -193,7 +194,7 @@ def estimate_fixed_ratio(z: ArrayLike, ratio: float = 0.01, dt: ArrayLike | None
     Raises:
         BadSetting: ratio is not above 0; z holds inf or has another shape; dt does not fit z.
     """
-    chosen = _above_zero("ratio", ratio)
+    chosen = above_zero("ratio", ratio, LARGEST)
 
     def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
         r = float(data.sums(np.array([chosen]))[0][0]) / data.m
@@ -211,10 +212,3 @@ def _smallest_step(samples: Array) -> float:
     levels = np.diff(np.unique(samples))
     levels = levels[levels > _WIDE_GAP * np.abs(samples).max()]
     return float(levels.min(initial=math.inf)) if len(levels) else 0.0
-
-
-def _above_zero(name: str, value: float) -> float:
-    number = float(value)
-    if not 0.0 < number <= LARGEST:
-        raise BadSetting(f"{name} must be a finite number above 0 (got {value})")
-    return number

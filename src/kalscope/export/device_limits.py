@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
+from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import STALLING_GAIN, float32_params
 from kalscope.filtering.steady_state import steady_state
@@ -66,8 +67,8 @@ def device_limits(
     """
     if not (0.0 < level < math.inf):
         raise BadSetting(f"level must be a positive number in the unit of the signal (got {level})")
-    if sample_period is not None and not (0.0 < sample_period < math.inf):
-        raise BadSetting(f"sample_period must be a positive number of seconds (got {sample_period})")
+    if sample_period is not None:
+        above_zero("sample_period", sample_period)
     if params.channels is not None:
         raise BadSetting(f"params must be those of one channel (got {params.channels} channels)")
     found = [_refused(params)]

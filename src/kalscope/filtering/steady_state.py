@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.common.array import Array
+from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def steady_state(params: FilterParams, sample_period: float | None = None) -> St
     Raises:
         BadSetting: the sample period is not a positive finite number.
     """
-    period = None if sample_period is None else _positive("sample_period", sample_period)
+    period = None if sample_period is None else above_zero("sample_period", sample_period)
     rows = [_one(q, r, period) for q, r in zip(_flat(params.q, params), _flat(params.r, params), strict=True)]
     if params.channels is None:
         return rows[0]
@@ -107,7 +108,7 @@ def ratio_for(
     if len(given) != 1:
         raise BadSetting(f"exactly one of {', '.join(wishes)} must be given (got {', '.join(given) or 'none'})")
     ((name, wish),) = given.items()
-    value = _positive(name, wish)
+    value = above_zero(name, wish)
     if name == "gain":
         if value >= 1.0:
             raise BadSetting(f"gain must lie between 0 and 1 (got {value:g})")
@@ -119,7 +120,7 @@ def ratio_for(
         return 1.0 / value / (1.0 + value)
     if sample_period is None:
         raise BadSetting(f"{name} needs sample_period, the time between two samples in s (got None)")
-    period = _positive("sample_period", sample_period)
+    period = above_zero("sample_period", sample_period)
     if name == "lag_s":
         return ratio_for(lag_samples=value / period)
     if value * period > 0.5:
@@ -151,10 +152,3 @@ def _one(q: float, r: float, period: float | None) -> SteadyState:
 
 def _flat(value: Value, params: FilterParams) -> list[float]:
     return np.broadcast_to(value, params.channels or 1).astype(float).tolist()
-
-
-def _positive(name: str, value: float) -> float:
-    number = float(value)
-    if not (0.0 < number < math.inf):
-        raise BadSetting(f"{name} must be a finite number above 0 (got {value})")
-    return number

@@ -10,13 +10,14 @@ import math
 import os
 from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from kalscope.common.checks import above_zero
 from kalscope.common.files import write_atomic
+from kalscope.common.version import program
 from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering.params import FilterParams
 from kalscope.tuning.toml_text import (
@@ -36,13 +37,6 @@ from kalscope.tuning.toml_text import (
 
 SAME_PERIOD = 1e-3
 """Sample periods that differ relatively by less are the same: a median of time stamps is no more exact."""
-
-
-def _tool() -> str:
-    try:
-        return f"kalscope {version('kalscope')}"
-    except PackageNotFoundError:  # run from a checkout that is not installed
-        return "kalscope"
 
 
 def _now() -> str:
@@ -108,7 +102,7 @@ class Tuning:
     """Nominal sample period that q belongs to, s, > 0; None where unknown."""
     selected: str = ""
     """Channel that was on the screen; "" = the first."""
-    tool: str = field(default_factory=_tool)
+    tool: str = field(default_factory=program)
     """Program and version that made the tuning."""
     date: str = field(default_factory=_now)
     """When it was made, UTC, ISO 8601."""
@@ -123,7 +117,7 @@ class Tuning:
         if self.selected and self.selected not in names:
             raise BadSetting(f"selected must be one of {shown(names)} (got {self.selected!r})")
         if self.sample_period is not None:
-            object.__setattr__(self, "sample_period", _period(self.sample_period))
+            object.__setattr__(self, "sample_period", above_zero("sample_period", self.sample_period))
 
     def channel(self, name: str) -> ChannelTuning:
         """The tuning of the channel `name`; BadSetting names the choices."""
@@ -157,7 +151,7 @@ class Tuning:
         Raises:
             BadSetting: Either period is unknown or not positive, or q leaves its range.
         """
-        period = _period(sample_period)
+        period = above_zero("sample_period", sample_period)
         if self.sample_period is None:
             raise BadSetting("sample_period of the tuning must be known to rescale q (got none)")
         ratio = period / self.sample_period  # first, so that an equal period changes no bit of q
@@ -285,13 +279,3 @@ def _channel(entry: object, number: int) -> ChannelTuning:
         )
     except BadSetting as error:
         raise BadFile(f"{where}: {error}") from None
-
-
-def _period(value: float) -> float:
-    try:
-        period = float(value)
-    except (TypeError, ValueError):
-        period = math.nan
-    if not (math.isfinite(period) and period > 0.0):
-        raise BadSetting(f"sample_period must be a positive number of seconds (got {value!r})")
-    return period

@@ -11,7 +11,7 @@ import pytest
 from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
 from kalscope.analysis.alternatives import filters
 from kalscope.analysis.alternatives.candidates import at_lag, at_noise
-from kalscope.analysis.alternatives.comparison import LIMIT, compare_alternatives, is_matched, stretch_of
+from kalscope.analysis.alternatives.comparison import MAX_SAMPLES, compare_alternatives, is_matched, stretch_of
 from kalscope.analysis.alternatives.measured_response import Bench, bench_of
 from kalscope.analysis.alternatives.verdict import difference, verdict
 
@@ -44,15 +44,17 @@ def test_each_alternative_has_the_lag_it_is_said_to_have_and_the_one_asked_or_it
     bench = bench_for(lag)
     for one in at_lag(lag, bench):
         tolerance = 0.05 if one.name in MEASURED else 1e-3
-        assert ramp_lag(one.run, bench) == pytest.approx(one.lag, rel=tolerance, abs=tolerance), one.name
+        assert ramp_lag(one.run, bench) == pytest.approx(one.lag_samples, rel=tolerance, abs=tolerance), one.name
         if not one.causal:
-            assert one.lag == 0.0
+            assert one.lag_samples == 0.0
         elif one.name == "Power-of-two gain":
-            assert min(abs(2**k - 1 - lag) for k in range(12)) == pytest.approx(abs(one.lag - lag))
+            assert min(abs(2**k - 1 - lag) for k in range(12)) == pytest.approx(abs(one.lag_samples - lag))
         elif one.name in WINDOWED:
-            assert abs(one.lag - lag) <= max(0.5, 0.05 * lag) + 0.5 * (one.name != "Moving average"), one.name
+            assert abs(one.lag_samples - lag) <= max(0.5, 0.05 * lag) + 0.5 * (one.name != "Moving average"), (
+                one.name
+            )
         else:
-            assert one.lag == pytest.approx(lag, rel=0.02), one.name
+            assert one.lag_samples == pytest.approx(lag, rel=0.02), one.name
 
 
 @pytest.mark.parametrize("decibel", [2.0, 6.0, 13.02, 20.0])
@@ -68,7 +70,7 @@ def test_each_alternative_leaves_the_noise_it_is_said_to_leave_and_the_one_asked
             nearest = min(abs(10 * math.log10(2**k * 2 - 1) - decibel) for k in range(20))  # α/(2 − α), α = 2⁻ᵏ
             assert missed == pytest.approx(nearest)
         elif one.name in WINDOWED or not one.causal:
-            window = int(one.words.split()[-1])
+            window = int(one.parameters.split()[-1])
             assert missed <= max(0.3, 10 * math.log10((window + 2) / window)), one.name
         else:
             assert missed < 0.2, one.name
@@ -258,14 +260,17 @@ def test_the_identity_tells_start_and_gaps_with_this_recordings_numbers():
 
 def test_the_stretch_is_all_or_the_most_around_what_is_looked_at():
     assert stretch_of(1000, (10, 20)) == (0, 1000)
-    assert stretch_of(10 * LIMIT, None) == (4.5 * LIMIT, 5.5 * LIMIT)
-    assert stretch_of(10 * LIMIT, (0, 10)) == (0, LIMIT)
-    assert stretch_of(10 * LIMIT, (10 * LIMIT - 5, 10 * LIMIT)) == (9 * LIMIT, 10 * LIMIT)
-    z = np.resize(RNG.normal(size=9999), LIMIT + 5000)
-    found = compare_alternatives(z, FilterParams(q=0.1, r=1.0), window=(LIMIT, LIMIT + 5000))
-    assert (found.first, found.last) == (5000, LIMIT + 5000)
-    assert found.note.startswith(f"Compared on samples 5000 to {LIMIT + 4999} of {LIMIT + 5000}.")
-    assert all(len(one.curve) == LIMIT for one in (found.present, *found.others))
+    assert stretch_of(10 * MAX_SAMPLES, None) == (4.5 * MAX_SAMPLES, 5.5 * MAX_SAMPLES)
+    assert stretch_of(10 * MAX_SAMPLES, (0, 10)) == (0, MAX_SAMPLES)
+    assert stretch_of(10 * MAX_SAMPLES, (10 * MAX_SAMPLES - 5, 10 * MAX_SAMPLES)) == (
+        9 * MAX_SAMPLES,
+        10 * MAX_SAMPLES,
+    )
+    z = np.resize(RNG.normal(size=9999), MAX_SAMPLES + 5000)
+    found = compare_alternatives(z, FilterParams(q=0.1, r=1.0), window=(MAX_SAMPLES, MAX_SAMPLES + 5000))
+    assert (found.first, found.last) == (5000, MAX_SAMPLES + 5000)
+    assert found.note.startswith(f"Compared on samples 5000 to {MAX_SAMPLES + 4999} of {MAX_SAMPLES + 5000}.")
+    assert all(len(one.curve) == MAX_SAMPLES for one in (found.present, *found.others))
 
 
 def test_equal_means_five_percent_or_half_a_sample():
@@ -311,8 +316,8 @@ def test_what_passes_the_signal_through_is_equal_to_no_filter():
     median = next(one for one in found.others if one.name == "Median")
     assert median.parameters == "window of 1"
     assert not median.matched
-    assert "not judged" in found.verdict
-    assert "median" in found.verdict.partition("not judged")[2]
+    assert "Not available at this lag: " in found.verdict
+    assert "median" in found.verdict.partition("Not available at this lag")[2]
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1e200])

@@ -1,17 +1,18 @@
 """The candidates: how each classic filter is tuned to a lag or to a noise reduction, and what it costs.
 
 Lag is the lag on a ramp, in samples. Noise gain is the variance that is left of white noise, Σh². Both follow
-from a formula where the filter is a fixed sum of samples, and are measured on the bench where it is not.
+from a formula where the filter is a fixed sum of samples, and are measured where it is not.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 from kalscope.analysis.alternatives import filters
+from kalscope.common.array import Array
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,37 +22,43 @@ if TYPE_CHECKING:
 SETTLED = 0.01
 """A start is forgotten when 1 % of it is left."""
 
-HOLDS = "holds its output, then goes on as if no time had passed"
-BRIDGES = "needs a whole window: missing samples lie on a line between their neighbours"
+HOLDS = "holds its output, then continues as if no time had passed"
+BRIDGES = "needs a whole window: missing samples are interpolated linearly"
 
-LOWEST, HIGHEST = 1e-6, 0.499
+MIN_CUTOFF, MAX_CUTOFF = 1e-6, 0.499
 """Cut-offs of the Butterworth filter, cycles a sample."""
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """One filter at one setting."""
+@dataclass(frozen=True, kw_only=True)
+class Description:
+    """What a user is told about a filter at one setting."""
 
     name: str
-    """What it is called."""
-    words: str
-    """Its setting as a person reads it; cut-offs in cycles a sample."""
+    """Its usual name."""
+    parameters: str
+    """Its setting in words; cut-offs in cycles a sample."""
+    lag_samples: float
+    """Lag on a ramp in samples; of median and one-euro as measured with this recording's noise and speed."""
+    start_samples: int
+    """Samples until 1 % of the start is left."""
+    memory: int
+    """Numbers that it must remember; 0 = the whole recording."""
+    sentence: str
+    """Its main advantage and disadvantage."""
+    gaps: str = HOLDS
+    """How it treats missing samples."""
+    causal: bool = True
+    """Whether a device can run it: its output needs no later sample."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate(Description):
+    """One filter at one setting."""
+
     run: Run
     """From z, shape (n,), NaN where missing, to its curve."""
-    lag: float
-    """Lag on a ramp, samples."""
     noise_gain: float
-    """Variance that is left of white noise, as a share of it."""
-    start: int
-    """Samples until the start is forgotten."""
-    memory: int
-    """Numbers that it must remember."""
-    sentence: str
-    """What is to be said for it and against it."""
-    gaps: str = HOLDS
-    """What it does where samples are missing."""
-    causal: bool = True
-    """Whether a device can run it."""
+    """Share of the variance of white noise that is left."""
 
 
 def at_lag(lag: float, bench: Bench) -> tuple[Candidate, ...]:
@@ -68,7 +75,7 @@ def at_lag(lag: float, bench: Bench) -> tuple[Candidate, ...]:
         exponential(1.0 / (1.0 + lag)),
         fixed_gain(_nearest_power(lambda alpha: abs((1.0 - alpha) / alpha - lag))),
         median(_nearest_window(window, bench, median_misses), bench),
-        butterworth(min(max(cutoff, LOWEST), HIGHEST)),
+        butterworth(min(max(cutoff, MIN_CUTOFF), MAX_CUTOFF)),
         savitzky_golay_delayed(window),
         savitzky_golay_centred(window),
         one_euro(_search(lambda share: lag - bench.lag(one_euro_run(share, bench))), bench),
@@ -101,13 +108,13 @@ def moving_average(window: int) -> Candidate:
     """Mean of the last `window` samples."""
     return Candidate(
         name="Moving average",
-        words=f"window of {window}",
+        parameters=f"window of {window}",
         run=partial(filters.moving_average, window=window),
-        lag=0.5 * (window - 1),
+        lag_samples=0.5 * (window - 1),
         noise_gain=1.0 / window,
-        start=window,
+        start_samples=window,
         memory=window,
-        sentence="Simple to explain, but it must remember its window, and a spike moves it twice.",
+        sentence="Simple to explain, but it must store its window, and a spike moves it twice.",
     )
 
 
@@ -115,28 +122,23 @@ def exponential(alpha: float) -> Candidate:
     """Exponential smoothing, 0 < α ≤ 1."""
     return Candidate(
         name="Exponential",
-        words=f"α = {alpha:.4g}",
+        parameters=f"α = {alpha:.4g}",
         run=partial(filters.exponential, alpha=alpha),
-        lag=(1.0 - alpha) / alpha,
+        lag_samples=(1.0 - alpha) / alpha,
         noise_gain=alpha / (2.0 - alpha),
-        start=1 if alpha >= 1.0 else max(1, math.ceil(math.log(SETTLED) / math.log1p(-alpha))),
+        start_samples=1 if alpha >= 1.0 else max(1, math.ceil(math.log(SETTLED) / math.log1p(-alpha))),
         memory=1,
-        sentence="The same filter as yours once both have settled; it starts slower and does not notice gaps.",
+        sentence="The same filter as yours once both have settled; it starts more slowly and ignores gaps.",
     )
 
 
 def fixed_gain(alpha: float) -> Candidate:
     """Exponential smoothing with a power of two, by shifting bits."""
-    like = exponential(alpha)
-    return Candidate(
+    return replace(
+        exponential(alpha),
         name="Power-of-two gain",
-        words=f"α = 1/{round(1.0 / alpha)}",
-        run=like.run,
-        lag=like.lag,
-        noise_gain=like.noise_gain,
-        start=like.start,
-        memory=1,
-        sentence="One subtraction, one shift, one addition on integers; only gains 1/2, 1/4, 1/8 … are to be had.",
+        parameters=f"α = 1/{round(1.0 / alpha)}",
+        sentence="One subtraction, one shift, one addition on integers; but the only gains are 1/2, 1/4, 1/8 …",
     )
 
 
@@ -145,13 +147,13 @@ def median(window: int, bench: Bench) -> Candidate:
     run = partial(filters.median, window=window)
     return Candidate(
         name="Median",
-        words=f"window of {window}",
+        parameters=f"window of {window}",
         run=run,
-        lag=bench.lag(run),
+        lag_samples=bench.lag(run),
         noise_gain=bench.noise_gain(run),
-        start=window,
+        start_samples=window,
         memory=window,
-        sentence="Spikes shorter than half its window leave no trace, but plain noise it takes off less well.",
+        sentence="Removes spikes shorter than half its window completely, but reduces plain noise less.",
     )
 
 
@@ -160,25 +162,25 @@ def butterworth(cutoff: float) -> Candidate:
     slope = math.tan(math.pi * cutoff)
     return Candidate(
         name="2nd-order Butterworth",
-        words=f"cut-off {cutoff:.3g}",
+        parameters=f"cut-off {cutoff:.3g}",
         run=partial(filters.butterworth, cutoff=cutoff),
-        lag=math.sqrt(0.5) / slope,
+        lag_samples=math.sqrt(0.5) / slope,
         noise_gain=_butterworth_noise(cutoff),
-        start=math.ceil(-math.log(SETTLED) * math.sqrt(0.5) / slope) + 1,  # its poles decay by exp(−Ω/√2)
+        start_samples=math.ceil(-math.log(SETTLED) * math.sqrt(0.5) / slope) + 1,  # its poles decay by exp(−Ω/√2)
         memory=2,
         sentence="Falls off twice as steeply above its cut-off, and overshoots a step by 4 % for it.",
     )
 
 
 def savitzky_golay_delayed(window: int) -> Candidate:
-    """A parabola through `window` samples, odd, given out when the window is full."""
+    """A parabola through `window` samples, odd, available once the window is full."""
     return Candidate(
         name="Delayed Savitzky-Golay",
-        words=f"parabola over {window}",
+        parameters=f"parabola over {window}",
         run=lambda z: filters.delayed(filters.savitzky_golay(z, window), window // 2),
-        lag=0.5 * (window - 1),
+        lag_samples=0.5 * (window - 1),
         noise_gain=_parabola_noise(window),
-        start=window,
+        start_samples=window,
         memory=window,
         sentence="Keeps peaks and slopes in shape, at the price of a pure delay of half its window.",
         gaps=BRIDGES,
@@ -186,40 +188,36 @@ def savitzky_golay_delayed(window: int) -> Candidate:
 
 
 def savitzky_golay_centred(window: int) -> Candidate:
-    """The same without the delay, which takes samples that are not there yet."""
-    return Candidate(
+    """The same without the delay, which needs later samples."""
+    return replace(
+        savitzky_golay_delayed(window),
         name="Centred Savitzky-Golay",
-        words=f"parabola over {window}",
         run=partial(filters.savitzky_golay, window=window),
-        lag=0.0,
-        noise_gain=_parabola_noise(window),
-        start=window,
-        memory=window,
-        sentence="The same curve without its delay: for recordings only, because it looks half a window ahead.",
-        gaps=BRIDGES,
+        lag_samples=0.0,
+        sentence="The same curve without its delay: for recordings only, because it needs later samples.",
         causal=False,
     )
 
 
 def one_euro(share: float, bench: Bench) -> Candidate:
-    """One-euro filter with `share` times the present filter's cut-off at rest; measured."""
+    """One-euro filter with `share` times the present filter's cut-off at speed 0; measured."""
     run = one_euro_run(share, bench)
     slowest, beta = run.keywords["slowest"], run.keywords["beta"]
     return Candidate(
         name="One-euro",
-        words=f"cut-off {slowest:.3g}, β {beta:.2g}",
+        parameters=f"cut-off {slowest:.3g}, β {beta:.2g}",
         run=run,
-        lag=bench.lag(run),
+        lag_samples=bench.lag(run),
         noise_gain=bench.noise_gain(run),
-        start=max(1, math.ceil(-math.log(SETTLED) / math.log1p(4.0 * math.pi * slowest))),
+        start_samples=max(1, math.ceil(-math.log(SETTLED) / math.log1p(4.0 * math.pi * slowest))),
         memory=2,
-        sentence="Calm at rest, quick in motion; set so that its cut-off doubles at this recording's usual speed.",
+        sentence="Smooth when still, quick when moving; its cut-off doubles at this recording's usual speed.",
         gaps="holds its output; the next sample counts for the time since",
     )
 
 
-def one_euro_run(share: float, bench: Bench) -> partial[filters.Array]:
-    """The one-euro filter with `share` times the present filter's cut-off, which its speed keeps."""
+def one_euro_run(share: float, bench: Bench) -> partial[Array]:
+    """The one-euro filter with `share` times the cut-off of the current filter."""
     own = 1.0 / (2.0 * math.pi * (1.0 + bench.present_lag))
     # Its "speed" is the distance to its own last output, which on a ramp is 1 + lag steps away.
     usual = bench.speed * (1.0 + bench.present_lag)
@@ -239,7 +237,7 @@ def _butterworth_noise(cutoff: float) -> float:
 
 
 def _cutoff_for_noise(gain: float) -> float:
-    low, high = LOWEST, HIGHEST
+    low, high = MIN_CUTOFF, MAX_CUTOFF
     for _ in range(60):  # the noise grows with the cut-off
         middle = math.sqrt(low * high)
         low, high = (low, middle) if _butterworth_noise(middle) > gain else (middle, high)

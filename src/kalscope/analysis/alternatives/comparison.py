@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.analysis.alternatives.candidates import Candidate, at_lag, at_noise
+from kalscope.analysis.alternatives.candidates import Candidate, Description, at_lag, at_noise
 from kalscope.analysis.alternatives.error_measures import Errors
 from kalscope.analysis.alternatives.filters import exponential
 from kalscope.analysis.alternatives.measured_response import Bench, bench_of
@@ -28,53 +28,35 @@ if TYPE_CHECKING:
 
 Match = Literal["lag", "noise"]
 
-LIMIT = 200_000
+MAX_SAMPLES = 200_000
 """Samples of the stretch that is compared at most: seconds matter, and more would change no verdict."""
 
 
-NEAR_DB = 0.424
+MAX_MISS_DB = 0.424
 """Noise reductions that differ by less, 5 % of the amplitude that is left, count as equal, dB."""
 
-PASSES = 0.999
+MAX_NOISE_GAIN = 0.999
 """Share of the noise that a window or a gain of 1 leaves at least: no filter, and so equal to none."""
 
 
-@dataclass(frozen=True)
-class Alternative:
-    """One filter beside the present one, over the stretch."""
+@dataclass(frozen=True, kw_only=True)
+class Alternative(Description):
+    """One filter beside the current one, over the stretch."""
 
-    name: str
-    """What it is called."""
-    parameters: str
-    """Its setting in words; cut-offs in cycles a sample."""
     curve: Array
-    """Filtered signal, unit, shape (last − first,); NaN before it has begun."""
-    causal: bool
-    """Whether a device can run it: it looks ahead at nothing."""
-    lag_samples: float
-    """Lag on a ramp in samples; measured on a ramp for median and one-euro, at their own noise and speed."""
-    lag_s: float | None
-    """The same in s; None without a sample period."""
+    """Filtered signal, unit, shape (last − first,); NaN before its first output."""
     noise_reduction_db: float
     """White noise, in to out, dB; on the recording's own noise for median and one-euro; NaN for the smoother."""
     rmse: float | None
     """RMS difference from the truth after the start, unit; None where the truth is not known."""
     prediction: float | None
-    """RMS difference from the next sample, unit: an error that needs no truth; None for what looks ahead."""
+    """RMS difference from the next sample, unit: an error that needs no truth; None if not causal."""
     roughness: float
     """RMS step of the curve over that of the raw signal; below 1 it is smoother."""
-    start_samples: int
-    """Samples until its start is forgotten (1 % left)."""
-    gaps: str
-    """What it does where samples are missing."""
-    memory: int
-    """Numbers that it must remember; 0 = the whole recording."""
-    sentence: str
-    """What is to be said for it and against it."""
     matched: bool = True
-    """Whether it filters at all, and came within 5 % or half a sample of the lag asked for, or 5 % of the noise."""
+    """Whether it filters at all, and is within 5 % or half a sample of the lag asked for, or 5 % of the noise."""
     against: Difference | None = None
-    """Its error against that of the present filter; None for the present one and for what looks ahead."""
+    """Its error against that of the current filter; None for the current one and for those not causal."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +90,6 @@ def compare_alternatives(
     *,
     match: Match = "lag",
     dt: ArrayLike | None = None,
-    sample_period: float | None = None,
     truth: ArrayLike | None = None,
     window: tuple[int, int] | None = None,
 ) -> Comparison:
@@ -119,12 +100,11 @@ def compare_alternatives(
         params: the present setting, scalars.
         match: "lag" or "noise".
         dt: nominal sample periods before each sample, shape (n,); only the Kalman filter and the smoother use it.
-        sample_period: nominal sample period in s, for the lag in s.
         truth: the noise-free signal, shape (n,), where it is known.
         window: samples of interest (first, one past last); a stretch of at most 200,000 around them is compared.
 
     Raises:
-        BadSetting: z or params do not fit; `match` is neither word.
+        BadSetting: z or params do not fit; `match` is neither.
 
     Sources: ramp lag and Σh² from each filter's weights; Casiez et al. (2012) for the one-euro filter; Savitzky &
     Golay (1964), Anal. Chem. 36, 1627; errors by blocks as in Diebold & Mariano (1995), JBES 13, 253.
@@ -142,7 +122,7 @@ def compare_alternatives(
     refused = refusal(piece, lag, gain)
     chosen = () if refused is not None else _chosen(match, lag, gain, bench_of(piece, result.x, lag))
     begun = _begun(piece, [one for one in chosen if one.causal])
-    errors = Errors(piece, true, begun, sample_period)
+    errors = Errors(piece, true, begun)
     present = _present(result, steady, errors)
     if refused is not None:
         note = _note(first, last, len(samples), 0, true)
@@ -167,12 +147,12 @@ def _chosen(match: Match, lag: float, gain: float, bench: Bench) -> tuple[Candid
 
 
 def stretch_of(n: int, window: tuple[int, int] | None) -> tuple[int, int]:
-    """First sample and one past the last of the stretch to compare: all, or LIMIT around the middle of interest."""
-    if n <= LIMIT:
+    """First sample and one past the last of the stretch to compare: all, or MAX_SAMPLES around the window."""
+    if n <= MAX_SAMPLES:
         return 0, n
     low, high = window or (0, n)
-    first = min(max((low + high - LIMIT) // 2, 0), n - LIMIT)
-    return first, first + LIMIT
+    first = min(max((low + high - MAX_SAMPLES) // 2, 0), n - MAX_SAMPLES)
+    return first, first + MAX_SAMPLES
 
 
 def _present(result: FilterResult, steady: SteadyState, errors: Errors) -> Alternative:
@@ -184,15 +164,14 @@ def _present(result: FilterResult, steady: SteadyState, errors: Errors) -> Alter
         curve=result.x,
         causal=True,
         lag_samples=lag,
-        lag_s=None if errors.period is None else lag * errors.period,
         noise_reduction_db=float(steady.noise_reduction_db),
         rmse=errors.rmse(result.x),
         prediction=errors.prediction(result.x),
         roughness=errors.roughness(result.x),
         start_samples=int(np.argmax(close)) if close.any() else len(result.k),
-        gaps="lets its uncertainty grow, and trusts the next sample more",
+        gaps="lets its variance grow, and weights the next sample more",
         memory=2,
-        sentence="Starts as fast as the noise allows, knows its own uncertainty, and grows doubtful over gaps.",
+        sentence="Starts as fast as the noise allows, and knows its own uncertainty, also across gaps.",
     )
 
 
@@ -205,26 +184,22 @@ def _others(
     made: list[Alternative] = []
     for candidate in chosen:
         curve = candidate.run(errors.z)
-        behind, gain = candidate.lag, candidate.noise_gain
+        gain = candidate.noise_gain
         decibel = -10.0 * math.log10(gain) if gain > 0.0 else math.inf
-        near = is_matched(behind - lag, lag) if match == "lag" else abs(decibel - reduction) <= NEAR_DB
+        near = (
+            is_matched(candidate.lag_samples - lag, lag)
+            if match == "lag"
+            else abs(decibel - reduction) <= MAX_MISS_DB
+        )
         made.append(
             Alternative(
-                name=candidate.name,
-                parameters=candidate.words,
+                **{one.name: getattr(candidate, one.name) for one in fields(Description)},
                 curve=curve,
-                causal=candidate.causal,
-                lag_samples=behind,
-                lag_s=None if errors.period is None else behind * errors.period,
                 noise_reduction_db=decibel,
                 rmse=errors.rmse(curve),
                 prediction=errors.prediction(curve) if candidate.causal else None,
                 roughness=errors.roughness(curve),
-                start_samples=candidate.start,
-                gaps=candidate.gaps,
-                memory=candidate.memory,
-                sentence=candidate.sentence,
-                matched=near and gain < PASSES,
+                matched=near and gain < MAX_NOISE_GAIN,
                 against=difference(errors.squared(curve), own, lag, causal) if candidate.causal else None,
             )
         )
@@ -250,7 +225,7 @@ def _verdict(others: tuple[Alternative, ...], match: Match, what: str) -> str:
     ]
     if not far or not said.startswith("At equal"):
         return said
-    return f"{said} Not to be had at this {words}, so not judged: {', '.join(far)}."
+    return f"{said} Not available at this {words}: {', '.join(far)}."
 
 
 def _smoother(z: Array, params: FilterParams, steps: Array | None, errors: Errors) -> Alternative:
@@ -261,28 +236,27 @@ def _smoother(z: Array, params: FilterParams, steps: Array | None, errors: Error
         curve=curve,
         causal=False,
         lag_samples=0.0,
-        lag_s=None if errors.period is None else 0.0,
         noise_reduction_db=math.nan,
         rmse=errors.rmse(curve),
         prediction=None,
         roughness=errors.roughness(curve),
         start_samples=0,
-        gaps="bridges them from both sides",
+        gaps="interpolates from both sides",
         memory=0,
-        sentence="The best that q and r can say of a finished recording; no device can run it.",
+        sentence="The best estimate that q and r allow for a finished recording; no device can run it.",
     )
 
 
 def _begun(z: Array, causal: list[Candidate]) -> int:
     """Sample from which on every causal filter has started; at most half of the stretch."""
     before = int(np.argmax(np.isfinite(z))) if len(z) else 0
-    return min(before + max((one.start for one in causal), default=0), len(z) // 2)
+    return min(before + max((one.start_samples for one in causal), default=0), len(z) // 2)
 
 
 def _note(first: int, last: int, n: int, judged: int, truth: Array | None) -> str:
     stretch = f"all {n} samples" if last - first == n else f"samples {first} to {last - 1} of {n}"
     by = (
-        "how well each predicts the next sample, which none has seen"
+        "how well each predicts the next sample, which none has used"
         if truth is None
         else "the difference from the known truth"
     )

@@ -12,9 +12,9 @@ from kalscope.common.array import Array
 class Errors:
     """Squared errors of curves over the judged samples of a stretch."""
 
-    def __init__(self, z: Array, truth: Array | None, begun: int, period: float | None) -> None:
-        """Args: the samples; the truth or None; first sample to judge; sample period in s or None."""
-        self.z, self._truth, self._begun, self.period = z, truth, begun, period
+    def __init__(self, z: Array, truth: Array | None, begun: int) -> None:
+        """Args: the samples; the truth or None; first sample to judge."""
+        self.z, self._truth, self._begun = z, truth, begun
         self.judged = max(len(z) - begun, 0)
         self.words = "error in predicting the next sample" if truth is None else "error against the truth"
         self._rough = rms_step(z)

@@ -6,7 +6,7 @@ import math
 import shlex
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +28,7 @@ from kalscope.common.text import (
     squared,
     trimmed,
 )
+from kalscope.common.version import program
 from kalscope.errors import BadSetting
 from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.steady_state import SteadyState, steady_state
@@ -127,7 +128,7 @@ def make_report(
     dt = recording.steps() if recording.gaps == "dt" else None
     result = kalman_filter(z, own.params, dt)
     steady = steady_state(own.params, recording.sample_period)
-    found = compare_alternatives(z, own.params, dt=dt, sample_period=recording.sample_period, truth=truth)
+    found = compare_alternatives(z, own.params, dt=dt, truth=truth)
     judged = diagnose(result)
     checks = judged if isinstance(judged, Diagnostics) else judged[0]
     return Report(
@@ -215,16 +216,12 @@ def _command(recording: Recording, config: str) -> str:
 
 
 def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
-    try:
-        own = f"kalscope {version('kalscope')}"
-    except PackageNotFoundError:  # run from a checkout that is not installed
-        own = "kalscope"
     moment = (now or datetime.now(UTC)).astimezone(UTC)
     rows = [
         ("data", recording.source or recording.title),
         ("SHA-256", recording.sha256 or "none: the data were generated"),
         ("tuned with", f"{tuning.tool or 'unknown'}, {tuning.date or 'no date'}"),
-        ("made with", f"{own}, numpy {version('numpy')}, scipy {version('scipy')}"),
+        ("made with", f"{program()}, numpy {version('numpy')}, scipy {version('scipy')}"),
         ("date", f"{moment:%Y-%m-%d %H:%M} UTC"),
     ]
     return tuple(rows)

@@ -12,14 +12,14 @@ plain tables the bulk path of `bulk`, which hands every line that is not plain t
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from kalscope.common.checks import above_zero
 from kalscope.common.progress import OnProgress, Progress
-from kalscope.errors import BadFile, BadSetting
+from kalscope.errors import BadFile
 from kalscope.sources.lines.cells import is_blank, is_comment
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.lines.sniffer import Layout, sniff
@@ -81,8 +81,8 @@ def read_recording(
         BadSetting: `sample_period` is no positive finite number; an option that this file cannot have.
         Cancelled: `cancelled()` was true.
     """
-    if sample_period is not None and not (math.isfinite(sample_period) and sample_period > 0):
-        raise BadSetting(f"sample_period must be a positive number of seconds (got {sample_period!r})")
+    if sample_period is not None:
+        above_zero("sample_period", sample_period)
     name = Path(path).name or str(path)
     progress = Progress(progress, cancelled)
     with open_raw(path, progress, _bulk_bytes) as raw:
