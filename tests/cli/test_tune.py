@@ -16,7 +16,7 @@ from kalscope.catalogue import open_source
 from kalscope.cli import console
 from kalscope.cli.app import run
 from kalscope.cli.console import progress_line
-from kalscope.cli.tune.command import interval, still_samples
+from kalscope.cli.tune.command import still_samples
 from kalscope.common.progress import Progress
 from kalscope.errors import KalscopeError
 from kalscope.estimation.estimate import METHODS, estimate
@@ -217,7 +217,7 @@ def test_a_still_stretch_must_not_span_a_step_back_of_time(tmp_path: Path) -> No
     path = tmp_path / "restarted.csv"
     path.write_text("time (s),v\n" + "".join(f"{i % 50},{i % 7}\n" for i in range(100)))
     with pytest.raises(KalscopeError, match="steps back"):
-        still_samples(read_recording(path), interval("10:20"))
+        still_samples(read_recording(path), "10:20")
 
 
 # ---- the tuning file

@@ -7,13 +7,14 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO
 
 import typer
 
+from kalscope.common.progress import OnProgress
 from kalscope.errors import KalscopeError, describe
 
 CHECK_FAILED = 1
@@ -54,7 +55,7 @@ def write_output(chunks: Iterator[str], output: Path | None) -> None:
 
 
 @contextmanager
-def open_stdout() -> Iterator[BinaryIO]:
+def open_stdout() -> Generator[BinaryIO]:
     """Standard output as bytes (Windows would add carriage returns), quiet when its reader goes away."""
     try:
         yield sys.stdout.buffer
@@ -95,7 +96,7 @@ class TerminalLine:
 
 
 @contextmanager
-def progress_line() -> Iterator[Callable[[float, str], None]]:
+def progress_line() -> Generator[OnProgress]:
     """Report progress inside the block, as a fraction and a few words: one line on stderr if it is a terminal.
 
     The line appears once the work has taken PROGRESS_DELAY_S, and is gone when the block ends.
@@ -117,15 +118,19 @@ def progress_line() -> Iterator[Callable[[float, str], None]]:
 
 
 @contextmanager
-def stop_signals() -> Iterator[threading.Event]:
+def stop_signals() -> Generator[threading.Event]:
     """An event that Ctrl+C, SIGTERM or the closing of the terminal sets while the block runs."""
     stop = threading.Event()
-    previous = {}
+
+    def handle(*_: object) -> None:
+        stop.set()
+
+    previous: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():  # Python delivers signals to no other thread
         for name in STOP_SIGNALS:
             number = getattr(signal, name, None)  # SIGHUP is unknown on Windows, SIGBREAK elsewhere
             if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # nohup ignores SIGHUP
-                previous[number] = signal.signal(number, lambda *_: stop.set())
+                previous[number] = signal.signal(number, handle)
     try:
         yield stop
     finally:

@@ -26,10 +26,9 @@ def export_command(
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Folder to write to; else the main file on stdout."),
     ] = None,
-    channel: Annotated[str | None, typer.Option("--channel", metavar="NAME", help="Else all channels.")] = None,
+    channel: Annotated[str | None, typer.Option(metavar="NAME", help="Else all channels.")] = None,
     vectors: Annotated[
-        str | None,
-        typer.Option("--vectors", metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered."),
+        str | None, typer.Option(metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered.")
     ] = None,
     sample_period: Annotated[float | None, number_option("Of the device, s: q is rescaled to it.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,

@@ -43,9 +43,7 @@ def filter_command(
             help='A file, "demo", "sample:NAME", "synthetic:SHAPE?…"; or "-": answer stdin line by line.',
         ),
     ],
-    config: Annotated[
-        Path | None, typer.Option("--config", metavar="FILE", help="Tuning file with q and r.")
-    ] = None,
+    config: Annotated[Path | None, typer.Option(metavar="FILE", help="Tuning file with q and r.")] = None,
     q: Annotated[float | None, number_option("Process-noise variance per sample, unit².", number)] = None,
     r: Annotated[float | None, number_option("Measurement-noise variance, unit².", number)] = None,
     p0: Annotated[
@@ -57,9 +55,7 @@ def filter_command(
     gate: Annotated[
         float | None, number_option('Outlier gate on v²/s, such as 9, or "off".', number_or("off"))
     ] = None,
-    channel: Annotated[
-        str | None, typer.Option("--channel", metavar="NAME", help="Filter this channel only.")
-    ] = None,
+    channel: Annotated[str | None, typer.Option(metavar="NAME", help="Filter this channel only.")] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file.")
     ] = None,

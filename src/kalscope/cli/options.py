@@ -65,24 +65,18 @@ Source = Annotated[
 ]
 SamplePeriod = Annotated[float | None, number_option("Sample period in s; replaces that of SOURCE.")]
 Delimiter = Annotated[
-    str | None,
-    typer.Option("--delimiter", metavar="MARK", help="comma, semicolon, tab, bar or space; else detected."),
+    str | None, typer.Option(metavar="MARK", help="comma, semicolon, tab, bar or space; else detected.")
 ]
 TimeColumnChoice = Annotated[
-    str | None,
-    typer.Option("--time-column", metavar="NAME", help='Name or number (from 1) of the time column, or "none".'),
+    str | None, typer.Option(metavar="NAME", help='Name or number (from 1) of the time column, or "none".')
 ]
 TimeUnit = Annotated[
-    str | None,
-    typer.Option("--time-unit", metavar="UNIT", help="Unit of a numeric time column: s, ms, us, ns, min, h, day."),
+    str | None, typer.Option(metavar="UNIT", help="Unit of a numeric time column: s, ms, us, ns, min, h, day.")
 ]
 Missing = Annotated[
     list[str] | None,
-    typer.Option(
-        "--missing", metavar="VALUE", help='A value that means "no sample", such as -200; may be repeated.'
-    ),
+    typer.Option(metavar="VALUE", help='A value that means "no sample", such as -200; may be repeated.'),
 ]
 GapsChoice = Annotated[
-    str | None,
-    typer.Option("--gaps", metavar="HOW", help="Gaps in time: rows (none, default), missing samples, or dt."),
+    str | None, typer.Option(metavar="HOW", help="Gaps in time: rows (none, default), missing samples, or dt.")
 ]

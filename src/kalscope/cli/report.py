@@ -14,12 +14,12 @@ from kalscope.errors import BadSetting
 
 def report_command(
     source: Source,
-    config: Annotated[Path, typer.Option("--config", metavar="FILE", help="Tuning file with q and r.")],
+    config: Annotated[Path, typer.Option(metavar="FILE", help="Tuning file with q and r.")],
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="FILE", help="Write to this file: .html or .png.")
     ],
     channel: Annotated[
-        str | None, typer.Option("--channel", metavar="NAME", help="Else the one that was on the screen.")
+        str | None, typer.Option(metavar="NAME", help="Else the one that was on the screen.")
     ] = None,
 ) -> None:
     """Write a page for the lab book: chart, parameters, what they do, whether they fit, and how to reopen it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterator
 from typing import Any
 
@@ -65,12 +66,10 @@ def denoise_contests(work: Work) -> Iterator[Contest]:
     yield Contest("denoise(out=)", "np.copyto", n, existing, copy, work.difference, SAME_MEMORY)
     yield Contest("denoise", "z.copy()", n, new, z.copy, work.difference, "both make their output")
 
-    gain = float(steady_state(PARAMS).gain)
+    gain, lfilter = float(steady_state(PARAMS).gain), importlib.import_module("scipy.signal").lfilter
     note = f"constant gain; compared from sample {SETTLED:,} on; "
 
     def steady() -> Array:
-        from scipy.signal import lfilter
-
         return lfilter([gain], [1.0, gain - 1.0], z, zi=[(1.0 - gain) * z[0]])[0]
 
     def difference(result: Array) -> float:

@@ -74,7 +74,7 @@ class BoardLines:
     def between(self, sent: int, now: float) -> tuple[list[bytes], float]:
         """The lines after the first `sent` ones that are due at `now`, s, and when the next one is."""
         repeats, at = divmod(sent, len(self.lines))
-        found = []
+        found: list[bytes] = []
         while self.due[at] + repeats * self.period <= now:
             found.append(self.lines[at])
             at += 1
@@ -177,8 +177,7 @@ def demo_board_command(
         typer.Option("--format", metavar="FORMAT", help="labels (name:value,…) or csv (a header, then values)."),
     ] = "labels",
     channels: Annotated[
-        list[str] | None,
-        typer.Option("--channel", metavar="NAME", help="Send this channel only; may be repeated."),
+        list[str] | None, typer.Option("--channel", metavar="NAME", help="Send this channel only; may be repeated.")
     ] = None,
     checksum: Annotated[
         bool, typer.Option("--checksum", help="End each line with *XX, as NMEA 0183 does.")

@@ -35,8 +35,7 @@ def record_command(
     seconds: Annotated[float | None, number_option("Stop after this many seconds.")] = None,
     lines: Annotated[float | None, number_option("Stop once at least this many lines are written.")] = None,
     resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Continue FILE.csv, a recording that ended or that a crash cut short."),
+        bool, typer.Option("--resume", help="Continue FILE.csv, a recording that ended or that a crash cut short.")
     ] = False,
     no_reconnect: Annotated[
         bool, typer.Option("--no-reconnect", help="Stop when the board disconnects, status 2; else wait for it.")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from kalscope.analysis import advice
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
 from kalscope.common.array import Array
-from kalscope.common.progress import OnProgress, Progress
+from kalscope.common.progress import Progress
 from kalscope.estimation.estimate import compare_methods, disagreement
 from kalscope.estimation.finding import METHOD_WORDS, Found, Noise, find_parameters, still_or_silent
 from kalscope.estimation.result import Estimate
@@ -31,27 +31,16 @@ class TuneRequest:
 
     method: str = "ml"
     """Method of `estimate`."""
-    wish: dict[str, float] = field(default_factory=dict)
+    wish: dict[str, float] = field(default_factory=dict[str, float])
     """At most one of WISHES with its value."""
     ratio: float | None = None
     """λ itself."""
     noise: Noise = field(default_factory=Noise)
     """What is known of r."""
 
-    def find(
-        self, z: Array, period: float | None, report: OnProgress | None = None, dt: Array | None = None
-    ) -> Found:
-        """The pair for the samples z at a nominal sample period in s; dt as `kalman_filter` takes it."""
-        return find_parameters(
-            z,
-            dt=dt,
-            sample_period=period,
-            method=self.method,
-            wish=self.wish,
-            ratio=self.ratio,
-            noise=self.noise,
-            progress=report,
-        )
+    def find(self, z: Array, **more: Any) -> Found:
+        """The pair for the samples z; the other arguments as `find_parameters` takes them."""
+        return find_parameters(z, method=self.method, wish=self.wish, ratio=self.ratio, noise=self.noise, **more)
 
 
 @dataclass(frozen=True)
@@ -103,7 +92,7 @@ def answer_for(recording: Recording, channel: str, request: TuneRequest, progres
     """
     z, period = recording.channel(channel), recording.sample_period
     dt = recording.steps() if recording.gaps == "dt" else None
-    found = request.find(z, period, progress.part(0.0, 0.3), dt)
+    found = request.find(z, dt=dt, sample_period=period, progress=progress.part(0.0, 0.3))
     opinions = compare_methods(z, dt, progress=progress.part(0.3, 0.7))
     progress(0.7, "judging the answer")
     residuals = None
@@ -133,7 +122,8 @@ def _held_out(
         request = replace(request, noise=Noise(r=known[0]))
     elif still_or_silent(half):
         return None
-    params = request.find(half, period, progress, None if dt is None else dt[: len(half)]).params
+    half_dt = None if dt is None else dt[: len(half)]
+    params = request.find(half, dt=half_dt, sample_period=period, progress=progress).params
     if params is None:
         return None
     judged = diagnose_held_out(z, params, dt)
@@ -192,9 +182,9 @@ def _judged(judged: Diagnostics | None) -> dict[str, Any] | None:
 def _finite(value: Any) -> Any:
     """The value without numbers that JSON has not; numpy's as Python's."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: _finite(item) for key, item in cast("dict[str, Any]", value).items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [_finite(item) for item in cast("list[Any]", value)]
     if isinstance(value, float):
         number = float(value)
         return None if math.isnan(number) else number if math.isfinite(number) else str(number)

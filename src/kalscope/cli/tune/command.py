@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 import math
 import textwrap
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from kalscope.cli.options import (
-    BadValue,
     Delimiter,
     GapsChoice,
     Missing,
@@ -44,35 +42,12 @@ SPECIFICATIONS = {
 """The options that specify the filter: the word of `find_parameters`, and its value over that of the option."""
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A stretch of the recording."""
-
-    first: float
-    """Where it begins, s, or as a sample number where the recording has no time."""
-    last: float
-    """Where it ends, included."""
-    text: str
-    """As it was typed."""
-
-
-def interval(text: str) -> Interval:
-    """The interval "FROM:TO"."""
-    try:
-        first, last = (float(part) for part in text.split(":"))
-    except ValueError:
-        first, last = math.nan, math.nan
-    if not first < last:
-        raise BadValue("FROM:TO, two rising numbers such as 2:5.5", text)
-    return Interval(first, last, text)
-
-
 def tune_command(
     source: Source,
-    channel: Annotated[str | None, typer.Option("--channel", metavar="NAME", help="Else the first.")] = None,
+    channel: Annotated[str | None, typer.Option(metavar="NAME", help="Else the first.")] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
     method: Annotated[
-        str | None, typer.Option("--method", metavar="NAME", help="ml (default), em, moments, als or allan.")
+        str | None, typer.Option(metavar="NAME", help="ml (default), em, moments, als or allan.")
     ] = None,
     lag_ms: Annotated[float | None, number_option("Wanted: lag behind a ramp, ms.")] = None,
     cutoff_hz: Annotated[float | None, number_option("Wanted: −3 dB frequency, Hz.")] = None,
@@ -80,11 +55,9 @@ def tune_command(
     gain: Annotated[float | None, number_option("Wanted: steady gain, 0 to 1.")] = None,
     ratio: Annotated[float | None, number_option("Wanted: q/r, such as 0.01; r is estimated.")] = None,
     still: Annotated[
-        Interval | None,
+        str | None,
         typer.Option(
-            "--still",
             metavar="FROM:TO",
-            parser=interval,
             help="Constant input from … to, s (sample numbers without time): gives r.",
         ),
     ] = None,
@@ -138,7 +111,7 @@ def tune_command(
 
 
 def _refuse_contradictions(
-    given: Given, method: str | None, still: Interval | None, channel: str | None, every: bool
+    given: Given, method: str | None, still: str | None, channel: str | None, every: bool
 ) -> None:
     named = [*given, *([] if still is None else ["--still"])]
     for group, must in ((FOR_LAMBDA, "decide q/r"), (FOR_NOISE, "give r")):
@@ -155,7 +128,7 @@ def _refuse_contradictions(
         raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
 
 
-def _request(given: Given, method: str, still: Interval | None, recording: Recording) -> TuneRequest:
+def _request(given: Given, method: str, still: str | None, recording: Recording) -> TuneRequest:
     """The options in the words of `find_parameters`."""
     from kalscope.cli.tune.answer import TuneRequest
     from kalscope.estimation.finding import Noise
@@ -190,20 +163,26 @@ def _answers(recording: Recording, names: tuple[str, ...], request: TuneRequest)
         return [answer_for(recording, name, request, progress_of(i)) for i, name in enumerate(names)]
 
 
-def still_samples(recording: Recording, still: Interval) -> tuple[int, int]:
-    """The samples of an interval of the recording's time: the first, and one past the last.
+def still_samples(recording: Recording, text: str) -> tuple[int, int]:
+    """The samples of "FROM:TO" in s of the recording's time, both ends included: the first, and one past the last.
 
     Raises:
-        BadSetting: the interval holds no sample, or time steps back within it.
+        BadSetting: not two rising numbers, no sample between them, or time steps back between them.
     """
-    inside = ((recording.time >= still.first) & (recording.time <= still.last)).nonzero()[0]
+    try:
+        first, last = (float(part) for part in text.split(":"))
+    except ValueError:
+        first, last = math.nan, math.nan
+    if not first < last:
+        raise BadSetting(f"--still must be FROM:TO, two rising numbers such as 2:5.5 (got {text!r})")
+    inside = ((recording.time >= first) & (recording.time <= last)).nonzero()[0]
     unit = " s" if recording.sample_period is not None else ""
     if len(inside) == 0:
         low, high = float(recording.time.min()), float(recording.time.max())
-        raise BadSetting(f"--still must lie in the recording, {low:.12g}:{high:.12g}{unit} (got {still.text!r})")
+        raise BadSetting(f"--still must lie in the recording, {low:.12g}:{high:.12g}{unit} (got {text!r})")
     start, stop = int(inside[0]), int(inside[-1]) + 1
     if stop - start > len(inside):
-        raise BadSetting(f"--still must be one stretch, but time steps back in it (got {still.text!r})")
+        raise BadSetting(f"--still must be one stretch, but time steps back in it (got {text!r})")
     return start, stop
 
 
