@@ -110,10 +110,10 @@ class Dashboard:
             self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
             self._report = ReportView(gui, self.session, self._jobs)
         with tabs.add_tab("View"):
-            self._dark = gui.add_checkbox("dark theme", False, hint="Light letters on a dark ground.")
+            self._dark = gui.add_checkbox("dark theme", False, hint="In every browser that shows this session.")
             self._dark.on_update(self._on_dark)
             self._smoother = gui.add_checkbox(
-                "best possible offline", False, hint="The smoother looks ahead as well; a device cannot."
+                "show smoother (offline bound)", False, hint="It also uses later samples, which a device cannot."
             )
             self._smoother.on_update(self._on_smoother)
             self._map.build_controls(gui)

@@ -1,4 +1,4 @@
-"""The folder "Code for a device": choose, look, copy, save, download; and a refusal that can be read."""
+"""The folder "Export code": choose, look, copy, save, download; and a refusal that can be read."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def test_the_code_that_is_looked_at_is_the_code_that_is_saved_and_downloaded(scr
         name: without_date(text)
         for name, text in export_tuning(tuning, "arduino", channel=HOSTILE, sample_period=0.01).items()
     }
-    screen.type("period (s)", "0.01")
-    button(screen, "Look and copy").click()
+    screen.type("device sample period (s)", "0.01")
+    button(screen, "Preview code").click()
     for name, lines in expected.items():
         screen.page.get_by_role("tab", name=name, exact=True).click()
         box = screen.page.get_by_role("dialog").locator("textarea:visible")
@@ -80,13 +80,13 @@ def test_the_code_that_is_looked_at_is_the_code_that_is_saved_and_downloaded(scr
 
 
 def test_a_library_that_is_another_filter_is_refused_in_a_window_that_waits(screen):
-    screen.choose("for", "SimpleKalmanFilter")
+    screen.choose("target", "SimpleKalmanFilter")
     screen.page.get_by_text("Refused: SimpleKalmanFilter is a different filter.").wait_for()
     button(screen, "Save to the folder").click()
     screen.page.get_by_role("dialog").get_by_text("its q multiplies the size of the last step").wait_for()
     screen.shot("code-refused")
     close_window(screen)
-    screen.choose("for", "Python")
-    button(screen, "Look and copy").click()
+    screen.choose("target", "Python")
+    button(screen, "Preview code").click()
     screen.page.get_by_role("tab", name="with_kalscope.py").wait_for()
     close_window(screen)

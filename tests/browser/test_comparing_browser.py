@@ -37,7 +37,7 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(screen):
     screen.wait_for_line("Moving average", found["lag"].others[0].curve)
     screen.page.get_by_text("At equal lag, nothing simpler does better than your filter here.").wait_for()
     screen.shot("compare-lag")
-    screen.choose("at", "the same noise reduction")
+    screen.choose("matched by", "the same noise reduction")
     screen.choose("draw", "Median")
     screen.wait_for_line("Median", found["noise"].others[3].curve)
     screen.page.get_by_text("At equal noise reduction").first.wait_for()

@@ -35,7 +35,7 @@ def test_first_look_shows_the_demo_filtered_at_its_starting_values(start):
     assert np.array_equal(innovation[1:], result.innovation[1:])
     _, high = screen.line("+2√p")
     assert np.allclose(high, result.x + 2 * np.sqrt(result.p), rtol=1e-12)
-    for words in ("lag on a ramp", "190 ms", "13.0 dB", "0.796 Hz", "0.0951", "46.1 samples"):
+    for words in ("lag (delay)", "190 ms", "13.0 dB", "0.796 Hz", "0.0951", "46.1 samples"):
         assert screen.page.get_by_text(words).first.is_visible()
     screen.wait_for_fit()
     screen.shot("first-look")
@@ -92,10 +92,12 @@ def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_never_the_zoom(start)
 
 def test_the_start_by_value_reproduces_the_matlab_appendix(start):
     screen = start("demo")
-    screen.choose("start", "by value: p0 and x0")
-    screen.text_box("start value x0").wait_for()  # the answer to the choice has come: nothing typed is overwritten
-    screen.type("start variance p0", "0")
-    screen.type("start value x0", "0")
+    screen.choose("initial state", "set manually")
+    screen.text_box(
+        "initial estimate x0"
+    ).wait_for()  # the answer to the choice has come: nothing typed is overwritten
+    screen.type("initial variance p0", "0")
+    screen.type("initial estimate x0", "0")
     screen.type("measurement noise r", "100")
     screen.type("process noise q", "1")
     screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100, p0=0, x0=0))
@@ -106,7 +108,7 @@ def test_the_start_by_value_reproduces_the_matlab_appendix(start):
     screen.slider("p0").focus()
     screen.page.keyboard.press("End")
     screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100, p0=1e8, x0=0))
-    screen.choose("start", "automatic: first sample")
+    screen.choose("initial state", "from first sample")
     screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100))
 
 
@@ -251,7 +253,7 @@ def test_a_million_samples_are_thinned_for_drawing_only_and_that_is_said(start):
     assert len(time) <= 4000
     at = np.rint(time * 60_000).astype(int)  # minutes -> samples
     assert np.allclose(drawn, filtered(z)[at], rtol=0, atol=1e-12)
-    assert screen.page.get_by_text("numbers use all").is_visible()
+    assert screen.page.get_by_text("statistics use all").is_visible()
     screen.page.get_by_role("button", name="Follow end").click()
     screen.wait(f"() => ({FIND})('filtered')?.data[0][0] > 14.9")
     screen.shot("million-follow-end")
@@ -293,7 +295,7 @@ def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
     screen.page.get_by_role("button", name="Undo").click()
     screen.wait_for_line("filtered", filtered(DEMO))
 
-    screen.choose("by", "least noise within a lag")
+    screen.choose("tune for", "maximum lag")
     screen.type("lag (ms)", "50", enter=False)
     screen.pause()
     screen.page.get_by_role("button", name="Find and apply").click()
@@ -302,10 +304,10 @@ def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
     assert screen.page.get_by_text("50 ms").first.is_visible()
 
     screen.tab("View")
-    screen.page.get_by_text("best possible offline").click()
+    screen.page.get_by_text("show smoother (offline bound)").click()
     screen.wait(f"() => ({FIND})('best offline')")
     screen.tab("Check")
-    screen.page.get_by_role("button", name="Ask five methods").click()
+    screen.page.get_by_role("button", name="Run five methods").click()
     screen.page.get_by_role("cell", name="Allan variance").wait_for()
     screen.page.get_by_text("The model does not describe this signal").first.wait_for()
     screen.shot("check")
@@ -402,14 +404,14 @@ def test_what_the_reader_decided_is_shown_and_can_be_decided_otherwise(start, tm
     screen.page.get_by_text("400").first.wait_for()  # asked, not assumed
     values = np.array([z for _, z in rows], dtype=float)
     screen.wait_for_line("raw", values)
-    screen.page.get_by_text("Read it otherwise").click()
+    screen.page.get_by_text("Import options").click()
     screen.type("missing values", "400", enter=False)
     screen.pause()
-    screen.page.get_by_role("button", name="Read again").click()
+    screen.page.get_by_role("button", name="Re-import").click()
     known = np.where(values == 400, np.nan, values)
     screen.wait_for_line("filtered", filtered(known), tolerance=1e-12)
     screen.page.get_by_text("50 missing").wait_for()
     screen.shot("read-otherwise")
     log.write_text(log.read_text() + "12000,21\n")
-    screen.page.get_by_role("button", name="Read again").click()
+    screen.page.get_by_role("button", name="Re-import").click()
     screen.page.get_by_text("201 samples").first.wait_for()

@@ -11,13 +11,13 @@ RECORDING = "synthetic:random_walk?channels=3&n=3000&sample_period=0.01"
 SIZES = ((1920, 1080), (1600, 900), (1280, 720))
 LEFT_TABS = ("Tune", "Source", "Export", "View", "Help")
 RIGHT_TABS = ("Signal", "Check", "Compare", "Channels", "Spectrum", "Allan")
-CLOSED_FOLDERS = {"Tune": ("Presets",), "Source": ("Live board", "Generate a signal", "Read it otherwise")}
+CLOSED_FOLDERS = {"Tune": ("Presets",), "Source": ("Live board", "Generate a signal", "Import options")}
 CHARTS = {"Signal": 3, "Check": 1, "Compare": 1, "Channels": 1, "Spectrum": 2, "Allan": 1}
 SAID = {
     "Check": "Ljung-Box over several lags",
     "Compare": "Moving average",
     "Channels": "Each channel fills its own lane",
-    "Spectrum": "What moves slower passes",
+    "Spectrum": "Lower frequencies pass",
     "Allan": "how much neighbouring averages differ",
 }
 """Words that a study writes once it has its answer."""

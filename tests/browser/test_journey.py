@@ -25,7 +25,7 @@ def screen(browser, tmp_path):
 
 def shown_lag(screen):
     """The lag on a ramp in ms, as it stands beside the sliders."""
-    row = screen.page.get_by_role("row", name=re.compile("^lag on a ramp")).inner_text()
+    row = screen.page.get_by_role("row", name=re.compile(r"^lag \(delay\)")).inner_text()
     value, unit = re.search(r"([\d.]+) (ms|s)", row).groups()
     return float(value) * (1000.0 if unit == "s" else 1.0)
 
@@ -38,16 +38,16 @@ def test_lag_under_50_ms_and_least_noise_is_found_by_reading_the_screen(screen):
     screen.shot("journey-1-the-tour-names-the-way")
     page.get_by_role("dialog").get_by_role("button", name="Do not show again").click()
 
-    page.get_by_role("row", name=re.compile("^lag on a ramp")).wait_for()
+    page.get_by_role("row", name=re.compile(r"^lag \(delay\)")).wait_for()
     assert shown_lag(screen) == pytest.approx(190, abs=1)
     screen.shot("journey-2-the-lag-is-too-long")
 
-    by = screen.text_box("by")
+    by = screen.text_box("tune for")
     by.scroll_into_view_if_needed()
     by.click()
     screen.page.wait_for_timeout(300)
     page.screenshot(path=ARTEFACTS / "journey-3-the-ways-to-find.png")
-    page.get_by_role("option", name="least noise within a lag", exact=True).click()
+    page.get_by_role("option", name="maximum lag", exact=True).click()
     box = screen.text_box("lag (ms)")
     box.wait_for()
     assert box.input_value() == "50"

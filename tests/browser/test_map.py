@@ -190,7 +190,7 @@ def test_the_map_can_be_hidden_and_coloured_by_lag_and_looked_at_straight_again(
         screen.page.mouse.wheel(0, -300)
     screen.page.wait_for_timeout(1500)
     screen.shot("map-zoomed")
-    screen.page.get_by_role("button", name=re.compile("Flat view")).click()
+    screen.page.get_by_role("button", name=re.compile("Reset map view")).click()
     screen.page.wait_for_timeout(1500)
     screen.shot("map-flat-again")
     before, zoomed, after = (

@@ -69,7 +69,7 @@ def test_a_preset_shows_what_it_does_before_it_is_taken(start):
     screen.choose("preset", "Ma'arif 2019: R = 100, Q = 0.1")
     screen.page.get_by_text("too much of the signal is lost").wait_for()
     screen.wait_for_line("filtered", filtered(DEMO))  # nothing has changed yet
-    take = screen.page.get_by_role("button", name="Take this preset")
+    take = screen.page.get_by_role("button", name="Apply preset")
     take.scroll_into_view_if_needed()
     screen.shot("preset")
     take.click()
@@ -87,7 +87,7 @@ def lane(z, params, number):
 def test_channels_are_seen_side_by_side_tuned_together_and_copied(start):
     screen = start("sample:lis302dl", width=1280, height=720)
     axes = open_source("sample:lis302dl").values
-    screen.choose("tune", "all: same q and r")
+    screen.choose("apply to", "all: same q and r")
     screen.type("process noise q", "0.5")
     r = starting_params(axes[:, 0]).r
     screen.wait_for_line("filtered", filtered(axes[:, 0], q=0.5))
@@ -96,7 +96,7 @@ def test_channels_are_seen_side_by_side_tuned_together_and_copied(start):
     screen.wait_for_line("3", lane(axes[:, 2], FilterParams(0.5, r), 3)[at], tolerance=1e-6)
     screen.page.get_by_role("row", name=re.compile(r"^3 z 0\.500")).wait_for()
     screen.shot("channels")
-    screen.choose("tune", "this channel alone")
+    screen.choose("apply to", "this channel alone")
     screen.type("process noise q", "2")
     screen.wait_for_line("1", lane(axes[:, 0], FilterParams(2, r), 1)[at], tolerance=1e-6)
     screen.page.get_by_role("button", name="Copy", exact=True).click()
@@ -126,7 +126,7 @@ def test_the_line_on_screen_reopens_what_is_on_screen(start):
     axes = open_source("sample:lis302dl").values
     screen.choose("channel", "y")
     screen.type("process noise q", "0.03")
-    screen.type("start variance p0", "2")
+    screen.type("initial variance p0", "2")
     expected = filtered(axes[:, 1], q=0.03, p0=2)
     screen.wait_for_line("filtered", expected)
     screen.tab("Export")
@@ -134,4 +134,4 @@ def test_the_line_on_screen_reopens_what_is_on_screen(start):
     screen.shot("share")
     again = start(*shlex.split(line)[2:])
     again.wait_for_line("filtered", expected)
-    assert again.text_box("start variance p0").input_value() == "2"
+    assert again.text_box("initial variance p0").input_value() == "2"

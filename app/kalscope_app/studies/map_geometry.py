@@ -33,7 +33,7 @@ MOST_DECADES = 12
 
 
 @dataclass(frozen=True)
-class Frame:
+class MapFrame:
     """The rectangle of the map inside its canvas, pixels, and what its edges mean."""
 
     width: float
@@ -78,18 +78,18 @@ class Frame:
         return self.left <= pixel[0] <= self.right and self.top <= pixel[1] <= self.bottom
 
 
-def frame_for(width: float, height: float, q: Range, r: Range) -> Frame:
+def frame_for(width: float, height: float, q: Range, r: Range) -> MapFrame:
     """The map in a canvas: room for names and numbers around it, for the legend below; not taller than it needs."""
     left, right, top = 62.0, width - 54.0, 88.0
     bottom = min(height - LEGEND_HEIGHT, top + 1.5 * (right - left))
-    return Frame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r)
+    return MapFrame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r)
 
 
 LEGEND_HEIGHT = 258.0
 """Pixels under the map: numbers, name of the axis, colour bar, legend, a sentence."""
 
 
-def grabbed(frame: Frame, present: Point, pressed: Point) -> Point:
+def grabbed(frame: MapFrame, present: Point, pressed: Point) -> Point:
     """Pixels from where a drag began to the present point, (0, 0) if it did not take hold of it.
 
     Args:
@@ -110,7 +110,7 @@ def hit(origin: tuple[float, ...], direction: tuple[float, ...]) -> Point | None
     return (origin[0] + way * direction[0], origin[1] + way * direction[1]) if way > 0.0 else None
 
 
-def field_of_view(frame: Frame, shape: float) -> float:
+def field_of_view(frame: MapFrame, shape: float) -> float:
     """Vertical angle, radians, under which the whole picture fits into a canvas of `shape` = width : height."""
     seen = max(frame.height, frame.width / shape) / PIXELS
     return 2.0 * math.atan(0.5 * seen / DISTANCE)
@@ -128,7 +128,7 @@ class Diagonal:
     """Lag on a ramp, samples."""
 
 
-def diagonal(frame: Frame, ratio: float) -> Diagonal | None:
+def diagonal(frame: MapFrame, ratio: float) -> Diagonal | None:
     """The line q/r = `ratio` > 0 inside the rectangle; None if it misses it."""
     shift = math.log10(ratio)  # log q − log r
     first, last = max(frame.q[0], frame.r[0] + shift), min(frame.q[1], frame.r[1] + shift)
@@ -138,7 +138,7 @@ def diagonal(frame: Frame, ratio: float) -> Diagonal | None:
     return Diagonal(start, end, float(steady_state(FilterParams(q=ratio, r=1.0)).lag_samples))
 
 
-def lag_lines(frame: Frame, sample: float) -> list[Diagonal]:
+def lag_lines(frame: MapFrame, sample: float) -> list[Diagonal]:
     """Lines of equal lag at 1, 3, 10, 30 … units, those that cross the map; `sample`: units in one sample.
 
     A map of very many decades has fewer of them: 1, 1000, 1e6 …

@@ -206,7 +206,7 @@ def limits_of(state: State) -> str:
         words
         for words, there in (
             ("start value", tuning.x0 is not None),
-            ("start variance p0", tuning.p0 is not None),
+            ("initial variance p0", tuning.p0 is not None),
             ("outlier gate", tuning.gate is not None),
         )
         if there

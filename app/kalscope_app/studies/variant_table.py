@@ -35,7 +35,7 @@ class Measures:
 
 
 @dataclass(frozen=True)
-class Row:
+class VariantRow:
     """One line of the table."""
 
     variant: Variant | None
@@ -47,12 +47,12 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Table:
+class VariantComparison:
     """All settings of the channel on screen, the present one first."""
 
     state: State
     """The choices that it belongs to."""
-    rows: tuple[Row, ...]
+    rows: tuple[VariantRow, ...]
     """One a setting; empty where the filter has no q and r and nothing is pinned."""
 
 
@@ -63,18 +63,18 @@ class VariantTable:
         self._of: tuple[Recording, str] | None = None
         self._known: dict[FilterParams, Measures] = {}
 
-    def compute(self, state: State) -> Table:
+    def compute(self, state: State) -> VariantComparison:
         """The table of a state."""
         if self._of is None or self._of[0] is not state.recording or self._of[1] != state.channel:
             self._of, self._known = (state.recording, state.channel), {}
         settings = [(variant, variant.tuning.params) for variant in state.variants]
         present = [(None, state.params)] if state.paper_filter is None else []
         rows = tuple(
-            Row(variant, params, self._measure(state, params)) for variant, params in (*present, *settings)
+            VariantRow(variant, params, self._measure(state, params)) for variant, params in (*present, *settings)
         )
         wanted = {row.params for row in rows}
         self._known = {params: measures for params, measures in self._known.items() if params in wanted}
-        return Table(state, rows)
+        return VariantComparison(state, rows)
 
     def _measure(self, state: State, params: FilterParams) -> Measures:
         if params not in self._known:

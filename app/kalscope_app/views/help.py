@@ -11,17 +11,17 @@ if TYPE_CHECKING:
 
 KEYS = (
     ("drag across a chart", "zoom in"),
-    ("double click in it", "the whole view again"),
+    ("double click in it", "zoom out"),
     ("click a name below it", "hide or show that line"),
     ("← → on a slider", "one step, 2.3 %; click it first"),
-    ("Home, End on a slider", "its ends"),
-    ("type a number, Enter", "exactly that, 1e‑9 too"),
+    ("Home, End on a slider", "its minimum, its maximum"),
+    ("type a number, Enter", "exactly that value; 1e‑9 works"),
     ("Ctrl+Z", "undo"),
     ("Ctrl+Shift+Z, Ctrl+Y", "redo"),
-    ("Ctrl+K", "all commands, by name"),
+    ("Ctrl+K", "undo and redo by name"),
     ("drag a panel's edge", "make it wider"),
 )
-"""What is done with hand and mouse, and what it does."""
+"""Keys and mouse actions, and what they do."""
 
 
 class HelpView:
@@ -30,8 +30,8 @@ class HelpView:
     def __init__(self, gui: viser.GuiApi, tour: Tour) -> None:
         self._tour = tour
         gui.add_markdown(card())
-        gui.add_button("Show the tour", hint="Five short windows: what is where.").on_click(self._on_tour)
-        gui.add_markdown("Rest the mouse on a button, box or slider: it says what it is for.")
+        gui.add_button("Show the tour", hint="Five short windows on what is where.").on_click(self._on_tour)
+        gui.add_markdown("Point at a button, box or slider to read what it does.")
 
     async def _on_tour(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
@@ -41,5 +41,5 @@ class HelpView:
 def card() -> str:
     """The keys as markdown."""
     rows = "\n".join(f"| {what} | {does} |" for what, does in KEYS)
-    note = "On a Mac: Cmd for Ctrl. Inside a text box these keys belong to the box."
+    note = "On a Mac: Cmd for Ctrl. Inside a text box these keys edit the text."
     return f"| keys and mouse | |\n|---|---|\n{rows}\n\n{note}"

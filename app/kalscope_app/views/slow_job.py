@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import viser
 
-PATIENCE = 1.0
+MIN_SECONDS = 1.0
 """Seconds after which a job shows its progress and can be cancelled."""
 
 
-class Patience:
+class SlowJobProgress:
     """Use it in a `with` statement around the job; hand `report` to the job."""
 
     def __init__(self, bar: Any, cancel: viser.GuiButtonHandle) -> None:
         self._bar, self._cancel, self._start = bar, cancel, time.monotonic()
 
-    def __enter__(self) -> Patience:
+    def __enter__(self) -> SlowJobProgress:
         return self
 
     def __exit__(self, *_error: object) -> None:
@@ -26,6 +26,6 @@ class Patience:
 
     def report(self, fraction: float, _text: str) -> None:
         """Show how far it is."""
-        if time.monotonic() - self._start > PATIENCE:
+        if time.monotonic() - self._start > MIN_SECONDS:
             self._bar.value = min(max(100.0 * fraction, 0.0), 100.0)
             self._bar.visible = self._cancel.visible = True

@@ -1,4 +1,4 @@
-"""The tour: five windows at most for who sees Kalscope first. Each browser has its own."""
+"""The tour: up to five windows for new users. Each browser has its own."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ if TYPE_CHECKING:
 STEPS = (
     (
         "Raw and filtered",
-        "The pale line is what the sensor said, the orange one what the filter makes of it. The true value should "
-        "lie in the band around it.\n\nDrag across a chart to zoom; a double click shows all again.",
+        "The grey line is the raw signal, the orange one the filtered signal. The true value should lie in the "
+        "band around it.\n\nDrag across a chart to zoom; double-click to zoom out.",
     ),
     (
-        "Two sliders decide",
-        "**q** says how fast the true value wanders: larger follows faster. **r** says how noisy the sensor is: "
-        "larger smooths more. Only their ratio shapes the curve; **p0** matters at the start alone.\n\n"
-        "**What that means**, below the sliders, tells the lag and how much noise goes.",
+        "Two sliders set the filter",
+        "**q** is how fast the true value moves: larger follows faster. **r** is how noisy the sensor is: larger "
+        "smooths more. Only their ratio shapes the curve; **p0** matters only at the start.\n\n"
+        "**Resulting filter**, below the sliders, shows the lag and the noise reduction.",
     ),
     (
-        "Or let them be found",
-        "**Find q and r** asks the recording itself, or what you need: choose *least noise within a lag* and type "
-        "50: of all settings that trail by 50 ms or less, that leaves least noise.\n\n"
-        "**Does it fit?** says what to change. Ctrl+Z takes every step back.",
+        "Or let Kalscope find them",
+        "**Find q and r** estimates them from the recording, or from your goal: choose *maximum lag* and type 50 "
+        "for the setting with the least noise of all that lag by 50 ms or less.\n\n"
+        "**Does it fit?** says what to change. Ctrl+Z undoes every step.",
     ),
     (
         "Keep and compare",
-        "**Pin this setting** keeps it as A, B, C … with a line in the chart. The tab **Compare** has all of them "
-        "in one table. **Presets** are settings to begin with.",
+        "**Pin this setting** keeps it as A, B, C … with a line in the chart. The **Compare** tab lists all "
+        "of them in one table. **Presets** are settings to start from.",
     ),
     (
-        "Your own signal, and out again",
-        "**Source** opens a file of yours or makes a signal. **Export** writes the setting, the filtered signal, "
-        "and one line that reopens all this.\n\n**Help** has the keys, and this tour.",
+        "Your own signal, and export",
+        "**Source** opens your file or generates a signal. **Export** writes code, the setting and the filtered "
+        "signal, and one command that reopens this session.\n\n**Help** lists the keys and shows this tour again.",
     ),
 )
 """Title and text of each window."""
@@ -53,7 +53,7 @@ class Tour:
         self._over = settings.tour_seen
 
     def attach(self, client: viser.ClientHandle) -> None:
-        """A browser has come: show the tour unless it was seen or put off."""
+        """Show the tour in a new browser unless it was seen or put off."""
         if not self._over:
             self.show(client)
 
@@ -64,7 +64,7 @@ class Tour:
         with client.gui.add_modal(f"{title} ({step + 1} of {len(STEPS)})") as window:
             client.gui.add_markdown(text)
             group = client.gui.add_button_group(
-                "", (DONE,) if last else (NEXT, LATER, NEVER), hint="The tour is always there under Help."
+                "", (DONE,) if last else (NEXT, LATER, NEVER), hint="The Help tab shows the tour again."
             )
         group.on_click(partial(self._on_button, client, window, group, step))
 

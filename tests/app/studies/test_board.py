@@ -114,7 +114,7 @@ def test_the_second_papers_filter_is_not_sent():
 def test_the_comparison_names_the_setting_it_speaks_of_also_when_another_is_on_screen(state):
     equal = "**Equal bit for bit** in 400 rows since the board took q = 0.037, r = 11.3, p0 = inf."
     assert compared(state) == equal
-    assert compared(state.with_tuning(q=0.5)) == f"{equal} What is on screen now has not been sent."
+    assert compared(state.with_tuning(q=0.5)) == f"{equal} The current values have not been sent."
     assert compared(replace(state, sent=None)) == ""
 
 

@@ -114,7 +114,7 @@ def test_the_map_widens_for_a_point_outside_and_not_for_one_at_its_edge():
 def test_what_the_map_leaves_out_is_said():
     state = opened(walk())
     assert MapMaker()(state).note == ""
-    assert "start variance p0" in MapMaker()(set_automatic_start(False)(state)).note
+    assert "initial variance p0" in MapMaker()(set_automatic_start(False)(state)).note
     assert "outlier gate" in MapMaker()(state.with_tuning(gate=9.0)).note
 
 

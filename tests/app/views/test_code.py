@@ -1,4 +1,4 @@
-"""The folder "Code for a device": what leaves is what is on screen, or it is refused in plain words."""
+"""The folder "Export code": what leaves is what is on screen, or it is refused in plain words."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_the_second_papers_filter_is_refused_wherever_it_would_leave():
     state = opened_experiment("generalized_figure_8")
     with pytest.raises(BadSetting, match="must be the filter with q and r"):
         files_of(state, Choice())
-    assert "second paper" in limits_text(state)
+    assert "Khan et al. filter" in limits_text(state)
     assert files_of(state.with_paper_filter(None), Choice())
 
 

@@ -42,8 +42,8 @@ def search(state, way, *texts):
 @pytest.mark.parametrize(
     ("way", "text", "field", "value"),
     [
-        ("least noise within a lag", "50", "lag_s", 0.05),
-        ("least noise within a lag", "50,5", "lag_s", 0.0505),
+        ("maximum lag", "50", "lag_s", 0.05),
+        ("maximum lag", "50,5", "lag_s", 0.0505),
         ("cut-off frequency", "3", "cutoff_hz", 3.0),
         ("noise reduction", "12", "noise_reduction_db", 12.0),
         ("gain K", "0.1", "gain", 0.1),
@@ -82,8 +82,8 @@ def test_a_still_stretch_is_typed_or_the_part_on_screen(texts, samples):
 @pytest.mark.parametrize(
     ("way", "texts"),
     [
-        ("least noise within a lag", ["soon"]),
-        ("least noise within a lag", ["-5"]),
+        ("maximum lag", ["soon"]),
+        ("maximum lag", ["-5"]),
         ("gain K", ["1"]),
         ("cut-off frequency", ["51"]),
         ("data sheet σ, fit q", [""]),
@@ -145,7 +145,7 @@ def test_opinions_on_a_sine_name_the_disagreement():
 
 
 def test_before_and_after_stand_in_the_answer(state):
-    applied = apply_found(state.recording, "a", search(state, "least noise within a lag", "50"))(state)
+    applied = apply_found(state.recording, "a", search(state, "maximum lag", "50"))(state)
     assert "| lag | 95.1 ms | **50 ms** |" in answer_text(applied)
     assert answer_text(state) == ""
 

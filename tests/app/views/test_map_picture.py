@@ -16,7 +16,7 @@ from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP
 from kalscope_app.views.map.pen import printable
 from kalscope_app.views.map.picture import (
     SHARPNESS,
-    Plate,
+    MapPictureInput,
     chips,
     colours,
     draw_map_picture,
@@ -28,12 +28,12 @@ from kalscope_app.views.map.picture import (
 SIZES = [(520, 1080), (452, 900), (380, 720)]
 
 
-def plate(width=452, height=900, dark=False, **changes):
+def inputs(width=452, height=900, dark=False, **changes):
     recording = synthesize("random_walk", n=2000, seed=2)
     state = opened(recording)
     shown = MapMaker()(state)
     frame = frame_for(width, height, shown.q, shown.r)
-    return replace(Plate(shown, frame, "V", recording.sample_period, dark, True), **changes)
+    return replace(MapPictureInput(shown, frame, "V", recording.sample_period, dark, True), **changes)
 
 
 def rgb(colour):
@@ -43,7 +43,7 @@ def rgb(colour):
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_the_best_shade_lies_under_the_mark_of_the_estimate(width, height, dark):
-    one = plate(width, height, dark)
+    one = inputs(width, height, dark)
     palette = DARK_MAP if dark else LIGHT_MAP
     bare = replace(one, map=replace(one.map, optimum=None, contour=None))
     x, y = (SHARPNESS * at for at in one.frame.pixel(one.map.optimum))
@@ -65,14 +65,14 @@ def test_lightness_alone_tells_better_from_worse(palette):
 
 def test_the_picture_has_the_size_of_the_canvas_and_nothing_leaves_it():
     for width, height in SIZES:
-        picture = draw_map_picture(plate(width, height))
+        picture = draw_map_picture(inputs(width, height))
         assert picture.shape == (SHARPNESS * height, SHARPNESS * width, 3)
         edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
         assert (edge == rgb(LIGHT_MAP.background)).all()
 
 
 def test_pinned_variants_are_drawn_at_their_pair():
-    one = plate()
+    one = inputs()
     pinned = replace(one, pinned=(("A", "#009E73", (-3.0, -1.5)),))
     x, y = (round(SHARPNESS * at) for at in one.frame.pixel((-3.0, -1.5)))
     patch = draw_map_picture(pinned)[y - 10 : y + 10, x - 10 : x + 10].reshape(-1, 3).tolist()
@@ -80,13 +80,13 @@ def test_pinned_variants_are_drawn_at_their_pair():
 
 
 def test_where_there_is_no_map_the_reason_is_written():
-    one = plate()
+    one = inputs()
     empty = replace(one, map=nothing("The signal is constant: there is nothing to tune."))
     assert (draw_map_picture(empty) != draw_map_picture(replace(one, map=nothing("")))).any()
 
 
 def test_the_colourings_to_choose_from_do_not_overlap_and_need_a_truth_for_rmse():
-    one = plate(380, 720)
+    one = inputs(380, 720)
     assert [name for name, _ in chips(one.frame, False)] == ["likelihood", "lag"]
     boxes = [box for _, box in chips(one.frame, True)]
     assert all(a[2] < b[0] for a, b in pairwise(boxes))
@@ -106,7 +106,7 @@ def test_the_colourings_to_choose_from_do_not_overlap_and_need_a_truth_for_rmse(
     ],
 )
 def test_a_lag_is_told_in_one_unit(period, lag, words):
-    assert lag_words(lag, plate(period=period)) == words
+    assert lag_words(lag, inputs(period=period)) == words
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import numpy as np
 
 from kalscope.common.text import count, decibels, lag_text, number, percent
 from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by
-from kalscope_app.views.charts.chart import Chart, Layout
-from kalscope_app.views.charts.style import DARK, LIGHT, Line, axes, gappy, line, short
+from kalscope_app.views.charts.chart import Chart, ChartLayout
+from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import time_label
 from kalscope_app.views.scales import scale_for, time_scale_for
 from kalscope_app.views.text import escape_markdown
@@ -39,7 +39,7 @@ NAMES: tuple[str, ...] = (
 ALL = "all of them"
 
 MATCHES: dict[str, str] = {"the same lag": "lag", "the same noise reduction": "noise"}
-"""What is chosen, and what it is called inside."""
+"""Labels, and the values of the state."""
 
 COLOURS = {
     False: ("#009E73", "#0072B2", "#B8860B", "#CC79A7", "#3a9bdc", "#8c6d31", "#6c7a99", "#7b4fc8", "#1b9e8a"),
@@ -47,9 +47,9 @@ COLOURS = {
 }
 """Of the rivals in the order of NAMES, light and dark."""
 
-NOTHING = "This filter has no q and r, so there is nothing to compare at its lag."
+NOTHING = "This filter has no q and r, so it cannot be compared at its lag."
 
-HEADS = ("filter", "setting", "lag", "noise", "{error}", "against yours")
+HEADS = ("filter", "setting", "lag", "noise", "{error}", "compared with yours")
 
 
 class AlternativesView:
@@ -58,8 +58,8 @@ class AlternativesView:
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
         gui.add_markdown("### Is there a simpler filter?")
-        self._match = gui.add_dropdown("at", tuple(MATCHES), hint="What the others are made equal in.")
-        self._rival = gui.add_dropdown("draw", (*NAMES, ALL), hint="Which one is drawn beside yours.")
+        self._match = gui.add_dropdown("matched by", tuple(MATCHES), hint="What all filters have in common.")
+        self._rival = gui.add_dropdown("draw", (*NAMES, ALL), hint="Which filter is plotted beside yours.")
         self._verdict = gui.add_markdown("")
         self._chart = Chart(gui, 0.4, sync="kalscope-time")
         self._table = gui.add_markdown("")
@@ -101,14 +101,14 @@ class AlternativesView:
         lines = [*gappy("raw", raw, palette.raw)]
         if compared.shown.truth is not None:
             truth = {**line("truth", palette.truth, 1.5), "dash": (6, 4)}
-            lines.append(Line(compared.shown.truth[inside], truth))
-        lines.append(Line(compared.curve(compared.found.present), loud("yours", palette.filtered, 2.5)))
+            lines.append(ChartLine(compared.shown.truth[inside], truth))
+        lines.append(ChartLine(compared.curve(compared.found.present), loud("yours", palette.filtered, 2.5)))
         colours = dict(zip(NAMES, COLOURS[state.view.dark], strict=True))
         for one in compared.rivals:
-            lines.append(Line(compared.curve(one), loud(one.name, colours.get(one.name, palette.truth), 1.5)))
+            lines.append(ChartLine(compared.curve(one), loud(one.name, colours.get(one.name, palette.truth), 1.5)))
         series = ({"label": time_label(clock)}, *(one.style for one in lines))
         gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
-        layout = Layout(series, axes(scale.label(short(state.channel, 14))), gaps=gaps)
+        layout = ChartLayout(series, axes(scale.label(short(state.channel, 14))), gaps=gaps)
         self._chart.show(time * clock.factor, [one.y * scale.factor for one in lines], layout, state.view.resets)
 
 

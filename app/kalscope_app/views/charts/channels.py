@@ -11,7 +11,7 @@ from kalscope.common.text import count, decibels, lag_text, number
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting
 from kalscope_app.studies.channels_overview import HALF_LANE, LIMIT, Lane, Overview
-from kalscope_app.views.charts.chart import Chart, Layout
+from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
 from kalscope_app.views.charts.time_axis import time_label
 from kalscope_app.views.scales import time_scale_for
@@ -45,9 +45,11 @@ class ChannelsView:
         self._table = gui.add_markdown("")
         with gui.add_folder("Copy a setting", visible=False) as self._folder:
             self._to = gui.add_dropdown(
-                "this channel's to", list[str]([ALL_OTHERS]), hint="Who gets q, r, start and gate of this channel."
+                "copy to",
+                list[str]([ALL_OTHERS]),
+                hint="The channels that get q, r, initial state and gate.",
             )
-            self._copy = gui.add_button("Copy", hint="The same numbers, once; Undo takes it back.")
+            self._copy = gui.add_button("Copy", hint="Copies the numbers once; Undo reverts it.")
         self._copy.on_click(self._on_copy)
 
     async def _on_copy(self, _event: viser.GuiEvent[Any]) -> None:
@@ -74,7 +76,7 @@ class ChannelsView:
             self._chart.show(*lanes_of(overview), overview.state.view.resets)
 
 
-def lanes_of(overview: Overview) -> tuple[Array, list[Array], Layout]:
+def lanes_of(overview: Overview) -> tuple[Array, list[Array], ChartLayout]:
     """The chart: lane 1 on top; raw pale, filtered bold, the channel on screen in its own colour."""
     state = overview.state
     palette = DARK if state.view.dark else LIGHT
@@ -86,7 +88,7 @@ def lanes_of(overview: Overview) -> tuple[Array, list[Array], Layout]:
         ys += [i - HALF_LANE * lane.raw, i - HALF_LANE * lane.filtered]
         series += [line(f"{i} raw", palette.raw), line(f"{i}", colour_of(lane, state, palette), 2)]
     across, up = axes("channel")
-    layout = Layout(
+    layout = ChartLayout(
         tuple(series),
         ({**across, "label": time_label(clock), "size": 34}, {**up, "incrs": (1,), "space": 8}),
         y_range=(0.5, len(overview.lanes) + 0.5),
@@ -105,7 +107,7 @@ def lead_of(overview: Overview) -> str:
     if not overview.lanes:
         return ONE
     names = overview.state.recording.names
-    said = "Each channel fills its own lane: **raw** pale, **filtered** bold, the one that is tuned in orange."
+    said = "Each channel fills its own lane: **raw** thin, **filtered** bold, the current channel in orange."
     more = len(names) - len(overview.lanes)
     return f"{said} {count(more)} more than {LIMIT} are not drawn." if more else said
 

@@ -77,7 +77,7 @@ class Chart:
         self,
         x: Array,
         ys: list[Array],
-        layout: Layout,
+        layout: ChartLayout,
         view: object = None,
         reach: tuple[float, float] | None = None,
     ) -> None:
@@ -115,7 +115,7 @@ def _distribution(log: bool) -> dict[str, int]:
 
 
 @dataclass(frozen=True)
-class Layout:
+class ChartLayout:
     """Everything of a chart but its numbers: compared by value, so it must hold only tuples and dicts."""
 
     series: tuple[Any, ...]

@@ -31,13 +31,15 @@ class WindowView:
             step=0.001,
             initial_value=(0.0, 1.0),
             marks=(),
-            hint="The part of the recording that is drawn. Drag in a chart to zoom further, double click to undo.",
+            hint="The part of the recording that is plotted. Drag in a chart to zoom in; double-click to zoom out.",
         )
-        self._buttons = gui.add_button_group("", ("Reset view", "Follow end"), hint="Show all, or the newest part.")
+        self._buttons = gui.add_button_group(
+            "", ("Reset view", "Follow end"), hint="All of the recording, or its end."
+        )
         self._live = gui.add_button_group(
             "live",
             ("Live", "Pause"),
-            hint="Follow the newest sample, or let the screen stand still.",
+            hint="Follow the newest sample, or freeze the charts.",
             visible=False,
         )
         self._span = gui.add_dropdown(

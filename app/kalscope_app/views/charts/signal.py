@@ -10,8 +10,8 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.common.text import count, number, sample_rate
 from kalscope_app.session.variants import css
-from kalscope_app.views.charts.chart import Chart, Layout
-from kalscope_app.views.charts.style import DARK, LIGHT, Line, Palette, axes, gappy, line, short
+from kalscope_app.views.charts.chart import Chart, ChartLayout
+from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, Palette, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
 from kalscope_app.views.scales import Scale, scale_for
 from kalscope_app.views.text import escape_markdown
@@ -61,21 +61,21 @@ class SignalView:
         scale = scale_for(shown.raw, state.tuning.unit)
         raw = gappy("raw", shown.raw, palette.raw)
         # Only the measurements and the truth decide the y range: a wild start may leave the picture.
-        lines: list[Line] = [
+        lines: list[ChartLine] = [
             *raw,
-            Line(frame.filtered - frame.spread, {**line("−2√p"), "auto": False}),
-            Line(frame.filtered + frame.spread, {**line("+2√p"), "auto": False}),
+            ChartLine(frame.filtered - frame.spread, {**line("−2√p"), "auto": False}),
+            ChartLine(frame.filtered + frame.spread, {**line("+2√p"), "auto": False}),
         ]
         for variant, curve in zip(state.variants, frame.variants, strict=False):
             colour = css(variant.rgb(dark=state.view.dark))
-            lines.append(Line(curve, {**line(variant.name, colour, 1.5), "auto": False}))
-        lines.append(Line(frame.filtered, {**line("filtered", palette.filtered, 2.5), "auto": False}))
+            lines.append(ChartLine(curve, {**line(variant.name, colour, 1.5), "auto": False}))
+        lines.append(ChartLine(frame.filtered, {**line("filtered", palette.filtered, 2.5), "auto": False}))
         if shown.truth is not None:
-            lines.append(Line(shown.truth, {**line("truth", palette.truth, 1.5), "dash": (6, 4)}))
+            lines.append(ChartLine(shown.truth, {**line("truth", palette.truth, 1.5), "dash": (6, 4)}))
         if frame.smoothed is not None:
-            lines.append(Line(frame.smoothed, line("best offline", palette.smoothed, 1.5)))
+            lines.append(ChartLine(frame.smoothed, line("best offline", palette.smoothed, 1.5)))
         if frame.board is not None:
-            lines.append(Line(frame.board, {**line("board's own", palette.board, 1.5), "dash": (3, 3)}))
+            lines.append(ChartLine(frame.board, {**line("board's own", palette.board, 1.5), "dash": (3, 3)}))
         band = {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band}
         label = scale.label(short(state.channel, 30))
         self._draw(self.signal, frame, clock, scale, lines, label, band)
@@ -84,8 +84,8 @@ class SignalView:
         v, spread = without_start(frame)
         scale = scale_for(v, frame.state.tuning.unit)
         lines = [
-            Line(-spread, line("−2√s")),
-            Line(spread, line("+2√s")),
+            ChartLine(-spread, line("−2√s")),
+            ChartLine(spread, line("+2√s")),
             *gappy("innovation", v, palette.innovation, quiet=1),
         ]
         band = {"series": (2, 1), "fill": palette.innovation_band}
@@ -94,11 +94,18 @@ class SignalView:
         self._draw(self.innovation, frame, clock, scale, lines, label, band)
 
     def _draw(
-        self, chart: Chart, frame: Frame, clock: Scale, scale: Scale, lines: list[Line], label: str, band: object
+        self,
+        chart: Chart,
+        frame: Frame,
+        clock: Scale,
+        scale: Scale,
+        lines: list[ChartLine],
+        label: str,
+        band: object,
     ) -> None:
         series = ({"label": time_label(clock, before_now=follows(frame))}, *(one.style for one in lines))
         gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
-        layout = Layout(series, axes(label), (band,), gaps)
+        layout = ChartLayout(series, axes(label), (band,), gaps)
         ys = [one.y * scale.factor for one in lines]
         x, reach = time_points(frame)
         ends = None if reach is None else (reach[0] * clock.factor, reach[1] * clock.factor)
@@ -107,8 +114,8 @@ class SignalView:
     def _show_gain(self, frame: Frame, palette: Palette) -> None:
         top = float(frame.gain.max(initial=0.0))
         ceiling = next((level for level in GAIN_LEVELS if top <= level), 1.0)
-        layout = Layout(
-            ({"label": "samples since the start"}, line("gain K", palette.gain, 2)),
+        layout = ChartLayout(
+            ({"label": "samples since start"}, line("gain K", palette.gain, 2)),
             axes("gain K"),
             y_range=(0.0, ceiling),
         )
@@ -132,7 +139,8 @@ def heading_of(frame: Frame) -> str:
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
     if shown.decimated:
-        parts.append(f"drawn: {count(len(shown.indices))} of {count(shown.last - shown.first)}, numbers use all")
+        plotted, all_samples = count(len(shown.indices)), count(shown.last - shown.first)
+        parts.append(f"plotting {plotted} of {all_samples} samples; statistics use all")
     if math.isfinite(frame.board_difference):
         parts.append(f"the board's own filter differs by up to {number(frame.board_difference)}")
     if frame.status is not None:
@@ -147,7 +155,7 @@ def heading_of(frame: Frame) -> str:
                 f"**{escape_markdown(text, 160)}**" for text in (recording.trouble, recording.warning) if text
             ]
     if starts_wild(frame):
-        parts.append("innovation cut off at the start")
+        parts.append("innovation axis clipped at start-up")
     return " · ".join(parts)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.text import frequency, number, squared
-from kalscope_app.views.charts.chart import Chart, Layout
+from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
 from kalscope_app.views.scales import Scale, log_rate_scale, log_scale_for, log_ticks, log_time_scale
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from kalscope_app.studies.spectra import Allan, Spectra
 
-NOTHING = "This filter has no q and r, so it has neither a response nor a model."
+NOTHING = "This filter has no q and r, so it has no frequency response and no model."
 
 DECADES = 9
 """Decades of a logarithmic chart at most, counted from the top: what is lower is rounding."""
@@ -55,10 +55,10 @@ class SpectrumView:
         unit = f"{unit}/Hz" if spectra.found.in_hertz else f"{unit} per cycle/sample"
         low, high, ys = floored(spectra.densities)
         scale = log_scale_for(np.array([low]), unit)
-        colours = (("raw", palette.raw), ("filtered", palette.filtered), ("taken away", palette.innovation))
+        colours = (("raw", palette.raw), ("filtered", palette.filtered), ("removed", palette.innovation))
         x = spectra.frequency * hertz.factor
         reach = (low * scale.factor, high * scale.factor)
-        layout = Layout(
+        layout = ChartLayout(
             ({"label": f"frequency ({hertz.unit})"}, *(line(name, colour, 2) for name, colour in colours)),
             log_axes(x, reach, scale.label("density")),
             y_range=reach,
@@ -72,7 +72,7 @@ class SpectrumView:
         cut = np.where(spectra.fine == spectra.found.cutoff, spectra.response_db, np.nan)
         marks = {"show": True, "size": 11, "space": 0, "fill": palette.truth, "stroke": palette.truth}
         lowest = float(spectra.response_db.min())
-        layout = Layout(
+        layout = ChartLayout(
             (
                 {"label": f"frequency ({hertz.unit})"},
                 line("response (dB)", palette.filtered, 2),
@@ -104,9 +104,9 @@ class AllanView:
         found, palette = allan.found, DARK if allan.state.view.dark else LIGHT
         self._text.content = f"**{found.message}**"
         self._note.content = (
-            "Allan deviation: how much neighbouring averages differ. It falls while averaging takes off noise "
-            "(√r at one sample), and rises once the signal moves away in the meantime. Where the model’s line "
-            "leaves the recording’s, q or r does not fit."
+            "Allan deviation: how much neighbouring averages differ. It falls while averaging reduces the noise "
+            "(√r at one sample) and rises once the signal moves. Where the model deviates from the recording, "
+            "q or r does not fit."
         )
         clock = log_time_scale(found.tau) if found.in_seconds else log_scale_for(found.tau, "samples")
         low, high, ys = floored((found.deviation, found.model))
@@ -119,7 +119,7 @@ class AllanView:
         reach = (low * scale.factor, high * scale.factor)
         dots = {"show": True, "size": 6, "space": 0, "fill": palette.truth}
         spot = {"show": True, "size": 13, "space": 0, "fill": palette.filtered, "stroke": palette.filtered}
-        layout = Layout(
+        layout = ChartLayout(
             (
                 {"label": f"averaging time ({clock.unit})"},
                 line("−2 σ"),
@@ -127,7 +127,7 @@ class AllanView:
                 {**line("recording", palette.truth, 2), "points": dots},
                 line("model", palette.filtered, 2),
                 {
-                    "label": "least of the model",
+                    "label": "minimum of the model",
                     "stroke": palette.filtered,
                     "width": 0,
                     "points": spot,
@@ -151,12 +151,12 @@ def plain_unit(unit: str) -> str:
 
 
 def cutoff_words(spectra: Spectra) -> str:
-    """Where the filter begins to take away."""
+    """The cut-off frequency, in a sentence."""
     found = spectra.found
     if math.isnan(found.cutoff):
         return "This filter has no cut-off: it passes more than half of the power at every frequency."
     at = frequency(found.cutoff) if found.in_hertz else f"{number(found.cutoff)} cycles a sample"
-    return f"Cut-off (−3 dB): {at}. What moves slower passes, what moves faster is taken away."
+    return f"Cut-off (−3 dB): {at}. Lower frequencies pass, higher ones are attenuated."
 
 
 def floored(ys: tuple[Array, ...]) -> tuple[float, float, list[Array]]:

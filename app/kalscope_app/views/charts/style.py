@@ -51,7 +51,7 @@ DARK = Palette(
 
 
 @dataclass(frozen=True)
-class Line:
+class ChartLine:
     """One line of a chart."""
 
     y: Array
@@ -62,16 +62,16 @@ class Line:
     """Drawn as points, with gaps where y is NaN."""
 
 
-def gappy(label: str, y: Array, colour: str, quiet: int = 0) -> tuple[Line, ...]:
+def gappy(label: str, y: Array, colour: str, quiet: int = 0) -> tuple[ChartLine, ...]:
     """A measured line. With missing samples (after the first `quiet`): points, and the last value for the range.
 
     uPlot draws a line across every gap, and takes no range from a line that begins with one.
     """
     if not np.isnan(y[quiet:]).any():
-        return (Line(y, line(label, colour)),)
+        return (ChartLine(y, line(label, colour)),)
     marks = {"show": True, "size": 3, "space": 0, "fill": colour, "stroke": colour}
     points: dict[str, object] = {"label": label, "stroke": colour, "width": 0, "points": marks, "auto": False}
-    return Line(y, points, gaps=True), Line(y, line(f"last {label}"))
+    return ChartLine(y, points, gaps=True), ChartLine(y, line(f"last {label}"))
 
 
 def short(name: str, limit: int) -> str:

@@ -49,4 +49,4 @@ def time_label(clock: Scale, *, before_now: bool = False) -> str:
     """Name of the time axis, with its unit."""
     if clock.unit == "samples":
         return "sample"
-    return f"before now ({clock.unit})" if before_now else f"time ({clock.unit})"
+    return f"time before now ({clock.unit})" if before_now else f"time ({clock.unit})"

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from kalscope_app.session.state import State
 
 HOW = (
-    "Works with the exported Arduino sketch. Its filter starts anew with these values; start value and outlier "
-    "gate stay those of the export."
+    "Works with the exported Arduino sketch. Its filter restarts with these values; the initial estimate and the "
+    "outlier gate remain those of the export."
 )
 
 
@@ -43,7 +43,7 @@ class BoardView:
         self._session, self._jobs, self._tell, self._connected = session, jobs, tell, connected
         with gui.add_folder("Send to the board", visible=False) as self._folder:
             gui.add_markdown(HOW)
-            send = gui.add_button("Send q, r and p0", hint="One value at a time; the board answers each.")
+            send = gui.add_button("Send q, r and p0", hint="One value at a time; the board confirms each.")
             self._text = gui.add_markdown("")
         send.on_click(self._on_send)
 
@@ -82,13 +82,13 @@ def compared(state: State) -> str:
     else:
         text = (
             f"{count(check.different)} of {count(check.rows)} rows differ {since}, by up to "
-            f"{count(check.largest_steps)} steps of float32 ({number(check.largest)}). A board that was reset has "
-            "the values of its export again: then send once more."
+            f"{count(check.largest_steps)} steps of float32 ({number(check.largest)}). A board that was reset uses "
+            "the exported values again: send once more."
         )
     if float32_params(sent.asked).settled_gain > 0.0:
-        text += " The board's gain stays larger than on screen: for so small a q/r only the export goes on with it."
+        text += " The board's gain stays larger than on screen: only the exported code can use so small a q/r."
     if state.params != sent.asked:
-        text += " What is on screen now has not been sent."
+        text += " The current values have not been sent."
     return text
 
 

@@ -1,4 +1,4 @@
-"""Code for a device: choose a target, look at its files, take them along."""
+"""Code for a device: choose a target, preview its files, save or download them."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ UNEVEN = 0.5
 """Periods by which a time step must differ from one before a device would show it."""
 
 GAPS = (
-    "On screen gaps in time count; code and test vectors take one period a sample. Where samples are missing, "
-    "give the device's filter a NaN for each."
+    "On screen, gaps in time count. The code and the test vectors take one period per sample: pass a NaN to the "
+    "device's filter for each missing sample."
 )
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What is to be exported, as the person chose it."""
+    """What the user chose to export."""
 
     target: str = "arduino"
     """A name of `kalscope.export.TARGETS`."""
@@ -57,33 +57,33 @@ class Choice:
 
 
 class CodeView:
-    """The folder "Code for a device" of the Export tab. Files are made as jobs from the state on screen."""
+    """The folder "Export code" of the Export tab. Files are made as jobs from the state on screen."""
 
     def __init__(
         self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
     ) -> None:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
-        with gui.add_folder("Code for a device"):
-            self._target = gui.add_dropdown("for", tuple(TITLES), hint="Where the filter is to run.")
+        with gui.add_folder("Export code"):
+            self._target = gui.add_dropdown("target", tuple(TITLES), hint="Where the filter will run.")
             self._what = gui.add_markdown(TARGETS["arduino"].what)
             self._limits = gui.add_markdown("", visible=False)
-            self._channels = gui.add_dropdown("filters", (THIS, ALL), hint="What the files hold.")
+            self._channels = gui.add_dropdown("channels", (THIS, ALL), hint="Which filters the files contain.")
             self._vectors = gui.add_checkbox(
                 "with test vectors",
                 False,
-                hint="groundtruth.csv: the first samples of this recording and what the filter makes of them.",
+                hint="groundtruth.csv: the first samples of this recording, raw and filtered.",
             )
             self._period = gui.add_text(
-                "period (s)",
+                "device sample period (s)",
                 "",
-                hint="Between two samples of the device; q is carried over to it. Empty: as in this recording.",
+                hint="q is converted to it. Empty: as recorded.",
             )
-            look = gui.add_button("Look and copy", hint="Shows the files, to read and to copy.")
+            look = gui.add_button("Preview code", hint="Shows the files, to read and copy.")
             self._name = gui.add_text(
                 "folder", "export", hint="A new folder inside the one in which Kalscope was started."
             )
-            save = gui.add_button("Save to the folder", hint="Files that are there already are not replaced.")
-            download = gui.add_button("Download", hint="One file, or a zip of all.")
+            save = gui.add_button("Save to the folder", hint="Existing files are not overwritten.")
+            download = gui.add_button("Download", hint="One file, or a zip of several.")
         self._target.on_update(self._on_target)
         self._channels.on_update(self._on_choice)
         self._period.on_update(self._on_choice)
@@ -148,7 +148,7 @@ class CodeView:
             self._channels.visible = several
 
     def show_limits(self, text: str) -> None:
-        """What differs on a small board."""
+        """Show what differs on a small board."""
         if self._limits.content != text:
             self._limits.content = text
             self._limits.visible = bool(text)
@@ -157,7 +157,7 @@ class CodeView:
 def limits_text(state: State, choice: Choice = Choice()) -> str:
     """What will differ from the screen, as markdown; "" where nothing does. A study."""
     if state.paper_filter is not None:
-        return "The second paper's filter is on screen, and there is no code for it: choose *q and r* under Tune."
+        return "There is no code for the Khan et al. filter: choose *Kalman filter* in the Tune tab."
 
     def level(name: str) -> float:
         z = state.recording.channel(name)
@@ -166,7 +166,7 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
     try:
         limits = limits_of(*chosen(state, choice), choice.target, level)
     except BadSetting as error:
-        return f"There is no code for what is chosen: {escape_markdown(str(error), 400)}"
+        return f"This choice cannot be exported: {escape_markdown(str(error), 400)}"
     lines = [f"On a small board: {escape_markdown(limit, 400)}" for limit in limits]
     if state.dt is not None and np.any(np.abs(state.dt - 1.0) > UNEVEN):
         lines.append(GAPS)
@@ -177,7 +177,7 @@ def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str
     """The files of a choice for what is on screen, by name; with the test vectors if wished.
 
     Raises:
-        BadSetting: As `export_tuning`, and where a channel has the second paper's filter.
+        BadSetting: As `export_tuning`, and where a channel has the Khan et al. filter.
     """
     tuning, channel = chosen(state, choice)
     return export_tuning(tuning, choice.target, channel=channel, vectors=state.recording if vectors else None)
@@ -187,7 +187,7 @@ def chosen(state: State, choice: Choice) -> tuple[Tuning, str | None]:
     """The tuning of the device, and which of its channels is meant; None = all.
 
     Raises:
-        BadSetting: The period is none, or a channel has the second paper's filter.
+        BadSetting: The period is none, or a channel has the Khan et al. filter.
     """
     state.require_standard_filter(state.recording.names if choice.all_channels else [state.channel])
     tuning = state.as_tuning()

@@ -31,12 +31,12 @@ class ExportView:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
         with gui.add_folder("Tuning file and data"):
             self._path = gui.add_text(
-                "tuning file", "tuning.toml", hint="A name inside the folder in which Kalscope was started."
+                "tuning file", "tuning.toml", hint="A file name in the folder in which Kalscope was started."
             )
             self._save = gui.add_button(
-                "Save tuning file", hint="q, r, p0 and x0 of every channel, with the source."
+                "Save tuning file", hint="q, r, p0 and x0 of every channel, and the source."
             )
-            self._download = gui.add_button("Download tuning file", hint="The same file, through the browser.")
+            self._download = gui.add_button("Download tuning file", hint="The same file, as a download.")
             self._csv = gui.add_button(
                 "Download filtered CSV", hint="Time, raw, filtered and variance of every channel."
             )
@@ -78,16 +78,14 @@ def how_to_use(state: State) -> str:
     """What to type with the tuning file, as markdown."""
     source, live = state.recording.source, state.live is not None
     text = (
-        "The file reopens this very state:\n\n"
+        "Reopen this session:\n\n"
         f"`kalscope open {'' if source else 'FILE '}--config tuning.toml`\n\n"
-        "and filters without a dashboard:\n\n"
+        "Filter from the command line:\n\n"
         f"`kalscope filter {'FILE' if live else shell_word(source)} --config tuning.toml -o out.csv`"
     )
     if live:
-        return text + "\n\nFILE is a recording of the board."
-    return (
-        text if source else text + "\n\nFILE is the file that you uploaded: a browser does not tell where it lies."
-    )
+        return text + "\n\nReplace FILE with the path of a recording of the board."
+    return text if source else text + "\n\nReplace FILE with the path of the file you uploaded."
 
 
 def _send_tuning(state: State, client: viser.ClientHandle) -> None:

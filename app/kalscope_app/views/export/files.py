@@ -1,4 +1,4 @@
-"""Windows in one browser: files to read and copy, and why there are none."""
+"""Dialogs in one browser: files to read and copy, and why an export failed."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ outside may ever come in here."""
 
 def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:
     """A window with a tab for each file, in a text box: plain text, so nothing in it can act."""
-    with client.gui.add_modal("Files to copy") as window:
+    with client.gui.add_modal("Preview code") as window:
         client.gui.add_html(WIDE)
-        client.gui.add_markdown("Click into the text, then Ctrl+A and Ctrl+C.")
+        client.gui.add_markdown("Click into the text, then press Ctrl+A and Ctrl+C.")
         tabs = client.gui.add_tab_group()
         for name, text in files.items():
             with tabs.add_tab(name):
@@ -34,8 +34,8 @@ def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:
 
 
 def show_refusal(client: viser.ClientHandle, message: str) -> None:
-    """A window that waits until it was read: such a message is too long for a notification."""
-    with client.gui.add_modal("This cannot be exported") as window:
+    """A dialog that stays until it is closed: such a message is too long for a notification."""
+    with client.gui.add_modal("Cannot export") as window:
         client.gui.add_markdown(escape_markdown(f"{message[:1].upper()}{message[1:]}.", 2000))
         _add_close(client, window)
 

@@ -1,4 +1,4 @@
-"""The buttons that make the page for the lab book, HTML or PNG, from the state on screen."""
+"""The buttons that make a one-page report for the lab book, HTML or PNG, from the state on screen."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ReportView:
 
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
-        hint = "One page on this channel: chart, parameters, what they do, whether they fit, how to reopen it."
+        hint = "One page on this channel: chart, parameters, resulting filter, tests, and how to reopen it."
         with gui.add_folder("Report"):
             self._html = gui.add_button("Download report (HTML)", hint=f"{hint} Prints on one sheet.")
             self._png = gui.add_button("Download report (PNG)", hint=hint)
@@ -42,7 +42,7 @@ class ReportView:
 
 def _send(state: State, client: viser.ClientHandle, name: str) -> None:
     if state.paper_filter is not None:
-        raise BadSetting("a report must be on the filter with q and r (got the second paper's)")
+        raise BadSetting("a report needs the Kalman filter with q and r (got the Khan et al. filter)")
     report = make_report(state.recording, state.as_tuning(), state.channel)
     content = as_png(report) if name.endswith(".png") else as_html(report).encode()
     client.send_file_download(name, content, save_immediately=True)

@@ -1,4 +1,4 @@
-"""Share: the one line that reopens file, channel and setting, to be copied."""
+"""Share: the command that reopens file, channel and setting, to be copied."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ if TYPE_CHECKING:
 
 
 class ShareView:
-    """A box with the line; whatever is typed into it is written over."""
+    """A box with the command; what is typed into it is overwritten."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Share in one line"):
             self._line = gui.add_text(
-                "command", "", multiline=True, hint="Click into it, Ctrl+A, Ctrl+C; then run it in a terminal."
+                "command",
+                "",
+                multiline=True,
+                hint="Click into it, press Ctrl+A and Ctrl+C; run it in a terminal.",
             )
             self._remarks = gui.add_markdown("")
 
@@ -27,6 +30,6 @@ class ShareView:
         shared = share_line(frame.state)
         if self._line.value != shared.line:
             self._line.value = shared.line
-        text = " ".join(("It reopens this file, this channel and its setting.", *shared.remarks))
+        text = " ".join(("It reopens this file, channel and setting.", *shared.remarks))
         if self._remarks.content != text:
             self._remarks.content = text

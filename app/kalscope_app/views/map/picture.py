@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from kalscope.common.text import DURATIONS, duration, squared, trimmed
-from kalscope_app.studies.map_geometry import Frame, Point, decades, diagonal, lag_lines
+from kalscope_app.studies.map_geometry import MapFrame, Point, decades, diagonal, lag_lines
 from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP, MapPalette
 from kalscope_app.views.map.pen import Pen
 
@@ -30,11 +30,11 @@ FIRST_PAPER = 0.01
 
 
 @dataclass(frozen=True)
-class Plate:
+class MapPictureInput:
     """All that a picture of the map is drawn from."""
 
     map: TuningMap
-    frame: Frame
+    frame: MapFrame
     unit: str
     """Unit of the signal."""
     period: float | None
@@ -54,27 +54,27 @@ class Plate:
         return name, self.period / length
 
 
-def draw_map_picture(plate: Plate) -> NDArray[np.uint8]:
+def draw_map_picture(inputs: MapPictureInput) -> NDArray[np.uint8]:
     """The whole canvas, shape (SHARPNESS · height, SHARPNESS · width, 3)."""
-    frame, palette = plate.frame, DARK_MAP if plate.dark else LIGHT_MAP
+    frame, palette = inputs.frame, DARK_MAP if inputs.dark else LIGHT_MAP
     size = round(SHARPNESS * frame.width), round(SHARPNESS * frame.height)
     image = Image.new("RGB", size, palette.background)
     pen = Pen(image, SHARPNESS)
-    if not plate.map.colour:
-        pen.paragraph((24, 0.3 * frame.height), plate.map.note, palette.quiet, 14, frame.width - 48)
+    if not inputs.map.colour:
+        pen.paragraph((24, 0.3 * frame.height), inputs.map.note, palette.quiet, 14, frame.width - 48)
         return np.asarray(image)
     left, top, right, bottom = (
         round(SHARPNESS * edge) for edge in (frame.left, frame.top, frame.right, frame.bottom)
     )
     box = left, top, right, bottom
-    image.paste(heat(plate.map.shade, palette, right - left, bottom - top), (left, top))
-    _draw_inside(image, plate, palette, box)
+    image.paste(heat(inputs.map.shade, palette, right - left, bottom - top), (left, top))
+    _draw_inside(image, inputs, palette, box)
     pen.draw.rectangle(box, outline=palette.quiet, width=SHARPNESS)
-    _write_chips(pen, plate, palette)
-    _write_lags(pen, plate, palette)
-    _write_axes(pen, plate, palette)
-    y = _write_bar(pen, plate, palette, frame.bottom + 62)
-    _write_legend(pen, plate, palette, y + 12)
+    _write_chips(pen, inputs, palette)
+    _write_lags(pen, inputs, palette)
+    _write_axes(pen, inputs, palette)
+    y = _write_bar(pen, inputs, palette, frame.bottom + 62)
+    _write_legend(pen, inputs, palette, y + 12)
     return np.asarray(image)
 
 
@@ -93,30 +93,32 @@ def colours(shade: NDArray[np.floating], palette: MapPalette) -> NDArray[np.uint
     return table[np.clip((np.asarray(shade) * LEVELS).astype(int), 0, LEVELS - 1)]
 
 
-def _draw_inside(image: Image.Image, plate: Plate, palette: MapPalette, box: tuple[int, int, int, int]) -> None:
+def _draw_inside(
+    image: Image.Image, inputs: MapPictureInput, palette: MapPalette, box: tuple[int, int, int, int]
+) -> None:
     """Everything that must not leave the frame: drawn on a layer that is cut to it."""
     layer = Image.new("RGBA", image.size, (0, 0, 0, 0))
-    pen, frame = Pen(layer, SHARPNESS), plate.frame
-    for line in lag_lines(frame, plate.lag_unit[1]):
+    pen, frame = Pen(layer, SHARPNESS), inputs.frame
+    for line in lag_lines(frame, inputs.lag_unit[1]):
         pen.line([line.start, line.end], palette.lines, 1)
     paper = diagonal(frame, FIRST_PAPER)
     if paper is not None:
         pen.line([paper.start, paper.end], palette.halo, 4)
         pen.dashes(paper.start, paper.end, palette.ink, 1.5)
-    if plate.map.contour is not None:
-        points = [frame.pixel((q, r)) for q, r in plate.map.contour.tolist()]
+    if inputs.map.contour is not None:
+        points = [frame.pixel((q, r)) for q, r in inputs.map.contour.tolist()]
         pen.line(points, palette.background, 4)
         pen.line(points, palette.contour, 2)
-    if plate.map.optimum is not None:
-        pen.cross(frame.pixel(frame.held(plate.map.optimum)), palette.best, palette.background)
-    for name, colour, point in plate.pinned:
+    if inputs.map.optimum is not None:
+        pen.cross(frame.pixel(frame.held(inputs.map.optimum)), palette.best, palette.background)
+    for name, colour, point in inputs.pinned:
         pen.badge(frame.pixel(frame.held(point)), name, colour, palette.background)
     inside = box[0], box[1], box[2] + 1, box[3] + 1
     part = layer.crop(inside)
     image.paste(part, inside[:2], part)
 
 
-def chips(frame: Frame, truth: bool) -> tuple[tuple[str, tuple[float, float, float, float]], ...]:
+def chips(frame: MapFrame, truth: bool) -> tuple[tuple[str, tuple[float, float, float, float]], ...]:
     """The colourings to choose from above the map, each with its box, pixels: left, top, right, bottom."""
     names = (("likelihood", 82.0), *((("RMSE", 58.0),) if truth else ()), ("lag", 44.0))
     boxes, x = [], frame.left + 62.0
@@ -126,21 +128,21 @@ def chips(frame: Frame, truth: bool) -> tuple[tuple[str, tuple[float, float, flo
     return tuple(boxes)
 
 
-def _write_chips(pen: Pen, plate: Plate, palette: MapPalette) -> None:
-    pen.text((plate.frame.left, 24), "colour by", palette.quiet, 12, "lm")
-    for name, (left, top, right, bottom) in chips(plate.frame, plate.truth):
-        chosen = name == plate.map.colour
+def _write_chips(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None:
+    pen.text((inputs.frame.left, 24), "colour by", palette.quiet, 12, "lm")
+    for name, (left, top, right, bottom) in chips(inputs.frame, inputs.truth):
+        chosen = name == inputs.map.colour
         pen.box((left, top, right, bottom), palette.chip if chosen else None, palette.chip)
         colour = palette.on_chip if chosen else palette.ink
         pen.text((0.5 * (left + right), 0.5 * (top + bottom)), name, colour, 12, "mm")
 
 
-def _write_lags(pen: Pen, plate: Plate, palette: MapPalette) -> None:
+def _write_lags(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None:
     """The lag of each line where it leaves the map, at the top or the right edge."""
-    frame, free = plate.frame, -math.inf
-    pen.text((0.5 * (frame.left + frame.right), frame.top - 34), "lag on a ramp", palette.quiet, 12, "ms")
-    for line in sorted(lag_lines(frame, plate.lag_unit[1]), key=lambda one: one.end[0]):
-        text = lag_words(line.lag, plate)
+    frame, free = inputs.frame, -math.inf
+    pen.text((0.5 * (frame.left + frame.right), frame.top - 34), "lag", palette.quiet, 12, "ms")
+    for line in sorted(lag_lines(frame, inputs.lag_unit[1]), key=lambda one: one.end[0]):
+        text = lag_words(line.lag, inputs)
         x, y = line.end
         if y > frame.top + 1.0:
             if y > frame.top + 8.0:
@@ -150,17 +152,17 @@ def _write_lags(pen: Pen, plate: Plate, palette: MapPalette) -> None:
             free = x + 0.5 * pen.width(text, 11) + 6.0
 
 
-def lag_words(lag: float, plate: Plate) -> str:
+def lag_words(lag: float, inputs: MapPictureInput) -> str:
     """A lag, in samples, as a length of time in one unit for the whole map, or in samples without a time."""
-    name, sample = plate.lag_unit
+    name, sample = inputs.lag_unit
     value = lag * sample
     if name == "s" and value < 1.0:
         return duration(value)
     return trimmed(value) if name == "samples" else f"{trimmed(value)} {name}"
 
 
-def _write_axes(pen: Pen, plate: Plate, palette: MapPalette) -> None:
-    frame = plate.frame
+def _write_axes(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None:
+    frame = inputs.frame
     for e in decades(*frame.q):
         x = frame.pixel((e, 0.0))[0]
         pen.line([(x, frame.bottom), (x, frame.bottom + 4)], palette.quiet, 1)
@@ -169,7 +171,7 @@ def _write_axes(pen: Pen, plate: Plate, palette: MapPalette) -> None:
         y = frame.pixel((0.0, e))[1]
         pen.line([(frame.left - 4, y), (frame.left, y)], palette.quiet, 1)
         pen.text((frame.left - 7, y), tick(e), palette.ink, 11, "rm")
-    unit = squared(plate.unit)
+    unit = squared(inputs.unit)
     middle = 0.5 * (frame.left + frame.right)
     pen.text((middle, frame.bottom + 36), f"process noise q, {unit}", palette.ink, 13, "mm")
     pen.upright((14, 0.5 * (frame.top + frame.bottom)), f"measurement noise r, {unit}", palette.ink, 13)
@@ -180,14 +182,14 @@ def tick(exponent: int) -> str:
     return f"{10.0**exponent:g}" if -3 <= exponent <= 4 else f"1e{exponent}"
 
 
-def _write_bar(pen: Pen, plate: Plate, palette: MapPalette, y: float) -> float:
+def _write_bar(pen: Pen, inputs: MapPictureInput, palette: MapPalette, y: float) -> float:
     """The colour bar with its numbers; returns where it ends."""
-    frame, shown = plate.frame, plate.map
+    frame, shown = inputs.frame, inputs.map
     left, right = frame.left, frame.right
     titles = {
         "likelihood": "log-likelihood below the best",
-        "RMSE": f"error against the truth, RMSE ({plate.unit or 'unit'})",
-        "lag": "lag on a ramp" + ("" if plate.period else " (samples)"),
+        "RMSE": f"error against the truth, RMSE ({inputs.unit or 'unit'})",
+        "lag": "lag" + ("" if inputs.period else " (samples)"),
     }
     pen.text((left, y), titles[shown.colour], palette.ink, 12, "lm")
     strip = colours(np.linspace(1.0, 0.0, round(SHARPNESS * (right - left)))[None, :], palette)
@@ -195,7 +197,7 @@ def _write_bar(pen: Pen, plate: Plate, palette: MapPalette, y: float) -> float:
     pen.outline((left, y + 12, right, y + 22), palette.quiet)
     free = -math.inf
     for shade, value in shown.marks:
-        text = lag_words(value, plate) if shown.colour == "lag" else bare(value)
+        text = lag_words(value, inputs) if shown.colour == "lag" else bare(value)
         x = left + (1.0 - shade) * (right - left)
         begin = min(max(x - 0.5 * pen.width(text, 11), left), right - pen.width(text, 11))
         if begin > free:
@@ -210,28 +212,28 @@ def bare(value: float) -> str:
     return f"{value:.0e}".replace("e+0", "e") if value >= 1e4 else trimmed(value)
 
 
-def _write_legend(pen: Pen, plate: Plate, palette: MapPalette, y: float) -> None:
-    frame, shown = plate.frame, plate.map
+def _write_legend(pen: Pen, inputs: MapPictureInput, palette: MapPalette, y: float) -> None:
+    frame, shown = inputs.frame, inputs.map
     x, words = frame.left + 12.0, frame.left + 32.0
-    rows = [("point", "present q and r: drag it, or click")]
+    rows = [("point", "current q and r: drag it, or click")]
     if shown.optimum is not None:
         off = " (off the map)" if math.inf in map(abs, shown.optimum) else ""
         rows.append(("best", f"most likely q and r{off}"))
     if shown.contour is not None:
         inside = " (inside the cross)" if hidden(frame, shown) else ": 2 x log-likelihood drop = 5.99"
         rows.append(("contour", f"95 % region{inside}"))
-    rows.append(("paper", "r/q = 100, the first paper"))
-    if plate.pinned:
+    rows.append(("paper", "r/q = 100 (Ma'arif 2019)"))
+    if inputs.pinned:
         rows.append(("pinned", "pinned settings"))
     for kind, text in rows:
-        _draw_key(pen, kind, (x, y), plate, palette)
+        _draw_key(pen, kind, (x, y), inputs, palette)
         pen.text((words, y), text, palette.ink, 12, "lm")
         y += 19.0
     if shown.note:
         pen.paragraph((frame.left, y), shown.note, palette.quiet, 11, frame.width - frame.left - 12)
 
 
-def hidden(frame: Frame, shown: TuningMap) -> bool:
+def hidden(frame: MapFrame, shown: TuningMap) -> bool:
     """Whether the cross of the best pair covers the 95 % region, as it does for a long recording."""
     if shown.contour is None:
         return False
@@ -239,7 +241,7 @@ def hidden(frame: Frame, shown: TuningMap) -> bool:
     return bool((np.ptp(pixels, axis=0) < 12.0).all())
 
 
-def _draw_key(pen: Pen, kind: str, at: Point, plate: Plate, palette: MapPalette) -> None:
+def _draw_key(pen: Pen, kind: str, at: Point, inputs: MapPictureInput, palette: MapPalette) -> None:
     x, y = at
     if kind == "point":
         pen.ring(at, 6.0, palette.point, palette.background)
@@ -250,7 +252,7 @@ def _draw_key(pen: Pen, kind: str, at: Point, plate: Plate, palette: MapPalette)
     elif kind == "paper":
         pen.dashes((x - 11, y), (x + 11, y), palette.ink, 1.5)
     else:
-        name, colour, _ = plate.pinned[0]
+        name, colour, _ = inputs.pinned[0]
         pen.badge(at, name, colour, palette.background)
 
 

@@ -13,15 +13,24 @@ import viser
 from kalscope_app.session.changes.parameters import set_point
 from kalscope_app.session.changes.view import set_map_colour, set_map_shown
 from kalscope_app.session.state import MAP_COLOURS, State
-from kalscope_app.studies.map_geometry import DISTANCE, PIXELS, Frame, Point, field_of_view, frame_for, grabbed, hit
+from kalscope_app.studies.map_geometry import (
+    DISTANCE,
+    PIXELS,
+    MapFrame,
+    Point,
+    field_of_view,
+    frame_for,
+    grabbed,
+    hit,
+)
 from kalscope_app.studies.tuning_map import TuningMap, exponents_of, nothing
-from kalscope_app.views.map.picture import Plate, chips, draw_map_picture, draw_ring
+from kalscope_app.views.map.picture import MapPictureInput, chips, draw_map_picture, draw_ring
 from kalscope_app.views.window.layout import shape_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from kalscope_app.engine import frame as frames
+    from kalscope_app.engine.frame import Frame
     from kalscope_app.session.session import Session
 
 FLAT = (0.0, 1.0, 0.0, 0.0)
@@ -51,7 +60,7 @@ class TuningMapView:
         self._lock = threading.Lock()
         self._map: TuningMap = nothing("")
         self._state: State | None = None
-        self._plate: Plate | None = None
+        self._drawn: MapPictureInput | None = None
         self._frame = frame_for(*SIZE, self._map.q, self._map.r)
         # Browsers whose camera looks straight at the map; what others point at is not what they see.
         self._aimed = WeakKeyDictionary[viser.ClientHandle, float]()
@@ -82,12 +91,12 @@ class TuningMapView:
         self._shown = gui.add_checkbox(
             "tuning map",
             True,
-            hint="The map of q and r between the panels, where the window is wide enough for it.",
+            hint="The map of q and r between the panels, if the window is wide enough.",
         )
         self._colour = gui.add_dropdown(
             "map coloured by", MAP_COLOURS, hint="How well each pair explains the recording, its error, or its lag."
         )
-        flat = gui.add_button("Flat view", hint="The map as it was, after it has been turned, moved or zoomed.")
+        flat = gui.add_button("Reset map view", hint="Undo turning, moving and zooming the map.")
         self._shown.on_update(self._on_shown)
         self._colour.on_update(self._on_colour)
         flat.on_click(self._on_flat)
@@ -136,7 +145,7 @@ class TuningMapView:
 
     # What the person sees.
 
-    def follow(self, frame: frames.Frame) -> None:
+    def follow(self, frame: Frame) -> None:
         """Move the mark, at a slow pace; once the person rests, `show` brings it to its place."""
         self._state, now = frame.state, time.monotonic()
         if self._shown.value != frame.state.view.map_shown:
@@ -164,18 +173,18 @@ class TuningMapView:
         if state is None:
             return
         self._frame = frame_for(*SIZE, self._map.q, self._map.r)
-        plate = plate_of(state, self._map, self._frame)
+        inputs = picture_input(state, self._map, self._frame)
         self._place(state)
         self._show_colour(state)
-        if self._plate is not None and same_plate(plate, self._plate):
+        if self._drawn is not None and same_picture(inputs, self._drawn):
             return
-        picture, ring = draw_map_picture(plate), draw_ring(dark=plate.dark)
-        self._plate = plate
+        picture, ring = draw_map_picture(inputs), draw_ring(dark=inputs.dark)
+        self._drawn = inputs
         with self._server.atomic():
             self._ring.image = ring
             self._picture.image = picture
-            self._picture.render_width = plate.frame.width / PIXELS
-            self._picture.render_height = plate.frame.height / PIXELS
+            self._picture.render_width = inputs.frame.width / PIXELS
+            self._picture.render_height = inputs.frame.height / PIXELS
             self._picture.visible = self._glass.visible = True
 
     def _show_colour(self, state: State) -> None:
@@ -224,16 +233,16 @@ class TuningMapView:
             self._look_straight(client)
 
 
-def plate_of(state: State, shown: TuningMap, frame: Frame) -> Plate:
+def picture_input(state: State, shown: TuningMap, frame: MapFrame) -> MapPictureInput:
     """What the picture is drawn from."""
     pinned = tuple((v.name, v.rgb(dark=state.view.dark), exponents_of(state, v.tuning)) for v in state.variants)
     recording = state.recording
     unit, truth = state.tuning.unit, recording.truth is not None
-    return Plate(shown, frame, unit, recording.sample_period, state.view.dark, truth, pinned)
+    return MapPictureInput(shown, frame, unit, recording.sample_period, state.view.dark, truth, pinned)
 
 
-def same_plate(one: Plate, other: Plate) -> bool:
-    """Whether two plates give the same picture; maps hold arrays, which have no plain equality."""
+def same_picture(one: MapPictureInput, other: MapPictureInput) -> bool:
+    """Whether two inputs give the same picture; maps hold arrays, which have no plain equality."""
     rest = [(p.frame, p.unit, p.period, p.dark, p.truth, p.pinned) for p in (one, other)]
     return one.map is other.map and rest[0] == rest[1]
 

@@ -1,4 +1,4 @@
-"""The form that says how a file is to be read."""
+"""The form with the import options."""
 
 from __future__ import annotations
 
@@ -13,24 +13,26 @@ if TYPE_CHECKING:
 
 
 class ReadingForm:
-    """What the sniffer decided can be decided otherwise; empty boxes leave it to the sniffer."""
+    """Options in place of what was detected; empty boxes are detected."""
 
     def __init__(self, gui: viser.GuiApi, read: Callable[[ReadOptions], None]) -> None:
         self._read = read
         self._delimiter = gui.add_dropdown(
-            "delimiter", (FOUND, "comma", "semicolon", "tab", "bar", "space"), hint="The mark between two cells."
+            "delimiter",
+            (FOUND, "comma", "semicolon", "tab", "bar", "space"),
+            hint="The character between two cells.",
         )
         self._time = gui.add_text("time column", "", hint="Its name, its number from 1, or none.")
         self._unit = gui.add_dropdown(
             "time unit",
             (FOUND, "s", "ms", "us", "ns", "min", "h", "day", "year"),
-            hint="What one step of a numeric time column is.",
+            hint="The unit of a numeric time column.",
         )
         self._missing = gui.add_text(
-            "missing values", "", hint="Values that mean: no sample, with spaces between, such as -200 400."
+            "missing values", "", hint="Values that mark a missing sample, separated by spaces, such as -200 400."
         )
         self._gaps = gui.add_dropdown("gaps in time", tuple(GAPS), hint="How long gaps are filtered.")
-        gui.add_button("Read again", hint="Also takes in what was added to the file.").on_click(self._on_read)
+        gui.add_button("Re-import", hint="Also reads what was added to the file.").on_click(self._on_read)
 
     async def _on_read(self, _event: viser.GuiEvent[Any]) -> None:
         def chosen(text: str) -> str | None:
@@ -47,9 +49,9 @@ class ReadingForm:
         )
 
 
-FOUND = "as found"
-"""Leave a choice to the sniffer."""
+FOUND = "auto"
+"""Detect it from the file."""
 
 
 GAPS = {"as rows": "rows", "as missing samples": "missing", "as elapsed time": "dt"}
-"""What long gaps in time become."""
+"""How long gaps in time are filtered."""

@@ -1,4 +1,4 @@
-"""Where the signal comes from: a sample, a file of one's own, or the generator; and how it was read."""
+"""The source of the signal: a sample recording, a file or the generator; and how it was read."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.samples import list_samples
 from kalscope_app.session.changes.parameters import set_sample_period
 from kalscope_app.session.opening import opened_experiment, reopened
-from kalscope_app.views.slow_job import Patience
+from kalscope_app.views.slow_job import SlowJobProgress
 from kalscope_app.views.source.generator import GeneratorForm
 from kalscope_app.views.source.reading_form import ReadingForm
 from kalscope_app.views.text import escape_markdown
@@ -54,19 +54,23 @@ class SourceView:
         )
         self._experiments = {experiment_label(e): e.name for e in list_experiments()}
         self._experiment = gui.add_dropdown(
-            "experiment", (MINE, *self._experiments), hint="The figures of the three source documents."
+            "experiment", (MINE, *self._experiments), hint="Figures of the three source documents."
         )
         with gui.add_folder("Your own file") as self._own:
             with gui.add_form(None) as path_form:
                 self._path = gui.add_text(
-                    "path", "", hint="A CSV or Parquet file on this computer, of any size; Enter opens it."
+                    "path", "", hint="A CSV or Parquet file on this computer, of any size; press Enter to open it."
                 )
-            self._open = gui.add_button("Open this path", hint="Read the file that the path names.")
+            self._open = gui.add_button("Open this path", hint="Open the file at this path.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
-            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop reading; what is open stays.")
+            self._cancel = gui.add_button(
+                "Cancel", visible=False, hint="Stop reading; the current recording stays open."
+            )
             with gui.add_form(None) as form:
                 self._period = gui.add_text(
-                    "sample period (s)", "", hint="Time between two samples, for a file that has no time. Enter."
+                    "sample period (s)",
+                    "",
+                    hint="Time between two samples, for a file without a time column; press Enter.",
                 )
         self._report: viser.GuiMarkdownHandle | None = None
         self._sample.on_update(self._on_sample)
@@ -77,16 +81,16 @@ class SourceView:
         form.on_submit(self._on_period)
 
     def build_rest(self, gui: viser.GuiApi) -> None:
-        """The lower part: the generator, and how the file was read and how else it can be."""
+        """The lower part: the generator, the import summary and the import options."""
         with gui.add_folder("Generate a signal", expand_by_default=False):
             self._generator = GeneratorForm(gui, self._open_spec)
-        with gui.add_folder("How it was read"):
+        with gui.add_folder("Import summary"):
             self._report = gui.add_markdown("")
-            with gui.add_folder("Read it otherwise", expand_by_default=False):
+            with gui.add_folder("Import options", expand_by_default=False):
                 self._reading = ReadingForm(gui, self._read_again)
 
     def add_upload(self, client: viser.ClientHandle) -> None:
-        """Give one browser its own upload button: a shared one would replay each upload to late joiners."""
+        """Give one browser its own upload button: a shared one would replay each upload to new browsers."""
         with self._building, self._own:  # two browsers may come at once, and viser enters a folder only once
             button = client.gui.add_upload_button(
                 "Upload a file …",
@@ -95,7 +99,7 @@ class SourceView:
             )
 
         def take(_event: viser.GuiEvent[Any]) -> None:
-            upload, button._impl.value = button.value, viser.UploadedFile("", b"")  # viser would keep the bytes
+            upload, button._impl.value = button.value, viser.UploadedFile("", b"")  # noqa: SLF001  (viser keeps the bytes)
             self._upload(upload.name, upload.content)
 
         button.on_upload(take)
@@ -127,7 +131,7 @@ class SourceView:
         self._read(partial(read_upload, name, content), ReadOptions())
 
     def _read_again(self, options: ReadOptions) -> None:
-        """The same file, with what the person decided; or just once more, if it has changed."""
+        """Read the same file again, with other options or because it has changed."""
 
         def read(state: State) -> None:
             recording = state.recording
@@ -141,15 +145,15 @@ class SourceView:
         stop = self._stop = threading.Event()
 
         def work() -> None:
-            with Patience(self._progress, self._cancel) as patience:
-                recording = reader(options, progress=patience.report, cancelled=stop.is_set)
+            with SlowJobProgress(self._progress, self._cancel) as shown:
+                recording = reader(options, progress=shown.report, cancelled=stop.is_set)
             self._again = (recording.source, recording.title), reader
             self._session.request(lambda state: reopened(recording, state).with_open(options=options))
 
         self._jobs.run(work)
 
     def show(self, frame: Frame) -> None:
-        """Name the sample that is open and tell how it was read."""
+        """Show which sample or experiment is open, and the import summary."""
         recording = frame.state.recording
         title = next((t for t, s in self._samples.items() if recording.source == f"sample:{s.name}"), MINE)
         if self._sample.value != title:
@@ -203,7 +207,7 @@ def report_text(recording: Recording) -> str:
         lines.append("no time column: samples are counted")
     counts = {
         "rejected lines": report.rejected,
-        "cells that are no number": report.bad_cells,
+        "cells that are not numbers": report.bad_cells,
         "steps back in time": report.clipped_times,
         "comment lines": report.comments,
         "blank lines": report.blank,

@@ -1,4 +1,4 @@
-"""Does the filter fit? The advice beside the sliders, and the Check tab with the tests behind it."""
+"""Does the filter fit? The advice below the sliders, and the Check tab with the tests behind it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from kalscope.analysis.advice import MIN_SAMPLES, as_sentences
 from kalscope.common.array import Array
 from kalscope.common.text import correlation, count, number, p_value, percent
-from kalscope_app.views.charts.chart import Chart, Layout
+from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, axes, line
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from kalscope.analysis.diagnostics import Diagnostics
     from kalscope_app.studies.checks import Checks
 
-UNJUDGED = "This filter has no q and r, so there is nothing to judge it by."
+UNJUDGED = "This filter has no q and r, so these tests do not apply."
 
 
 class ChecksView:
@@ -54,50 +54,49 @@ class ChecksView:
             self._correlation.show(*correlation_lines(checks))
 
 
-def correlation_lines(checks: Checks) -> tuple[Array, list[Array], Layout]:
-    """Correlation of the innovation with itself, lags 1 … h, and the bound that 95 % of white ones keep."""
+def correlation_lines(checks: Checks) -> tuple[Array, list[Array], ChartLayout]:
+    """Autocorrelation of the innovation at lags 1 … h, and the 95 % bound of white noise."""
     d, palette = checks.all_samples, DARK if checks.state.view.dark else LIGHT
     lags = np.arange(1.0, len(d.correlation) + 1.0)
     bound = np.full(len(lags), d.r1_bound)
     marks = {"show": True, "size": 7, "space": 0, "fill": palette.innovation}
-    layout = Layout(
+    layout = ChartLayout(
         (
-            {"label": "samples apart"},
+            {"label": "lag (samples)"},
             line("−bound"),
             line("+bound"),
-            {**line("memory of the innovation", palette.innovation), "points": marks},
+            {**line("autocorrelation of the innovation", palette.innovation), "points": marks},
         ),
-        axes("correlation"),
+        axes("autocorrelation"),
         ({"series": (2, 1), "fill": palette.innovation_band},),
     )
     return lags, [-bound, bound, d.correlation], layout
 
 
 def table(checks: Checks) -> str:
-    """What is tested, what was seen, what a fitting filter would show; markdown."""
+    """Each test with the measured and the expected value; markdown."""
     d = checks.all_samples
     if d.n < MIN_SAMPLES:
         return f"**{as_sentences(d.advice)}**"
-    half = "the same on the second half" + (", fitted on the first" if checks.fitted_on_first_half else "")
+    half = "NIS of the second half" + (", fitted on the first" if checks.fitted_on_first_half else "")
     rows = [
         ("Size: mean of v²/s (NIS)", number(d.nis), _band(d)),
         (half, number(checks.held_out.nis), _band(checks.held_out)),
-        ("Memory: correlation of neighbours", correlation(d.r1), f"within ±{correlation(d.r1_bound)}"),
+        ("Lag‑1 autocorrelation", correlation(d.r1), f"within ±{correlation(d.r1_bound)}"),
         ("Ljung-Box over several lags", p_value(d.ljung_box_p), "p above 0.05"),
         ("Spikes beyond 4 σ", count(d.spikes), f"about {number(d.spikes_expected, 2)}"),
-        ("Slow waves", f"{percent(d.slow_share)} of the variance, {p_value(d.slow_p)}", "p above 0.05"),
+        ("Low-frequency share of residual power", f"{percent(d.slow_share)}, {p_value(d.slow_p)}", "p above 0.05"),
         (
-            "Last third against first",
+            "Last third compared with first",
             f"variance × {number(d.variance_ratio)}, {p_value(d.variance_ratio_p)}",
             "p above 0.05",
         ),
-        ("Bell shape (skewness, excess)", f"{number(d.skewness)}, {number(d.excess_kurtosis)}", "0, 0"),
+        ("Normality (skewness, excess kurtosis)", f"{number(d.skewness)}, {number(d.excess_kurtosis)}", "0, 0"),
     ]
     head = (
         f"**{as_sentences(d.advice)}**\n\n"
-        "If q and r fit, the innovation is shapeless noise: of the right size, without memory, without spikes. "
-        f"Judged on {count(d.n)} samples.\n\n"
-        "| test | seen | a fitting filter shows |\n|---|---|---|\n"
+        f"If q and r fit, the innovation is white noise of the expected size. Tested on {count(d.n)} samples.\n\n"
+        "| test | measured | expected (95 %) |\n|---|---|---|\n"
     )
     return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)
 

@@ -1,4 +1,4 @@
-"""Find q and r: by the record itself, by what the filter should do, or by what is known of the sensor."""
+"""Find q and r from the recording, from a goal for the filter, or from what is known about the sensor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.changes.parameters import apply_found, set_method_comparison
 from kalscope_app.session.changes.view import set_search_method
 from kalscope_app.views.scales import Scale, time_scale_for
-from kalscope_app.views.slow_job import Patience
+from kalscope_app.views.slow_job import SlowJobProgress
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,7 +61,7 @@ def _still(state: State, texts: list[str]) -> dict[str, Any]:
     """The stretch that is typed, in the unit of the time axis, or else the part on screen."""
     if state.view.window is None and not all(text.strip() for text in texts):
         raise BadSetting(
-            "the still stretch must be named: type from and to, or narrow the view to it (got neither)"
+            "the still stretch must be given: type from and to, or narrow the view to it (got neither)"
         )
     time, factor = state.recording.time, clock_of(state).factor
     shown = state.view.window or (float(time.min()), float(time.max()))
@@ -90,12 +90,12 @@ def clock_of(state: State) -> Scale:
 STILL = "a still stretch, fit q"
 
 BOX_HINTS = {
-    "": "A number that this way of searching needs.",
-    "lag (ms)": "The lag that you can accept: of all settings with at most it, the one that leaves least noise.",
-    "cut-off (Hz)": "Faster waves than this are damped, slower ones pass.",
+    "": "A number that this method needs.",
+    "lag (ms)": "The largest lag that you accept: the setting within it that leaves the least noise is used.",
+    "cut-off (Hz)": "Higher frequencies are attenuated, lower ones pass.",
     "reduction (dB)": "How much less noise: 20 dB is a tenth of its size, 6 dB half of it.",
-    "gain K": "The share of each new difference that is taken over, between 0 and 1.",
-    "lag (samples)": "How many samples the filtered signal may trail a ramp.",
+    "gain K": "The weight of each new sample in the estimate, between 0 and 1.",
+    "lag (samples)": "Delay of the filtered signal behind a steady slope, samples.",
     "from": "Where the stretch begins, as on the time axis. Empty: where the part on screen begins.",
     "to": "Where the stretch ends, as on the time axis. Empty: where the part on screen ends.",
     "σ, one std": "The noise of one reading, one standard deviation, in the unit of the signal.",
@@ -106,7 +106,7 @@ BOX_HINTS = {
 
 WAYS: dict[str, Way] = {
     "maximum likelihood": _method("ml"),
-    "least noise within a lag": _wish("lag_s", "lag (ms)", "50", 1e-3),
+    "maximum lag": _wish("lag_s", "lag (ms)", "50", 1e-3),
     "cut-off frequency": _wish("cutoff_hz", "cut-off (Hz)", "1"),
     "noise reduction": _wish("noise_reduction_db", "reduction (dB)", "12"),
     "gain K": _wish("gain", "gain K", "0.1"),
@@ -120,10 +120,7 @@ WAYS: dict[str, Way] = {
 }
 """Ways by the words on screen, the most useful first."""
 
-HINT = (
-    "From the record itself, from what the filter should do (lag, cut-off, noise), "
-    "or from what you know of the sensor."
-)
+HINT = "From the recording, from a goal (lag, cut-off, noise reduction), or from what you know about the sensor."
 
 
 class FindView:
@@ -134,11 +131,11 @@ class FindView:
         self._shown_way = ""
         self._stop = threading.Event()
         with gui.add_folder("Find q and r"):
-            self._way = gui.add_dropdown("by", tuple(WAYS), hint=HINT)
+            self._way = gui.add_dropdown("tune for", tuple(WAYS), hint=HINT)
             self._boxes = [gui.add_text("", "", visible=False, hint=BOX_HINTS[""]) for _ in range(2)]
-            self._find = gui.add_button("Find and apply", hint="One step that Undo takes back.")
+            self._find = gui.add_button("Find and apply", hint="One step; Undo reverts it.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
-            self._cancel = gui.add_button("Cancel", visible=False, hint="End the search; nothing is changed.")
+            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop the search and change nothing.")
             self._answer = gui.add_markdown("", visible=False)
         self._way.on_update(self._on_way)
         self._find.on_click(self._on_find)
@@ -147,8 +144,8 @@ class FindView:
 
     def build_opinions(self, gui: viser.GuiApi) -> None:
         """The part that stands in a tab of the chart panel: five methods side by side."""
-        gui.add_markdown("### Second opinions")
-        ask = gui.add_button("Ask five methods", hint="Under the model they agree; where they differ, beware.")
+        gui.add_markdown("### Compare estimators")
+        ask = gui.add_button("Run five methods", hint="They agree if the model fits the signal.")
         ask.on_click(self._on_ask)
         self._opinions = gui.add_markdown("")
 
@@ -173,12 +170,12 @@ class FindView:
 
     def _search(self, state: State, way: Way, texts: list[str], stop: threading.Event) -> None:
         z, period = state.recording.channel(state.channel), state.recording.sample_period
-        with Patience(self._progress, self._cancel) as patience:
+        with SlowJobProgress(self._progress, self._cancel) as shown:
             found = find_parameters(
                 z,
                 dt=state.dt,
                 sample_period=period,
-                progress=patience.report,
+                progress=shown.report,
                 cancelled=stop.is_set,
                 **way.arguments(state, texts),
             )
@@ -186,8 +183,8 @@ class FindView:
 
     def _compare(self, state: State, stop: threading.Event) -> None:
         z = state.recording.channel(state.channel)
-        with Patience(self._progress, self._cancel) as patience:
-            opinions = compare_methods(z, state.dt, progress=patience.report, cancelled=stop.is_set)
+        with SlowJobProgress(self._progress, self._cancel) as shown:
+            opinions = compare_methods(z, state.dt, progress=shown.report, cancelled=stop.is_set)
         self._session.request(set_method_comparison(state.recording, state.channel, opinions))
 
     def show(self, frame: Frame) -> None:
@@ -240,7 +237,7 @@ def answer_text(state: State) -> str:
 def opinions_text(state: State) -> str:
     """The five methods side by side and their disagreement named, as markdown."""
     if not state.answers.method_comparison:
-        return "Five ways to estimate q and r from the record. If the model describes the signal, they agree."
+        return "Five methods estimate q and r from the recording. They agree if the model describes the signal."
     period = state.recording.sample_period
     rows = []
     for one in state.answers.method_comparison:
@@ -250,7 +247,7 @@ def opinions_text(state: State) -> str:
         q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
         rows.append(f"| {METHOD_WORDS[one.method]} | {q} | {r} | {gain} | {lag} | {verdict} |")
     usable = sum(one.params is not None for one in state.answers.method_comparison)
-    agree = "They agree, as far as chance allows." if usable > 1 else "No two of them can be compared."
+    agree = "They agree within their uncertainty." if usable > 1 else "No two of them can be compared."
     said = disagreement(state.answers.method_comparison) or agree
     head = "| method | q | r | gain K | lag | verdict |\n|---|---|---|---|---|---|\n"
     return f"{head}{chr(10).join(rows)}\n\n**{said}**\n\n{state.answers.method_comparison[0].message}"

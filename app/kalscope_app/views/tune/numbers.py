@@ -1,4 +1,4 @@
-"""What q and r mean: gain, lag, noise reduction, cut-off, time to settle."""
+"""What q and r give: lag, noise reduction, cut-off, gain, settling time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class NumbersView:
     """A table of derived numbers beside the sliders."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        with gui.add_folder("What that means"):
+        with gui.add_folder("Resulting filter"):
             self._table = gui.add_markdown("")
 
     def show(self, frame: Frame) -> None:
@@ -27,12 +27,12 @@ class NumbersView:
 
 
 def table(frame: Frame) -> str:
-    """Markdown rows: the words people use, then the number with its unit."""
+    """One markdown row for each number, with its unit."""
     steady, params = frame.steady, frame.state.params
     lag, settle = float(steady.lag_samples), float(steady.settle_samples)
     period = frame.state.recording.sample_period
     rows = [
-        ("lag on a ramp", f"**{lag_in_full(lag, period)}**"),
+        ("lag (delay)", f"**{lag_in_full(lag, period)}**"),
         ("noise reduction", f"**{decibels(float(steady.noise_reduction_db))}**"),
     ]
     if period is not None:
@@ -40,8 +40,8 @@ def table(frame: Frame) -> str:
     rows += [
         ("gain K", f"**{number(float(steady.gain))}**"),
         ("q / r", "–" if frame.state.paper_filter is not None else f"**{number(float(params.ratio))}**"),
-        ("follows a step in", f"**{lag_in_full(settle, period)}**"),
+        ("settling time (to 1 %)", f"**{lag_in_full(settle, period)}**"),
     ]
     if params.gate is not None:
-        rows.append(("refused by the gate", f"**{count(frame.rejected)} samples**"))
+        rows.append(("rejected by the gate", f"**{count(frame.rejected)} samples**"))
     return "| | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows)

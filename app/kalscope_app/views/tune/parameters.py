@@ -1,4 +1,4 @@
-"""Process noise q, measurement noise r and start variance p0: a text box with the exact value, and a slider."""
+"""Process noise q, measurement noise r and initial variance p0: a text box with the exact value, and a slider."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
     from kalscope_app.engine.frame import Frame
     from kalscope_app.session.state import Change, State
 
-NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "start variance p0"}
+NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "initial variance p0"}
 
 HINTS = {
-    "q": "How fast the true value wanders: the variance it gains in one sample, {unit}. Larger follows faster.",
+    "q": "How fast the true value moves: the variance it gains per sample, {unit}. Larger follows faster.",
     "r": "How noisy the sensor is: the variance of one reading, {unit}. Larger smooths more.",
-    "p0": "How uncertain the first estimate is, a variance, {unit}. It shapes only the start. 0 is allowed.",
+    "p0": "How uncertain the initial estimate is: its variance, {unit}. It affects only the start. 0 is allowed.",
 }
 
-AUTOMATIC, BY_VALUE = "automatic: first sample", "by value: p0 and x0"
+AUTOMATIC, BY_VALUE = "from first sample", "set manually"
 
 TYPING_PAUSE = 0.9
-"""Seconds without a key after which a typed number counts, Enter or not."""
+"""Seconds without a key after which a typed number counts without Enter."""
 
 
 class ParametersView:
@@ -49,38 +49,38 @@ class ParametersView:
         self._session = session
         with gui.add_form(None) as form:  # all of them: viser indents what stands in a form otherwise
             self._channel = gui.add_dropdown(
-                "channel", list[str](["–"]), hint="Each channel has parameters of its own."
+                "channel", list[str](["–"]), hint="Each channel has its own parameters."
             )
             self._together = gui.add_dropdown(
-                "tune",
+                "apply to",
                 LINKS,
-                hint="All together: a change here, or a search, sets every channel. Undo takes it back.",
+                hint="All together: a change here, or a search, sets every channel. Undo reverts it.",
             )
             self._rule_boxes = [
                 TypedNumber(gui, session, name, label, hint, set_paper_text) for name, label, hint in RULE_BOXES
             ]
             self._controls = [VarianceControl(gui, session, name) for name in ("q", "r")]
             self._start = gui.add_dropdown(
-                "start",
+                "initial state",
                 (AUTOMATIC, BY_VALUE),
-                hint="Automatic: the first sample is the first estimate. By value: your own p0 and x0.",
+                hint="The first sample as the initial estimate, or your own p0 and x0.",
             )
             self._controls.append(VarianceControl(gui, session, "p0"))
             self._x0 = TypedNumber(
                 gui,
                 session,
                 "x0",
-                "start value x0",
-                "The estimate before the first sample; 0 is allowed, empty is the first sample. Only the start.",
+                "initial estimate x0",
+                "The estimate before the first sample. 0 is allowed; empty: the first sample.",
             )
             self._gate = TypedNumber(
                 gui,
                 session,
                 "gate",
-                "outlier gate v²/s",
-                "A sample further from its prediction is not used: 9 is three σ, empty is off.",
+                "NIS gate",
+                "Outlier gate: samples with v²/s above it are not used. 9 is three σ; empty: off.",
             )
-            self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="The second paper's filter, to compare.")
+            self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="The filter of Khan et al., to compare.")
             self._steps = gui.add_button_group(
                 "",
                 ("Undo", "Redo", "Reset"),
@@ -94,7 +94,7 @@ class ParametersView:
         self._steps.on_click(self._on_step)
         gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger(self._on_undo)
         gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift").on_trigger(self._on_redo)
-        gui.add_command("Redo, the other key", hotkey="Y", modifier="cmd/ctrl").on_trigger(self._on_redo)
+        gui.add_command("Redo (Ctrl+Y)", hotkey="Y", modifier="cmd/ctrl").on_trigger(self._on_redo)
 
     async def _on_channel(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
@@ -126,7 +126,7 @@ class ParametersView:
             box.submit()
 
     def show(self, frame: Frame) -> None:
-        """Bring every control to the frame's values, except one that is being used."""
+        """Set every control to the frame's values, except those that have changed since."""
         state, tuning = frame.state, frame.state.tuning
         if self._channel.options != state.recording.names:
             self._channel.options = state.recording.names
@@ -158,18 +158,18 @@ class ParametersView:
 
 
 FILTERS: dict[str, str | None] = {
-    "Kalman filter: q and r": None,
-    "Khan et al.: eq. (3) as printed": "printed",
-    "Khan et al.: without the slip": "without_slip",
+    "Kalman filter": None,
+    "Khan et al. filter, eq. (3) as printed": "printed",
+    "Khan et al. filter, eq. (3) corrected": "without_slip",
 }
-"""Filters by the words on screen, and the reading of the second paper's equation."""
+"""Filters by their labels, and the variant of equation (3) that each one uses."""
 
 RULE_BOXES = (
-    ("sigma_m", "measured error σM", "The one value that the paper changes from sensor to sensor; above 0."),
-    ("sigma_e0", "first error σE", "Empty is automatic."),
-    ("e0", "first estimate E", "Empty is the first sample."),
+    ("sigma_m", "measured error σM", "The only value that the paper changes from sensor to sensor; above 0."),
+    ("sigma_e0", "initial error σE", "Empty: automatic."),
+    ("e0", "initial estimate E", "Empty: the first sample."),
 )
-"""Name, label and hint of the second paper's parameters."""
+"""Name, label and hint of the parameters of the Khan et al. filter."""
 
 
 class VarianceControl:
@@ -221,7 +221,7 @@ class VarianceControl:
 
 
 class TypedNumber:
-    """A number typed as text: 1e-9 works; it counts on Enter, or when typing rests."""
+    """A number typed as text, so that 1e-9 works. It counts on Enter, or after a pause."""
 
     def __init__(
         self,
@@ -253,7 +253,7 @@ class TypedNumber:
             self._file(TYPING_PAUSE)
 
     def submit(self) -> None:
-        """Enter was pressed: take what stands here, if it was changed, and say if it is no number."""
+        """Enter was pressed: request the text if it was changed; the request fails if it is no number."""
         if self._text.value != self._written:
             self._file(0.0)
 

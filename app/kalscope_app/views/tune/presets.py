@@ -1,4 +1,4 @@
-"""Presets: choose one, read what it does, then take it."""
+"""Presets: select one, read what it does, then apply it."""
 
 from __future__ import annotations
 
@@ -23,11 +23,9 @@ class PresetsView:
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
         with gui.add_folder("Presets", expand_by_default=False):
-            self._which = gui.add_dropdown("preset", tuple(PRESETS), hint="Choosing shows what it would do.")
+            self._which = gui.add_dropdown("preset", tuple(PRESETS), hint="Select one to see what it would do.")
             self._text = gui.add_markdown("")
-            self._take = gui.add_button(
-                "Take this preset", hint="Its q and r become the present ones; Undo goes back."
-            )
+            self._take = gui.add_button("Apply preset", hint="Sets q and r; Undo reverts it.")
         self._which.on_update(self._on_choice)
         self._take.on_click(self._on_take)
 
@@ -39,7 +37,7 @@ class PresetsView:
         self._session.request(take_preset(self._which.value))
 
     def show(self, frame: Frame) -> None:
-        """Tell what the chosen preset would do."""
+        """Show what the selected preset would do."""
         title = frame.state.view.preset or next(iter(PRESETS))
         if self._which.value != title:
             self._which.value = title
@@ -49,7 +47,7 @@ class PresetsView:
 
 
 def preset_text(state: State, title: str, now: SteadyState) -> str:
-    """Why, then lag, noise reduction and gain beside the present ones; markdown of our own words and numbers."""
+    """Its purpose, then its q, r, lag and noise beside the current ones; markdown."""
     preset = PRESETS[title]
     q, r = preset.pair(state)
     then, period = steady_state(FilterParams(q=q, r=r)), state.recording.sample_period
@@ -60,5 +58,5 @@ def preset_text(state: State, title: str, now: SteadyState) -> str:
         ("lag", *(lag_text(float(one.lag_samples), period) for one in (now, then))),
         ("noise", *(decibels(-float(one.noise_reduction_db)) for one in (now, then))),
     ]
-    table = "| | now | then |\n|---|---|---|\n" + "\n".join(f"| {n} | {a} | **{b}** |" for n, a, b in rows)
+    table = "| | current | preset |\n|---|---|---|\n" + "\n".join(f"| {n} | {a} | **{b}** |" for n, a, b in rows)
     return f"{preset.why}\n\n{table}"

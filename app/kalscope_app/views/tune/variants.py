@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
     from kalscope_app.engine.frame import Frame
     from kalscope_app.session.session import Session
-    from kalscope_app.studies.variant_table import Row, Table
+    from kalscope_app.studies.variant_table import VariantComparison, VariantRow
 
 NOTHING = "–"
 
 EMPTY = (
-    "Nothing is pinned on this channel yet. **Pin this setting**, beside the sliders, keeps the present q, r and "
-    f"start as A; then tune on, and compare. Up to {LIMIT} can be pinned."
+    "Nothing is pinned on this channel yet. **Pin this setting**, below the sliders, keeps the current q, r and "
+    f"initial state as A, so that you can compare later settings with it. Up to {LIMIT} can be pinned."
 )
 
 
@@ -44,10 +44,10 @@ class VariantsView:
             self._steps = gui.add_button_group(
                 "",
                 ("Use", "Delete"),
-                hint="Use: its q, r and start become the present ones. Undo takes either back.",
+                hint="Use: tune with its q, r and initial state. Undo reverts both.",
             )
             self._name = gui.add_text(
-                "new name", "", hint=f"At most {LONGEST_NAME} letters; press Enter to rename the setting above."
+                "new name", "", hint=f"At most {LONGEST_NAME} letters; press Enter to rename the setting."
             )
         self._steps.on_click(self._on_step)
         form.on_submit(self._on_rename)
@@ -74,7 +74,7 @@ class VariantsView:
             self._which.value = chosen
             self._name.value = ""
 
-    def show_table(self, table: Table) -> None:
+    def show_table(self, table: VariantComparison) -> None:
         """Write the table."""
         text = table_text(table)
         if self._table.content != text:
@@ -90,7 +90,7 @@ def _follow(chosen: str, before: tuple[str, ...], names: tuple[str, ...]) -> str
     return names[min(before.index(chosen), len(names) - 1)] if chosen in before else names[-1]
 
 
-def table_text(table: Table) -> str:
+def table_text(table: VariantComparison) -> str:
     """The settings side by side, the present one first; markdown, names escaped."""
     if not table.state.variants:
         return EMPTY
@@ -98,24 +98,26 @@ def table_text(table: Table) -> str:
     unit = escape_markdown(table.state.tuning.unit, 12)
     head = ["", "q", "r", "lag", "noise"]
     head += [f"RMSE {unit}".strip()] if with_truth else []
-    head += ["NIS", "memory", "log-likelihood"]
+    head += ["NIS", "lag‑1 corr.", "log-likelihood"]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     best = _best(table.rows)
     lines += ["| " + " | ".join(_cells(table, row, with_truth, best)) + " |" for row in table.rows]
     return "\n".join(lines) + "\n\n" + _explained(table, with_truth)
 
 
-def _best(rows: tuple[Row, ...]) -> tuple[float | None, float | None]:
+def _best(rows: tuple[VariantRow, ...]) -> tuple[float | None, float | None]:
     """The smallest RMSE, and the largest log-likelihood where all rows sum over the same samples."""
     errors = [row.measures.rmse for row in rows if row.measures.rmse is not None]
     comparable = len({row.measures.scored for row in rows}) == 1
     return min(errors, default=None), max(row.measures.loglik for row in rows) if comparable else None
 
 
-def _cells(table: Table, row: Row, with_truth: bool, best: tuple[float | None, float | None]) -> list[str]:
+def _cells(
+    table: VariantComparison, row: VariantRow, with_truth: bool, best: tuple[float | None, float | None]
+) -> list[str]:
     measures, steady, d = row.measures, row.measures.steady, row.measures.diagnostics
     cells = [
-        "**now**" if row.variant is None else mark(row.variant, dark=table.state.view.dark),
+        "**current**" if row.variant is None else mark(row.variant, dark=table.state.view.dark),
         number(float(row.params.q)),
         number(float(row.params.r)),
         lag_text(float(steady.lag_samples), table.state.recording.sample_period),
@@ -141,16 +143,20 @@ def _bold(text: str, chosen: bool) -> str:
     return f"**{text}**" if chosen else text
 
 
-def _explained(table: Table, with_truth: bool) -> str:
-    said = ["NIS is 1 where q and r have the right size; memory is near 0 (✓) where nothing is left to predict."]
+def _explained(table: VariantComparison, with_truth: bool) -> str:
+    said = [
+        "NIS is 1 where q and r have the right size; the lag‑1 correlation is near 0 (✓) for a white innovation."
+    ]
     if with_truth:
-        said.append("RMSE is the distance from the truth, the smallest in bold.")
+        said.append("RMSE is the error against the truth; the smallest is bold.")
     scored = {row.measures.scored for row in table.rows}
     if len(scored) == 1:
-        said.append("The larger the log-likelihood, the better a setting explains the record; the largest is bold.")
+        said.append(
+            "The larger the log-likelihood, the better a setting explains the recording; the largest is bold."
+        )
     else:
         few, many = count(min(scored)), count(max(scored))
         said.append(f"The log-likelihoods sum over {few} to {many} samples and cannot be compared.")
     if table.state.paper_filter is not None:
-        said.append("The present filter has no q and r, and so no line here.")
+        said.append("The current filter has no q and r, so it is not listed.")
     return " ".join(said)
