@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from kalscope.sources.lines import line_parser
 from kalscope.sources.lines.cells import is_blank, is_comment, parse_number, split_fields
-from kalscope.sources.lines.line_format import LineFormat, plain_row_parser, split_labels, split_line, split_stamp
+from kalscope.sources.lines.line_format import LineFormat, split_labels, split_line, split_stamp
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
@@ -111,29 +111,6 @@ def test_comments_and_blank_lines_are_known():
     assert is_blank(" \t\r\n")
     assert is_blank(";;;\n", ";")
     assert not is_blank(";0;\n", ";")
-
-
-FORMATS = [LineFormat("table", d, m) for d in ",;\t| " for m in ".," if d != m]
-
-
-@given(st.text(alphabet="0123456789+-.eE,;|\t nai_x\n", max_size=30), st.sampled_from(FORMATS))
-def test_the_fast_path_agrees_with_the_slow_one_wherever_it_answers(text, form):
-    line = text.replace("\n", "") + "\n"
-    cells = split_fields(line, form.delimiter)
-    slow = [parse_number(cell, form.decimal) for cell in cells]
-    fast = plain_row_parser(form, len(cells))(line)
-    if fast is not None:
-        assert fast == slow
-
-
-@pytest.mark.parametrize("line", ["1.5,-2e-3,+.5\n", "1, 2 ,3\n"])
-def test_the_fast_path_takes_plain_rows(line):
-    assert plain_row_parser(LineFormat(), 3)(line) is not None
-
-
-@pytest.mark.parametrize("line", ["1,2,3", "1,2\n", "1,2,nan\n", "1,2,1e999\n", "1,2,1_0\n", "1,2,\x1c3\n"])
-def test_the_fast_path_leaves_everything_else(line):
-    assert plain_row_parser(LineFormat(), 3)(line) is None
 
 
 def test_text_without_data_costs_each_line_only_a_few_looks(monkeypatch):

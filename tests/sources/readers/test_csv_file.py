@@ -7,11 +7,11 @@ from datetime import datetime
 
 import numpy as np
 import pytest
+from decoding import decoded
 from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadFile, BadSetting
-from kalscope.sources.readers import csv_file
 from kalscope.sources.readers.csv_file import read_recording
 
 
@@ -341,7 +341,7 @@ def _check_any_bytes(path, data):
     assert recording.sample_period is None or (
         math.isfinite(recording.sample_period) and recording.sample_period > 0
     )
-    text = data.decode(csv_file.find_encoding(data, ""), errors="replace")
+    text = decoded(data)
     if len(text) < 5000:
         written = {float(word.replace(",", ".")) for word in _WRITTEN.findall(text)}
         # Cells split at a decimal comma are parts of a written word.

@@ -8,12 +8,12 @@ import re
 
 import numpy as np
 import pytest
+from decoding import decoded
 from effort import FUZZ
 
 from kalscope.errors import KalscopeError
 from kalscope.sources.lines.line_parser import LineParser
 from kalscope.sources.readers.csv_file import read_recording
-from kalscope.sources.readers.text_file import find_encoding
 
 COUNT = 400 * FUZZ
 
@@ -82,7 +82,7 @@ def check_reading(recording, data):
     assert len(set(recording.names)) == len(recording.names) == len(recording.units)
     assert not np.isinf(recording.values).any()
     assert np.isfinite(recording.time).all()
-    text = data.decode(find_encoding(data, ""), errors="replace")
+    text = decoded(data)
     values = set(recording.values[np.isfinite(recording.values)].tolist())
     assert values <= written(text)
     assert report.lines == len(re.sub("\r\n?", "\n", text).removesuffix("\n").split("\n"))

@@ -53,16 +53,15 @@ TWINS = [
 ]
 
 
-def read_messy(name, **options):
+def read_messy(name):
     if name.endswith(".zst"):
         pytest.importorskip("zstandard")
-    return read_recording(SHARED / "messy" / name, **options)
+    return read_recording(SHARED / "messy" / name)
 
 
-@pytest.mark.parametrize("bulk", [1e18, 0], ids=["own parser", "bulk where it can"])
 @pytest.mark.parametrize("name", MESSY)
-def test_a_messy_file_reads_as_expected(name, bulk):
-    report = read_messy(name, _bulk_bytes=bulk).report
+def test_a_messy_file_reads_as_expected(name):
+    report = read_messy(name).report
     rows, rejected, cells = MESSY[name]
     assert report.rows == len(read_messy(name)) == rows
     assert [issue.line for issue in report.issues if issue.column is None] == rejected

@@ -593,7 +593,7 @@ RECORD_UNTIL_FULL = """
 import sys, time
 from pathlib import Path
 from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.recorder import Recorder
+from kalscope.sources.recorder.recorder import Recorder
 if sys.argv[2] != "0":
     import resource
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))

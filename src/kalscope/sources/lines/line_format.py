@@ -5,16 +5,12 @@ Pure functions on one line of text. What the cells mean is for `columns` and `ti
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from functools import reduce
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-from kalscope.sources.lines.cells import NUMBER, is_number, split_fields
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from kalscope.sources.lines.cells import is_number, split_fields
 
 Pairs = list[tuple[str, str]]
 
@@ -152,37 +148,3 @@ def split_line(line: str, form: LineFormat) -> list[str] | None:
     if len(found) != len(pairs) or not found.keys() <= set(form.labels):
         return None
     return head + [found.get(label, "") for label in form.labels]
-
-
-def plain_row_parser(form: LineFormat, width: int) -> Callable[[str], list[float] | None]:
-    """The fast path: a function from a line of nothing but `width` numbers, newline included, to the numbers.
-
-    It answers None for every other line, which then takes the slow path; the two agree wherever it answers.
-    """
-    if form.kind != "table" or form.stamped or form.checksum:
-        return lambda _: None
-    delimiter, decimal = form.delimiter, form.decimal
-    allowed = re.compile(f"[-+0-9eE \t{re.escape(delimiter)}{re.escape(decimal)}]+\n")
-    number = NUMBER[decimal]
-
-    def parse(line: str) -> list[float] | None:
-        if not allowed.fullmatch(line):
-            return None
-        cells = line.split() if delimiter == " " else line.split(delimiter)
-        if len(cells) != width:
-            return None
-        if decimal == ",":
-            # float() takes "5." but this grammar does not take "5,": leave the odd ones to the slow path.
-            if not all(number.fullmatch(cell.strip(" \t\n")) for cell in cells):
-                return None
-            cells = [cell.replace(",", ".") for cell in cells]
-        try:
-            values = list(map(float, cells))
-        except ValueError:
-            return None
-        # Only an exponent or 300 digits can reach infinity.
-        if (len(line) > 300 or "e" in line or "E" in line) and not all(map(math.isfinite, values)):
-            return None
-        return values
-
-    return parse

@@ -7,7 +7,7 @@
 
 The layout is found by looking, as for a file: at the first line with data, and again while the head of the
 stream shows lines that do not fit. From then on each line is read by the `LineReader` of the file reader, so
-the same bytes mean the same everywhere. The functions that take a single line apart are offered here as well.
+the same bytes mean the same everywhere.
 """
 
 from __future__ import annotations
@@ -17,51 +17,13 @@ import re
 from collections import deque
 from typing import TYPE_CHECKING
 
-from kalscope.sources.lines.cells import (
-    COMMENT_MARKS,
-    MISSING,
-    is_blank,
-    is_comment,
-    is_number,
-    parse_number,
-    split_fields,
-)
-from kalscope.sources.lines.line_format import (
-    LineFormat,
-    plain_row_parser,
-    split_checksum,
-    split_labels,
-    split_line,
-    split_stamp,
-    split_teleplot,
-)
+from kalscope.sources.lines.cells import is_blank, is_comment
 from kalscope.sources.lines.line_reader import LONGEST_TEXT, TAIL_LINES, Kind, LineEvent, LineReader, rejected
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.lines.sniffer import Layout, sniff
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-
-__all__ = [
-    "COMMENT_MARKS",
-    "LONGEST_LINE",
-    "MISSING",
-    "LineEvent",
-    "LineFormat",
-    "LineParser",
-    "comma_line",
-    "is_blank",
-    "is_comment",
-    "is_number",
-    "parse_number",
-    "plain_row_parser",
-    "split_checksum",
-    "split_fields",
-    "split_labels",
-    "split_line",
-    "split_stamp",
-    "split_teleplot",
-]
 
 LONGEST_LINE = 65_536
 """Bytes of one line, ten times the widest table; a longer one is no line of numbers and is dropped as it comes."""

@@ -22,13 +22,13 @@ import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.live.command_channel import LONGEST_COMMAND, Talk
+from kalscope.sources.live.command_channel import Talk
 from kalscope.sources.live.live_lines import Counts, LiveLines
 from kalscope.sources.live.live_samples import LiveSamples, Snapshot
-from kalscope.sources.live.live_status import LineRate, LiveStatus, RecordingStatus, hint_of, recording_status
+from kalscope.sources.live.live_status import LineRate, LiveStatus, hint_of, recording_status
 from kalscope.sources.live.recorder_slot import RecorderSlot
 from kalscope.sources.port.clock import SYSTEM, Clock
-from kalscope.sources.port.events import Came, Lost, Opened, Word
+from kalscope.sources.port.events import Came, Lost, Opened
 from kalscope.sources.port.port_reader import PortReader
 from kalscope.sources.port.port_spec import PortSpec, port_of
 
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from kalscope.sources.lines.line_reader import LineEvent
     from kalscope.sources.lines.sniffer import Layout
     from kalscope.sources.recorder.recorder import Recorder
-
-__all__ = ["LONGEST_COMMAND", "TICK", "LiveSource", "LiveStatus", "RecordingStatus", "Snapshot", "Word"]
 
 TICK = 0.1
 """Seconds after which the second thread looks round where nothing came."""

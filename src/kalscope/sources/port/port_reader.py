@@ -16,24 +16,10 @@ from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import SYSTEM, Clock
 from kalscope.sources.port.events import Came, Item, Lost, Opened, PortState, Word
 from kalscope.sources.port.open_port import OpenPort, SerialPort, gone_errors, why_gone
-from kalscope.sources.port.port_spec import PortInfo, PortSpec, is_live, list_ports, port_of
+from kalscope.sources.port.port_spec import PortSpec, list_ports
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-__all__ = [
-    "Came",
-    "Lost",
-    "Opened",
-    "PortInfo",
-    "PortReader",
-    "PortSpec",
-    "PortState",
-    "Word",
-    "is_live",
-    "list_ports",
-    "port_of",
-]
 
 SHORTEST_WAIT, LONGEST_WAIT = 0.25, 2.0
 """Seconds between two attempts to open the port again: the wait doubles from the first to the second."""

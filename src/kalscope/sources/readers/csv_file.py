@@ -6,12 +6,12 @@ time column it still leaves one missing sample, because the sensor did sample th
 newline is torn, its last number may have been cut: it is kept only where it shows that nothing was. A line
 whose stamp cannot be read is rejected: its samples have no place.
 
-Two ways lead to the same values and the same account: the own parser, which reads everything, and for large
-plain tables the bulk path of `bulk`, which hands every line that is not plain to the own parser.
+Blocks of plain rows are parsed by numpy, all other lines by the line reader, with the same values and account.
 """
 
 from __future__ import annotations
 
+import io
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -25,27 +25,15 @@ from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.lines.sniffer import Layout, sniff
 from kalscope.sources.readers.assemble import Reading, assemble
 from kalscope.sources.readers.csv_rows import read_rows
-from kalscope.sources.readers.text_file import (
-    PARQUET,
-    RawFile,
-    encoding_of_head,
-    find_encoding,
-    open_raw,
-    open_text,
-)
+from kalscope.sources.readers.text_file import PARQUET, RawFile, find_encoding, open_raw, open_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from kalscope.recording import Recording
 
-__all__ = ["find_encoding", "read_recording"]
-
 HEAD_BYTES = (65536, 1 << 20)
 """How much is sniffed: 64 KiB, and where that shows no data (a long preamble) 1 MiB."""
-
-BULK_BYTES = 20_000_000
-"""Files from this size on take the bulk path where they can: below it the own parser needs less than 0.7 s."""
 
 
 def read_recording(
@@ -55,7 +43,6 @@ def read_recording(
     sample_period: float | None = None,
     progress: OnProgress | None = None,
     cancelled: Callable[[], bool] | None = None,
-    _bulk_bytes: float = BULK_BYTES,
 ) -> Recording:
     """Read a CSV log or a Parquet file.
 
@@ -85,8 +72,7 @@ def read_recording(
         above_zero("sample_period", sample_period)
     name = Path(path).name or str(path)
     progress = Progress(progress, cancelled)
-    with open_raw(path, progress, _bulk_bytes) as raw:
-        raw.name = name
+    with open_raw(path, progress) as raw:
         reading = (
             _read_parquet(raw, options) if raw.head.startswith(PARQUET) else _read_text(raw, options, progress)
         )
@@ -96,17 +82,9 @@ def read_recording(
 
 
 def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Reading:
-    if raw.content is None:
-        layout = _sniff_head(raw, encoding_of_head(raw.head, raw.name), options)
-        from kalscope.sources.readers.bulk import read_bulk
-
-        reading = read_bulk(raw, layout, options, progress)
-        if reading is not None:
-            return reading
-    data = raw.bytes(progress)
-    encoding = find_encoding(data, raw.name)
+    encoding = find_encoding(raw, progress)
     layout = _sniff_head(raw, encoding, options)
-    table, tally = read_rows(data, encoding, layout, options, progress)
+    table, tally = read_rows(raw.path, encoding, layout, options, progress)
     columns = {i: table[:, i] for i in (*layout.channels, *(layout.time.indices if layout.time else ()))}
     return Reading(columns, tally, layout)
 
@@ -121,7 +99,7 @@ def _sniff_head(raw: RawFile, encoding: str, options: ReadOptions) -> Layout:
     name, data = raw.name, raw.head
     lines: list[str] = []
     for size in HEAD_BYTES:
-        lines = list(open_text(data[:size], encoding))
+        lines = list(open_text(io.BytesIO(data[:size]), encoding))
         if raw.size > size and len(lines) > 1:
             lines.pop()  # cut by us
         layout = sniff([line.rstrip("\n") for line in lines], options)

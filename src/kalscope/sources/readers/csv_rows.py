@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.common.progress import Progress
-from kalscope.sources.lines.cells import is_blank, is_number
-from kalscope.sources.lines.line_format import plain_row_parser
+from kalscope.sources.lines.cells import is_blank
 from kalscope.sources.lines.line_reader import TAIL_LINES, LineEvent, LineReader
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.lines.timestamps import LARGEST_STAMP
-from kalscope.sources.readers.text_file import last_lines, open_text
+from kalscope.sources.readers.plain_block import block_parser
+from kalscope.sources.readers.text_file import open_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -28,8 +27,11 @@ if TYPE_CHECKING:
 MAX_ISSUES = 100
 """Issues kept word for word; all are counted."""
 
-LINES_PER_LOOK = 16_384
-"""Lines between two looks at progress and cancel: some 30 ms."""
+BLOCK_SIZE = 1 << 18
+"""Characters read at once, and between two looks at progress and cancel."""
+
+BLOCK_PARTS = 8
+"""A block that is not plain is tried again in so many parts, and these in parts, down to single lines."""
 
 
 @dataclass
@@ -43,7 +45,7 @@ class Tally:
     comments: int = 0
     headers: int = 0
     bad_cells: int = 0
-    issues: list[LineIssue] = field(default_factory=list)
+    issues: list[LineIssue] = field(default_factory=list["LineIssue"])
     ending: str = ""
     """A sentence about a last line without newline; "" where it has one."""
 
@@ -75,35 +77,71 @@ class Tally:
 
 
 def read_rows(
-    data: bytes, encoding: str, layout: Layout, options: ReadOptions = DEFAULTS, progress: Progress | None = None
+    path: Path, encoding: str, layout: Layout, options: ReadOptions = DEFAULTS, progress: Progress | None = None
 ) -> tuple[NDArray[np.float64], Tally]:
     """All rows, shape (rows, width), NaN in the columns that are not read, and the account."""
-    tally, progress, width = Tally(), progress or Progress(), len(layout.columns)
-    rows = TeleplotRows(layout) if layout.form.kind == "teleplot" else Rows(layout)
-    fast, reader = fast_parser(layout, options), LineReader(layout, options.without_numbers())
-    number = 0
-    text = open_text(data, encoding)
-    for number, line in enumerate(text, 1):
-        if number % LINES_PER_LOOK == 0:
-            progress(text.buffer.tell() / len(data), "reading")
-        if number < layout.first_data:
-            count_preamble(number, line, layout, tally)
-            continue
-        values = fast(line)
-        if values is not None:
-            tally.rows += 1
-            rows.out.extend(values)
-        elif line.endswith("\n"):
-            event = reader.read(number, line)
-            tally.take(event)
-            rows.add(event)
+    reader = _TableReader(layout, options)
+    size, progress = path.stat().st_size, progress or Progress()
+    with path.open("rb") as file:
+        text = open_text(file, encoding)
+        while lines := text.readlines(BLOCK_SIZE):
+            progress(file.tell() / size, "reading")
+            reader.take(lines)
+    return reader.finish(), reader.tally
+
+
+class _TableReader:
+    """Takes the lines of a log in blocks: plain rows at once, all others one by one."""
+
+    def __init__(self, layout: Layout, options: ReadOptions) -> None:
+        self.tally = Tally()
+        self._layout = layout
+        self._rows = TeleplotRows(layout) if layout.form.kind == "teleplot" else Rows(layout)
+        self._parse = block_parser(layout, options)
+        self._reader = LineReader(layout, options.without_numbers())
+        self._above: list[str] = []
+
+    def take(self, lines: list[str]) -> None:
+        """Take the next lines, of which only the last of the file may lack its newline."""
+        number = self.tally.lines + 1
+        self.tally.lines += len(lines)
+        preamble = min(max(self._layout.first_data - number, 0), len(lines))
+        for i in range(preamble):
+            count_preamble(number + i, lines[i], self._layout, self.tally)
+        whole = len(lines) - (not lines[-1].endswith("\n"))
+        self._take_rows(lines[preamble:whole], number + preamble)
+        self._above = [*self._above, *lines[max(0, whole - TAIL_LINES) : whole]][-TAIL_LINES:]
+        if preamble <= whole < len(lines):
+            event = self._reader.read_last(self.tally.lines, lines[-1], self._above)
+            self.tally.take_last(event)
+            self._rows.add(event, last=True)
+
+    def finish(self) -> NDArray[np.float64]:
+        """The rows, shape (rows, width)."""
+        self._rows.finish()
+        return np.frombuffer(self._rows.out, dtype=np.float64).reshape(-1, len(self._layout.columns))
+
+    def _take_rows(self, lines: list[str], number: int) -> None:
+        """Take whole lines, the first of which is line `number`; a block with other lines in parts."""
+        if not lines:
+            return
+        if self._parse is None:
+            for i, line in enumerate(lines, number):
+                self._take_line(i, line)
+        elif (rows := self._parse(lines)) is not None:
+            self.tally.rows += len(lines)
+            self._rows.out.frombytes(rows.data.cast("B"))
+        elif len(lines) == 1:
+            self._take_line(number, lines[0])
         else:
-            event = reader.read_last(number, line, last_lines(data, encoding, TAIL_LINES))
-            tally.take_last(event)
-            rows.add(event, last=True)
-    tally.lines = number
-    rows.finish()
-    return np.frombuffer(rows.out, dtype=np.float64).reshape(-1, width), tally
+            part = -(-len(lines) // BLOCK_PARTS)
+            for start in range(0, len(lines), part):
+                self._take_rows(lines[start : start + part], number + start)
+
+    def _take_line(self, number: int, line: str) -> None:
+        event = self._reader.read(number, line)
+        self.tally.take(event)
+        self._rows.add(event)
 
 
 class Rows:
@@ -162,21 +200,3 @@ def count_preamble(number: int, line: str, layout: Layout, tally: Tally) -> None
         tally.headers += 1
     else:
         tally.comments += 1  # comments and boot text
-
-
-def fast_parser(layout: Layout, options: ReadOptions) -> Callable[[str], list[float] | None]:
-    """The fast path, where every column is a number; stamps out of range are left to the slow path."""
-    time = layout.time
-    words = any(is_number(text, layout.form.decimal) for text in options.missing_texts)
-    if words or any(column.role == "text" for column in layout.columns) or (time and time.kind != "number"):
-        return lambda _: None
-    parse = plain_row_parser(layout.form, len(layout.columns))
-    if time is None:
-        return parse
-    index = time.index
-
-    def checked(line: str) -> list[float] | None:
-        values = parse(line)
-        return values if values is not None and abs(values[index]) <= LARGEST_STAMP else None
-
-    return checked

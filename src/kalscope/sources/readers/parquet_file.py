@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -40,8 +39,6 @@ def read_parquet(raw: RawFile, options: ReadOptions) -> Reading:
     except ImportError:
         raise BadFile(f'{raw.name} needs "pip install duckdb" to be read (got a Parquet file)') from None
     connection = duckdb.connect(config={"autoinstall_known_extensions": False, "autoload_known_extensions": False})
-    with raw.path.open("rb") as file:
-        raw.sha256 = raw.sha256 or hashlib.file_digest(file, "sha256").hexdigest()
     try:
         return _read(connection, raw, options)
     except duckdb.Error as error:

@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from kalscope.sources.lines.line_reader import LineEvent
     from kalscope.sources.lines.sniffer import Layout
 
-__all__ = ["Recorder", "RecorderCounts"]
-
 _WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
 
 

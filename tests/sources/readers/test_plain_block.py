@@ -1,6 +1,5 @@
-"""The bulk path against the own parser: the same values, the same account, for whatever bytes."""
+"""Blocks of plain rows against the line reader: the same values, the same account, for whatever bytes."""
 
-import builtins
 import gzip
 import threading
 
@@ -10,13 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadFile, Cancelled, KalscopeError
-from kalscope.sources.lines.read_options import ReadOptions
-from kalscope.sources.readers import bulk, csv_file
+from kalscope.sources.lines.cells import parse_number, split_fields
+from kalscope.sources.lines.columns import Column
+from kalscope.sources.lines.line_format import LineFormat
+from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.lines.sniffer import Layout
+from kalscope.sources.readers import csv_rows
 from kalscope.sources.readers.csv_file import read_recording
-
-duckdb = pytest.importorskip("duckdb")
-
-OWN, BULK = 1e18, 0
+from kalscope.sources.readers.plain_block import block_parser
 
 CLEAN = "t,a,b\n" + "".join(f"{0.01 * i:.2f},{20 + 0.37 * i:.4f},{-3 + 0.01 * i * i:.3f}\n" for i in range(40))
 UNTIMED = "a;b\n" + "".join(f"{i * 7 % 11};{i * 0.5}\n" for i in range(40))
@@ -38,48 +38,82 @@ SEEDS = {
 
 @pytest.fixture
 def taken(monkeypatch):
-    """Counts how often the bulk path gave a reading."""
-    count = []
+    """The number of lines in each plain block."""
+    blocks = []
 
     def spy(*arguments):
-        reading = read_bulk(*arguments)
-        count.append(reading is not None)
-        return reading
+        parse = block_parser(*arguments)
 
-    read_bulk = bulk.read_bulk
-    monkeypatch.setattr(bulk, "read_bulk", spy)
-    return count
+        def count(lines):
+            rows = parse(lines)
+            if rows is not None:
+                blocks.append(len(lines))
+            return rows
 
+        return count if parse else None
 
-def both(path, options=csv_file.DEFAULTS):
-    """What the two paths make of a file; an error as its type and text."""
-    found = []
-    for size in (OWN, BULK):
-        try:
-            found.append(read_recording(path, options, _bulk_bytes=size))
-        except KalscopeError as error:
-            found.append((type(error), str(error)))
-    return found
+    monkeypatch.setattr(csv_rows, "block_parser", spy)
+    return blocks
 
 
-def assert_same(path, options=csv_file.DEFAULTS):
-    own, fast = both(path, options)
-    if isinstance(own, tuple) or isinstance(fast, tuple):
-        assert fast == own
+def reading(path, options):
+    """What is read; an error as its type and text."""
+    try:
+        return read_recording(path, options)
+    except KalscopeError as error:
+        return type(error), str(error)
+
+
+def assert_same(path, options=DEFAULTS):
+    fast = reading(path, options)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(csv_rows, "block_parser", lambda *_: None)
+        slow = reading(path, options)
+    if isinstance(slow, tuple) or isinstance(fast, tuple):
+        assert fast == slow
         return
-    assert fast.report == own.report
-    assert (fast.names, fast.units, fast.sample_period) == (own.names, own.units, own.sample_period)
-    assert (fast.sha256, fast.source, fast.title) == (own.sha256, own.source, own.title)
-    np.testing.assert_array_equal(fast.time, own.time)
-    np.testing.assert_array_equal(fast.values, own.values)
+    assert fast.report == slow.report
+    assert (fast.names, fast.units, fast.sample_period) == (slow.names, slow.units, slow.sample_period)
+    assert (fast.sha256, fast.source, fast.title) == (slow.sha256, slow.source, slow.title)
+    np.testing.assert_array_equal(fast.time, slow.time)
+    np.testing.assert_array_equal(fast.values, slow.values)
 
 
 @pytest.mark.parametrize("name", SEEDS)
-def test_plain_tables_are_read_in_bulk_and_are_the_same(tmp_path, taken, name):
+def test_plain_tables_are_one_block_and_are_the_same(tmp_path, taken, name):
     path = tmp_path / "log.csv"
     path.write_bytes(SEEDS[name].encode())
     assert_same(path)
-    assert taken == [True]
+    assert taken == [40] or name == "missing"  # "-NaN" is not plain
+    assert sum(taken) >= 39
+
+
+FORMATS = [LineFormat("table", d, m) for d in ",;\t| " for m in ".," if d != m]
+
+
+cells_and_marks = st.text("0123456789+-.eE,;|\t nai_x", max_size=20)
+
+
+@given(st.lists(cells_and_marks, min_size=1, max_size=3), st.sampled_from(FORMATS))
+def test_a_block_holds_what_the_cells_hold(texts, form):
+    width = len(split_fields(texts[0], form.delimiter))
+    layout = Layout(form, (Column("a"),) * width, None, 1, frozenset(), (), ())
+    parse = block_parser(layout, DEFAULTS)
+    assert parse is not None
+    lines = [f"{text}\n" for text in texts]
+    rows = parse(lines)
+    assert (rows is None) == any(parse([line]) is None for line in lines)
+    if rows is not None:
+        cells = [split_fields(text, form.delimiter) for text in texts]
+        np.testing.assert_array_equal(rows, [[parse_number(cell, form.decimal) for cell in row] for row in cells])
+
+
+@pytest.mark.parametrize("line", ["1,2\n", "1,2,NAN\n", "1,2,1e999\n", "1,2,1_0\n", "1,2,\x1c3\n", "\n", ",,\n"])
+def test_what_is_not_plain_is_refused(line):
+    parse = block_parser(Layout(LineFormat(), (Column("a"),) * 3, None, 1, frozenset(), (), ()), DEFAULTS)
+    assert parse is not None
+    assert parse(["1.5,-2e-3,+.5\n", "1, 2 ,3\n", "1,,\n"]) is not None
+    assert parse([line]) is None
 
 
 DAMAGE = [
@@ -162,7 +196,7 @@ def test_options_are_the_same_to_both(tmp_path, taken, options):
     path = tmp_path / "log.csv"
     path.write_text(CLEAN.replace("23.3300", "ERR"))
     assert_same(path, options)
-    assert taken == [True]
+    assert sum(taken) == 39
 
 
 def test_thousands_of_lines_in_many_blocks_are_the_same_to_both(tmp_path, taken):
@@ -172,53 +206,32 @@ def test_thousands_of_lines_in_many_blocks_are_the_same_to_both(tmp_path, taken)
         lines[i] = rng.choice(["\n", "x,1,2\n", "1,2\n", "5,1,2,3\n", "6,ERR,1\n", "# c\n", "7,,\n"])
     path = tmp_path / "log.csv"
     path.write_text("t,a,b\n" + "".join(lines))
-    assert path.stat().st_size > 2 * 2**20
+    assert path.stat().st_size > 8 * csv_rows.BLOCK_SIZE
     assert_same(path)
-    assert taken == [True]
+    assert sum(taken) >= 119_400
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "lines"),
     [
-        CLEAN.replace("\n", "\r\n", 20),
-        CLEAN.replace("\n", "\r"),
-        "t,a\n" + "0,1\n5\n" * 3000,  # too many rejects
-        "t;a\n" + "".join(f"{i},5;{i},25\n" for i in range(30)),
-        "".join(f"a:{i},b:{2 * i}\n" for i in range(20)),
-        "timestamp,x\n" + "".join(f"2026-01-01 00:00:{i:02},{i * 1.5}\n" for i in range(20)),
-        "t a\n" + "".join(f"{i} {i}\n" for i in range(20)),
-        "t,state,a\n" + "".join(f"{i},ok,{i}\n" for i in range(20)),
+        (CLEAN.replace("\n", "\r\n", 20), 40),
+        (CLEAN.replace("\n", "\r"), 40),
+        ("t,a\n" + "0,1\n5\n" * 3000, 3000),
+        ("t;a\n" + "".join(f"{i},5;{i},25\n" for i in range(30)), 30),
+        ("t a\n" + "".join(f"{i} {i}\n" for i in range(20)), 20),
+        ("".join(f"a:{i},b:{2 * i}\n" for i in range(20)), 0),
+        ("timestamp,x\n" + "".join(f"2026-01-01 00:00:{i:02},{i * 1.5}\n" for i in range(20)), 0),
+        ("t,state,a\n" + "".join(f"{i},ok,{i}\n" for i in range(20)), 0),
     ],
 )
-def test_what_is_not_plain_is_left_to_the_own_parser(tmp_path, taken, text):
+def test_unusual_tables_are_the_same_to_both(tmp_path, taken, text, lines):
     path = tmp_path / "log.csv"
     path.write_bytes(text.encode())
     assert_same(path)
-    assert taken == [False]
+    assert sum(taken) == lines
 
 
-def test_without_duckdb_the_own_parser_serves(tmp_path, monkeypatch, taken):
-    def without(name, *rest):
-        if name == "duckdb":
-            raise ImportError(name)
-        return real(name, *rest)
-
-    real = builtins.__import__
-    monkeypatch.setattr(builtins, "__import__", without)
-    path = tmp_path / "log.csv"
-    path.write_text(CLEAN)
-    assert len(read_recording(path, _bulk_bytes=BULK)) == 40
-    assert taken == [False]
-
-
-def test_a_name_full_of_wildcards_is_a_name(tmp_path, taken):
-    path = tmp_path / "a[1]*?'\"{b}.csv"
-    path.write_text(CLEAN)
-    assert_same(path)
-    assert taken == [True]
-
-
-def test_large_archives_take_the_bulk_path_from_a_temporary_file(tmp_path, taken):
+def test_archives_are_read_as_their_content(tmp_path):
     zstandard = pytest.importorskip("zstandard")
     for name, packed in (
         ("log.csv.gz", gzip.compress(CLEAN.encode())),
@@ -227,9 +240,7 @@ def test_large_archives_take_the_bulk_path_from_a_temporary_file(tmp_path, taken
     ):
         path = tmp_path / name
         path.write_bytes(packed)
-        assert_same(path)
         assert read_recording(path).report.rows == 40
-    assert taken == [True] * 3
 
 
 @pytest.mark.parametrize("keep", [5, 20, -1])
@@ -251,10 +262,9 @@ def long_log(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("size", [OWN, BULK])
-def test_progress_rises_to_the_end(long_log, size):
+def test_progress_rises_to_the_end(long_log):
     seen = []
-    read_recording(long_log, progress=lambda fraction, text: seen.append((fraction, text)), _bulk_bytes=size)
+    read_recording(long_log, progress=lambda fraction, text: seen.append((fraction, text)))
     fractions = [fraction for fraction, _ in seen]
     assert len(fractions) > 3
     assert fractions == sorted(fractions)
@@ -262,8 +272,7 @@ def test_progress_rises_to_the_end(long_log, size):
     assert {text for _, text in seen} == {"reading"}
 
 
-@pytest.mark.parametrize("size", [OWN, BULK])
-def test_reading_can_be_cancelled_and_leaves_no_thread(long_log, size):
+def test_reading_can_be_cancelled_and_leaves_no_thread(long_log):
     before, asked = threading.active_count(), []
 
     def cancelled():
@@ -271,61 +280,5 @@ def test_reading_can_be_cancelled_and_leaves_no_thread(long_log, size):
         return len(asked) > 2
 
     with pytest.raises(Cancelled, match="cancelled"):
-        read_recording(long_log, cancelled=cancelled, _bulk_bytes=size)
+        read_recording(long_log, cancelled=cancelled)
     assert threading.active_count() == before
-
-
-# Parquet.
-
-
-@pytest.fixture
-def parquet(tmp_path):
-    def write(select):
-        path = tmp_path / "log.parquet"
-        connection = duckdb.connect()
-        connection.execute(f"COPY ({select}) TO '{path}' (FORMAT parquet)")
-        connection.close()
-        return read_recording(path)
-
-    return write
-
-
-def test_a_parquet_file_with_a_time_in_seconds(parquet):
-    recording = parquet('SELECT i * 0.01::DOUBLE AS time, i AS n, i / 2 AS "x [mV]" FROM range(20) t(i)')
-    assert (recording.names, recording.units) == (("n", "x"), ("", "mV"))
-    assert recording.sample_period == 0.01
-    np.testing.assert_array_equal(recording.channel("x"), np.arange(20) / 2)
-    assert (recording.report.rows, recording.report.lines) == (20, 20)
-
-
-@pytest.mark.parametrize("kind", ["TIMESTAMP", "TIMESTAMP_NS", "TIMESTAMP_S", "TIMESTAMPTZ"])
-def test_a_parquet_file_with_stamps(parquet, kind):
-    recording = parquet(
-        f"SELECT (TIMESTAMP '2026-01-01' + INTERVAL (i) SECOND)::{kind} AS at, 'ok' AS state, i AS n"
-        " FROM range(9) t(i)"
-    )
-    assert recording.names == ("n",)
-    assert recording.time.tolist() == list(range(9))
-    assert any("2026-01-01T00:00:00" in note for note in recording.report.notes)
-
-
-def test_nulls_and_infinities_of_parquet_are_missing_samples(parquet):
-    recording = parquet(
-        "SELECT * FROM (VALUES (0.0::DOUBLE, 1.0::DOUBLE), (1, NULL), (2, 'inf'), (NULL, 4), (3, 5)) v(t, a)"
-    )
-    np.testing.assert_array_equal(recording.values[:, 0], [1, np.nan, np.nan, 5])
-    report = recording.report
-    assert (report.rows, report.rejected, report.lines, report.bad_cells) == (4, 1, 5, 1)
-
-
-@pytest.mark.parametrize("select", ["SELECT 'a' AS b", "SELECT 1 AS a WHERE false"])
-def test_a_parquet_file_without_samples_is_refused(parquet, select):
-    with pytest.raises(BadFile, match="must hold"):
-        parquet(select)
-
-
-def test_a_damaged_parquet_file_is_refused(tmp_path):
-    path = tmp_path / "log.parquet"
-    path.write_bytes(b"PAR1" + bytes(200) + b"PAR1")
-    with pytest.raises(BadFile, match="whole Parquet"):
-        read_recording(path)

@@ -1,0 +1,85 @@
+"""Blocks of plain rows, parsed by numpy at once: a tenth of the time that the line reader needs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.sources.lines.cells import is_number
+from kalscope.sources.lines.timestamps import LARGEST_STAMP
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from kalscope.sources.lines.read_options import ReadOptions
+    from kalscope.sources.lines.sniffer import Layout
+
+_OPEN_COMMA = re.compile(",(?![0-9])")
+"""A decimal comma needs a digit after it; float() takes "5." as a number."""
+
+BlockParser = Callable[[list[str]], "NDArray[np.float64] | None"]
+"""From whole lines, newline included, to their rows of numbers, shape (lines, columns); None where one of the lines
+is not plain. A block is taken exactly where each of its lines would be taken alone."""
+
+
+def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
+    """The parser of plain rows of a layout; None where no line of it is plain.
+
+    A line is plain where it holds one number or missing value (nan or nothing) a column and means the same to the
+    line reader. Whatever is doubtful is refused: other bytes, blank lines, infinite numbers, stamps out of range.
+    """
+    form, time, width = layout.form, layout.time, len(layout.columns)
+    if (
+        form.kind != "table"
+        or form.stamped
+        or form.checksum
+        or (time is not None and time.kind != "number")
+        or any(column.role == "text" for column in layout.columns)
+        or any(is_number(text, form.decimal) for text in options.missing_texts)
+    ):
+        return None
+    delimiter = None if form.delimiter == " " else form.delimiter
+    plain = f"0123456789+-eEnaN \t\n{form.delimiter}{form.decimal}".encode()
+
+    def parse(lines: list[str]) -> NDArray[np.float64] | None:
+        text = "".join(lines)
+        if not text.isascii() or text.encode().translate(None, plain) or text.isspace():
+            return None
+        if form.decimal == ",":
+            if _OPEN_COMMA.search(text):
+                return None
+            text = text.replace(",", ".")
+            lines = text.splitlines()
+        rows = _loaded(lines, delimiter)
+        if rows is None and delimiter is not None:
+            filled = _filled(text, delimiter)
+            rows = None if filled is text else _loaded(filled.splitlines(), delimiter)
+        if rows is None or rows.shape != (len(lines), width) or np.isinf(rows).any():
+            return None
+        if time is not None:
+            is_doubtful = ~(np.abs(rows[:, time.index]) <= LARGEST_STAMP)  # NaN fails as well
+        else:
+            is_doubtful = np.isnan(rows).all(axis=1)  # a line of delimiters alone is blank
+        return None if is_doubtful.any() else rows
+
+    return parse
+
+
+def _loaded(lines: list[str], delimiter: str | None) -> NDArray[np.float64] | None:
+    try:
+        return np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2, encoding=None)
+    except ValueError:
+        return None
+
+
+def _filled(text: str, delimiter: str) -> str:
+    """The lines with "nan" in empty cells; `text` itself where there is none."""
+    twice, last, first = delimiter * 2, f"{delimiter}\n", f"\n{delimiter}"
+    framed = f"\n{text}"
+    if not any(mark in framed for mark in (twice, last, first)):
+        return text
+    framed = framed.replace(twice, f"{delimiter}nan{delimiter}").replace(twice, f"{delimiter}nan{delimiter}")
+    return framed.replace(last, f"{delimiter}nan\n").replace(first, f"\nnan{delimiter}")[1:]

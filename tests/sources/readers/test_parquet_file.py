@@ -1,0 +1,62 @@
+"""Parquet files, written by DuckDB."""
+
+import numpy as np
+import pytest
+
+from kalscope.errors import BadFile
+from kalscope.sources.readers.csv_file import read_recording
+
+duckdb = pytest.importorskip("duckdb")
+
+
+@pytest.fixture
+def parquet(tmp_path):
+    def write(select):
+        path = tmp_path / "log.parquet"
+        connection = duckdb.connect()
+        connection.execute(f"COPY ({select}) TO '{path}' (FORMAT parquet)")
+        connection.close()
+        return read_recording(path)
+
+    return write
+
+
+def test_a_parquet_file_with_a_time_in_seconds(parquet):
+    recording = parquet('SELECT i * 0.01::DOUBLE AS time, i AS n, i / 2 AS "x [mV]" FROM range(20) t(i)')
+    assert (recording.names, recording.units) == (("n", "x"), ("", "mV"))
+    assert recording.sample_period == 0.01
+    np.testing.assert_array_equal(recording.channel("x"), np.arange(20) / 2)
+    assert (recording.report.rows, recording.report.lines) == (20, 20)
+
+
+@pytest.mark.parametrize("kind", ["TIMESTAMP", "TIMESTAMP_NS", "TIMESTAMP_S", "TIMESTAMPTZ"])
+def test_a_parquet_file_with_stamps(parquet, kind):
+    recording = parquet(
+        f"SELECT (TIMESTAMP '2026-01-01' + INTERVAL (i) SECOND)::{kind} AS at, 'ok' AS state, i AS n"
+        " FROM range(9) t(i)"
+    )
+    assert recording.names == ("n",)
+    assert recording.time.tolist() == list(range(9))
+    assert any("2026-01-01T00:00:00" in note for note in recording.report.notes)
+
+
+def test_nulls_and_infinities_of_parquet_are_missing_samples(parquet):
+    recording = parquet(
+        "SELECT * FROM (VALUES (0.0::DOUBLE, 1.0::DOUBLE), (1, NULL), (2, 'inf'), (NULL, 4), (3, 5)) v(t, a)"
+    )
+    np.testing.assert_array_equal(recording.values[:, 0], [1, np.nan, np.nan, 5])
+    report = recording.report
+    assert (report.rows, report.rejected, report.lines, report.bad_cells) == (4, 1, 5, 1)
+
+
+@pytest.mark.parametrize("select", ["SELECT 'a' AS b", "SELECT 1 AS a WHERE false"])
+def test_a_parquet_file_without_samples_is_refused(parquet, select):
+    with pytest.raises(BadFile, match="must hold"):
+        parquet(select)
+
+
+def test_a_damaged_parquet_file_is_refused(tmp_path):
+    path = tmp_path / "log.parquet"
+    path.write_bytes(b"PAR1" + bytes(200) + b"PAR1")
+    with pytest.raises(BadFile, match="whole Parquet"):
+        read_recording(path)
