@@ -25,7 +25,7 @@ def matlab_appendix(zk: ArrayLike, r: float = 100.0, q: float = 1.0) -> Array:
         buff_xk, shape (n,).
     """
     xk, pk = 0.0, 0.0
-    buff_xk = []
+    buff_xk: list[float] = []
     for z in np.asarray(zk, dtype=np.float64).tolist():
         pk = pk + q
         kk = pk / (pk + r)
@@ -49,7 +49,7 @@ def arduino_appendix(sensor_data: ArrayLike, r: float = 100.0, q: float = 1.0, n
     """
     one, noise, drift = number(1), number(r), number(q)
     xt_prev, pt_prev = number(0), number(1)
-    kalman_filter_data = []
+    kalman_filter_data: list[Any] = []
     for reading in np.asarray(sensor_data, dtype=number):
         xt_update = xt_prev
         pt_update = pt_prev + drift
@@ -75,7 +75,7 @@ def c_listing(measurements: ArrayLike, q: float, r: float, p: float, initial_val
         x and p after each update, shape (n,) each.
     """
     x = initial_value
-    states = []
+    states: list[tuple[float, float]] = []
     for measurement in np.asarray(measurements, dtype=np.float64).tolist():
         p = p + q
         k = p / (p + r)

@@ -19,11 +19,11 @@ from kalscope.papers.generalized_filter import (
 from kalscope.papers.interactive_matter_2009 import document as lis302dl
 from kalscope.papers.khan import paper as generalized
 from kalscope.papers.maarif_2019 import paper as noise_reducer
-from kalscope.papers.parts import Experiment, Settings
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from kalscope.papers.parts import Experiment, Settings
     from kalscope.recording import Recording
 
 PREFIX = "experiment:"

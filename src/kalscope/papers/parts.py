@@ -76,7 +76,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Table:
+class ResultTable:
     """Numbers with their words."""
 
     title: str
@@ -105,7 +105,7 @@ class Chapter:
     """Authors, place and year."""
     intro: tuple[str, ...]
     """Paragraphs before the first figure."""
-    blocks: tuple[Figure | Table, ...]
+    blocks: tuple[Figure | ResultTable, ...]
     """Figures and tables, in the order of the document."""
     checks: tuple[Check, ...]
     """What must stay in its tolerance."""

@@ -115,14 +115,16 @@ def test_the_curves_keep_every_extreme_and_few_points():
     rec.values[40_000:41_000] = np.nan
     rec.values[77_777] = 1e3
     whole, detail = make_report(rec, tuned(rec)).charts
-    assert len(whole.x) <= DRAWN + 2
-    assert np.nanmax(whole.raw) == 1e3
-    assert np.nanmin(whole.raw) == np.nanmin(rec.values)
-    assert np.isnan(whole.raw[(whole.x > 400.3) & (whole.x < 409.7)]).all()
-    assert np.all(np.diff(whole.x) > 0)
+    raw, _ = whole.lines
+    assert len(raw.x) <= DRAWN + 2
+    assert np.nanmax(raw.y) == 1e3
+    assert np.nanmin(raw.y) == np.nanmin(rec.values)
+    assert np.isnan(raw.y[(raw.x > 400.3) & (raw.x < 409.7)]).all()
+    assert np.all(np.diff(raw.x) > 0)
     x = kalman_filter(rec.channel("ax"), FilterParams(0.0025, 1.0)).x
-    at = np.rint(detail.x * 100).astype(int)
-    assert np.array_equal(detail.filtered, x[at])
+    filtered = detail.lines[-1]
+    at = np.rint(filtered.x * 100).astype(int)
+    assert np.array_equal(filtered.y, x[at])
 
 
 @pytest.mark.parametrize(

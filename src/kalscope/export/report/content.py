@@ -16,6 +16,7 @@ from kalscope.analysis.advice import as_sentences
 from kalscope.analysis.alternatives.comparison import Comparison, compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.common.array import Array
+from kalscope.common.charts import Line, Panel
 from kalscope.common.text import (
     correlation,
     count,
@@ -47,27 +48,7 @@ DETAIL = 240
 
 
 @dataclass(frozen=True)
-class Curves:
-    """One chart; arrays have shape (m,), ascending in x."""
-
-    title: str
-    """What stretch it shows."""
-    x_label: str
-    """"time (s)" or "sample"."""
-    y_label: str
-    """Channel and unit."""
-    x: Array
-    """Moments, s, or sample numbers."""
-    raw: Array
-    """Measurements, unit; NaN where missing."""
-    filtered: Array
-    """Filtered signal, unit."""
-    truth: Array | None
-    """The noise-free signal where it is known, unit."""
-
-
-@dataclass(frozen=True)
-class Table:
+class ReportTable:
     """Rows of cells."""
 
     heading: str
@@ -86,9 +67,9 @@ class Report:
     """Recording and channel."""
     subtitle: str
     """Samples, rate, what is missing."""
-    charts: tuple[Curves, ...]
+    charts: tuple[Panel, ...]
     """The whole recording, then a detail where that helps."""
-    tables: tuple[Table, ...]
+    tables: tuple[ReportTable, ...]
     """Parameters, what they do, tests, simpler filters."""
     texts: tuple[tuple[str, str], ...]
     """Headings with a few sentences: does it fit, is there a simpler filter."""
@@ -136,9 +117,9 @@ def make_report(
         subtitle=_subtitle(recording, z),
         charts=_charts(recording, own, z, result, truth),
         tables=(
-            Table("Parameters", _parameters(own)),
-            Table("What they do", _meaning(steady, result, recording.sample_period)),
-            Table("Residuals", _tests(checks)),
+            ReportTable("Parameters", _parameters(own)),
+            ReportTable("What they do", _meaning(steady, result, recording.sample_period)),
+            ReportTable("Residuals", _tests(checks)),
             _filters(found),
         ),
         texts=(
@@ -200,7 +181,7 @@ def _tests(d: Diagnostics) -> Rows:
     )
 
 
-def _filters(found: Comparison) -> Table:
+def _filters(found: Comparison) -> ReportTable:
     rows: list[tuple[str, ...]] = []
     for one in (found.present, *found.others):
         error = one.prediction if one.rmse is None else one.rmse
@@ -208,7 +189,7 @@ def _filters(found: Comparison) -> Table:
         rows.append((one.name, number(one.lag_samples), decibel, "–" if error is None else number(error)))
     error = "next sample" if found.present.rmse is None else "RMSE"
     heading = "Simpler filters, at this lag"
-    return Table(heading, tuple(rows) if found.others else (), ("", "lag", "dB", error))
+    return ReportTable(heading, tuple(rows) if found.others else (), ("", "lag", "dB", error))
 
 
 def _command(recording: Recording, config: str) -> str:
@@ -229,42 +210,34 @@ def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
 
 def _charts(
     recording: Recording, own: ChannelTuning, z: Array, result: FilterResult, truth: Array | None
-) -> tuple[Curves, ...]:
-    n = len(z)
-    whole = _curves(recording, own, z, result, truth, slice(0, n), "The whole recording")
+) -> tuple[Panel, ...]:
+    n, timed = len(z), recording.sample_period is not None
+    x = np.maximum.accumulate(recording.time) if timed else np.arange(n, dtype=np.float64)
+    named = [("raw", z, "raw"), ("filtered", result.x, "s2")]
+    if truth is not None:
+        named.insert(1, ("truth", truth, "truth"))
+
+    def panel(title: str, first: int, stop: int) -> Panel:
+        at = first + _chosen(z[first:stop])
+        across, at = (x[at], at) if len(at) > 1 else (x[0] + np.arange(2.0), [0, 0])  # a line needs two points
+        lines = tuple(Line(across, values[at], name, style) for name, values, style in named)
+        low_high = _y_range([values[at] for name, values, _ in named if name != "filtered"])
+        return Panel(title, lines, "time (s)" if timed else "sample", _label(own.name, own.unit), low_high)
+
+    whole = panel("The whole recording", 0, n)
     if n < 2 * DETAIL:
         return (whole,)
     first = (n - DETAIL) // 2
-    title = f"Detail: samples {first} to {first + DETAIL - 1}"
-    return whole, _curves(recording, own, z, result, truth, slice(first, first + DETAIL), title)
+    return whole, panel(f"Detail: samples {first} to {first + DETAIL - 1}", first, first + DETAIL)
 
 
-def _curves(
-    recording: Recording,
-    own: ChannelTuning,
-    z: Array,
-    result: FilterResult,
-    truth: Array | None,
-    part: slice,
-    title: str,
-) -> Curves:
-    timed = recording.sample_period is not None
-    x = np.maximum.accumulate(recording.time)[part] if timed else np.arange(part.start, part.stop, dtype=np.float64)
-    raw = z[part]
-    at = _chosen(raw)
-    if len(x) == 1:  # a line needs two points
-        x, at = np.array([x[0], x[0] + 1.0]), np.array([0, 0])
-    else:
-        x = x[at]
-    return Curves(
-        title=title,
-        x_label="time (s)" if timed else "sample",
-        y_label=_label(own.name, own.unit),
-        x=x,
-        raw=raw[at],
-        filtered=result.x[part][at],
-        truth=None if truth is None else truth[part][at],
-    )
+def _y_range(curves: list[Array]) -> tuple[float, float]:
+    """Ends of the ordinate: what raw and truth need; a wild start of the filter may leave the picture."""
+    seen = np.concatenate(curves)
+    seen = seen[np.isfinite(seen)]
+    low, high = (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 1.0)
+    room = 0.06 * (high - low) or 0.5 * abs(high) or 1.0
+    return low - room, high + room
 
 
 def _label(name: str, unit: str) -> str:

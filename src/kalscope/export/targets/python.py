@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def files(job: ExportJob) -> dict[str, str]:
     """`kalscope_filter.py` and `with_kalscope.py`.
 
-    A hostile name could form an encoding line; Python reads one in the first two lines only, and those are constant.
+    A hostile name could form an encoding line: the first two lines, where Python looks for one, are constant.
     """
     head = commented(about(job), "#")
     return {

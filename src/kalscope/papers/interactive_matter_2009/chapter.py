@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kalscope.common.svg import Line, Panel, draw
+from kalscope.common.charts import Line, Panel, draw_svg
 from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.papers.appendices import c_listing
 from kalscope.papers.interactive_matter_2009 import document as paper
 from kalscope.papers.interactive_matter_2009 import questions
-from kalscope.papers.parts import Chapter, Check, Effort, Figure, Table
+from kalscope.papers.parts import Chapter, Check, Effort, Figure, ResultTable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -85,7 +85,7 @@ def listing_difference() -> int:
 def _walk_figure() -> Figure:
     board = paper.moved_board()
     z, shown = board.values[:, 0], slice(60, 330)
-    panels = []
+    panels: list[Panel] = []
     for name, q, r in paper.WALK:
         x = denoise(z, paper.walk_params(q, r))
         assumed = " (assumed)" if name.startswith("q_") else ""
@@ -96,7 +96,7 @@ def _walk_figure() -> Figure:
         panels.append(Panel(f"q = {q:g}, r = {r:g}{assumed}", lines, "time / s", "x / counts", (-15.0, 68.0)))
     return Figure(
         "The walk: q = 128, 4, 0.125, then r = 1, 4, 32",
-        draw(panels, "Six settings on a moved accelerometer", columns=3, height=220),
+        draw_svg(panels, "Six settings on a moved accelerometer", columns=3, height=220),
         "The x axis of a board that is tilted and put back, noise of 3 counts. In the upper row the document"
         " does not state r; 4 is assumed, so the last picture above and the middle one below are the same.",
         "As described: at q = 128 the filter shows the raw signal, at 4 it is overshot by the readings, at 0.125"
@@ -104,15 +104,15 @@ def _walk_figure() -> Figure:
     )
 
 
-def _walk_table(walk: Sequence[WalkRow]) -> Table:
+def _walk_table(walk: Sequence[WalkRow]) -> ResultTable:
     other = {r: paper.try_walk(r) for r in (1.0, 32.0)}
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for i, row in enumerate(walk):
         gains = [f"{other[r][i].gain:.3f}" if row.name.startswith("q_") else "" for r in other]
         cells = (f"{row.q:g}", f"{row.r:g}", f"{row.gain:.3f}", f"{row.lag_samples:.2f}")
         rows.append((*cells, f"{100 * row.noise_left:.0f} %", f"{row.rmse:.2f}", *gains))
     best = min(walk, key=lambda row: row.rmse)
-    return Table(
+    return ResultTable(
         "The walk in numbers",
         ("q", "r", "gain", "lag / samples", "noise left", "RMSE / counts", "gain if r = 1", "gain if r = 32"),
         tuple(rows),
@@ -126,7 +126,7 @@ def _walk_table(walk: Sequence[WalkRow]) -> Table:
 def _axes_figure() -> Figure:
     board = paper.moved_board()
     x = denoise(board.values, paper.walk_params(0.125, 4.0))
-    panels = []
+    panels: list[Panel] = []
     for i, name in enumerate(board.names):
         lines = (
             Line(board.time, board.values[:, i], "raw", "raw"),
@@ -136,14 +136,14 @@ def _axes_figure() -> Figure:
         panels.append(Panel(f"{name} axis", lines, "time / s", "counts", (-60.0, 70.0)))
     return Figure(
         "Three axes, three filters",
-        draw(panels, "Three axes filtered independently", columns=3, height=260),
+        draw_svg(panels, "Three axes filtered independently", columns=3, height=260),
         "q = 0.125, r = 4 for each axis, started at 0 with p = 1023; dashed is the truth behind the noise.",
         "One filter an axis is enough: nothing in one axis is used for another, and the start at 0 is gone at"
         " once.",
     )
 
 
-def _estimate_table(answer: EstimateAnswer, draws: int) -> Table:
+def _estimate_table(answer: EstimateAnswer, draws: int) -> ResultTable:
     rows = (
         ("q / counts²", "0.125", f"{answer.q_median:.3f}", f"{answer.q_low:.3f} to {answer.q_high:.3f}"),
         ("r / counts²", "9", f"{answer.r_median:.2f}", f"{answer.r_low:.2f} to {answer.r_high:.2f}"),
@@ -152,7 +152,7 @@ def _estimate_table(answer: EstimateAnswer, draws: int) -> Table:
         ("moved board: RMSE / counts, estimated", "", f"{answer.board_rmse:.2f}", ""),
         ("board at rest, three axes", "", ", ".join(sorted(set(answer.resting_verdicts))).replace("_", " "), ""),
     )
-    return Table(
+    return ResultTable(
         "First question: can q and r be estimated?",
         ("", "true", "found, median", "90 % of the recordings"),
         rows,
@@ -165,14 +165,14 @@ def _estimate_table(answer: EstimateAnswer, draws: int) -> Table:
     )
 
 
-def _fusion_table(answer: FusionAnswer) -> Table:
+def _fusion_table(answer: FusionAnswer) -> ResultTable:
     rows = (
         ("first sensor alone, r = 9", f"{answer.first:.3f}"),
         ("second sensor alone, r = 25", f"{answer.second:.3f}"),
         ("both: one predict, two updates", f"{answer.fused:.3f}"),
         ("promised by the model, √(K r), 1/r = 1/9 + 1/25", f"{answer.fused_theory:.3f}"),
     )
-    return Table(
+    return ResultTable(
         "Second question: several sensors?",
         ("filter", "RMSE / counts"),
         rows,
@@ -184,7 +184,7 @@ def _fusion_table(answer: FusionAnswer) -> Table:
     )
 
 
-def _exponential_table(answers: Sequence[ExponentialAnswer]) -> Table:
+def _exponential_table(answers: Sequence[ExponentialAnswer]) -> ResultTable:
     rows = tuple(
         (
             f"{q:g}",
@@ -196,7 +196,7 @@ def _exponential_table(answers: Sequence[ExponentialAnswer]) -> Table:
         )
         for (_, q, r), a in zip(paper.WALK, answers, strict=True)
     )
-    return Table(
+    return ResultTable(
         "Third question: a much easier filter?",
         ("q", "r", "K", "difference in the first 10 samples", "below 0.01 counts after", "second half"),
         rows,
@@ -223,7 +223,7 @@ def _exponential_figure() -> Figure:
     panel = Panel("z axis, q = 0.125, r = 32, both started at 0", lines, "time / s", "counts")
     return Figure(
         "The start is the difference",
-        draw([panel], "Kalman filter and exponential smoothing at the start", height=280),
+        draw_svg([panel], "Kalman filter and exponential smoothing at the start", height=280),
         "The z axis rests at 55 counts; the Kalman filter begins with a gain near 1, the exponential one with"
         " its K.",
         "After the start-up the two lines are one.",

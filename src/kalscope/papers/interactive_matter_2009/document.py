@@ -91,7 +91,7 @@ def walk_params(q: float, r: float) -> FilterParams:
 def try_walk(r_of_q_pictures: float = ASSUMED_R) -> tuple[WalkRow, ...]:
     """The six pictures in numbers, with another r for the first three if wished."""
     board = moved_board()
-    rows = []
+    rows: list[WalkRow] = []
     for name, q, r in WALK:
         used = r_of_q_pictures if name.startswith("q_") else r
         params = walk_params(q, used)

@@ -91,7 +91,8 @@ class ExponentialAnswer:
 def answer_estimation(draws: int) -> EstimateAnswer:
     """Estimate q and r of `draws` random walks in noise, and filter with what was found."""
     rng = np.random.default_rng(1960)
-    pairs, losses = [], []
+    pairs: list[tuple[float, float]] = []
+    losses: list[float] = []
     true = FilterParams(q=TRUE_Q, r=TRUE_R)
     for _ in range(draws):
         truth = np.cumsum(math.sqrt(TRUE_Q) * rng.standard_normal(RECORD))
@@ -112,7 +113,8 @@ def answer_estimation(draws: int) -> EstimateAnswer:
 def _on_the_board() -> tuple[float, float, tuple[str, ...]]:
     """RMSE of estimated pairs and of the pair by eye on the moved board; the verdicts on the resting one."""
     board = moved_board()
-    truth, columns = truth_of(board), []
+    truth = truth_of(board)
+    columns: list[Array] = []
     for axis in range(3):
         z = board.values[:, axis]
         found = estimate(z).params

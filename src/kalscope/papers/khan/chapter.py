@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kalscope.common.svg import Line, Panel, draw
+from kalscope.common.charts import Line, Panel, draw_svg
 from kalscope.errors import BadSetting
 from kalscope.filtering.batch import denoise
 from kalscope.papers.diagrams import block_diagram
 from kalscope.papers.generalized_filter import GeneralizedParams, generalized_filter, printed_fixed_point
 from kalscope.papers.khan import paper
 from kalscope.papers.khan.paper import GainRow, LevelRow, channel
-from kalscope.papers.parts import Chapter, Check, Figure, Table
+from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -113,12 +113,12 @@ def _figure_1() -> Figure:
     )
 
 
-def _level_table(levels: Sequence[LevelRow]) -> Table:
+def _level_table(levels: Sequence[LevelRow]) -> ResultTable:
     rows = tuple(
         (row.level, f"{row.sigma_m:g}", f"{row.formula:.4f}", f"{abs(row.simulated - row.formula):.0g}")
         for row in levels
     )
-    return Table(
+    return ResultTable(
         "The printed filter's gain comes from the level and the unit",
         ("constant signal", "σM in its unit", "settled gain", "|simulated − formula|"),
         rows,
@@ -157,7 +157,7 @@ def _figure_7(recovered: int) -> Figure:
     ]
     return Figure(
         "Figure 7: flex sensor with a high first estimate",
-        draw(panels, "Flex sensor filtered by both readings"),
+        draw_svg(panels, "Flex sensor filtered by both readings"),
         "Servo sweeps of 1.8 s. The paper gives no σM; the one above makes the printed equation look like its"
         " picture.",
         f"The start is forgotten after {recovered} samples, as the paper says, and the output trails the servo."
@@ -181,7 +181,7 @@ def _figure_8() -> Figure:
     ]
     return Figure(
         "Figure 8: LDR ramp",
-        draw(panels, "LDR ramp and the gain of the printed filter", columns=2, height=280),
+        draw_svg(panels, "LDR ramp and the gain of the printed filter", columns=2, height=280),
         "First estimate 1 count, σE = 1: at 0 the printed equation would never leave its start.",
         f"As in the paper the curve rises late and then follows with some noise left; the printed equation explains"
         f" both: its gain grows with the level, from {result.k[:50].mean():.3f} in the dark to"
@@ -192,14 +192,14 @@ def _figure_8() -> Figure:
 def _figure_9(smooth: float, honest: float) -> Figure:
     z = channel("hot_water")
     time = 0.1 * np.arange(len(z))
-    panels = []
+    panels: list[Panel] = []
     for params, style in ((paper.WATER, "s2"), (paper.WATER_DATASHEET, "s4")):
         x = generalized_filter(z, params).x
         lines = (Line(time, z, "raw", "raw"), Line(time, x, f"as printed, σM = {params.sigma_m:g} °C", style))
         panels.append(Panel(f"σM = {params.sigma_m:g} °C", lines, "time / s", "temperature / °C", (0.0, 70.0)))
     return Figure(
         "Figure 9: temperature",
-        draw(panels, "Temperature filtered with two measured errors", columns=2, height=280),
+        draw_svg(panels, "Temperature filtered with two measured errors", columns=2, height=280),
         "A coarse sensor, 0.49 °C a count, noise of 0.8 °C; hot water at 60 s.",
         f"With σM = 200 °C it is the smooth, late curve of the paper ({100 * smooth:.0f} % of the noise left)."
         f" With the error that the sensor really has, 0.8 °C, {100 * honest:.0f} % of the noise is left: the data"
@@ -211,7 +211,7 @@ def _figure_10() -> Figure:
     z = channel("ldr_pwm")
     time = 0.02 * np.arange(len(z))
     filtered = [denoise(z, paper.fixed_gain(gain, float(z[0]))) for gain in paper.GAINS]
-    panels = []
+    panels: list[Panel] = []
     for title, shown in (("LDR ramp", slice(0, 1500)), ("2 s of it", slice(700, 800))):
         lines = [Line(time[shown], z[shown], "raw", "raw")]
         for gain, x, style in zip(paper.GAINS, filtered, ("s1", "s3", "s2", "s4"), strict=True):
@@ -219,7 +219,7 @@ def _figure_10() -> Figure:
         panels.append(Panel(title, tuple(lines), "time / s", "counts"))
     return Figure(
         "Figure 10: LDR under fixed gains",
-        draw(panels, "LDR ramp under four fixed gains", columns=2, height=340),
+        draw_svg(panels, "LDR ramp under four fixed gains", columns=2, height=340),
         "The five-line filter with λ = K²/(1 − K) and p0 = K r, whose gain is K from the first sample on. The"
         " paper does not give its gains.",
         "The smaller the gain, the farther the curve drifts from the reading, as the paper shows (its next"
@@ -227,11 +227,11 @@ def _figure_10() -> Figure:
     )
 
 
-def _gain_table(gains: Sequence[GainRow]) -> Table:
+def _gain_table(gains: Sequence[GainRow]) -> ResultTable:
     rows = tuple(
         (f"{row.gain:g}", f"{row.lag:.2f}", f"{row.lag_theory:.2f}", f"{100 * row.noise:.0f} %") for row in gains
     )
-    return Table(
+    return ResultTable(
         "Figure 10 in numbers",
         ("gain K", "lag measured / samples", "(1 − K)/K", "jumps left"),
         rows,
@@ -240,8 +240,8 @@ def _gain_table(gains: Sequence[GainRow]) -> Table:
     )
 
 
-def _failure_table() -> Table:
-    rows = []
+def _failure_table() -> ResultTable:
+    rows: list[tuple[str, ...]] = []
     cases = (
         ("a reading of −50 after one of 3", np.array([3.0, -50.0]), GeneralizedParams(3.0)),
         ("a first sample of 0", np.array([0.0, 1.0]), GeneralizedParams(4.0)),
@@ -252,7 +252,7 @@ def _failure_table() -> Table:
         except BadSetting as error:
             rows.append((name, str(error)))
     settled = printed_fixed_point(100.0, 4.0)
-    return Table(
+    return ResultTable(
         "The printed filter at zero and below",
         ("signal", "what Kalscope answers"),
         tuple(rows),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,7 +88,7 @@ def try_gains() -> tuple[GainRow, ...]:
     z = channel("ldr_pwm")
     ramp = np.arange(len(z))[RAMP]
     slope = float(np.polyfit(ramp, z[RAMP], 1)[0])
-    rows = []
+    rows: list[GainRow] = []
     for gain in GAINS:
         x = denoise(z, fixed_gain(gain, float(z[0])))
         jumps = np.diff(x[RAMP], 2).std() / np.diff(z[RAMP], 2).std()
@@ -144,8 +144,9 @@ def water_noise(params: GeneralizedParams) -> float:
     return float(generalized_filter(z, params).x[200:590].std() / z[200:590].std())
 
 
+@cache
 def channel(sample: str) -> Array:
-    """The only channel of a recording of sample_data, shape (n,)."""
+    """The only channel of a recording of sample_data, shape (n,); shared, so not to be changed."""
     return open_sample(sample).values[:, 0]
 
 

@@ -23,7 +23,7 @@ from kalscope.papers.maarif_2019.limits import (
     swinging_rmse,
     try_advice,
 )
-from kalscope.papers.parts import Chapter, Check, Effort, Table
+from kalscope.papers.parts import Chapter, Check, Effort, ResultTable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -85,7 +85,7 @@ def checks(
     same: dict[str, float],
 ) -> tuple[Check, ...]:
     """Every number of this chapter that must hold, with its tolerance."""
-    rows = []
+    rows: list[Check] = []
     for i, row in enumerate(table, 1):
         name = f"Table 1, row {i} (R = {row.r:g}, Q = {row.q:g}): mean error"
         rows.append(Check(f"{name}, simulated", row.simulated, row.printed, TABLE_TOLERANCE, relative=True))
@@ -111,7 +111,7 @@ def checks(
 
 def compare_appendices() -> dict[str, float]:
     """Largest |appendix − kalman_filter|, in the unit of the signal: u, and counts for the Arduino."""
-    z, counts = paper.appendix_signal(), paper.robot_recording().values[:, 0]
+    z, counts = paper.appendix_signal(), paper.robot_signal()
     matlab = kalman_filter(z, FilterParams(q=1.0, r=100.0, p0=0.0, x0=0.0)).x
     arduino = kalman_filter(counts, FilterParams(q=1.0, r=100.0, p0=1.0, x0=0.0)).x
     return {
@@ -123,7 +123,7 @@ def compare_appendices() -> dict[str, float]:
     }
 
 
-def table_1(rows: Sequence[TableRow], draws: int) -> Table:
+def table_1(rows: Sequence[TableRow], draws: int) -> ResultTable:
     """Table 1 with the printed, simulated and theoretical mean error side by side."""
     cells = tuple(
         (
@@ -142,7 +142,7 @@ def table_1(rows: Sequence[TableRow], draws: int) -> Table:
         for i, row in enumerate(rows, 1)
     )
     worst = max(abs(row.simulated / row.printed - 1) for row in rows)
-    return Table(
+    return ResultTable(
         "Table 1: mean error, printed, simulated and from theory",
         (
             "row",
@@ -168,7 +168,7 @@ def table_1(rows: Sequence[TableRow], draws: int) -> Table:
     )
 
 
-def _start_table(clue: StartClue) -> Table:
+def _start_table(clue: StartClue) -> ResultTable:
     rows = (
         ("printed, row 4 − row 3", f"{clue.printed:.4f}"),
         ("p0 = 0, 100 samples", f"{clue.p0_zero:.1g} at most (rounding)"),
@@ -178,7 +178,7 @@ def _start_table(clue: StartClue) -> Table:
         ("p0 that gives the printed difference over 100 samples", f"{clue.p0_needed:.4f}"),
         ("samples after which p0 = 1 gives it", f"about {round(clue.samples_needed, -2):,.0f}"),
     )
-    return Table(
+    return ResultTable(
         "Rows 3 and 4: the same ratio, so what start?",
         ("case", "difference of the mean errors"),
         rows,
@@ -189,7 +189,7 @@ def _start_table(clue: StartClue) -> Table:
     )
 
 
-def _advice_table(tests: Sequence[AdviceTest]) -> Table:
+def _advice_table(tests: Sequence[AdviceTest]) -> ResultTable:
     rows = tuple(
         (
             test.kind,
@@ -201,7 +201,7 @@ def _advice_table(tests: Sequence[AdviceTest]) -> Table:
         )
         for test in tests
     )
-    return Table(
+    return ResultTable(
         "“The recommended ratio is 100”",
         ("signal", "best R/Q", "RMSE there", "RMSE at 100", "worse by", "RMSE raw"),
         rows,
@@ -211,14 +211,14 @@ def _advice_table(tests: Sequence[AdviceTest]) -> Table:
     )
 
 
-def _rule_table(rule: RuleTest) -> Table:
+def _rule_table(rule: RuleTest) -> ResultTable:
     rows = (
         ("R/Q admitted at σ = 72", f"{rule.ratios[0]:.2g} to {rule.ratios[1]:.0f}"),
         ("mean error of ratio 10, called too aggressive", f"{rule.row_2:.1f}: admitted"),
         ("σ below which no filter reaches 40", f"{rule.sigma_too_small:.1f}"),
         ("σ above which even ratio 100 is refused", f"{rule.sigma_too_large:.1f}"),
     )
-    return Table(
+    return ResultTable(
         "“Good parameters have a mean error of 40 to 55”",
         ("question", "answer"),
         rows,
@@ -228,13 +228,13 @@ def _rule_table(rule: RuleTest) -> Table:
     )
 
 
-def _appendix_table(same: dict[str, float]) -> Table:
+def _appendix_table(same: dict[str, float]) -> ResultTable:
     rows = (
         ("a. MATLAB, 100 samples of its own noise", "double", f"{same['matlab']:.1g}"),
         ("b. Arduino, resting robot", "double", f"{same['arduino_double']:.1g} counts"),
         ("b. Arduino, resting robot", "float", f"{same['arduino_float']:.1g} counts"),
     )
-    return Table(
+    return ResultTable(
         "The appendices, line for line",
         ("program", "numbers", "largest difference"),
         rows,

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kalscope.common.array import Array
-from kalscope.common.svg import Line, Mark, Panel, draw
+from kalscope.common.charts import Line, Mark, Panel, draw_svg
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.diagrams import flow_chart
@@ -18,15 +17,16 @@ from kalscope.papers.parts import Figure
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from kalscope.common.array import Array
+
 
 def figure_1() -> Figure:
     """Figure 1: the raw resting robot."""
-    robot = paper.robot_recording()
-    z = robot.values[:, 0]
+    z = paper.robot_signal()
     panel = Panel("Resting robot, raw", (_line(z[:600], "raw", "raw"),), "sample", "ADC reading / counts")
     return Figure(
         "Figure 1: the sensor at rest",
-        draw([panel], "Raw accelerometer of a resting robot"),
+        draw_svg([panel], "Raw accelerometer of a resting robot"),
         "Re-creation of a 10-bit accelerometer on a robot that does not move, 200 Hz, first 600 samples.",
         f"It does not move, yet reads {z.min():.0f} to {z.max():.0f} counts around {z.mean():.1f}, standard"
         f" deviation {z.std():.1f}: what a controller would take for motion.",
@@ -48,7 +48,7 @@ def figure_2() -> Figure:
 def figures_3_to_8() -> Figure:
     """Figures 3–8: six pairs (R, Q) on one draw of the noise."""
     z = paper.white_noise(1)[:, 0]
-    panels = []
+    panels: list[Panel] = []
     for figure, r, q in paper.SIMULATED_FIGURES:
         x = denoise(z, FilterParams(q=q, r=r, p0=0.0, x0=0.0))
         lines = (_line(z, "raw", "raw"), _line(x, "filtered", "s2"))
@@ -56,7 +56,7 @@ def figures_3_to_8() -> Figure:
         panels.append(Panel(title, lines, "sample", "value", (-220.0, 220.0)))
     return Figure(
         "Figures 3–8: six pairs on one signal",
-        draw(panels, "Six filters on one noise", columns=2, height=230),
+        draw_svg(panels, "Six filters on one noise", columns=2, height=230),
         f"One draw of the table's noise, standard deviation {paper.SIGMA:g}; x = 0 and p0 = 0 at the start.",
         "As in the paper: figures 3 and 4 follow the noise, 6 and 7 are the same filter, 8 is nearly a line."
         " What the paper calls a loss of original data in figure 8 cannot be one here: this signal has none but"
@@ -66,8 +66,9 @@ def figures_3_to_8() -> Figure:
 
 def figures_9_and_10() -> Figure:
     """Figures 9 and 10, the latter by its caption and by the text: start and settled filter."""
-    z = paper.robot_recording().values[:, 0]
-    panels, words = [], []
+    z = paper.robot_signal()
+    panels: list[Panel] = []
+    words: list[str] = []
     for label, r, q in paper.ROBOT_FIGURES:
         x = paper.robot_filtered(r, q)
         source = {"9": "Figure 9", "10": "Figure 10, caption", "10_text": "Figure 10, text"}[label]
@@ -81,7 +82,7 @@ def figures_9_and_10() -> Figure:
         words.append(f"{source}: {late} samples until within 5 %, then {less:.1f} times less noise")
     return Figure(
         "Figures 9 and 10: the resting robot on the Arduino",
-        draw(panels, "Resting robot filtered with ratios 100 and 1000", columns=2, height=210),
+        draw_svg(panels, "Resting robot filtered with ratios 100 and 1000", columns=2, height=210),
         "Left the start from x = 0, p = 1, right the settled filter. " + "; ".join(words) + ".",
         "Smoother with the larger ratio, as the paper says; on a robot at rest that is a gain, not a loss. The two"
         " readings of figure 10 end in the same filter, but the captioned one needs longer to arrive, because"
@@ -92,7 +93,7 @@ def figures_9_and_10() -> Figure:
 def advice_figure(tests: Sequence[AdviceTest]) -> Figure:
     """RMSE and mean error over the ratio for the three kinds of signal."""
     titles = {"at rest": "at rest", "wandering": "wandering, true r/q = 100", "swinging": "swinging, 60 samples"}
-    panels = []
+    panels: list[Panel] = []
     for test in tests:
         lines = (
             Line(RATIOS, test.rmse, "RMSE against the truth", "s1"),
@@ -102,7 +103,7 @@ def advice_figure(tests: Sequence[AdviceTest]) -> Figure:
         panels.append(Panel(titles[test.kind], lines, "R/Q", "error", (0.0, 160.0), log_x=True, marks=marks))
     return Figure(
         "The advice tested: three kinds of signal",
-        draw(panels, "RMSE and mean error over the ratio for three signals", columns=3, height=290),
+        draw_svg(panels, "RMSE and mean error over the ratio for three signals", columns=3, height=290),
         f"Noise of standard deviation {paper.SIGMA:g} on a constant, on a random walk of variance σ²/100 a"
         " sample, and on a sine of amplitude 300 and period 60 samples; 2000 samples, the first 300 left out.",
         "The best ratio is where the blue line is lowest: as large as it gets, 100, and about 2. The orange"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -128,7 +128,7 @@ def appendix_signal(samples: int = SAMPLES, seed: int = SEED) -> Array:
 def simulate_table(draws: int) -> tuple[TableRow, ...]:
     """Table 1 over `draws` signals of 100 samples of white noise, σ = 72 around 0; the same ones for all rows."""
     z = white_noise(draws)
-    rows = []
+    rows: list[TableRow] = []
     for r, q, printed in PRINTED:
         x = kalman_filter(z, FilterParams(q=q, r=r, p0=0.0, x0=0.0)).x
         started_at_1 = kalman_filter(z, FilterParams(q=q, r=r, p0=1.0, x0=0.0)).x
@@ -198,9 +198,15 @@ def robot_recording(name: str = "noise_reducer_figure_9", title: str = "Resting 
     return replace(open_sample("balancing_robot"), source=f"experiment:{name}", title=title)
 
 
+@cache
+def robot_signal() -> Array:
+    """Its readings, counts, shape (2000,); shared, so not to be changed."""
+    return robot_recording().values[:, 0]
+
+
 def robot_filtered(r: float, q: float) -> Array:
     """The resting robot as the Arduino appendix filters it: Xt_prev = 0, Pt_prev = 1; shape (2000,)."""
-    return denoise(robot_recording().values[:, 0], FilterParams(q=q, r=r, p0=1.0, x0=0.0))
+    return denoise(robot_signal(), FilterParams(q=q, r=r, p0=1.0, x0=0.0))
 
 
 def _load_simulation(name: str, title: str, r: float, q: float) -> tuple[Recording, dict[str, Settings]]:
