@@ -10,7 +10,7 @@ import pytest
 
 from kalscope import BadSetting, FilterParams, FilterResult, kalman_filter
 from kalscope.analysis.diagnostics import NO_FAULT, Diagnostics, diagnose, diagnose_held_out
-from kalscope.analysis.residual_tests import correlation, nis_band, slow_wave, variance_change
+from kalscope.analysis.residual_tests import correlation, low_frequency_share, nis_band, variance_change
 
 NORWAY = [560.0, 533, 490, 511, 509, 539, 471, 442, 434, 437, 362, 338, 401, 409, 407, 402, 452]
 NORWAY += [398.0, 378, 381, 332, 323, 325, 281, 283, 305, 255, 303, 352, 304, 341, 275, 312, 280]
@@ -132,10 +132,10 @@ def test_variance_change_is_symmetric_in_time():
     assert forward[1] == pytest.approx(back[1])
 
 
-def test_slow_wave_tells_its_share_and_its_scale():
+def test_low_frequency_share_tells_its_share_and_its_scale():
     t = np.arange(4096)
     e = np.random.default_rng(7).normal(size=4096) + 0.5 * np.sin(2 * math.pi * t / 200)
-    share, samples, p = slow_wave(e)
+    share, samples, p = low_frequency_share(e)
     assert share == pytest.approx(0.125 / 1.125, abs=0.03)
     assert 4 <= samples <= 100
     assert p < 1e-6
@@ -189,7 +189,10 @@ def test_wrong_q_is_named_and_the_factor_is_about_right(ratio, wrong, word):
 
 
 @pytest.mark.parametrize("ratio", [0.01, 0.1])
-@pytest.mark.parametrize(("wrong", "word"), [(4.0, "r is too large by about"), (0.25, "r is too small by about")])
+@pytest.mark.parametrize(
+    ("wrong", "word"),
+    [(4.0, "and the filter too slow: lower r about"), (0.25, "and the filter too fast: raise r about")],
+)
 def test_wrong_r_is_named_and_the_factor_is_about_right(ratio, wrong, word):
     right_words = 0
     for seed in range(20):
@@ -203,7 +206,7 @@ def test_wrong_r_is_named_and_the_factor_is_about_right(ratio, wrong, word):
 @pytest.mark.parametrize("wrong", [0.25, 4.0])
 def test_wrong_size_of_both_leaves_the_curve_and_says_so(wrong):
     found = judge(noisy_walk(2000, 0.05), 0.05 * wrong, wrong)
-    assert found.advice.startswith(f"q and r both too {'small' if wrong < 1 else 'large'} by about 4 ×")
+    assert found.advice.startswith(f"q and r are both too {'small' if wrong < 1 else 'large'} by about 4 ×")
     assert found.q_factor == found.r_factor == pytest.approx(1 / wrong, rel=0.1)
 
 
@@ -269,7 +272,7 @@ def test_doubled_noise_in_the_second_half_is_a_change_of_variance():
 
 
 @pytest.mark.parametrize("wave", ["ramp", "sine"])
-def test_trend_leaves_a_slow_wave_whatever_q(wave):
+def test_trend_leaves_a_low_frequency_share_whatever_q(wave):
     t = np.arange(3000)
     signal = 0.2 * t if wave == "ramp" else 8.0 * np.sin(t / 20)
     z = signal + np.random.default_rng(3).normal(size=3000)
@@ -277,12 +280,12 @@ def test_trend_leaves_a_slow_wave_whatever_q(wave):
     assert first.slow_p < 1e-6
     assert first.advice.startswith("too slow: raise q")
     second = judge(z, 0.001 * first.q_factor, first.r_factor)
-    assert second.advice.startswith("slow wave left in the residuals")
+    assert second.advice.startswith("low frequencies hold ")
 
 
 def test_hum_is_correlation_that_no_q_and_r_cure():
     z = noisy_walk(2000) + 2.0 * np.sin(1.3 * np.arange(2000))
-    assert "residuals stay correlated whatever q and r" in judge(z, 0.01).advice
+    assert "residuals stay correlated for any q and r" in judge(z, 0.01).advice
 
 
 def test_start_far_from_the_signal_is_named():
@@ -406,9 +409,9 @@ def test_held_out_half_is_not_shown_to_the_fit_and_its_spikes_count_in_the_recor
 @pytest.mark.parametrize(
     ("z", "q", "r", "word"),
     [
-        (np.full(100, 20.1), 0.01, 1.0, "stands still"),
-        (np.full(100, 20.1), 0.01, 0.0, "stands still"),
-        (np.full(100, 20.1), 0.0, 1.0, "stands still"),
+        (np.full(100, 20.1), 0.01, 1.0, "the signal is constant"),
+        (np.full(100, 20.1), 0.01, 0.0, "the signal is constant"),
+        (np.full(100, 20.1), 0.0, 1.0, "the signal is constant"),
         (np.full(100, np.nan), 0.01, 1.0, "too few samples to judge"),
         (np.zeros(0), 0.01, 1.0, "too few samples to judge"),
         (np.ones(1), 0.01, 1.0, "too few samples to judge"),
@@ -442,7 +445,7 @@ def test_no_parameters_make_it_fail(q, r, p0):
 @pytest.mark.parametrize("size", [1e150, 1e290])
 def test_noise_of_another_world_is_named(size):
     found = judge(np.random.default_rng(13).normal(size=100), 0.01 * size, size)
-    assert found.advice.startswith("q and r both too large by about 1000 × or more")
+    assert found.advice.startswith("q and r are both too large by about 1000 × or more")
 
 
 def test_quantised_signal_that_mostly_stands_still_is_judged_without_failing():

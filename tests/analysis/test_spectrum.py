@@ -77,7 +77,7 @@ def test_missing_samples_the_longest_whole_stretch_or_lines_and_the_note_says_wh
     z[:3] = np.nan
     part, note = whole_stretch(z)
     assert part == slice(3, 1000)
-    assert note.startswith("202 missing samples lie on straight lines")
+    assert note.startswith("202 missing samples are interpolated linearly")
     assert np.isfinite(spectrum(z, PARAMS).filtered).all()
     assert whole_stretch(np.full(5, np.nan))[0] == slice(0, 0)
 
@@ -140,7 +140,7 @@ def test_the_words_name_the_minimum_of_model_and_recording():
     walk = allan_deviation(np.cumsum(RNG.normal(size=n)), FilterParams(q=1.0, r=0.0)).message
     assert "does not help at all" in walk
     assert "averaging never helps" in walk
-    assert "stands still" in allan_deviation(np.full(500, 5.0), FilterParams(q=1.0, r=1.0)).message
+    assert "is constant" in allan_deviation(np.full(500, 5.0), FilterParams(q=1.0, r=1.0)).message
     swing = np.sin(np.arange(n) * 2 * np.pi / 60) + 0.001 * RNG.normal(size=n)
     assert re.search(r"over less than \d+ samples does not help", allan_deviation(swing, PARAMS).message)
 

@@ -75,7 +75,7 @@ def test_the_page_says_q_r_and_why(capsys: Captured) -> None:
     assert "lag on a ramp    2.74 years (2.74 samples)" in out
     assert "The record allows (95 %): q/r 0.0137 to 0.557" in out
     assert "They differ by no more than chance explains." in out
-    assert "Advice: no fault found." in out
+    assert "Advice: no misfit worth correcting." in out
     assert "judged on the second: NIS" in out
     assert max(map(len, out.splitlines())) <= 96
 

@@ -1,9 +1,9 @@
-"""What to do about a filter that does not fit its record: factors for q and r, and plain sentences.
+"""How to correct a filter that does not fit its record: factors for q and r, and plain sentences.
 
-The record is filtered again with λ changed from a thousandth to a thousandfold. Four remedies compete by their
-likelihood: q alone, r alone, both by one factor (which leaves the curve and mends its uncertainty), or each by
-its own. The simplest that a likelihood-ratio test does not refuse is advised. What is then still wrong in the
-residuals is no matter of q and r: the model lacks something.
+The record is filtered again with λ changed by factors from 1/1000 to 1000. Four corrections compete by their
+likelihood: q alone, r alone, both by one factor (which keeps the curve and corrects its variance), or each by
+its own. The simplest one that a likelihood-ratio test does not reject is advised. Structure that is then left
+in the residuals cannot be removed by q and r: the model does not describe the signal.
 """
 
 from __future__ import annotations
@@ -15,43 +15,44 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.analysis.residual_tests import correlation, dot, slow_wave, variance_change
+from kalscope.analysis.residual_tests import correlation, dot, low_frequency_share, variance_change
 from kalscope.common.array import Array
+from kalscope.common.text import number, percent
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 
 Indices = NDArray[np.int64]
 
 ALARM = 0.01
-"""Chance of a false alarm, in each test, below which a fault is put into words."""
+"""p-value below which a test reports a misfit."""
 
 LR_LIMIT = (6.635 / 2.0, 9.210 / 2.0)
-"""Gain in log-likelihood that chance exceeds once in a hundred, for one and for two parameters: ½ χ²(0.99)."""
+"""Gain in log-likelihood that is significant at 1 %, for one and for two parameters: ½ χ²(0.99)."""
 
-WORTH_SAYING = 1.5
-"""Smaller factors are not worth a change, however certain a long record makes them."""
+MIN_FACTOR = 1.5
+"""Smaller factors are not worth a change, however significant they are in a long record."""
 
-MATERIAL = 0.04
-"""Share of the residuals' variance that must be predictable before a fault of the model is put into words."""
+MIN_SHARE = 0.04
+"""Share of the residuals' variance that must be predictable before a misfit of the model is reported."""
 
 MIN_SAMPLES = 20
-"""Fewer scored innovations than this are not judged."""
+"""Scored innovations needed for a judgement."""
 
-FEW = 0.03
-"""Spikes are outliers up to this share of the samples; more of them are the nature of the signal."""
+MAX_OUTLIERS = 0.03
+"""Share of the samples up to which spikes are outliers; more of them belong to the signal."""
 
 STRETCHES, STRETCH = 4, 5_000
-"""A long record is filtered again in this many stretches of this many samples, spread evenly."""
+"""Number and length in samples of the evenly spread stretches in which a long record is filtered again."""
 
 LOG_FACTORS = np.linspace(-math.log(1000.0), math.log(1000.0), 29)
-"""Logarithms of the factors of λ that are tried; the middle one is 0."""
+"""Logarithms of the factors for λ; the middle one is 0."""
 
 GRID_STEP = float(LOG_FACTORS[1] - LOG_FACTORS[0])
 
 
 @dataclass(frozen=True)
 class Record:
-    """One channel as a filter of other q and r would meet it: without prior, refused samples and spikes."""
+    """One channel as input for a filter with other q and r: without prior, rejected samples and spikes."""
 
     stretches: tuple[tuple[Array, Array | None], ...]
     """z in units of √r (√q where r is 0), shape (n,), NaN where missing; dt as `kalman_filter` takes it."""
@@ -68,7 +69,7 @@ class Record:
 
     @staticmethod
     def of(columns: tuple[Array, ...], scored: Indices, spikes: Indices) -> Record:
-        """Undo the filter: z = x + (1 − k) v, r = (1 − k) s, q·dt = k s − p before.
+        """Invert the filter: z = x + (1 − k) v, r = (1 − k) s, q·dt = k s − p before.
 
         Args:
             columns: x, p, k, innovation and s of one channel, shape (n,) each.
@@ -93,53 +94,53 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Remedy:
-    """Factors for q and r, and what they cannot cure."""
+class Correction:
+    """Factors for q and r, and the residuals that are left with them."""
 
     q_factor: float = 1.0
     """Multiply q by it, 0.001 … 1000; 1 = keep."""
     r_factor: float = 1.0
     """Multiply r by it, 0.001 … 1000; 1 = keep."""
     instead_of_edge: float | None = None
-    """λ that fits far better than the filter's q = 0 or r = 0; None where neither is 0, or it fits."""
+    """λ that fits far better than the filter's q = 0 or r = 0; None where neither is 0, or where that fits."""
     e: Array | None = None
-    """Standardised innovations of the best fit, NaN between stretches; None where it was not reached."""
+    """Standardised innovations of the best fit, NaN between stretches; None where none was found."""
 
 
-def find_remedy(record: Record) -> Remedy:
-    """The simplest change of q and r that the record does not refuse; on at most 20,000 samples."""
+def find_correction(record: Record) -> Correction:
+    """The simplest change of q and r that the record does not reject; on at most 20,000 samples."""
     edge = not 1e-12 < record.ratio < 1e12
     log_ratios = 2.0 * LOG_FACTORS if edge else LOG_FACTORS + math.log(record.ratio)
     logdet, chi2, m = np.array([_refilter(record, math.exp(v), 1.0)[:3] for v in log_ratios]).T
     m = m[0]
     if m < MIN_SAMPLES:
-        return Remedy()
-    if chi2.min() <= 0.0:  # it stands still, or moves too little beside q and r for a double
-        return Remedy(1e-3, 1e-3) if record.moves else Remedy()
+        return Correction()
+    if chi2.min() <= 0.0:  # constant, or its changes are too small beside q and r for a double
+        return Correction(1e-3, 1e-3) if record.moves else Correction()
     _, at = _peak(-0.5 * (logdet + m * np.log(chi2)))
     best = math.exp(log_ratios[0] + at * (log_ratios[1] - log_ratios[0]))
     best_logdet, best_chi2, _, e = _refilter(record, best, 1.0)
     scale = best_chi2 / m
     beyond_grid = at in (0.0, len(chi2) - 1.0) and 1e-6 < best < 100.0
     e = None if beyond_grid else e / math.sqrt(scale)
-    if record.thinned and not 1e-3 < scale < 1e3:  # without its spikes it stands still
-        return Remedy()
+    if record.thinned and not 1e-3 < scale < 1e3:  # without its spikes it is constant
+        return Correction()
     free = -0.5 * (best_logdet + m * math.log(scale) + m)
     if edge:
         now = _refilter(record, *((0.0, 1.0) if record.ratio < 1.0 else (1.0, 0.0)))
         fits = now[1] > 0.0 and free <= -0.5 * (now[0] + m * math.log(now[1] / m) + m) + LR_LIMIT[0]
-        return Remedy(instead_of_edge=None if fits else best, e=e)
+        return Correction(instead_of_edge=None if fits else best, e=e)
     middle = len(LOG_FACTORS) // 2
     if free <= -0.5 * (logdet[middle] + chi2[middle]) + LR_LIMIT[1]:
-        return Remedy(e=e)
+        return Correction(e=e)
     likelihood, q_factor, r_factor = _one_factor(logdet, chi2, m)
     if free > likelihood + LR_LIMIT[0]:
         q_factor, r_factor = best / record.ratio * scale, scale
-    return Remedy(*(min(max(float(f), 1e-3), 1e3) for f in (q_factor, r_factor)), e=e)
+    return Correction(*(min(max(float(f), 1e-3), 1e3) for f in (q_factor, r_factor)), e=e)
 
 
 def _one_factor(logdet: Array, chi2: Array, m: float) -> tuple[float, float, float]:
-    """Log-likelihood and the factors for q and r of the best remedy that has one free number."""
+    """Log-likelihood and the factors for q and r of the best correction with one free parameter."""
     middle = len(LOG_FACTORS) // 2
     only_q, q_at = _peak(-0.5 * (logdet + chi2))
     only_r, r_at = _peak(-0.5 * (logdet - m * LOG_FACTORS + chi2 * np.exp(LOG_FACTORS)))
@@ -151,13 +152,13 @@ def _one_factor(logdet: Array, chi2: Array, m: float) -> tuple[float, float, flo
     )
 
 
-def noise_sentence(remedy: Remedy) -> str | None:
-    """What to do about q and r, in words; None where nothing is worth saying."""
-    q, r = remedy.q_factor, remedy.r_factor
-    q_off, r_off, ratio_off = (abs(math.log(f)) >= math.log(WORTH_SAYING) for f in (q, r, q / r))
+def noise_sentence(correction: Correction) -> str | None:
+    """How to change q and r, in words; None where no change is worth it."""
+    q, r = correction.q_factor, correction.r_factor
+    q_off, r_off, ratio_off = (abs(math.log(f)) >= math.log(MIN_FACTOR) for f in (q, r, q / r))
     if q_off and r_off and not ratio_off:
         size = "small" if r > 1.0 else "large"
-        return f"q and r both too {size} by about {_times(r)}: the curve stays the same, its band does not"
+        return f"q and r are both too {size} by about {_times(r)}: this changes the band, not the curve"
     if not (q_off or r_off):
         return None
     pace = "too slow" if q > r else "too fast"
@@ -169,12 +170,13 @@ def noise_sentence(remedy: Remedy) -> str | None:
         return f"{both}, so that q/r becomes about {_times(max(q / r, r / q))} {'larger' if q > r else 'smaller'}"
     if q_off:
         return f"{pace}: {change_q} q about {_times(q)}"
-    return f"{pace}: r is too {'small' if r > 1.0 else 'large'} by about {_times(r)}, {change_r} it"
+    band = "narrow" if r > 1.0 else "wide"
+    return f"the band is too {band} and the filter {pace}: {change_r} r about {_times(r)}"
 
 
-def edge_sentence(remedy: Remedy, ratio: float) -> str | None:
-    """What to put in the place of q = 0 or r = 0; None where it is right, or neither is 0."""
-    best = remedy.instead_of_edge
+def edge_sentence(correction: Correction, ratio: float) -> str | None:
+    """What to use instead of q = 0 or r = 0; None where that fits, or neither is 0."""
+    best = correction.instead_of_edge
     if best is None:
         return None
     if ratio < 1.0:
@@ -185,30 +187,36 @@ def edge_sentence(remedy: Remedy, ratio: float) -> str | None:
 
 
 def model_sentence(e: Array, lags: int) -> str | None:
-    """What no q and r can cure in the residuals e of the best fit; None where nothing is left."""
+    """The structure that no q and r can remove from the residuals e of the best fit; None where there is none."""
     scored = e[np.isfinite(e)]
-    share, _, p = slow_wave(scored)
-    if p < ALARM and share >= MATERIAL:
-        return f"slow wave left in the residuals ({share:.0%} of them): this signal has a trend the model lacks"
+    share, _, p = low_frequency_share(scored)
+    if p < ALARM and share >= MIN_SHARE:
+        return (
+            f"low frequencies hold {percent(share)} of the residual power: the signal has a trend the model lacks"
+        )
     left = correlation(e, lags, fitted=True)
-    if left.p < ALARM and left.q >= MATERIAL * len(scored):
-        return "residuals stay correlated whatever q and r: hum or coloured noise the model lacks"
+    if left.p < ALARM and left.q >= MIN_SHARE * len(scored):
+        return (
+            "residuals stay correlated for any q and r: the signal has hum, trend or coloured noise that a "
+            "random walk cannot describe"
+        )
     ratio, p = variance_change(scored)
-    if p < ALARM and not 1.0 / WORTH_SAYING < ratio < WORTH_SAYING:
-        return f"the noise changes: its variance at the end is {ratio:.2g} × that at the start, one r cannot fit"
+    if p < ALARM and not 1.0 / MIN_FACTOR < ratio < MIN_FACTOR:
+        size = number(ratio, 2)
+        return f"the noise changes: its variance at the end is {size} × that at the start, one r cannot fit"
     return None
 
 
 def spike_sentence(spikes: int, n: int) -> str:
-    """What to do about more lone spikes among n samples than chance has."""
-    if spikes > FEW * n:
-        return f"spikes: {spikes} beyond 4 σ are too many for outliers: noise or movement comes in bursts"
+    """What to do about more isolated spikes among n samples than expected by chance."""
+    if spikes > MAX_OUTLIERS * n:
+        return f"spikes: {spikes} beyond 4 σ are too many for outliers: the noise or the signal comes in bursts"
     return f"spikes: {spikes} beyond 4 σ: switch the outlier gate on"
 
 
 def jump_sentence(jumps: int) -> str:
-    """What to know about more jumps that stay than chance has."""
-    return f"jumps: {jumps} beyond 4 σ that stay: the signal itself steps, an outlier gate would hold it back"
+    """What to know about more steps that stay than expected by chance."""
+    return f"jumps: {jumps} beyond 4 σ that stay: the signal itself steps, an outlier gate would delay it"
 
 
 def _undo(columns: tuple[Array, ...], spikes: Indices) -> tuple[Array, Array]:
@@ -252,19 +260,19 @@ def _peak(curve: Array) -> tuple[float, float]:
 
 
 def _times(factor: float) -> str:
-    """A factor as a person says it: "1.6 ×", "4 ×", "1000 × or more"; of a decrease, the divisor."""
+    """A factor in words: "1.6 ×", "4 ×", "1000 × or more"; of a decrease, the divisor."""
     size = factor if factor > 1.0 else 1.0 / factor
     if size >= 900.0:
         return "1000 × or more"
-    return f"{size:.2g} ×" if size < 3.0 else f"{_rounded(size)} ×"
+    return f"{number(size, 2)} ×" if size < 3.0 else f"{_rounded(size)} ×"
 
 
 def _rounded(value: float) -> str:
-    """One digit, without an exponent where it can be: 0.02, 100."""
-    return f"{float(f'{value:.1g}'):g}"
+    """One digit, without an exponent where possible: 0.02, 100."""
+    return number(value, 1)
 
 
 def as_sentences(said: str) -> str:
-    """Advice with a capital at the beginning of each sentence and a stop at the end; symbols stay as they are."""
+    """Advice as sentences, each with a capital and a full stop; symbols stay as they are."""
     said = re.sub(r"(^|\. )([a-z])(?=[a-z])", lambda m: m[1] + m[2].upper(), said)
     return said if said.endswith(".") else f"{said}."

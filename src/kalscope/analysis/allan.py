@@ -1,4 +1,7 @@
-"""Allan deviation of a record, and what a random walk in white noise would show."""
+"""Allan deviation of a record, and of a random walk in white noise.
+
+The overlapping deviation of IEEE Std 1139; Riley (2008), NIST SP 1065.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +25,8 @@ SIZES_PER_OCTAVE = 3
 """Averaging lengths in each doubling."""
 
 
-LONGEST_ALLAN = 2_000_000
-"""Samples whose Allan deviation is taken at most; the first ones."""
+MAX_SAMPLES = 2_000_000
+"""Samples used, the first ones of the record."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class AllanDeviation:
     spread: Array
     """One standard error of it, unit, from the number of independent averages."""
     model: Array
-    """What white noise r and a random walk q would show, unit."""
+    """Of white noise r and a random walk q, unit."""
     best_size: float
     """Averaging length of the model's minimum, samples; inf for q = 0, 1 where averaging never helps."""
     in_seconds: bool
@@ -56,13 +59,13 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
 
     Args:
         z: measurements of one channel, shape (n,); NaN is a missing sample.
-        params: the present setting, scalars.
+        params: the current filter, scalars.
         sample_period: nominal sample period in s, > 0; None = τ in samples.
 
     Raises:
         BadSetting: z is not one channel, or params hold several.
     """
-    samples = one_channel(z, params)[:LONGEST_ALLAN]
+    samples = one_channel(z, params)[:MAX_SAMPLES]
     period = 1.0 if sample_period is None else float(sample_period)
     there = np.isfinite(samples)
     level = float(samples[there].mean()) if there.any() else 0.0
@@ -80,7 +83,7 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
         model=np.sqrt(allan_model(size, q, r)),
         best_size=best,
         in_seconds=sample_period is not None,
-        message=_allan_words(size, deviation, spread, q, r, best, sample_period),
+        message=_message(size, deviation, spread, q, r, best, sample_period),
     )
 
 
@@ -99,9 +102,9 @@ def best_average(q: float, r: float) -> float:
 
 
 def first_minimum(deviation: Array, spread: Array) -> int:
-    """Where the Allan deviation is least before it first rises by more than chance.
+    """Where the Allan deviation is lowest before it first rises by more than chance.
 
-    Of a periodic signal averages over whole periods differ least of all, which is no reason to average so long.
+    Averages over whole periods of a periodic signal differ least of all, but that is no reason to average so long.
     """
     best = 0
     for i in range(1, len(deviation)):
@@ -120,16 +123,18 @@ def log_sizes(longest: int) -> NDArray[np.int64]:
     return np.unique(np.rint(2.0 ** (steps / SIZES_PER_OCTAVE)).astype(np.int64))
 
 
-def _allan_words(
+def _message(
     size: Array, deviation: Array, spread: Array, q: float, r: float, best: float, period: float | None
 ) -> str:
     """Where averaging stops helping: by the model, and in the recording."""
     if len(size) < 2:
         return "The recording is too short for an Allan deviation."
     if math.isinf(best):
-        model = "With q = 0 the model never drifts, so averaging longer would always help."
+        model = "With q = 0 the model never drifts, so longer averaging would always help."
     elif best <= 1.5:
-        model = "By the model averaging does not help at all: the signal moves more between samples than its noise."
+        model = (
+            "By the model averaging does not help at all: the signal changes more between samples than its noise."
+        )
     else:
         least = math.sqrt(float(allan_model(best, q, r)))
         longest = lag_in_full(best, period)
@@ -138,15 +143,17 @@ def _allan_words(
         )
     at = first_minimum(deviation, spread)
     if not deviation.any():
-        seen = "This recording stands still: there is nothing that averaging could take off."
+        seen = "This recording is constant: averaging has nothing to remove."
     elif at == len(size) - 1:
         longest = lag_in_full(float(size[-1]), period)
         seen = f"In this recording it still helps at {longest}, the longest averaging time it allows."
     elif at == 0 and float(deviation.min()) < float(deviation[0]):
         helps = lag_in_full(float(size[int(np.argmax(deviation < deviation[0]))]), period)
-        seen = f"In this recording averaging over less than {helps} does not help: the signal swings."
+        seen = f"In this recording averaging over less than {helps} does not help: the signal oscillates."
     elif at == 0:
-        seen = "In this recording averaging never helps: its movement outweighs its noise from the first sample on."
+        seen = (
+            "In this recording averaging never helps: the signal changes more than its noise from sample to sample."
+        )
     else:
         stop = lag_in_full(float(size[at]), period)
         seen = f"In this recording it stops helping at {stop}: {number(float(deviation[at]))}."

@@ -1,7 +1,7 @@
-"""Diagnostics: does the filter fit the record, and what should its owner do if it does not?
+"""Diagnostics: does the filter fit the record, and what to change if it does not?
 
 If q and r are right, the standardised innovations e = v/√s are independent draws from N(0, 1). Everything
-here looks for the ways in which they are not, and says the most important one in words.
+here tests for deviations from that, and says the most important one in words.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.analysis import advice, residual_kernels, residual_tests
 from kalscope.common.array import Array
+from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.batch import FilterResult, kalman_filter
@@ -25,10 +26,10 @@ Columns = tuple[Array, ...]
 
 Fit = Callable[[Array, Array | None], FilterParams]
 
-NO_FAULT = "no fault found"
+NO_FAULT = "no misfit worth correcting"
 
-LARGEST_E = 1e60
-"""Residuals are cut off here, so that their fourth powers stay finite."""
+MAX_RESIDUAL = 1e60
+"""Residuals are clipped here, so that their fourth powers stay finite."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Diagnostics:
     n: int
     """Scored innovations, N below."""
     advice: str
-    """One or two sentences: what to change, "no fault found", or "too few samples to judge …"."""
+    """One or two sentences: what to change, "no misfit worth correcting", or "too few samples to judge …"."""
     correlation: Array = field(default_factory=lambda: np.zeros(1))
     """Autocorrelation r_1 … r_h of e, shape (h,); pairs across a gap are left out."""
     r1: float = 0.0
@@ -55,20 +56,20 @@ class Diagnostics:
     ljung_box_p: float = 1.0
     """Its p value, 0 … 1."""
     nis: float = 1.0
-    """Mean of e² (normalised innovation squared): above 1 the filter is too sure of itself. 1 by
+    """Mean of e² (normalised innovation squared): above 1 the errors are larger than q and r predict. 1 by
     construction on the record that q and r were fitted to; see `diagnose_held_out`."""
     nis_low: float = 0.0
     """Lower end of the 95 % band of `nis`."""
     nis_high: float = 1e12
     """Upper end of it."""
     spikes: int = 0
-    """Scored innovations beyond 4 local σ (1.4826 · median |e|), jumps included; not the tail that one leaves."""
+    """Scored innovations beyond 4 local σ (1.4826 · median |e|), jumps included; not the tail after one."""
     spikes_expected: float = 0.0
-    """How many of N white ones lie there by chance, 6.3e-5 N."""
+    """How many of N white ones are expected there, 6.3e-5 N."""
     spike_indices: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     """Sample numbers of the largest spikes, at most 20, largest first."""
     jumps: int = 0
-    """Those among `spikes` after which the signal stayed where it had gone."""
+    """Those of `spikes` after which the signal stayed at its new level."""
     variance_ratio: float = 1.0
     """H(h): Σ e² of the last third over that of the first, > 0."""
     variance_ratio_p: float = 1.0
@@ -82,9 +83,9 @@ class Diagnostics:
     normality_p: float = 1.0
     """Its p value, from χ²₂."""
     slow_share: float = 0.0
-    """Share of the variance of e in slow waves, beyond what white noise has, 0 … 1."""
+    """Low-frequency share of the variance of e, beyond that of white noise, 0 … 1."""
     slow_samples: int = 0
-    """Length in samples of the blocks whose means show it best, half a wave or less; 0 = none."""
+    """Length in samples of the blocks whose means show it best, half a period or less; 0 = none."""
     slow_p: float = 1.0
     """Its p value."""
     q_factor: float = 1.0
@@ -101,7 +102,7 @@ def diagnose(
     Args:
         result: what `kalman_filter` gave.
         lags: h of the Ljung-Box test, ≥ 1; None = √N rounded, 4 to 20.
-        fitted: q and r were estimated from this very record: the Ljung-Box test then has h − 1 degrees of
+        fitted: q and r were estimated from this record: the Ljung-Box test then has h − 1 degrees of
             freedom, and `nis` is 1 by construction.
 
     Returns:
@@ -123,7 +124,7 @@ def diagnose(
 def diagnose_held_out(
     z: ArrayLike, fit: FilterParams | Fit, dt: ArrayLike | None = None, lags: int | None = None
 ) -> Diagnostics:
-    """Judge q and r on the second half of a record, which they have not seen.
+    """Judge q and r on the second half of a record, which the fit has not seen.
 
     On the samples that q and r were fitted to, the mean of e² is 1 whatever the record; on the second half it
     is a test.
@@ -144,7 +145,7 @@ def diagnose_held_out(
     _check_lags(lags)
     samples = samples_of(z)
     if samples.ndim != 1:
-        raise BadSetting(f"z must have shape (n,) to be held out in part (got {samples.shape})")
+        raise BadSetting(f"z must have shape (n,) (got {samples.shape})")
     steps = None if dt is None else np.asarray(dt, dtype=np.float64)
     half = len(samples) // 2
     params = fit if isinstance(fit, FilterParams) else fit(samples[:half], None if steps is None else steps[:half])
@@ -167,8 +168,8 @@ def _diagnose_channel(columns: Columns, lags: int | None, fitted: bool, prior: b
     spikes = _Spikes.among(scored, k, v, s, prior)
     variance_ratio, variance_ratio_p = residual_tests.variance_change(scored)
     skewness, excess, normality, normality_p = residual_tests.normality(scored)
-    slow_share, slow_samples, slow_p = residual_tests.slow_wave(scored)
-    remedy, said = _advise(columns, seen, scored, spikes, h)
+    slow_share, slow_samples, slow_p = residual_tests.low_frequency_share(scored)
+    correction, said = _advise(columns, seen, scored, spikes, h)
     return Diagnostics(
         e=e,
         n=n,
@@ -194,33 +195,33 @@ def _diagnose_channel(columns: Columns, lags: int | None, fitted: bool, prior: b
         slow_share=slow_share,
         slow_samples=slow_samples,
         slow_p=slow_p,
-        q_factor=remedy.q_factor,
-        r_factor=remedy.r_factor,
+        q_factor=correction.q_factor,
+        r_factor=correction.r_factor,
     )
 
 
 def _advise(
     columns: Columns, seen: NDArray[np.int64], scored: Array, spikes: _Spikes, lags: int
-) -> tuple[advice.Remedy, str]:
-    """The remedy and the two most urgent sentences; a fault named first may explain those behind it."""
+) -> tuple[advice.Correction, str]:
+    """The correction and the two most urgent sentences; the first misfit may explain the later ones."""
     if not scored.any():
-        return advice.Remedy(), "the signal stands still: nothing to judge the filter by"
+        return advice.Correction(), "the signal is constant: there is nothing to judge the filter by"
     n, lone = len(scored), spikes.at[~spikes.stays]
     jumps = len(spikes.at) - len(lone)
     spiky = len(lone) > jumps and _too_many(spikes.size[~spikes.stays], n)
     steps = len(lone) <= jumps and _too_many(spikes.size, n)
-    outliers = lone if spiky and len(lone) <= advice.FEW * n else lone[:0]
+    outliers = lone if spiky and len(lone) <= advice.MAX_OUTLIERS * n else lone[:0]
     record = advice.Record.of(columns, seen, seen[outliers])
-    remedy = advice.find_remedy(record)
+    correction = advice.find_correction(record)
     said = [
         _start_sentence(scored[0]) if spikes.start_is_off else None,
         advice.spike_sentence(len(lone), n) if spiky else None,
-        advice.edge_sentence(remedy, record.ratio),
-        advice.noise_sentence(remedy),
-        None if remedy.e is None else advice.model_sentence(remedy.e, lags),
+        advice.edge_sentence(correction, record.ratio),
+        advice.noise_sentence(correction),
+        None if correction.e is None else advice.model_sentence(correction.e, lags),
         advice.jump_sentence(jumps) if steps else None,
     ]
-    return remedy, ". ".join([sentence for sentence in said if sentence][:2]) or NO_FAULT
+    return correction, ". ".join([sentence for sentence in said if sentence][:2]) or NO_FAULT
 
 
 @dataclass(frozen=True)
@@ -230,11 +231,11 @@ class _Spikes:
     at: NDArray[np.int64]
     """Which residuals, largest first."""
     stays: NDArray[np.bool_]
-    """Whether the signal stayed where it had gone, one a spike."""
+    """Whether the signal stayed at its new level, one value a spike."""
     size: Array
-    """Size in local σ, one a spike."""
+    """Size in local σ, one value a spike."""
     start_is_off: bool
-    """Whether the first residual is one, from a start that was given; it is not among `at`."""
+    """Whether the first residual is a spike because of a given start; it is not among `at`."""
 
     @staticmethod
     def among(e: Array, k: Array, v: Array, s: Array, prior: bool) -> _Spikes:
@@ -264,7 +265,7 @@ def _standardised(columns: Columns) -> Array:
     with np.errstate(all="ignore"):
         e = v / np.sqrt(s)
     e[~((s > 0.0) & np.isfinite(s) & ((k > 0.0) | (p == 0.0)))] = math.nan
-    return np.clip(e, -LARGEST_E, LARGEST_E, out=e)
+    return np.clip(e, -MAX_RESIDUAL, MAX_RESIDUAL, out=e)
 
 
 def _prior_was_given(columns: Columns) -> bool:
@@ -275,7 +276,7 @@ def _prior_was_given(columns: Columns) -> bool:
 
 
 def _start_sentence(first: float) -> str:
-    return f"the first sample lies {abs(first):.2g} σ from x0: leave x0 and p0 unset, or raise p0"
+    return f"the first sample lies {number(abs(first), 2)} σ from x0: leave x0 and p0 unset, or raise p0"
 
 
 def _check_lags(lags: int | None) -> None:

@@ -17,10 +17,10 @@ SPIKE = 4.0
 """Size, in local standard deviations, beyond which a residual counts as a spike: 63 in a million by chance."""
 
 MIN_PAIRS = 10
-"""A lag with fewer pairs of samples than this says nothing of correlation."""
+"""Pairs of samples that a lag needs for a correlation."""
 
-SHORTEST_BLOCK = 4
-"""Shortest block whose mean counts as slow, in samples."""
+MIN_BLOCK = 4
+"""Samples in the shortest block whose mean counts as low-frequency."""
 
 
 def dot(a: Array, b: Array) -> float:
@@ -39,7 +39,7 @@ class Correlation:
     q: float
     """Ljung-Box statistic over the h lags."""
     p: float
-    """Chance of a q so large if e is white."""
+    """Probability of a q this large if e is white."""
 
 
 def correlation(e: Array, lags: int, fitted: bool = False) -> Correlation:
@@ -115,8 +115,8 @@ def normality(e: Array) -> tuple[float, float, float, float]:
     return skewness, excess, statistic, math.exp(-0.5 * statistic)
 
 
-def slow_wave(e: Array) -> tuple[float, int, float]:
-    """Whether slow movement is left: do means of blocks scatter more than those of white noise?
+def low_frequency_share(e: Array) -> tuple[float, int, float]:
+    """Whether low frequencies are left: do means of blocks scatter more than those of white noise?
 
     One-way analysis of variance about 0 for blocks of 4, 8, 16 … samples; the block length with the smallest
     p value answers, and p is multiplied by the number of lengths tried (Bonferroni).
@@ -125,7 +125,7 @@ def slow_wave(e: Array) -> tuple[float, int, float]:
         e: scored residuals only, shape (N,).
 
     Returns:
-        Share of the variance of e that lies between blocks beyond what white noise has there, 0 … 1; the
+        Share of the variance of e between blocks, beyond that of white noise, 0 … 1; the
         block length in samples; p.
     """
     from scipy.special import fdtrc
@@ -138,7 +138,7 @@ def slow_wave(e: Array) -> tuple[float, int, float]:
         blocks = len(means)
         if blocks < 4:
             break
-        if length < SHORTEST_BLOCK:
+        if length < MIN_BLOCK:
             continue
         tried += 1
         used = blocks * length
@@ -156,21 +156,21 @@ def slow_wave(e: Array) -> tuple[float, int, float]:
 def spike_limits(e: Array) -> Array:
     """Size beyond which each residual is a spike, shape (N,): `SPIKE` local standard deviations.
 
-    The scale is 1.4826 · median |e| in up to 16 stretches of at least 500 samples, so that neither the
-    filter's own idea of the noise nor a slow change of it makes spikes.
+    The scale is 1.4826 · median |e| in up to 16 stretches of at least 500 samples, so that neither a
+    wrong r nor a slow change of the noise makes spikes.
     """
     limits = np.abs(e)
     for part in np.array_split(limits, min(max(len(e) // 500, 1), 16)):
         scale = 1.4826 * float(np.median(part)) if len(part) else 0.0
         rms = math.sqrt(dot(part, part) / max(len(part), 1))
-        if scale <= 0.01 * rms:  # most of it stands still, to the last bit or nearly
+        if scale <= 0.01 * rms:  # most of it is constant, or nearly
             scale = rms
         part.fill(SPIKE * scale or math.inf)
     return limits
 
 
 def spike_chance(count: int, n: int) -> tuple[float, float]:
-    """Spikes that n residuals of N(0, 1) have by chance, and the chance of `count` or more (Poisson)."""
+    """Expected spikes among n residuals of N(0, 1), and the probability of `count` or more (Poisson)."""
     from scipy.special import ndtr, pdtrc
 
     expected = 2.0 * n * float(ndtr(-SPIKE))

@@ -1,7 +1,6 @@
-"""Which frequencies the signal, the filter's output and what it takes away are made of; and the Allan deviation.
+"""Spectral densities of the signal, of the filter's output and of what it removes.
 
-The density is Welch's (1967); the Allan deviation is the overlapping one (IEEE Std 1139; Riley 2008, NIST SP 1065).
-Both stand beside what the model says at the present q and r.
+The density is Welch's (1967).
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ from kalscope.filtering.steady_state import steady_state
 if TYPE_CHECKING:
     from kalscope.filtering.params import FilterParams
 
-LEAST = 32
-"""Samples in a row below which there is no density to speak of."""
+MIN_SAMPLES = 32
+"""Samples in a row that a density needs."""
 
-LONGEST_PIECE = 16_384
-"""Samples of a Welch segment at most."""
+MAX_SEGMENT = 16_384
+"""Samples of the longest Welch segment."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Spectrum:
     filtered: Array
     """The same of the filtered signal."""
     residual: Array
-    """The same of what the filter takes away, raw − filtered."""
+    """The same of what the filter removes, raw − filtered."""
     response: Array
     """|H| of the settled filter there, 0 … 1."""
     cutoff: float
@@ -47,11 +46,11 @@ class Spectrum:
     in_hertz: bool
     """Whether frequencies are in Hz."""
     samples: int
-    """Samples that were used; 0 where there are too few for a density."""
+    """Samples used; 0 where there are too few for a density."""
     segments: int
-    """Half-overlapping segments that were averaged: a density is good to about 1/√segments."""
+    """Number of half-overlapping segments averaged: the relative error is about 1/√segments."""
     note: str
-    """How it was made, and how missing samples were dealt with."""
+    """How it was computed, and how missing samples were treated."""
 
 
 def magnitude_response(gain: float, frequency: ArrayLike) -> Array:
@@ -71,19 +70,19 @@ def spectrum(
 ) -> Spectrum:
     """Power densities of raw, filtered and residual, with the filter's response.
 
-    Missing samples: the longest stretch without one is used if it holds half of the samples; otherwise a straight
-    line bridges each gap, which adds slow movement that was not measured. The note says which.
+    Missing samples: the longest stretch without one is used if it holds half of the samples; otherwise each gap
+    is interpolated linearly, which adds low frequencies that were not measured. The note says which.
 
     Args:
         z: measurements of one channel, shape (n,); NaN is a missing sample.
-        params: the present setting, scalars.
+        params: the current filter, scalars.
         dt: nominal sample periods before each sample, shape (n,), for the filter only.
         sample_period: nominal sample period in s, > 0; None = per cycle/sample.
 
     Raises:
         BadSetting: z is not one channel, or z, dt, params or the period do not fit.
 
-    Source: Welch (1967), IEEE Trans. AU-15, 70; Hann windows, half overlap, the mean of each segment taken off.
+    Source: Welch (1967), IEEE Trans. AU-15, 70; Hann windows, half overlap, the mean of each segment removed.
     """
     samples = one_channel(z, params)
     steady = steady_state(params, sample_period)
@@ -91,10 +90,10 @@ def spectrum(
     curve = kalman_filter(samples, params, dt).x
     part, note = whole_stretch(samples)
     length = part.stop - part.start
-    if length < LEAST:
-        return _nothing(sample_period is not None, f"A spectrum needs {LEAST} samples (got {length}).")
+    if length < MIN_SAMPLES:
+        return _nothing(sample_period is not None, f"A spectrum needs {MIN_SAMPLES} samples (got {length}).")
     raw, filtered = _bridged(samples[part]), _bridged(curve[part])
-    piece = min(max(2 ** int(math.log2(length / 4)), LEAST), LONGEST_PIECE, length)
+    piece = min(max(2 ** int(math.log2(length / 4)), MIN_SAMPLES), MAX_SEGMENT, length)
     frequency, raw_density = _welch(raw, piece, period)
     segments = (length - piece) // (piece // 2) + 1
     return Spectrum(
@@ -127,8 +126,7 @@ def whole_stretch(z: Array) -> tuple[slice, str]:
         return slice(first, last), f"Samples {first} to {last - 1}, the longest stretch without a missing one."
     return (
         slice(int(starts[0]), int(ends[-1])),
-        f"{len(z) - finite} missing samples lie on straight lines between their neighbours: part of what "
-        "is slow is made up.",
+        f"{len(z) - finite} missing samples are interpolated linearly, which adds power at low frequencies.",
     )
 
 

@@ -103,7 +103,7 @@ def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
         (None, "–"),
         (Difference(np.nan, 0.0, np.inf), "–"),
         (Difference(1.2, 0.0, np.inf), "too short to tell"),
-        (Difference(1.01, 0.99, 1.03), "no real difference"),
+        (Difference(1.01, 0.99, 1.03), "no significant difference"),
         (Difference(1.042, 1.033, 1.053), "4.2 % worse (3.3 to 5.3)"),
         (Difference(0.8, 0.75, 0.85), "20 % better (15 to 25)"),
     ],

@@ -180,5 +180,5 @@ def test_checks_say_too_slow_and_how_much(state):
 
 def test_sentences_begin_with_a_capital_and_end_with_a_stop():
     assert as_sentences("too slow: raise q about 3 ×. spikes: 2") == "Too slow: raise q about 3 ×. Spikes: 2."
-    assert as_sentences("no fault found") == "No fault found."
+    assert as_sentences("no misfit worth correcting") == "No misfit worth correcting."
     assert as_sentences("q = 0: choose one") == "q = 0: choose one."

@@ -170,7 +170,7 @@ def against(d: Difference | None) -> str:
     if np.isinf(d.high):
         return "too short to tell"
     if not d.real:
-        return "no real difference"
+        return "no significant difference"
     word = "better" if d.ratio < 1.0 else "worse"
     near, far = sorted(100.0 * abs(end - 1.0) for end in (d.low, d.high))
     return f"{percent(abs(d.ratio - 1.0))} {word} ({number(near, 2)} to {number(far, 2)})"

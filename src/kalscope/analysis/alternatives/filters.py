@@ -1,7 +1,7 @@
 """The classic filters, each over one channel with missing samples; from scipy where it has them.
 
-The causal ones skip a missing sample: the output rests, and the next sample is taken as if no time had passed.
-That is what a loop on a device does that filters only what arrives.
+The causal ones skip a missing sample: they hold their output and take the next sample as if no time had passed,
+as a loop on a device does.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from kalscope.common.array import Array
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-LONG = 501
-"""Windows of a parabola above this go by Fourier transform."""
+MAX_DIRECT = 501
+"""Longest window of a parabola that is computed without Fourier transform."""
 
 
 def moving_average(z: Array, window: int) -> Array:
-    """Mean of the last `window` samples that came; at the start, of those that there are."""
+    """Mean of the last `window` finite samples, or of fewer at the start."""
 
     def mean(seen: Array) -> Array:
         level = seen[0]
@@ -44,7 +44,7 @@ def exponential(z: Array, alpha: float) -> Array:
 
 
 def median(z: Array, window: int) -> Array:
-    """Median of the last `window` samples that came, odd; the buffer begins full of the first sample."""
+    """Median of the last `window` (odd) finite samples; the buffer starts filled with the first one."""
     from scipy.ndimage import median_filter
 
     return _skipping(z, lambda seen: median_filter(seen, size=window, mode="nearest", origin=(window - 1) // 2))
@@ -59,17 +59,17 @@ def butterworth(z: Array, cutoff: float) -> Array:
 
 
 def savitzky_golay(z: Array, window: int) -> Array:
-    """Centre of a parabola through `window` samples, odd; missing ones lie on a line between their neighbours.
+    """Centre of a parabola through `window` samples, odd; missing ones are interpolated linearly.
 
-    NaN before the first sample. The ends are read off the parabola through the outermost window.
+    NaN before the first sample. The ends come from the parabola through the outermost window.
     """
     from scipy.signal import savgol_filter
 
     bridged, first = _bridged(z)
-    if 3 <= window <= LONG:
+    if 3 <= window <= MAX_DIRECT:
         if len(bridged) >= window:
             bridged = np.asarray(savgol_filter(bridged, window, 2))
-    elif window > LONG and len(bridged) >= window:
+    elif window > MAX_DIRECT and len(bridged) >= window:
         bridged = _long_parabola(bridged, window)
     return np.concatenate([np.full(first, np.nan), bridged])
 
@@ -87,14 +87,14 @@ def _long_parabola(z: Array, window: int) -> Array:
 
 
 def delayed(curve: Array, samples: int) -> Array:
-    """The curve as a device has it that must wait `samples` for it; NaN until then."""
+    """The curve `samples` later, as a device outputs it; NaN until then."""
     late = np.full(len(curve), np.nan)
     late[samples:] = curve[: len(curve) - samples]
     return late
 
 
 def one_euro(z: Array, slowest: float, beta: float, speed_cutoff: float) -> Array:
-    """One-euro filter: cut-off at rest, its growth for a speed of 1 unit a sample, cut-off of the speed itself.
+    """One-euro filter: cut-off at speed 0, its growth for a speed of 1 unit a sample, cut-off of the speed itself.
 
     Cut-offs in cycles a sample. A gap is elapsed time.
     """
@@ -104,7 +104,7 @@ def one_euro(z: Array, slowest: float, beta: float, speed_cutoff: float) -> Arra
 
 
 def _skipping(z: Array, run: Callable[[Array], Array]) -> Array:
-    """`run` on the samples that there are; its last value in between, NaN before the first."""
+    """`run` on the finite samples; its last value in between, NaN before the first."""
     seen = np.isfinite(z)
     if not seen.any():
         return np.full(len(z), np.nan)

@@ -1,7 +1,7 @@
-"""The measuring bench: what a filter that is no fixed sum of samples does to a ramp, and to noise.
+"""Measured response: the lag and the noise gain of filters that are not a fixed sum of samples.
 
-Both are made from the recording: its own noise, shuffled, and its own usual speed. Everything is seeded, so the
-same recording gives the same numbers.
+The test signals come from the recording: its own noise, shuffled, and its own typical speed. Everything is
+seeded, so the same recording gives the same numbers.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from kalscope.common.array import Array
 
 Run = Callable[[Array], Array]
 
-MOST_NOISE = 20_000
-"""Samples of noise that are kept to draw from."""
+MAX_NOISE = 20_000
+"""Samples of noise to draw from."""
 
-LONGEST = 200_000
+MAX_RAMP = 200_000
 """Samples of the longest ramp."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A recording's noise and speed, and how long it is."""
+    """A recording's noise, speed and length."""
 
     noise: Array
     """Deviations to draw from, unit, mean 0, shape (m,)."""
     speed: float
-    """Usual change from sample to sample, unit, > 0."""
+    """Typical change from sample to sample, unit, > 0."""
     samples: int
     """Length of the stretch: no window may be longer than half of it."""
     present_lag: float
-    """Lag of the present filter in samples, which the ramps must let settle."""
+    """Lag of the current filter in samples; it sets how long the ramps must be."""
 
     @property
     def longest_window(self) -> int:
@@ -45,21 +45,21 @@ class Bench:
         return half if half % 2 else half - 1
 
     def lag(self, run: Run) -> float:
-        """Samples by which `run` trails a ramp of the usual speed under the recording's noise.
+        """Samples by which `run` trails a ramp of the typical speed under the recording's noise.
 
-        Two ramps, up and down, bear the same noise: what the noise does alone drops out of their difference.
+        Two ramps, up and down, carry the same noise, so the response to the noise cancels in their difference.
         """
-        size = self.settle + min(self.settle + 2000, LONGEST // 2)
+        size = self.settle + min(self.settle + 2000, MAX_RAMP // 2)
         ramp = self.speed * np.arange(size)
         noise = self.drawn(size)
         apart = 0.5 * (run(noise + ramp) - run(noise - ramp))
         return float(np.mean(ramp[self.settle :] - apart[self.settle :])) / self.speed
 
     def noise_gain(self, run: Run) -> float:
-        """Variance that `run` leaves of the recording's noise at rest, as a share of it.
+        """Variance that `run` leaves of the recording's noise, as a share of it.
 
-        Taken against exponential smoothing of the present lag, whose share K/(2 − K) is known: both meet the same
-        noise, so most of what is chance in a record of finite length drops out.
+        Measured relative to exponential smoothing with the current lag, whose share K/(2 − K) is known: both see
+        the same noise, so most of the random error of a finite record cancels.
         """
         left, known = run(self._rest)[self.settle :], self._known
         gain = 1.0 / (1.0 + self.present_lag)
@@ -67,17 +67,17 @@ class Bench:
 
     @cached_property
     def _rest(self) -> Array:
-        return self.drawn(self.settle + LONGEST)
+        return self.drawn(self.settle + MAX_RAMP)
 
     @cached_property
     def _known(self) -> float:
-        """Variance that exponential smoothing of the present lag leaves of the noise at rest, unit²."""
+        """Variance that exponential smoothing of the present lag leaves of the noise, unit²."""
         return float(np.mean(exponential(self._rest, 1.0 / (1.0 + self.present_lag))[self.settle :] ** 2))
 
     @property
     def settle(self) -> int:
-        """Samples after which what is as slow as the present filter has settled."""
-        return min(int(15.0 * (self.present_lag + 1.0)) + 100, LONGEST // 2)
+        """Samples after which a filter as slow as the current one has settled."""
+        return min(int(15.0 * (self.present_lag + 1.0)) + 100, MAX_RAMP // 2)
 
     def drawn(self, size: int) -> Array:
         """`size` draws of the noise, always the same."""
@@ -85,21 +85,21 @@ class Bench:
 
     @cached_property
     def _shuffled(self) -> Array:
-        return np.random.default_rng(1).choice(self.noise, 2 * LONGEST)
+        return np.random.default_rng(1).choice(self.noise, 2 * MAX_RAMP)
 
 
 def bench_of(z: Array, curve: Array, lag: float) -> Bench:
     """The bench of the samples z, shape (n,), NaN where missing, and a filtered curve of them.
 
     The noise is z less the mean of its two neighbours, times √(2/3), which leaves white noise its variance and
-    takes off what moves slowly; the speed is the RMS step of the curve.
+    removes slow movement; the speed is the RMS step of the curve.
     """
     rough = math.sqrt(2.0 / 3.0) * (z[1:-1] - 0.5 * (z[:-2] + z[2:]))
     rough = rough[np.isfinite(rough)]
-    noise = rough[:: max(1, len(rough) // MOST_NOISE)]
+    noise = rough[:: max(1, len(rough) // MAX_NOISE)]
     noise = noise - noise.mean() if len(noise) else noise
     if len(noise) < 8 or not noise.any():
-        noise = np.random.default_rng(2).normal(size=1000)  # no noise to be seen: any unit will do
+        noise = np.random.default_rng(2).normal(size=1000)  # no noise: any unit will do
     steps = np.diff(curve)
     steps = steps[np.isfinite(steps)]
     speed = float(np.sqrt(np.mean(steps**2))) if len(steps) else 0.0

@@ -14,20 +14,20 @@ from kalscope.common.text import number, percent
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-BLOCKS = 100
-"""Most blocks that a recording is cut into."""
+MAX_BLOCKS = 100
+"""Blocks that a recording is divided into at most."""
 
-LEAST_BLOCKS = 8
-"""Fewer say nothing."""
+MIN_BLOCKS = 8
+"""Blocks that an interval needs."""
 
 NEGLIGIBLE = 1e-4
-"""A ratio so near to 1 is no difference that matters, however certain it is."""
+"""A ratio this close to 1 makes no practical difference, however significant."""
 
-EXTREME = 1e120
-"""Values larger than this, or steps smaller than one over it, have squares of squares that no double holds."""
+MAX_VALUE = 1e120
+"""Fourth powers of larger values, or of values below its inverse, overflow or underflow a double."""
 
-TOGETHER = 0.95
-"""Chance that none of all the intervals of one comparison is wrong."""
+CONFIDENCE = 0.95
+"""Joint confidence of all intervals of one comparison."""
 
 
 @dataclass(frozen=True)
@@ -39,21 +39,21 @@ class Difference:
     low: float
     """Lower end of the interval of `ratio`."""
     high: float
-    """Upper end of it; inf where too few blocks are there."""
+    """Upper end of it; inf where there are too few blocks."""
 
     @property
     def real(self) -> bool:
-        """Whether the difference is more than chance, and more than nothing."""
+        """Whether the difference is significant and not negligible."""
         return self.better or self.worse
 
     @property
     def better(self) -> bool:
-        """Whether it is truly smaller than the present filter's."""
+        """Whether the error is significantly smaller than the current filter's."""
         return self.high < 1.0 and self.ratio < 1.0 - NEGLIGIBLE
 
     @property
     def worse(self) -> bool:
-        """Whether it is truly larger."""
+        """Whether it is significantly larger."""
         return self.low > 1.0 and self.ratio > 1.0 + NEGLIGIBLE
 
 
@@ -61,9 +61,8 @@ def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -
     """Compare squared errors sample by sample, block by block.
 
     Errors follow each other for about as long as the filter lags, so the blocks are at least ten lags long; their
-    means then count as independent. The interval is Fieller's for the ratio of two means that belong together
-    (1954, JRSS B 16, 175), with Student's t shared among the comparisons; it leaves out 1 where a paired t test
-    would.
+    means then count as independent. The interval is Fieller's for the ratio of two paired means (1954, JRSS B
+    16, 175), with Student's t at a Bonferroni level; it excludes 1 where a paired t test would.
 
     Args:
         error: squared errors of one filter, shape (n,); NaN where it has none.
@@ -75,8 +74,8 @@ def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -
     a, b = error[both], present[both]
     if len(b) == 0 or b.sum() == 0.0:
         return Difference(math.nan, 0.0, math.inf)
-    blocks = min(len(b) // math.ceil(10.0 * (lag + 1.0)), BLOCKS)
-    if blocks < LEAST_BLOCKS:
+    blocks = min(len(b) // math.ceil(10.0 * (lag + 1.0)), MAX_BLOCKS)
+    if blocks < MIN_BLOCKS:
         return Difference(math.sqrt(float(a.mean() / b.mean())), 0.0, math.inf)
     scale = 1.0 / b.mean()  # squares of squares must neither overflow nor vanish
     a, b = (scale * np.array([part.mean() for part in np.array_split(row, blocks)]) for row in (a, b))
@@ -89,7 +88,7 @@ def _fieller(a: Array, b: Array, comparisons: int) -> tuple[float, float]:
     from scipy.stats import t
 
     k = len(a)
-    reach = float(t.ppf(1.0 - 0.5 * (1.0 - TOGETHER) / comparisons, k - 1)) ** 2 / k
+    reach = float(t.ppf(1.0 - 0.5 * (1.0 - CONFIDENCE) / comparisons, k - 1)) ** 2 / k
     square = float(a.mean() / b.mean())
     spread = np.cov(a - square * b, b)  # around the ratio itself: two equal filters lose no digits
     level = float(b.mean()) ** 2 - reach * float(spread[1, 1])
@@ -112,9 +111,9 @@ def verdict(names: Sequence[str], found: Sequence[Difference], what: str, equal:
     """
     judged = [(d, name) for d, name in zip(found, names, strict=True) if not math.isnan(d.ratio)]
     if not judged:
-        return "There is nothing to judge the filters by in this stretch."
+        return "This stretch has nothing to judge the filters by: no errors differ from 0."
     if all(math.isinf(d.high) for d, _ in judged):
-        return "The stretch is too short for a verdict: differences in it may be chance. Record longer."
+        return "The stretch is too short for a verdict: any difference may be chance. Record longer."
     better = sorted((d.ratio, name, d) for d, name in judged if d.better)
     worse = [name for d, name in judged if d.worse]
     same = [name for d, name in judged if not d.real]
@@ -124,14 +123,14 @@ def verdict(names: Sequence[str], found: Sequence[Difference], what: str, equal:
         others = f" (so {_are(better)} {_listed([name for _, name, _ in better[1:]])})" if better[1:] else ""
         parts.append(
             f"At equal {equal}, {_lower(name)} does better than your filter here: its {what} is "
-            f"{_percent(ratio)} smaller ({_interval(d)}){others}. More than chance."
+            f"{_percent(ratio)} smaller ({_interval(d)}){others}. The difference is significant."
         )
     else:
         parts.append(f"At equal {equal}, nothing simpler does better than your filter here.")
     if same:
-        parts.append(f"No real difference: {_listed(same)}.")
+        parts.append(f"No significant difference: {_listed(same)}.")
     if worse:
-        parts.append(f"Worse, by more than chance: {_listed(worse)}; most of all {_worst(judged)}.")
+        parts.append(f"Significantly worse: {_listed(worse)}; worst {_worst(judged)}.")
     return " ".join(parts)
 
 
@@ -160,22 +159,22 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _lower(name: str) -> str:
-    """A name inside a sentence."""
+    """A name within a sentence."""
     return name[:1].lower() + name[1:]
 
 
 def refusal(z: Array, lag: float, gain: float) -> str | None:
-    """Why nothing can be compared, where that is so: samples, lag in samples and gain of the present setting."""
+    """Why nothing can be compared, or None; from the samples and the current filter's lag (samples) and gain."""
     finite = int(np.isfinite(z).sum())
     if finite < 16:
-        return f"There are only {finite} samples to compare filters on: 16 are the least."
+        return f"The stretch has only {finite} finite samples: a comparison needs 16."
     largest = float(np.nanmax(np.abs(z)))
-    if largest > EXTREME or 0.0 < largest < 1.0 / EXTREME:
+    if largest > MAX_VALUE or 0.0 < largest < 1.0 / MAX_VALUE:
         return f"The values go up to {number(largest)}: use a unit in which they lie between 1e-120 and 1e120."
     if math.isinf(lag):
-        return "With q = 0 the filter never settles, so it has no lag to compare at. Set q above 0."
+        return "With q = 0 the filter never settles, so it has no lag to match. Set q above 0."
     if gain >= 1.0 - 1e-9:
-        return "The present setting passes the signal through (gain 1), so there is nothing simpler than no filter."
+        return "The current filter passes the signal unchanged (gain 1), so nothing can be simpler."
     if lag > 0.25 * len(z):
         return (
             f"The lag of the current filter, {number(lag)} samples, is more than a quarter of the {len(z)} samples"

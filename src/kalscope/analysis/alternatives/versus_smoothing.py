@@ -1,4 +1,4 @@
-"""What the Kalman filter of this model is once settled, and what it adds to exponential smoothing, with numbers."""
+"""What the Kalman filter of this model adds to exponential smoothing, with numbers."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ if TYPE_CHECKING:
     from kalscope.filtering.params import FilterParams
 
 
-def identity_words(z: Array, result: FilterResult, params: FilterParams, plain: Array) -> str:
-    """Sentences on the present filter and exponential smoothing of the same gain.
+def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothed: Array) -> str:
+    """Sentences on the current filter and exponential smoothing of the same gain.
 
     Args:
         z: measurements, shape (n,), NaN where missing.
-        result: what the present filter made of them.
+        result: the output of the current filter.
         params: its parameters.
-        plain: exponential smoothing with α = K, begun at the first sample, shape (n,).
+        smoothed: exponential smoothing with α = K, begun at the first sample, shape (n,).
     """
     gain, noise = float(steady_state(params).gain), math.sqrt(float(params.r))
     parts = [
         f"Once settled your filter is exponential smoothing with α = K = {number(gain, 4)}: "
-        f"x += {number(gain, 4)}·(z − x). What the Kalman filter adds is how it starts and what it does at gaps."
+        f"x += {number(gain, 4)}·(z − x). The Kalman filter differs at the start and at gaps."
     ]
-    apart = np.abs(result.x - plain)
+    apart = np.abs(result.x - smoothed)
     seen = np.flatnonzero(np.isfinite(z))
     gaps = np.flatnonzero(np.diff(seen) > 1) if len(seen) else seen
     until = int(seen[gaps[0]]) + 1 if len(gaps) else len(z)
     parts.append(_start(apart[:until], result.k[:until], gain, noise))
     parts.append(_gaps(apart, result.k, seen, gaps, gain, noise))
     if params.gate is not None and int(result.rejected):
-        parts.append(f"Your outlier gate refused {int(result.rejected)} samples, which no other filter here does.")
+        parts.append(f"Your outlier gate rejected {int(result.rejected)} samples, which no other filter here does.")
     return " ".join(part for part in parts if part)
 
 
@@ -63,9 +63,9 @@ def _start(apart: Array, k: Array, gain: float, noise: float) -> str:
 
 
 def _gaps(apart: Array, k: Array, seen: NDArray[np.intp], gaps: NDArray[np.intp], gain: float, noise: float) -> str:
-    """How often samples are missing, and what the first sample after each gap is worth to both."""
+    """How often samples are missing, and what how the first sample after each gap is weighted."""
     if len(gaps) == 0:
-        return "No samples are missing here, so gaps play no part."
+        return "No samples are missing here, so gaps do not matter."
     after = seen[gaps + 1]
     longest = int(np.argmax(np.diff(seen)[gaps]))
     missing = int(np.diff(seen)[gaps][longest]) - 1
