@@ -22,6 +22,7 @@ from kalscope_app.studies.checks import compute_checks
 from kalscope_app.studies.spectra import compute_allan, compute_spectra
 from kalscope_app.studies.tuning_map import MapMaker
 from kalscope_app.studies.variant_table import VariantTable
+from kalscope_app.views.binding import bind
 from kalscope_app.views.charts.alternatives import AlternativesView
 from kalscope_app.views.charts.channels import ChannelsView
 from kalscope_app.views.charts.phone_picture import PhonePictures
@@ -111,11 +112,11 @@ class Dashboard:
             self._report = ReportView(gui, self.session, self._jobs)
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False, hint="In every browser that shows this session.")
-            self._dark.on_update(self._on_dark)
+            bind(self._dark, self.session, set_dark)
             self._smoother = gui.add_checkbox(
                 "show smoother (offline bound)", False, hint="It also uses later samples, which a device cannot."
             )
-            self._smoother.on_update(self._on_smoother)
+            bind(self._smoother, self.session, set_smoother)
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
             self._help = HelpView(gui, self._tour)
@@ -154,11 +155,8 @@ class Dashboard:
         with self._server.atomic():
             self._panels.set_theme(dark=frame.state.view.dark)
             self._panels.set_map_shown(frame.state.view.map_shown)
-            if self._dark.value != frame.state.view.dark:
-                self._dark.value = frame.state.view.dark
+            self._dark.value, self._smoother.value = frame.state.view.dark, frame.state.view.smoother
             self.signal.show(frame)
-            if self._smoother.value != frame.state.view.smoother:
-                self._smoother.value = frame.state.view.smoother
             for view in (
                 self.parameters,
                 self._variants,
@@ -214,14 +212,6 @@ class Dashboard:
             self._server.flush()
 
         return Study(compute, draw)
-
-    async def _on_smoother(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self.session.request(set_smoother(self._smoother.value))
-
-    async def _on_dark(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self.session.request(set_dark(self._dark.value))
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A new browser: its own upload button, its view of the map, and the tour."""

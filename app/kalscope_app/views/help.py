@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from kalscope_app.views.binding import on_user
 
 if TYPE_CHECKING:
     import viser
@@ -28,14 +30,10 @@ class HelpView:
     """A card and a button."""
 
     def __init__(self, gui: viser.GuiApi, tour: Tour) -> None:
-        self._tour = tour
         gui.add_markdown(card())
-        gui.add_button("Show the tour", hint="Five short windows on what is where.").on_click(self._on_tour)
+        button = gui.add_button("Show the tour", hint="Five short windows on what is where.")
+        on_user(button.on_click, tour.show)
         gui.add_markdown("Point at a button, box or slider to read what it does.")
-
-    async def _on_tour(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._tour.show(event.client)
 
 
 def card() -> str:

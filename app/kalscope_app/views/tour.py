@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from kalscope_app.views.binding import on_user
 
 if TYPE_CHECKING:
     import viser
@@ -66,20 +67,13 @@ class Tour:
             group = client.gui.add_button_group(
                 "", (DONE,) if last else (NEXT, LATER, NEVER), hint="The Help tab shows the tour again."
             )
-        group.on_click(partial(self._on_button, client, window, group, step))
+        on_user(group.on_click, lambda _client: self._go_on(client, window, group.value, step))
 
-    async def _on_button(
-        self,
-        client: viser.ClientHandle,
-        window: Any,
-        group: Any,
-        step: int,
-        _event: viser.GuiEvent[Any],
-    ) -> None:
+    def _go_on(self, client: viser.ClientHandle, window: viser.GuiModalHandle, choice: str, step: int) -> None:
         window.close()
-        if group.value == NEXT:
+        if choice == NEXT:
             self.show(client, step + 1)
             return
         self._over = True
-        if group.value != LATER:
+        if choice != LATER:
             self._jobs.run(self._settings.set_tour_seen)

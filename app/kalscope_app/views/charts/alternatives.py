@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.common.text import count, decibels, lag_text, number, percent
 from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by
+from kalscope_app.views.binding import bind
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import time_label
@@ -63,16 +64,8 @@ class AlternativesView:
         self._verdict = gui.add_markdown("")
         self._chart = Chart(gui, 0.4, sync="kalscope-time")
         self._table = gui.add_markdown("")
-        self._match.on_update(self._on_match)
-        self._rival.on_update(self._on_rival)
-
-    async def _on_match(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._session.request(set_match_by(MATCHES.get(self._match.value, "lag")))
-
-    async def _on_rival(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._session.request(set_drawn_alternative(self._rival.value))
+        bind(self._match, session, lambda words: set_match_by(MATCHES.get(words, "lag")))
+        bind(self._rival, session, set_drawn_alternative)
 
     def show(self, compared: Compared | None) -> None:
         """Draw and write."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from kalscope.common.text import count, decibels, lag_text, number
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting
 from kalscope_app.studies.channels_overview import HALF_LANE, LIMIT, Lane, Overview
+from kalscope_app.views.binding import offer, on_user
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
 from kalscope_app.views.charts.time_axis import time_label
@@ -50,20 +51,14 @@ class ChannelsView:
                 hint="The channels that get q, r, initial state and gate.",
             )
             self._copy = gui.add_button("Copy", hint="Copies the numbers once; Undo reverts it.")
-        self._copy.on_click(self._on_copy)
-
-    async def _on_copy(self, _event: viser.GuiEvent[Any]) -> None:
-        self._session.request(copy_setting(self._to.value))
+        on_user(self._copy.on_click, lambda _client: session.request(copy_setting(self._to.value)))
 
     def show(self, frame: Frame) -> None:
         """Offer the other channels."""
         names = frame.state.recording.names
         self._folder.visible = self._chart.handle.visible = len(names) > 1
         others = (ALL_OTHERS, *(name for name in names if name != frame.state.channel))
-        if tuple(self._to.options) != others:
-            kept = self._to.value if self._to.value in others else ALL_OTHERS
-            self._to.options = others
-            self._to.value = kept
+        offer(self._to, others, self._to.value if self._to.value in others else ALL_OTHERS)
 
     def show_overview(self, overview: Overview) -> None:
         """Draw the lanes and write the table."""
@@ -71,8 +66,7 @@ class ChannelsView:
         self._table.content = table_of(overview)
         if overview.lanes:
             height = max(60 + LANE_HEIGHT * len(overview.lanes), MIN_HEIGHT)
-            if self._chart.handle.height != height:
-                self._chart.handle.height = height
+            self._chart.handle.height = height
             self._chart.show(*lanes_of(overview), overview.state.view.resets)
 
 

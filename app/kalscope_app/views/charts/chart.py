@@ -101,13 +101,11 @@ class Chart:
             self._handle.bands = layout.bands
             self._handle.axes = layout.axes
         self._handle.data = data
-        if not self._handle.visible:
-            self._handle.visible = True
+        self._handle.visible = True
 
     def hide(self) -> None:
         """Take the chart off the screen: where there is no answer, an old curve would be taken for it."""
-        if self._handle.visible:
-            self._handle.visible = False
+        self._handle.visible = False
 
 
 def _distribution(log: bool) -> dict[str, int]:

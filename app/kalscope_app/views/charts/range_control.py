@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kalscope.common.text import number
 from kalscope_app.session.changes.view import follow_end, reset_view, set_window
 from kalscope_app.session.live import SPANS, follow, live_window, set_paused, set_span
+from kalscope_app.views.binding import bind, on_user
 from kalscope_app.views.scales import Scale, time_scale_for
 
 if TYPE_CHECKING:
@@ -48,25 +49,15 @@ class WindowView:
         self._serial = 0
         self._moved_at = -math.inf
         self._scale = Scale(1.0, "s")
-        self._range.on_update(self._on_range)
-        self._buttons.on_click(self._on_button)
-        self._live.on_click(self._on_live)
-        self._span.on_update(self._on_span)
+        changes = {"Reset view": reset_view, "Follow end": follow_end, "Live": follow, "Pause": set_paused(True)}
+        on_user(self._range.on_update, lambda _client: self._file())
+        for buttons in (self._buttons, self._live):
+            on_user(buttons.on_click, lambda _client, pressed=buttons: session.request(changes[pressed.value]))
+        bind(self._span, session, set_span)
 
-    async def _on_range(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            first, last = (float(end) / self._scale.factor for end in self._range.value)
-            self._serial = self._session.request(set_window(first, last), key="view")
-
-    async def _on_button(self, _event: viser.GuiEvent[Any]) -> None:
-        self._session.request(reset_view if self._buttons.value == "Reset view" else follow_end)
-
-    async def _on_live(self, _event: viser.GuiEvent[Any]) -> None:
-        self._session.request(follow if self._live.value == "Live" else set_paused(True))
-
-    async def _on_span(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._session.request(set_span(self._span.value))
+    def _file(self) -> None:
+        first, last = (float(end) / self._scale.factor for end in self._range.value)
+        self._serial = self._session.request(set_window(first, last), key="view")
 
     def _show_live(self, live: Live | None) -> None:
         for part in (self._live, self._span):

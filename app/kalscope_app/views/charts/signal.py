@@ -47,8 +47,7 @@ class SignalView:
         palette = DARK if frame.state.view.dark else LIGHT
         heading = HEADING + heading_of(frame)
         height = height_of(SHARES[0]) - (LIVE_CONTROLS_HEIGHT if frame.state.live is not None else 0)
-        if self.signal.handle.height != height:
-            self.signal.handle.height = height
+        self.signal.handle.height = height
         if self._heading.content != heading:
             self._heading.content = heading
         clock = time_axis(frame)

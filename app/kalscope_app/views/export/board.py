@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kalscope.common.text import count, number
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import float32_params
 from kalscope_app.session.live import set_sent
 from kalscope_app.studies.board import compare_with_board, send_setting
+from kalscope_app.views.binding import on_user
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,10 +46,7 @@ class BoardView:
             gui.add_markdown(HOW)
             send = gui.add_button("Send q, r and p0", hint="One value at a time; the board confirms each.")
             self._text = gui.add_markdown("")
-        send.on_click(self._on_send)
-
-    async def _on_send(self, _event: viser.GuiEvent[Any]) -> None:
-        self._jobs.run_with_state(self._session, self._send)
+        on_user(send.on_click, lambda _client: jobs.run_with_state(session, self._send))
 
     def _send(self, state: State) -> None:
         source = self._connected()
@@ -61,14 +59,11 @@ class BoardView:
 
     def show(self, frame: Frame) -> None:
         """Only a live board can be sent to."""
-        live = frame.state.live is not None
-        if self._folder.visible != live:
-            self._folder.visible = live
+        self._folder.visible = frame.state.live is not None
 
     def show_check(self, text: str) -> None:
         """Say how the board's curve compares."""
-        if self._text.content != text:
-            self._text.content = text
+        self._text.content = text
 
 
 def compared(state: State) -> str:

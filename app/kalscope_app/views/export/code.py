@@ -7,7 +7,7 @@ import re
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from kalscope.common.text import typed_number
 from kalscope.errors import BadSetting
 from kalscope.export.registry import TARGETS, carried_over, export_tuning
 from kalscope.export.write import limits_of, write_files
+from kalscope_app.views.binding import on_user
 from kalscope_app.views.export.files import show_files, show_refusal
 from kalscope_app.views.text import escape_markdown
 
@@ -84,19 +85,24 @@ class CodeView:
             )
             save = gui.add_button("Save to the folder", hint="Existing files are not overwritten.")
             download = gui.add_button("Download", hint="One file, or a zip of several.")
-        self._target.on_update(self._on_target)
-        self._channels.on_update(self._on_choice)
-        self._period.on_update(self._on_choice)
-        look.on_click(self._on_look)
-        save.on_click(self._on_save)
-        download.on_click(self._on_download)
+        on_user(self._target.on_update, lambda _client: self._show_target())
+        on_user(self._channels.on_update, lambda _client: self._ask_limits())
+        on_user(self._period.on_update, lambda _client: self._ask_limits())
+        on_user(
+            look.on_click, lambda client: self._with_files(client, lambda _target, files: show_files(client, files))
+        )
+        on_user(save.on_click, self._save)
+        on_user(
+            download.on_click,
+            lambda client: self._with_files(client, lambda target, files: send_files(client, target, files)),
+        )
 
-    async def _on_target(self, _event: viser.GuiEvent[Any]) -> None:
+    def _show_target(self) -> None:
         name = TITLES.get(self._target.value)
         self._what.content = "" if name is None else TARGETS[name].what
-        await self._on_choice(_event)
+        self._ask_limits()
 
-    async def _on_choice(self, _event: viser.GuiEvent[Any]) -> None:
+    def _ask_limits(self) -> None:
         self._jobs.run_with_state(self._session, lambda state: self.show_limits(limits_text(state, self.choice)))
 
     @property
@@ -104,12 +110,7 @@ class CodeView:
         """What is chosen now."""
         return Choice(TITLES.get(self._target.value, ""), self._channels.value == ALL, self._period.value)
 
-    async def _on_look(self, event: viser.GuiEvent[Any]) -> None:
-        client = event.client
-        if client is not None:
-            self._with_files(client, lambda _target, files: show_files(client, files))
-
-    async def _on_save(self, event: viser.GuiEvent[Any]) -> None:
+    def _save(self, client: viser.ClientHandle) -> None:
         name = self._name.value.strip()
 
         def save(_target: str, files: dict[str, str]) -> None:
@@ -119,13 +120,7 @@ class CodeView:
             written = write_files(files, folder)
             self._tell(f"Saved {', '.join(path.name for path in written)} in {folder}", good=True)
 
-        if event.client is not None:
-            self._with_files(event.client, save)
-
-    async def _on_download(self, event: viser.GuiEvent[Any]) -> None:
-        client = event.client
-        if client is not None:
-            self._with_files(client, lambda target, files: send_files(client, target, files))
+        self._with_files(client, save)
 
     def _with_files(self, client: viser.ClientHandle, use: Callable[[str, dict[str, str]], None]) -> None:
         """Make the files of the state on screen, as a job, and hand them on; or say why there are none."""
@@ -143,15 +138,11 @@ class CodeView:
 
     def show(self, frame: Frame) -> None:
         """One channel leaves no choice."""
-        several = len(frame.state.recording.names) > 1
-        if self._channels.visible != several:
-            self._channels.visible = several
+        self._channels.visible = len(frame.state.recording.names) > 1
 
     def show_limits(self, text: str) -> None:
         """Show what differs on a small board."""
-        if self._limits.content != text:
-            self._limits.content = text
-            self._limits.visible = bool(text)
+        self._limits.content, self._limits.visible = text, bool(text)
 
 
 def limits_text(state: State, choice: Choice = Choice()) -> str:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kalscope.common.files import check_inside
 from kalscope.errors import BadSetting
 from kalscope.export.filtered_csv import filtered_csv
 from kalscope.tuning.tuning import dumps, save_tuning
+from kalscope_app.views.binding import on_user
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,11 +42,14 @@ class ExportView:
                 "Download filtered CSV", hint="Time, raw, filtered and variance of every channel."
             )
             self._how = gui.add_markdown("")
-        self._save.on_click(self._on_save)
-        self._download.on_click(self._on_download)
-        self._csv.on_click(self._on_csv)
+        on_user(self._save.on_click, lambda _client: self._ask_to_save())
+        for button, send in ((self._download, _send_tuning), (self._csv, _send_csv)):
+            on_user(
+                button.on_click,
+                lambda client, send=send: jobs.run_with_state(session, lambda state: send(state, client)),
+            )
 
-    async def _on_save(self, _event: viser.GuiEvent[Any]) -> None:
+    def _ask_to_save(self) -> None:
         name = self._path.value.strip() or "tuning.toml"
         self._jobs.run_with_state(self._session, lambda state: self._save_to(state, name))
 
@@ -57,21 +61,9 @@ class ExportView:
         save_tuning(state.as_tuning(), path)
         self._tell(f"Saved {path}", good=True)
 
-    async def _on_download(self, event: viser.GuiEvent[Any]) -> None:
-        client = event.client
-        if client is not None:
-            self._jobs.run_with_state(self._session, lambda state: _send_tuning(state, client))
-
-    async def _on_csv(self, event: viser.GuiEvent[Any]) -> None:
-        client = event.client
-        if client is not None:
-            self._jobs.run_with_state(self._session, lambda state: _send_csv(state, client))
-
     def show(self, frame: Frame) -> None:
         """Say how to use the file."""
-        text = how_to_use(frame.state)
-        if self._how.content != text:
-            self._how.content = text
+        self._how.content = how_to_use(frame.state)
 
 
 def how_to_use(state: State) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
@@ -41,8 +42,4 @@ def show_refusal(client: viser.ClientHandle, message: str) -> None:
 
 
 def _add_close(client: viser.ClientHandle, window: Any) -> None:
-    close = client.gui.add_button("Close")
-
-    @close.on_click
-    async def _(_event: object) -> None:
-        window.close()
+    on_user(client.gui.add_button("Close").on_click, lambda _client: window.close())

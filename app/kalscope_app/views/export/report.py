@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
 from kalscope.export.report.content import make_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import as_png
+from kalscope_app.views.binding import on_user
 
 if TYPE_CHECKING:
     import viser
@@ -21,23 +22,15 @@ class ReportView:
     """Two buttons in the Export tab; the page is made as a job."""
 
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
-        self._session, self._jobs = session, jobs
         hint = "One page on this channel: chart, parameters, resulting filter, tests, and how to reopen it."
         with gui.add_folder("Report"):
-            self._html = gui.add_button("Download report (HTML)", hint=f"{hint} Prints on one sheet.")
-            self._png = gui.add_button("Download report (PNG)", hint=hint)
-        self._html.on_click(self._on_html)
-        self._png.on_click(self._on_png)
-
-    async def _on_html(self, event: viser.GuiEvent[Any]) -> None:
-        self._ask(event.client, "report.html")
-
-    async def _on_png(self, event: viser.GuiEvent[Any]) -> None:
-        self._ask(event.client, "report.png")
-
-    def _ask(self, client: viser.ClientHandle | None, name: str) -> None:
-        if client is not None:
-            self._jobs.run_with_state(self._session, lambda state: _send(state, client, name))
+            html = gui.add_button("Download report (HTML)", hint=f"{hint} Prints on one sheet.")
+            png = gui.add_button("Download report (PNG)", hint=hint)
+        for button, name in ((html, "report.html"), (png, "report.png")):
+            on_user(
+                button.on_click,
+                lambda client, name=name: jobs.run_with_state(session, lambda state: _send(state, client, name)),
+            )
 
 
 def _send(state: State, client: viser.ClientHandle, name: str) -> None:

@@ -28,8 +28,5 @@ class ShareView:
     def show(self, frame: Frame) -> None:
         """Write the line."""
         shared = share_line(frame.state)
-        if self._line.value != shared.line:
-            self._line.value = shared.line
-        text = " ".join(("It reopens this file, channel and setting.", *shared.remarks))
-        if self._remarks.content != text:
-            self._remarks.content = text
+        self._line.value = shared.line
+        self._remarks.content = " ".join(("It reopens this file, channel and setting.", *shared.remarks))

@@ -24,6 +24,7 @@ from kalscope_app.studies.map_geometry import (
     hit,
 )
 from kalscope_app.studies.tuning_map import TuningMap, exponents_of, nothing
+from kalscope_app.views.binding import bind, offer, on_user
 from kalscope_app.views.map.picture import MapPictureInput, chips, draw_map_picture, draw_ring
 from kalscope_app.views.window.layout import shape_of
 
@@ -97,23 +98,11 @@ class TuningMapView:
             "map coloured by", MAP_COLOURS, hint="How well each pair explains the recording, its error, or its lag."
         )
         flat = gui.add_button("Reset map view", hint="Undo turning, moving and zooming the map.")
-        self._shown.on_update(self._on_shown)
-        self._colour.on_update(self._on_colour)
-        flat.on_click(self._on_flat)
+        bind(self._shown, self._session, set_map_shown)
+        bind(self._colour, self._session, set_map_colour)
+        on_user(flat.on_click, self._look_straight)
 
-    # What the person does.
-
-    async def _on_shown(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._session.request(set_map_shown(self._shown.value))
-
-    async def _on_colour(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._session.request(set_map_colour(self._colour.value))
-
-    async def _on_flat(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._look_straight(event.client)
+    # What the user does.
 
     async def _on_drag(self, event: viser.SceneNodeDragEvent[Any]) -> None:
         frame, state = self._frame, self._state
@@ -143,13 +132,12 @@ class TuningMapView:
         """File the pair; every drag is one gesture with a key of its own."""
         self._session.request(set_point(*point), key=f"held:map {self._drags}")
 
-    # What the person sees.
+    # What the user sees.
 
     def follow(self, frame: Frame) -> None:
         """Move the mark, at a slow pace; once the person rests, `show` brings it to its place."""
         self._state, now = frame.state, time.monotonic()
-        if self._shown.value != frame.state.view.map_shown:
-            self._shown.value = frame.state.view.map_shown
+        self._shown.value = frame.state.view.map_shown
         if now - self._moved >= PACE:
             self._place(frame.state)
 
@@ -159,8 +147,7 @@ class TuningMapView:
         if visible and tuple(self._ring.position) != (x, y, 0.1):
             self._ring.position = (x, y, 0.1)
             self._moved = time.monotonic()
-        if self._ring.visible != visible:
-            self._ring.visible = visible
+        self._ring.visible = visible
 
     def show(self, answer: tuple[State, TuningMap]) -> None:
         """Draw the map of a state that has come to rest."""
@@ -190,10 +177,7 @@ class TuningMapView:
     def _show_colour(self, state: State) -> None:
         """The colourings that this recording allows, and which is on screen."""
         options = tuple(c for c in MAP_COLOURS if c != "RMSE" or state.recording.truth is not None)
-        if tuple(self._colour.options) != options:
-            self._colour.options = options
-        if self._map.colour and self._colour.value != self._map.colour:
-            self._colour.value = self._map.colour
+        offer(self._colour, options, self._map.colour or self._colour.value)
 
     # Cameras.
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
+from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import typed
 
 if TYPE_CHECKING:
@@ -41,9 +42,10 @@ class GeneratorForm:
             name: gui.add_text(label, typed(float(getattr(defaults, name))), hint=docs.get(name))
             for name, label in GENERATOR_LABELS.items()
         }
-        gui.add_button("Generate", hint="Make this signal and open it.").on_click(self._on_generate)
+        button = gui.add_button("Generate", hint="Generate this signal and open it.")
+        on_user(button.on_click, lambda _client: self._generate())
 
-    async def _on_generate(self, _event: viser.GuiEvent[Any]) -> None:
+    def _generate(self) -> None:
         query = "&".join(f"{name}={text.value.strip()}" for name, text in self._texts.items())
         self._open_spec(f"synthetic:{self._shape.value}?noise={self._noise.value}&{query}")
 

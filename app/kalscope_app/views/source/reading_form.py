@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kalscope.sources.lines.read_options import ReadOptions, options_from_text
+from kalscope_app.views.binding import on_user
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,9 +33,10 @@ class ReadingForm:
             "missing values", "", hint="Values that mark a missing sample, separated by spaces, such as -200 400."
         )
         self._gaps = gui.add_dropdown("gaps in time", tuple(GAPS), hint="How long gaps are filtered.")
-        gui.add_button("Re-import", hint="Also reads what was added to the file.").on_click(self._on_read)
+        button = gui.add_button("Re-import", hint="Also reads what was added to the file.")
+        on_user(button.on_click, lambda _client: self._submit())
 
-    async def _on_read(self, _event: viser.GuiEvent[Any]) -> None:
+    def _submit(self) -> None:
         def chosen(text: str) -> str | None:
             return None if text.strip() in ("", FOUND) else text.strip()
 

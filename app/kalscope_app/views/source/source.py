@@ -22,6 +22,7 @@ from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.samples import list_samples
 from kalscope_app.session.changes.parameters import set_sample_period
 from kalscope_app.session.opening import opened_experiment, reopened
+from kalscope_app.views.binding import on_user
 from kalscope_app.views.slow_job import SlowJobProgress
 from kalscope_app.views.source.generator import GeneratorForm
 from kalscope_app.views.source.reading_form import ReadingForm
@@ -73,12 +74,12 @@ class SourceView:
                     hint="Time between two samples, for a file without a time column; press Enter.",
                 )
         self._report: viser.GuiMarkdownHandle | None = None
-        self._sample.on_update(self._on_sample)
-        self._experiment.on_update(self._on_experiment)
-        self._open.on_click(self._on_open)
-        path_form.on_submit(self._on_open)
-        self._cancel.on_click(self._on_cancel)
-        form.on_submit(self._on_period)
+        on_user(self._sample.on_update, lambda _client: self._open_sample())
+        on_user(self._experiment.on_update, lambda _client: self._open_experiment())
+        for subscribe in (self._open.on_click, path_form.on_submit):
+            on_user(subscribe, lambda _client: self._open_spec(self._path.value.strip()))
+        on_user(self._cancel.on_click, lambda _client: self._stop.set())
+        on_user(form.on_submit, lambda _client: session.request(set_sample_period(self._period.value)))
 
     def build_rest(self, gui: viser.GuiApi) -> None:
         """The lower part: the generator, the import summary and the import options."""
@@ -104,25 +105,15 @@ class SourceView:
 
         button.on_upload(take)
 
-    async def _on_sample(self, event: viser.GuiEvent[Any]) -> None:
+    def _open_sample(self) -> None:
         sample = self._samples.get(self._sample.value)
-        if event.client is not None and sample is not None:
+        if sample is not None:
             self._open_spec(f"sample:{sample.name}")
 
-    async def _on_experiment(self, event: viser.GuiEvent[Any]) -> None:
+    def _open_experiment(self) -> None:
         name = self._experiments.get(self._experiment.value)
-        if event.client is not None and name is not None:
+        if name is not None:
             self._session.request(lambda state: opened_experiment(name, state))
-
-    async def _on_open(self, _event: viser.GuiEvent[Any]) -> None:
-        path = self._path.value.strip()
-        self._open_spec(path if path else "")
-
-    async def _on_period(self, _event: viser.GuiEvent[Any]) -> None:
-        self._session.request(set_sample_period(self._period.value))
-
-    async def _on_cancel(self, _event: viser.GuiEvent[Any]) -> None:
-        self._stop.set()
 
     def _open_spec(self, spec: str) -> None:
         self._read(partial(open_source, spec), ReadOptions())
@@ -155,17 +146,14 @@ class SourceView:
     def show(self, frame: Frame) -> None:
         """Show which sample or experiment is open, and the import summary."""
         recording = frame.state.recording
-        title = next((t for t, s in self._samples.items() if recording.source == f"sample:{s.name}"), MINE)
-        if self._sample.value != title:
-            self._sample.value = title
-        experiment = recording.source.removeprefix("experiment:")
-        shown = next((title for title, name in self._experiments.items() if name == experiment), MINE)
-        if self._experiment.value != shown:
-            self._experiment.value = shown
+        sample, experiment = (recording.source.removeprefix(kind) for kind in ("sample:", "experiment:"))
+        self._sample.value = next((title for title, one in self._samples.items() if one.name == sample), MINE)
+        self._experiment.value = next(
+            (title for title, name in self._experiments.items() if name == experiment), MINE
+        )
         self._period.visible = not recording.sample_period or bool(self._period.value)
-        text = report_text(recording)
-        if self._report is not None and self._report.content != text:
-            self._report.content = text
+        if self._report is not None:
+            self._report.content = report_text(recording)
 
 
 AUTHORS = {"noise_reducer": "Ma'arif 2019", "generalized": "Khan", "lis302dl": "interactive matter 2009"}

@@ -44,12 +44,9 @@ class ChecksView:
             if self._correlation is not None:
                 self._correlation.hide()
             return
-        said = as_sentences(checks.all_samples.advice)
-        if self._advice.content != said:
-            self._advice.content = said
-        text = table(checks)
-        if self._table is not None and self._table.content != text:
-            self._table.content = text
+        self._advice.content = as_sentences(checks.all_samples.advice)
+        if self._table is not None:
+            self._table.content = table(checks)
         if self._correlation is not None:
             self._correlation.show(*correlation_lines(checks))
 

@@ -13,6 +13,7 @@ from kalscope.estimation.finding import METHOD_WORDS, Noise, find_parameters
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.changes.parameters import apply_found, set_method_comparison
 from kalscope_app.session.changes.view import set_search_method
+from kalscope_app.views.binding import bind, on_user
 from kalscope_app.views.scales import Scale, time_scale_for
 from kalscope_app.views.slow_job import SlowJobProgress
 
@@ -137,31 +138,21 @@ class FindView:
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button("Cancel", visible=False, hint="Stop the search and change nothing.")
             self._answer = gui.add_markdown("", visible=False)
-        self._way.on_update(self._on_way)
-        self._find.on_click(self._on_find)
-        self._cancel.on_click(self._on_cancel)
+        bind(self._way, session, lambda way: set_search_method(way, WAYS))
+        on_user(self._find.on_click, lambda _client: self._find_and_apply())
+        on_user(self._cancel.on_click, lambda _client: self._stop.set())
         self._opinions: viser.GuiMarkdownHandle | None = None
 
     def build_opinions(self, gui: viser.GuiApi) -> None:
         """The part that stands in a tab of the chart panel: five methods side by side."""
         gui.add_markdown("### Compare estimators")
         ask = gui.add_button("Run five methods", hint="They agree if the model fits the signal.")
-        ask.on_click(self._on_ask)
+        on_user(ask.on_click, lambda _client: self._start(self._compare))
         self._opinions = gui.add_markdown("")
 
-    async def _on_way(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._session.request(set_search_method(self._way.value, WAYS))
-
-    async def _on_find(self, _event: viser.GuiEvent[Any]) -> None:
+    def _find_and_apply(self) -> None:
         texts = [box.value for box in self._boxes]
         self._start(lambda state, stop: self._search(state, WAYS[state.view.search_method], texts, stop))
-
-    async def _on_ask(self, _event: viser.GuiEvent[Any]) -> None:
-        self._start(self._compare)
-
-    async def _on_cancel(self, _event: viser.GuiEvent[Any]) -> None:
-        self._stop.set()
 
     def _start(self, work: Callable[[State, threading.Event], None]) -> None:
         """Queue a job on the state that every earlier request has led to; each job has a stop sign of its own."""
@@ -191,16 +182,12 @@ class FindView:
         """Show the boxes of the chosen way, and the last answers."""
         self._show_way(frame.state)
         answer = answer_text(frame.state)
-        if self._answer.content != answer:
-            self._answer.content = answer
-            self._answer.visible = bool(answer)
-        opinions = opinions_text(frame.state)
-        if self._opinions is not None and self._opinions.content != opinions:
-            self._opinions.content = opinions
+        self._answer.content, self._answer.visible = answer, bool(answer)
+        if self._opinions is not None:
+            self._opinions.content = opinions_text(frame.state)
 
     def _show_way(self, state: State) -> None:
-        if self._way.value != state.view.search_method:
-            self._way.value = state.view.search_method
+        self._way.value = state.view.search_method
         wanted = WAYS[state.view.search_method].boxes
         for i, box in enumerate(self._boxes):
             box.visible = i < len(wanted)

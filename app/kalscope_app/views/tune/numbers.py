@@ -21,9 +21,7 @@ class NumbersView:
 
     def show(self, frame: Frame) -> None:
         """Write the table."""
-        content = table(frame)
-        if self._table.content != content:
-            self._table.content = content
+        self._table.content = table(frame)
 
 
 def table(frame: Frame) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kalscope.common.text import squared
 from kalscope_app.session.changes.channels import select_channel, set_link
@@ -18,6 +18,7 @@ from kalscope_app.session.changes.parameters import (
 )
 from kalscope_app.session.linked_channels import LINKS
 from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.views.binding import bind, offer, on_user
 from kalscope_app.views.text import typed
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     import viser
 
     from kalscope_app.engine.frame import Frame
-    from kalscope_app.session.state import Change, State
+    from kalscope_app.session.state import Change
 
 NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "initial variance p0"}
 
@@ -86,63 +87,35 @@ class ParametersView:
                 ("Undo", "Redo", "Reset"),
                 hint="Ctrl+Z; Ctrl+Shift+Z or Ctrl+Y. Reset: r = var(Δz)/2, q = r/100.",
             )
-        form.on_submit(self._on_submit)
-        self._channel.on_update(self._on_channel)
-        self._together.on_update(self._on_together)
-        self._filter.on_update(self._on_filter)
-        self._start.on_update(self._on_start)
-        self._steps.on_click(self._on_step)
-        gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger(self._on_undo)
-        gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift").on_trigger(self._on_redo)
-        gui.add_command("Redo (Ctrl+Y)", hotkey="Y", modifier="cmd/ctrl").on_trigger(self._on_redo)
+        on_user(form.on_submit, lambda _client: self._submit())
+        bind(self._channel, session, select_channel)
+        bind(self._together, session, set_link)
+        bind(self._filter, session, lambda name: set_variant_of_eq3(FILTERS[name]))
+        bind(self._start, session, lambda choice: set_automatic_start(choice == AUTOMATIC))
+        steps = {"Undo": undo, "Redo": redo, "Reset": reset_parameters}
+        on_user(self._steps.on_click, lambda _client: session.request(steps[self._steps.value]))
+        for name, change, hotkey, modifier in COMMANDS:
+            command = gui.add_command(name, hotkey=hotkey, modifier=modifier)
+            on_user(command.on_trigger, lambda _client, change=change: session.request(change))
 
-    async def _on_channel(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._session.request(select_channel(self._channel.value))
-
-    async def _on_together(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._session.request(set_link(self._together.value))
-
-    async def _on_filter(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._session.request(set_variant_of_eq3(FILTERS[self._filter.value]))
-
-    async def _on_start(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._session.request(set_automatic_start(self._start.value == AUTOMATIC))
-
-    async def _on_step(self, _event: viser.GuiEvent[Any]) -> None:
-        self._session.request({"Undo": undo, "Redo": redo, "Reset": reset_parameters}[self._steps.value])
-
-    async def _on_undo(self, _event: viser.CommandEvent) -> None:
-        self._session.request(undo)
-
-    async def _on_redo(self, _event: viser.CommandEvent) -> None:
-        self._session.request(redo)
-
-    async def _on_submit(self, _event: viser.GuiEvent[Any]) -> None:
+    def _submit(self) -> None:
         for box in (*(control.typed for control in self._controls), self._x0, self._gate, *self._rule_boxes):
             box.submit()
 
     def show(self, frame: Frame) -> None:
         """Set every control to the frame's values, except those that have changed since."""
         state, tuning = frame.state, frame.state.tuning
-        if self._channel.options != state.recording.names:
-            self._channel.options = state.recording.names
-        if self._channel.value != state.channel:
-            self._channel.value = state.channel
-        self._channel.visible = self._together.visible = len(state.recording.names) > 1
-        if self._together.value != state.settings.link:
-            self._together.value = state.settings.link
-        self._show_rule(state)
+        several = len(state.recording.names) > 1
+        offer(self._channel, state.recording.names, state.channel)
+        self._channel.visible = self._together.visible = several
+        self._together.value = state.settings.link
+        reading = None if state.paper_filter is None else state.paper_filter.reading
+        self._filter.value = next(name for name, value in FILTERS.items() if value == reading)
         for control in self._controls:
             control.visible = state.paper_filter is None
             control.show(frame)
         self._start.visible = self._gate.visible = state.paper_filter is None
-        start = AUTOMATIC if tuning.p0 is None else BY_VALUE
-        if self._start.value != start:
-            self._start.value = start
+        self._start.value = AUTOMATIC if tuning.p0 is None else BY_VALUE
         self._x0.visible = tuning.p0 is not None and state.paper_filter is None
         self._x0.show(frame, tuning.x0, "first")
         self._gate.show(frame, tuning.gate, "off")
@@ -150,12 +123,13 @@ class ParametersView:
             box.visible = state.paper_filter is not None
             box.show(frame, None if state.paper_filter is None else getattr(state.paper_filter, name), "automatic")
 
-    def _show_rule(self, state: State) -> None:
-        reading = None if state.paper_filter is None else state.paper_filter.reading
-        name = next(name for name, value in FILTERS.items() if value == reading)
-        if self._filter.value != name:
-            self._filter.value = name
 
+COMMANDS = (
+    ("Undo", undo, "Z", "cmd/ctrl"),
+    ("Redo", redo, "Z", "cmd/ctrl+shift"),
+    ("Redo (Ctrl+Y)", redo, "Y", "cmd/ctrl"),
+)
+"""Name, change and keys of the commands."""
 
 FILTERS: dict[str, str | None] = {
     "Kalman filter": None,
@@ -187,7 +161,7 @@ class VarianceControl:
             hint=f"Drag, or click and use the arrow keys: one step changes {name} by 2.3 %.",
         )
         self._serial = 0
-        self._slider.on_update(self._on_slider)
+        on_user(self._slider.on_update, lambda _client: self._file())
 
     @property
     def visible(self) -> bool:
@@ -198,11 +172,9 @@ class VarianceControl:
     def visible(self, visible: bool) -> None:
         self._slider.visible = self.typed.visible = visible
 
-    async def _on_slider(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._serial = self._session.request(
-                set_exponent(self._name, float(self._slider.value)), key=f"slider {self._name}"
-            )
+    def _file(self) -> None:
+        change = set_exponent(self._name, float(self._slider.value))
+        self._serial = self._session.request(change, key=f"slider {self._name}")
 
     def show(self, frame: Frame) -> None:
         """Follow the frame unless the slider has moved since."""
@@ -211,8 +183,7 @@ class VarianceControl:
         if frame.serial < self._serial:
             return
         low, high = slider_limits(frame.state, self._name)
-        if (self._slider.min, self._slider.max) != (low, high):
-            self._slider.min, self._slider.max = float(low), float(high)
+        self._slider.min, self._slider.max = float(low), float(high)
         if value is None:  # the automatic start has the variance of one reading after its first sample
             value = frame.state.tuning.r
         exponent = min(max(math.log10(value), low), high) if value > 0.0 else float(low)
@@ -237,7 +208,7 @@ class TypedNumber:
         self._written = ""
         self._value: object = self  # nothing has been shown yet
         self._serial = 0
-        self._text.on_update(self._on_key)
+        on_user(self._text.on_update, lambda _client: self._on_key())
 
     @property
     def visible(self) -> bool:
@@ -248,8 +219,8 @@ class TypedNumber:
     def visible(self, visible: bool) -> None:
         self._text.visible = visible
 
-    async def _on_key(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None and _looks_complete(self._text.value):
+    def _on_key(self) -> None:
+        if _looks_complete(self._text.value):
             self._file(TYPING_PAUSE)
 
     def submit(self) -> None:
@@ -271,8 +242,7 @@ class TypedNumber:
             return
         self._value, self._serial = value, 0
         self._written = missing if value is None else typed(value)
-        if self._text.value != self._written:
-            self._text.value = self._written
+        self._text.value = self._written
 
 
 def _looks_complete(text: str) -> bool:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kalscope.common.text import decibels, lag_text, number
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope_app.session.presets import PRESETS, choose_preset, take_preset
+from kalscope_app.views.binding import bind, on_user
 
 if TYPE_CHECKING:
     import viser
@@ -21,29 +22,18 @@ class PresetsView:
     """The folder "Presets". Choosing shows; only the button changes q and r."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        self._session = session
         with gui.add_folder("Presets", expand_by_default=False):
             self._which = gui.add_dropdown("preset", tuple(PRESETS), hint="Select one to see what it would do.")
             self._text = gui.add_markdown("")
             self._take = gui.add_button("Apply preset", hint="Sets q and r; Undo reverts it.")
-        self._which.on_update(self._on_choice)
-        self._take.on_click(self._on_take)
-
-    async def _on_choice(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._session.request(choose_preset(self._which.value))
-
-    async def _on_take(self, _event: viser.GuiEvent[Any]) -> None:
-        self._session.request(take_preset(self._which.value))
+        bind(self._which, session, choose_preset)
+        on_user(self._take.on_click, lambda _client: session.request(take_preset(self._which.value)))
 
     def show(self, frame: Frame) -> None:
         """Show what the selected preset would do."""
         title = frame.state.view.preset or next(iter(PRESETS))
-        if self._which.value != title:
-            self._which.value = title
-        text = preset_text(frame.state, title, frame.steady)
-        if self._text.content != text:
-            self._text.content = text
+        self._which.value = title
+        self._text.content = preset_text(frame.state, title, frame.steady)
 
 
 def preset_text(state: State, title: str, now: SteadyState) -> str:

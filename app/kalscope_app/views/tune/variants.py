@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kalscope.common.text import correlation, count, decibels, lag_text, number
 from kalscope_app.session.changes.variants import delete_variant, pin_present, rename_variant, use_variant
 from kalscope_app.session.variants import LIMIT, LONGEST_NAME, Variant, css
+from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ class VariantsView:
         self._pin = gui.add_button(
             "Pin this setting", hint="Keep it as A, B, C …, with a line in the chart and in the Compare tab."
         )
-        self._pin.on_click(self._on_pin)
+        on_user(self._pin.on_click, lambda _client: session.request(pin_present))
 
     def build_tab(self, gui: viser.GuiApi) -> None:
         """The part that stands in a tab of the chart panel."""
@@ -49,17 +50,14 @@ class VariantsView:
             self._name = gui.add_text(
                 "new name", "", hint=f"At most {LONGEST_NAME} letters; press Enter to rename the setting."
             )
-        self._steps.on_click(self._on_step)
-        form.on_submit(self._on_rename)
+        on_user(self._steps.on_click, lambda _client: self._use_or_delete())
+        on_user(form.on_submit, lambda _client: self._rename())
 
-    async def _on_pin(self, _event: viser.GuiEvent[Any]) -> None:
-        self._session.request(pin_present)
-
-    async def _on_step(self, _event: viser.GuiEvent[Any]) -> None:
+    def _use_or_delete(self) -> None:
         change = {"Use": use_variant, "Delete": delete_variant}[self._steps.value]
         self._session.request(change(self._which.value))
 
-    async def _on_rename(self, _event: viser.GuiEvent[Any]) -> None:
+    def _rename(self) -> None:
         if self._name.value.strip():
             self._session.request(rename_variant(self._which.value, self._name.value))
 
@@ -76,9 +74,7 @@ class VariantsView:
 
     def show_table(self, table: VariantComparison) -> None:
         """Write the table."""
-        text = table_text(table)
-        if self._table.content != text:
-            self._table.content = text
+        self._table.content = table_text(table)
 
 
 def _follow(chosen: str, before: tuple[str, ...], names: tuple[str, ...]) -> str:
