@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
 import os
 import secrets
@@ -11,10 +12,9 @@ import sys
 import tempfile
 import threading
 import webbrowser
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,6 +24,7 @@ from kalscope.sources.lines.read_options import ReadOptions, options_from_text
 from kalscope_app.open_options import P0, X0, Channel, Gate, Q, R
 
 if TYPE_CHECKING:
+    from kalscope_app.guard.server import GuardedServer
     from kalscope_app.program.log_file import Log
     from kalscope_app.session.state import State
 
@@ -40,7 +41,7 @@ def open_dashboard(
         list[str] | None, typer.Option(help="Name by which a browser may call this machine, for --host 0.0.0.0.")
     ] = None,
     sample_period: Annotated[
-        float | None, typer.Option(help="Time between two samples in s; overrules that of the file.")
+        float | None, typer.Option(help="Time between two samples in s; overrides that of the file.")
     ] = None,
     delimiter: Delimiter = None,
     time_column: TimeColumnChoice = None,
@@ -51,11 +52,9 @@ def open_dashboard(
     behind: Annotated[
         str | None, typer.Option(metavar="URL", help="https://NAME of a reverse proxy that shows the dashboard.")
     ] = None,
-    new_link: Annotated[
-        bool, typer.Option("--new-link", help="Lock out whoever has this port's old link.")
-    ] = False,
-    log: Annotated[Path | None, typer.Option(metavar="FILE", help="Write down what happens, with details.")] = None,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say on the terminal what happens.")] = False,
+    new_link: Annotated[bool, typer.Option("--new-link", help="Make the old link of this port useless.")] = False,
+    log: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a detailed log to this file.")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log on the terminal what happens.")] = False,
     channel: Channel = None,
     q: Q = None,
     r: R = None,
@@ -64,9 +63,11 @@ def open_dashboard(
     gate: Gate = None,
 ) -> None:
     """Open the dashboard in a browser."""
+    from kalscope_app.guard.server import guarded_server
     from kalscope_app.guard.token_file import kept_token
     from kalscope_app.program.log_file import logging_to
     from kalscope_app.session.share import apply_options
+    from kalscope_app.views.window.page_script import page_script
 
     def token(bound_port: int) -> str:
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
@@ -74,53 +75,51 @@ def open_dashboard(
     options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
     with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
         state = apply_options(first_state(source, options, config, sample_period), channel, q, r, p0, x0, gate)
-        door = Door(host, port, tuple(allow_host or ()), behind, token)
-        with asked_to_end() as end:
-            serve(state, door, end, running_log, browser=browser)
+        start_server = functools.partial(
+            guarded_server,
+            host,
+            port,
+            allow_hosts=allow_host or (),
+            behind=behind,
+            token=token,
+            page_script=page_script(),
+            label="Kalscope",
+        )
+        with end_requested() as end:
+            serve(state, start_server, end, running_log, browser=browser)
 
 
-@dataclass(frozen=True)
-class Door:
-    """Where the dashboard listens, and who may come: the arguments of `guarded_server`."""
+def serve(
+    state: State, start_server: Callable[..., GuardedServer], end: threading.Event, log: Log, *, browser: bool
+) -> None:
+    """Run the dashboard until `end` is set; then everything is closed.
 
-    host: str
-    port: int
-    allow_hosts: tuple[str, ...]
-    behind: str | None
-    token: Callable[[int], str]
-
-
-def serve(state: State, door: Door, end: threading.Event, log: Log, *, browser: bool) -> None:
-    """Run the dashboard until `end` is set; then everything is closed."""
+    Args:
+        state: shown first.
+        start_server: `guarded_server`, with all arguments but `on_refused`.
+        end: ends the program.
+        log: never shows the token from now on.
+        browser: whether to open the link.
+    """
     from kalscope_app.dashboard import Dashboard
-    from kalscope_app.guard.server import guarded_server
     from kalscope_app.guard.token_file import opening_page
-    from kalscope_app.program.error_reporting import Trouble
-    from kalscope_app.views.window.page_script import page_script
+    from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
+    from kalscope_app.program.error_reporting import ErrorReporter
 
-    trouble, opened = Trouble(), contextlib.ExitStack()
+    errors, opened = ErrorReporter(), contextlib.ExitStack()
     dashboard: Dashboard | None = None
 
     def on_refused(why: str) -> None:
         if dashboard is not None:
             dashboard.tell(why)
 
-    with trouble.watch_threads(), opened:
-        guarded = guarded_server(
-            door.host,
-            door.port,
-            allow_hosts=door.allow_hosts,
-            behind=door.behind,
-            token=door.token,
-            on_refused=on_refused,
-            page_script=page_script(),
-            label="Kalscope",
-        )
+    with errors.watch_threads(), callback_errors_to(functools.partial(errors.report, "callback")), opened:
+        guarded = start_server(on_refused=on_refused)
         try:
             log.hide(guarded.token)
-            trouble.watch_server(guarded.server._event_loop, guarded.server._thread_executor)
+            errors.watch_server(guarded.server.get_event_loop(), thread_pool(guarded.server))
             dashboard = Dashboard(guarded.server, state, Path.cwd(), log.file)
-            trouble.tell_with(dashboard.tell)
+            errors.notify_with(dashboard.tell)
             dashboard.start()
             print(f"Kalscope: {guarded.url}", flush=True)
             if browser:
@@ -128,7 +127,7 @@ def serve(state: State, door: Door, end: threading.Event, log: Log, *, browser: 
             while not end.wait(timeout=0.5):  # Windows wakes for Ctrl+C only between two waits
                 pass
         finally:
-            trouble.is_ending = True
+            errors.is_ending = True
             if dashboard is not None:
                 end_within(1.0, "dashboard", dashboard.stop)
             end_within(0.7, "server", guarded.stop)
@@ -140,14 +139,14 @@ def end_within(seconds: float, name: str, stop: Callable[[], None]) -> bool:
     thread.start()
     thread.join(seconds)
     if thread.is_alive():
-        logging.getLogger(__name__).info("the %s did not end within %g s and is cut off", name, seconds)
+        logging.getLogger(__name__).info("the %s did not end within %g s and is abandoned", name, seconds)
     return not thread.is_alive()
 
 
 def first_state(
     source: str, options: ReadOptions, config: Path | None, sample_period: float | None = None
 ) -> State:
-    """What the dashboard shows first: the source, with the values of the tuning file if there is one."""
+    """The state that is shown first: the source, with the values of the tuning file if there is one."""
     from kalscope.catalogue import open_source
     from kalscope.errors import BadSetting
     from kalscope.sources.live.live_source import LiveSource
@@ -169,7 +168,7 @@ def first_state(
     spec = source or tuning.source
     if not spec:
         raise BadSetting(
-            f"SOURCE must be named, because {config} was made on an uploaded file (got only --config): "
+            f"SOURCE must be given, because {config} was made from an uploaded file (got only --config): "
             f"kalscope open {tuning.source_name or 'FILE'} --config {config}"
         )
     state = opened_with(open_source(spec, options, sample_period=sample_period), tuning)
@@ -177,14 +176,15 @@ def first_state(
 
 
 @contextlib.contextmanager
-def asked_to_end() -> Iterator[threading.Event]:
+def end_requested() -> Generator[threading.Event]:
     """An event that is set by Ctrl+C, SIGTERM or the closing of the terminal, while the block runs."""
     end = threading.Event()
-    before = {}
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):  # SIGHUP is unknown on Windows
-            number = getattr(signal, name)
-            before[number] = signal.signal(number, lambda *_: end.set())
+
+    def on_signal(_number: int, _frame: object) -> None:
+        end.set()
+
+    numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if sys.platform != "win32" else [])]
+    before: dict[int, Any] = {number: signal.signal(number, on_signal) for number in numbers}
     try:
         yield end
     finally:
@@ -193,8 +193,8 @@ def asked_to_end() -> Iterator[threading.Event]:
 
 
 @contextlib.contextmanager
-def own_temporary_folder() -> Iterator[None]:
-    """One folder for all temporary files, removed at the end: also those of a job that the end cut short."""
+def own_temporary_folder() -> Generator[None]:
+    """One folder for all temporary files, removed at the end with those of unfinished background tasks."""
     before = tempfile.tempdir
     with tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder:
         tempfile.tempdir = folder
@@ -211,7 +211,7 @@ def main() -> None:
 
 
 def leave(status: int) -> None:
-    """End the program, also while something hangs that nothing can interrupt (a device, a file on a network)."""
+    """End the program, even while something hangs that nothing can interrupt (a device, a network file)."""
     if threading.active_count() > 1:
         with contextlib.suppress(OSError):  # the terminal is gone
             sys.stdout.flush()

@@ -1,93 +1,146 @@
-"""One gate for all that connected clients send: who sends the impossible, or too much of it, is disconnected."""
+"""What a connected browser may send: every message is checked before viser handles it.
+
+The holder of the link is trusted to use the dashboard, not to break it. Stock viser sets any attribute of a widget
+that a client names, keeps any number of uploaded bytes, and opens a public tunnel to this machine when asked.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import functools
 import logging
 import time
 from typing import TYPE_CHECKING, Any
 
-from kalscope_app.guard.message_schema import FIELDS, Misbehaviour, check_fields
+from kalscope_app.guard.message_schema import BROWSER_MESSAGES, Misbehaviour, check_fields, fitting_value
+from kalscope_app.guard.upload_limits import UploadLimits
+from kalscope_app.guard.viser_private import Channel, connections_of, messages, on_clients, socket_of
+from kalscope_app.guard.widget_sync import WidgetSync
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable
 
     import viser
-    from viser.infra import WebsockClientConnection, WebsockMessageHandler
+    from viser.infra import WebsockClientConnection
+
+    from kalscope_app.guard.viser_private import Dispatch
 
 _log = logging.getLogger(__name__)
 
-MESSAGES_PER_SECOND = 300.0
-"""What one client may send over time; a hand on a slider makes 20."""
-BURST = 1000.0
-"""What it may send at once; an upload of 64 MiB has 128 parts."""
+MAX_PER_SECOND = 300.0
+"""Messages that one client may send over time; a hand on a slider makes 20."""
+MAX_BURST = 1000.0
+"""Messages that it may send at once; an upload of 64 MiB has 128 parts."""
 
 
-class Allowance:
-    """How many messages a client may still send: it refills with time. Pure but for the clock it is told."""
+class RateLimit:
+    """How many messages a client may still send: a bucket that refills with time."""
 
     def __init__(self, now: float) -> None:
-        self._left, self._at = BURST, now
+        self._left, self._at = MAX_BURST, now
 
-    def take(self, now: float) -> bool:
-        """Use up one; False if none is left."""
-        self._left = min(BURST, self._left + (now - self._at) * MESSAGES_PER_SECOND) - 1.0
+    def allows(self, now: float) -> bool:
+        """Count one message; False if it is one too many."""
+        self._left = min(MAX_BURST, self._left + (now - self._at) * MAX_PER_SECOND) - 1.0
         self._at = now
         return self._left >= 0.0
 
 
-class ClientGate:
-    """Stands before viser's dispatch of messages. Everything but `install` runs on the event loop."""
+class MessageFilter:
+    """Validates and rate-limits client messages; disconnects offenders.
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        self._websock = server._websock_server
-        self._allowances: dict[int, Allowance] = {}
-        self._closing: dict[int, Any] = {}
+    Everything but `install` runs on the event loop, so nothing here needs a lock.
+    """
 
-    def install(self) -> None:
-        """Stand in the way of every message from now on.
+    def __init__(
+        self, server: viser.ViserServer, max_upload_bytes: int, on_refused: Callable[[str], None] | None
+    ) -> None:
+        """Args: the server; what the uploads of one client may need; told about each upload that was refused.
 
         Raises:
-            AttributeError: viser's private names are not the known ones.
+            AttributeError, LookupError, TypeError, ValueError: viser's private names are not the known ones.
         """
-        self._websock._live_connections.get(-1)  # so that a missing name shows now
-        self._gate(self._websock, counts=True)
-        self._websock.on_client_connect(self._on_connect)
-        self._websock.on_client_disconnect(self._on_disconnect)
+        self._server, self._socket = server, socket_of(server)
+        self._connections = connections_of(self._socket)
+        self._shared = Channel(self._socket)
+        self._uploads = UploadLimits(self._shared, max_upload_bytes, on_refused)
+        self._sync = WidgetSync(self._shared)
+        self._rates: dict[int, RateLimit] = {}
+        self._closing: dict[int, asyncio.Task[None]] = {}
+
+    def install(self) -> None:
+        """Filter all messages from now on.
+
+        Raises:
+            AttributeError, LookupError, TypeError, ValueError: as above. Raised in the hook of a new client, the
+                same errors close that client's connection.
+        """
+        for kind in (messages.ShareUrlRequest, messages.ShareUrlDisconnect):
+            self._shared.ignore(kind)
+        self._server.request_share_url = lambda verbose=True: None  # noqa: ARG005  (no slip of ours may open it either)
+        self._filter(self._shared)
+        on_clients(self._socket, self._on_connect, self._on_disconnect)
 
     def _on_connect(self, connection: WebsockClientConnection) -> None:
-        self._allowances[connection.client_id] = Allowance(time.monotonic())
-        self._gate(connection, counts=False)
+        channel = Channel(connection)
+        self._rates[connection.client_id] = RateLimit(time.monotonic())
+        self._uploads.channels[connection.client_id] = channel
+        self._filter(channel)
 
     def _on_disconnect(self, connection: WebsockClientConnection) -> None:
-        self._allowances.pop(connection.client_id, None)
-        self._closing.pop(connection.client_id, None)
+        for known in (self._rates, self._closing, self._uploads.channels):
+            known.pop(connection.client_id, None)
+        # viser forgets this for a client that never sent its camera; its bytes would count for ever.
+        self._shared.drop_uploads(connection.client_id)
 
-    def _gate(self, channel: WebsockMessageHandler, *, counts: bool) -> None:
-        """Gate one dispatch; viser has two for each message, the shared one and the client's, and one counts it."""
-        stock: Callable[..., Coroutine[Any, Any, None]] = channel._handle_incoming_message
+    def _filter(self, channel: Channel) -> None:
+        channel.intercept(functools.partial(self._dispatch, channel))
+        channel.filter(messages.GuiUpdateMessage, functools.partial(self._checked_update, channel))
+        channel.filter(messages.GuiFormDirtyMessage, functools.partial(_checked_form, channel))
+        channel.filter(messages.FileTransferStartUpload, functools.partial(self._uploads.checked_start, channel))
+        channel.filter(messages.FileTransferPart, functools.partial(self._uploads.checked_part, channel))
 
-        async def gated(client_id: Any, message: Any) -> None:
-            if client_id in self._closing or client_id not in self._allowances:
-                return
-            try:
-                if counts and not self._allowances[client_id].take(time.monotonic()):
-                    raise Misbehaviour("more messages than a hand can make")
-                check_fields(message)
-                await stock(client_id, message)
-            except Misbehaviour as error:
-                self._expel(client_id, str(error))
-            except Exception as error:
-                if type(message) in FIELDS:
-                    raise  # the message was as it must be, so the mistake is ours
-                self._expel(client_id, f"{type(message).__name__} that viser could not take ({error!r})")
-
-        setattr(channel, "_handle_incoming_message", gated)  # noqa: B010  (its type says: a method, not this)
-
-    def _expel(self, client_id: int, why: str) -> None:
-        connection = self._websock._live_connections.get(client_id)
-        if connection is None or client_id in self._closing:
+    async def _dispatch(self, channel: Channel, stock: Dispatch, client_id: int, message: Any) -> None:
+        """Check one message; viser dispatches each twice, for the shared panels and for those of the client."""
+        if client_id in self._closing or client_id not in self._rates:
             return
-        _log.info("client %d is disconnected: %s", client_id, why)
-        loop = self._websock._background_event_loop
-        assert loop is not None, "messages come from a running loop"
-        self._closing[client_id] = loop.create_task(connection.close(1008, "Kalscope cannot use what was sent"))
+        try:
+            if channel is self._shared and not self._rates[client_id].allows(time.monotonic()):
+                raise Misbehaviour("more messages than a hand can make")
+            check_fields(message)
+            await stock(client_id, message)
+        except Misbehaviour as error:
+            self._disconnect(client_id, str(error))
+        except Exception as error:
+            if isinstance(message, BROWSER_MESSAGES):
+                raise  # the message was as it must be, so the mistake is ours
+            self._disconnect(client_id, f"{type(message).__name__} that viser could not take ({error!r})")
+
+    def _disconnect(self, client_id: int, reason: str) -> None:
+        connection = self._connections.get(client_id)
+        if connection is not None and client_id not in self._closing:
+            _log.info("client %d is disconnected: %s", client_id, reason)
+            closing = connection.close(1008, "Kalscope cannot use what was sent")
+            self._closing[client_id] = asyncio.get_running_loop().create_task(closing)
+
+    def _checked_update(
+        self, channel: Channel, _client_id: int, message: messages.GuiUpdateMessage
+    ) -> messages.GuiUpdateMessage | None:
+        """Of an update only the value, within the widget's range."""
+        widget = channel.widget(message.uuid)
+        if widget is None or "value" not in message.updates:
+            return None
+        low, high, options = (getattr(widget, name, None) for name in ("min", "max", "options"))
+        value = fitting_value(widget.value, message.updates["value"], low, high, options)
+        if value is None:
+            return None
+        if channel is self._shared and len(self._rates) > 1:  # alone, a client knows its own values
+            self._sync.changed(message.uuid)
+        return messages.GuiUpdateMessage(message.uuid, {"value": value})
+
+
+def _checked_form(
+    channel: Channel, _client_id: int, message: messages.GuiFormDirtyMessage
+) -> messages.GuiFormDirtyMessage | None:
+    """Only of a real form: viser would keep a message for each name that a client makes up."""
+    return message if channel.is_form(message.uuid) else None

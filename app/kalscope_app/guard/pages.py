@@ -1,4 +1,4 @@
-"""What a browser is answered besides the dashboard itself: our small pages, and the headers of every page. Pure."""
+"""The small pages besides the dashboard itself, and the security headers of every page. Pure."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TEST_WEBGL = f'if (!document.createElement("canvas").getContext("webgl2")) loca
 _KEEP_ADDRESS = (
     "{ const replace = history.replaceState; history.replaceState = (state) => replace.call(history, state, ''); }"
 )
-"""Below a path viser appends ?websocket=… to the page's address, which the door would refuse after a reload."""
+"""Below a path viser appends ?websocket=… to the page's address, which would be refused after a reload."""
 
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
@@ -48,9 +48,9 @@ def refusal_page(policy: Policy, refusal: Refuse) -> str:
     """The page of a refusal: what to do first, then why."""
     return _PAGE.format(
         title=OPEN_THE_LINK,
-        body=f"<p>{html.escape(refusal.words)}</p><p class=dim>When Kalscope starts it prints a line like "
+        body=f"<p>{html.escape(refusal.reason)}</p><p class=dim>When Kalscope starts it prints a line like "
         f"<br><code>Kalscope: http://127.0.0.1:{policy.port}/?token=…</code><br>"
-        "Open that address once in this browser. Afterwards the page that it leads to may be bookmarked.</p>",
+        "Open that address once in this browser. It leads to a page that may be bookmarked.</p>",
     )
 
 
@@ -65,7 +65,7 @@ def link_page(home: str = "/") -> str:
 
 
 def dashboard_page(stock: str, script: str = "") -> str:
-    """The page of viser, with our name, and what must run before anything else of it.
+    """The page of viser, with our name and the scripts that must run before its own.
 
     Args:
         stock: viser's own page.

@@ -1,4 +1,4 @@
-"""The door before viser's socket: answers each request itself, or lets viser answer, as `guard_rules` decides."""
+"""The filter before viser's socket: answers each request itself, or lets viser answer, as `rules` decides."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 MAX_CLIENTS = 32
-"""Browsers at a time; the next is told so."""
+"""Browsers at a time; the next one is refused with a message."""
 
 
-class Door:
+class RequestFilter:
     """Answers each request instead of viser, or lets viser answer."""
 
     def __init__(self, policy: rules.Policy, page_script: str = "") -> None:
@@ -37,36 +37,35 @@ class Door:
         self._policy = policy
         self._clients = 0
         self.is_open = False
-        """Pages are served at once, sockets after the self-test: an old tab may be knocking already."""
-        self.was_hung = False
-        """Whether viser's socket really was opened through this door."""
+        """Pages are served at once, sockets after the self-test: an old tab may already be reconnecting."""
+        self.installed = False
+        """Whether viser's socket was really opened behind this filter."""
 
     def answer(self, viser_answer: Callable[..., Any], connection: ServerConnection, request: Request) -> Any:
         """The `process_request` of websockets: None goes on to the websocket handshake."""
         try:
             request.path = rules.below_home(self._policy, request.path)
-            ask = _ask_of(request)
-            answer = rules.decide(self._policy, ask)
-            if isinstance(answer, rules.Allow) and ask.is_upgrade and not self.is_open:
+            head = _head_of(request)
+            answer = rules.decide(self._policy, head)
+            if isinstance(answer, rules.Allow) and head.is_upgrade and not self.is_open:
                 answer = rules.Refuse(503, "Kalscope is still starting.")
             if isinstance(answer, rules.Allow):
-                return self._own_page(ask, request) or viser_answer(connection, request)
+                return self._own_page(head, request) or viser_answer(connection, request)
         except Exception:
-            answer = rules.Refuse(400, "This request could not be understood.")
+            # A check that fails must not let the request pass, nor take the server with it (CVE-2026-14631).
+            answer = rules.NOT_UNDERSTOOD
         if isinstance(answer, rules.SetCookie):
             return _small_page(200, pages.link_page(self._policy.home), {"Set-Cookie": answer.cookie})
         if self.is_open:  # before that it is the self-test that is refused
             # Without the query: it may hold the token, under a wrong name or path.
-            _log.info("refused %r: %s", request.path.partition("?")[0], answer.words)
+            _log.info("refused %r: %s", request.path.partition("?")[0], answer.reason)
         return _small_page(answer.status, pages.refusal_page(self._policy, answer))
 
-    def _own_page(self, ask: rules.Ask, request: Request) -> Response | None:
+    def _own_page(self, head: rules.RequestHead, request: Request) -> Response | None:
         """The pages that are not viser's."""
-        if ask.is_upgrade:
-            return None
-        if ask.target == pages.WITHOUT_WEBGL:
+        if head.target == pages.WITHOUT_WEBGL and not head.is_upgrade:
             return _small_page(200, pages.without_webgl_page())
-        if ask.target.partition("?")[0] != "/":
+        if head.target.partition("?")[0] != "/" or head.is_upgrade:
             return None
         headers, body = {"Content-Type": "text/html; charset=utf-8"}, self._page
         if any("gzip" in value for value in request.headers.get_all("Accept-Encoding")):
@@ -74,11 +73,11 @@ class Door:
         return Response(200, "OK", Headers(headers | {"Content-Length": str(len(body))}), body)
 
     def admit(self, handler: Callable[..., Any]) -> Callable[..., Any]:
-        """The handler of viser's websockets, for as many clients at a time as there is room for."""
+        """The handler of viser's websockets, for MAX_CLIENTS at a time."""
 
         async def handle(connection: ServerConnection) -> None:
             if connection.subprotocol != f"viser-v{viser.__version__}":  # viser would print on standard output
-                await connection.close(1002, "reload the page: it is of another version")
+                await connection.close(1002, "reload the page: it belongs to another version")
                 return
             if self._clients >= MAX_CLIENTS:
                 await connection.close(1013, "too many browsers")
@@ -103,9 +102,9 @@ class Door:
         return response
 
 
-def _ask_of(request: Request) -> rules.Ask:
+def _head_of(request: Request) -> rules.RequestHead:
     headers = request.headers
-    return rules.Ask(
+    return rules.RequestHead(
         hosts=tuple(headers.get_all("Host")),
         origins=tuple(headers.get_all("Origin")),
         is_upgrade=any("websocket" in value.lower() for value in headers.get_all("Upgrade")),

@@ -1,6 +1,6 @@
-"""Who may connect, as pure functions: what a peer asks for goes in, an answer comes out.
+"""Who may connect, as pure functions: the head of a request goes in, a decision comes out.
 
-Nothing here opens a socket or imports viser; `guard.py` asks these functions once a request. The threats:
+Nothing here opens a socket or imports viser; `request_filter.py` calls these functions once a request. The threats:
 a page of another site that opens our socket (Origin), a foreign name that is made to point at this machine
 (Host: DNS rebinding), another user or program of this machine (the token), and a link to our own page that
 makes it load foreign code (`?websocket=`, `?playbackPath=`).
@@ -24,7 +24,7 @@ _TOKEN_QUERY = re.compile(r"token=([A-Za-z0-9_-]{1,128})")
 
 @dataclass(frozen=True)
 class Policy:
-    """What the server was told when it started."""
+    """How the server was started."""
 
     port: int
     """The port we listen on. It names the cookie, so that two dashboards do not overwrite each other's."""
@@ -86,13 +86,13 @@ def behind_of(address: str | None) -> str:
 
 
 @dataclass(frozen=True)
-class Ask:
+class RequestHead:
     """The parts of a request that decide; headers as the peer sent them, every occurrence of each."""
 
     hosts: tuple[str, ...] = ()
-    """The Host headers. HTTP wants exactly one."""
+    """The Host headers. HTTP requires exactly one."""
     origins: tuple[str, ...] = ()
-    """The Origin headers: which page asks. Browsers send it with every websocket."""
+    """The Origin headers: the page that sent the request. Browsers send one with every websocket."""
     is_upgrade: bool = False
     """Whether any Upgrade header asks for a websocket, in whatever case of letters."""
     target: str = "/"
@@ -122,8 +122,11 @@ class Refuse:
 
     status: int
     """The HTTP status."""
-    words: str
-    """What the person in front of the browser should know, in one or two sentences."""
+    reason: str
+    """What the user should know, in one or two sentences."""
+
+
+NOT_UNDERSTOOD = Refuse(400, "This request could not be understood.")
 
 
 def below_home(policy: Policy, target: str) -> str:
@@ -135,41 +138,33 @@ def below_home(policy: Policy, target: str) -> str:
     return target[len(home) - 1 :] or "/" if f"{target}/".startswith(home) else target
 
 
-def decide(policy: Policy, ask: Ask) -> Allow | Refuse | SetCookie:
-    """Decide on one request. Never raises: whatever cannot be judged is refused."""
-    try:
-        return _decide(policy, ask)
-    except Exception:
-        # A check that falls over must not open the door, nor take the server with it (CVE-2026-14631).
-        return Refuse(400, "This request could not be understood.")
-
-
-def _decide(policy: Policy, ask: Ask) -> Allow | Refuse | SetCookie:
-    path, _, query = ask.target.partition("?")
-    refusal = _refusal_of_sender(policy, ask)
+def decide(policy: Policy, head: RequestHead) -> Allow | Refuse | SetCookie:
+    """Decide on one request. Whatever this raises is a refusal too."""
+    path, _, query = head.target.partition("?")
+    refusal = _refusal_of_sender(policy, head)
     if refusal is not None:
         return refusal
     if query:
-        return _answer_to_query(policy, ask, path, query)
-    if not _has_cookie(policy, ask.cookies):
+        return _answer_to_query(policy, head, path, query)
+    if not _has_cookie(policy, head.cookies):
         return Refuse(403, "This browser has not opened Kalscope's link yet, or the link has changed since.")
     return Allow()
 
 
-def _refusal_of_sender(policy: Policy, ask: Ask) -> Refuse | None:
-    """What is wrong before any secret is looked at: who calls us by what name, from what page."""
-    if ask.method != "GET":
+def _refusal_of_sender(policy: Policy, head: RequestHead) -> Refuse | None:
+    """What is wrong before any secret is compared: the name of this machine, and the page that asks."""
+    if head.method != "GET":
         return Refuse(405, "Only GET requests are answered here.")
-    if len(ask.hosts) != 1 or not host_allowed(policy, ask.hosts[0]):
+    if len(head.hosts) != 1 or not host_allowed(policy, head.hosts[0]):
         return Refuse(
             403,
             "Kalscope is not known under this address. "
             "If it should be, start it with --allow-host and the name that you typed.",
         )
-    if not origin_allowed(policy.origin_of(ask.hosts[0]), ask.origins, required=ask.is_upgrade):
+    if not origin_allowed(policy.origin_of(head.hosts[0]), head.origins, required=head.is_upgrade):
         return Refuse(403, "The page that asked is not Kalscope's own.")
-    if not all(text.isascii() for text in (ask.target, *ask.cookies)) or not ask.target.startswith("/"):
-        return Refuse(400, "This request could not be understood.")
+    if not all(text.isascii() for text in (head.target, *head.cookies)) or not head.target.startswith("/"):
+        return NOT_UNDERSTOOD
     return None
 
 
@@ -197,15 +192,15 @@ def origin_allowed(own: str, origins: tuple[str, ...], *, required: bool) -> boo
     return origins == (own,)
 
 
-def _answer_to_query(policy: Policy, ask: Ask, path: str, query: str) -> Refuse | SetCookie:
-    """Judge a target with a query: only the printed link has one, and only a plain page is asked with it."""
+def _answer_to_query(policy: Policy, head: RequestHead, path: str, query: str) -> Refuse | SetCookie:
+    """Decide on a target with a query: only the printed link has one, and only for a page."""
     match = _TOKEN_QUERY.fullmatch(query)
-    if match is None or path != "/" or ask.is_upgrade:
-        return Refuse(403, "Kalscope takes nothing after the address but its own link.")
+    if match is None or path != "/" or head.is_upgrade:
+        return Refuse(403, "Kalscope accepts no parameter in its address but the token of its own link.")
     if not hmac.compare_digest(match[1], policy.token):
         return Refuse(403, "This link is not, or no longer, the right one.")
     # Strict: no page of another site can make the browser send it. A path without its last "/" holds for both.
-    secure = "; Secure" if policy.is_behind(ask.hosts[0]) else ""
+    secure = "; Secure" if policy.is_behind(head.hosts[0]) else ""
     return SetCookie(
         f"{policy.cookie_name}={policy.token}; HttpOnly; SameSite=Strict; Path={policy.home.rstrip('/')}{secure}"
     )

@@ -1,8 +1,8 @@
-"""Who may connect to the dashboard: a viser server that answers only to the holder of the printed link.
+"""A viser server that answers only to the holder of the printed link.
 
-Stock viser lets any web page drive it. This module stands in front without a fork: for the moment of
-construction it replaces the one call by which viser opens its socket, and puts our check before viser's.
-What is allowed is decided in `guard_rules.py`. If viser is not what this was written for, nothing starts.
+Stock viser lets any web page drive it. No fork is needed: while viser is constructed, this module replaces the one
+call by which viser opens its socket, and puts the request filter before viser's own answer. `rules.py` decides what
+is allowed. If viser is not what this was written for, nothing starts.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import functools
-import http
-import http.client
 import ipaddress
 import secrets
 import socket
@@ -23,27 +21,22 @@ import rich
 import viser
 import websockets.asyncio.server
 
-from kalscope.errors import BadSetting, KalscopeError
-from kalscope_app.guard import pages, rules
-from kalscope_app.guard.message_filter import ClientGate
-from kalscope_app.guard.request_filter import Door
-from kalscope_app.guard.self_test import Attempt, self_test_attempts
-from kalscope_app.guard.upload_limits import ClientLimits, disable_sharing
+from kalscope.errors import BadSetting
+from kalscope_app.guard import rules
+from kalscope_app.guard.message_filter import MessageFilter
+from kalscope_app.guard.request_filter import RequestFilter
+from kalscope_app.guard.self_test import GuardFailed, run_self_test
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Generator, Iterable
 
 _construction = threading.Lock()
 
 MAX_UPLOAD_BYTES = 64 * 2**20
-"""What the uploads of one client may need at a time, unless told otherwise. Larger files are opened by path."""
+"""Size of the unfinished uploads of one client, unless told otherwise. Larger files are opened by path."""
 
 MAX_FRAME_BYTES = 2**20
-"""The largest message a client may send. viser cuts uploads into parts of 512 KiB, all else is far smaller."""
-
-
-class GuardFailed(KalscopeError, RuntimeError):
-    """The server would not be safe, so it was stopped: viser is not as expected, or we erred."""
+"""The largest message of a client. viser cuts uploads into parts of 512 KiB; all else is far smaller."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +46,7 @@ class GuardedServer:
     server: viser.ViserServer
     """To build the panels on."""
     url: str
-    """The link for the user, token included: whoever has it can use the dashboard."""
+    """The link for the user, token included: it is all that one needs to use the dashboard."""
     port: int
     """The port that was really taken."""
     token: str
@@ -82,7 +75,7 @@ def guarded_server(
     page_script: str = "",
     **viser_kwargs: Any,
 ) -> GuardedServer:
-    """Start viser behind the guard. When this returns, the server has withstood an attack on itself.
+    """Start viser behind the guard. When this returns, the server has passed the self-test.
 
     Args:
         host: name or address of this machine to listen on. All networks (0.0.0.0, ::) need `allow_hosts`.
@@ -91,17 +84,17 @@ def guarded_server(
             besides localhost and the loopback addresses.
         behind: the https address, `https://NAME`, under which a reverse proxy shows this server; the proxy
             must pass the Host header on.
-        token: the secret of the link, 16 to 128 of A-Z a-z 0-9 _ -, or who knows it once the port is known;
-            None makes a new one.
-        max_upload_bytes: what the uploads of one client may need at a time.
-        on_refused: told in plain words about each upload that was refused. It runs on the event loop:
+        token: the secret of the link, 16 to 128 of A-Z a-z 0-9 _ -, or a function that returns the one of the port
+            that was taken; None makes a new one.
+        max_upload_bytes: size of the unfinished uploads of one client.
+        on_refused: called with a sentence for each upload that was refused. It runs on the event loop:
             it may show a notification, and must not block.
         page_script: JavaScript that runs in the dashboard's page before viser's own.
         viser_kwargs: passed to `viser.ViserServer`.
 
     Raises:
         BadSetting: host, port, an allowed name or the token cannot be used.
-        GuardFailed: viser is not as expected, or the attack got through; nothing is left running.
+        GuardFailed: viser is not as expected, or the self-test failed; nothing is left running.
     """
     names = tuple(name.strip("[]").lower() for name in allow_hosts)
     with contextlib.ExitStack() as undo:
@@ -112,15 +105,14 @@ def guarded_server(
         secret = secrets.token_urlsafe(32) if secret is None else secret
         policy = rules.Policy(bound_port, secret, frozenset({*names, link_host}), rules.behind_of(behind))
         with _expecting_known_viser():
-            door = Door(policy, page_script)
-        server = _start_viser(listener, door, viser_kwargs)
+            requests = RequestFilter(policy, page_script)
+        server = _start_viser(listener, requests, viser_kwargs)
         undo.callback(_stop, server)
         with _expecting_known_viser():
-            disable_sharing(server)
-            ClientGate(server).install()
-            ClientLimits(server, max_upload_bytes, on_refused).install()
-        _attack(policy, address)
-        door.is_open = True
+            MessageFilter(server, max_upload_bytes, on_refused).install()
+        ip = ipaddress.ip_address(address)
+        run_self_test(policy, address if not ip.is_unspecified else "127.0.0.1" if ip.version == 4 else "::1")
+        requests.is_open = True
         undo.pop_all()
     shown_host = f"[{link_host}]" if ":" in link_host else link_host
     origin = f"https://{policy.behind}" if policy.behind else f"http://{shown_host}:{bound_port}"
@@ -167,38 +159,41 @@ def _link_host(host: str, address: str, names: tuple[str, ...]) -> str:
     return address if rules.is_loopback(address) else host.lower()
 
 
-# --- viser, started behind the door -----------------------------------------------------------------------
+# --- viser, started behind the filter ---------------------------------------------------------------------
 
 
-def _start_viser(listener: socket.socket, door: Door, viser_kwargs: dict[str, Any]) -> viser.ViserServer:
-    """Construct viser so that it serves on `listener`, behind `door`."""
+def _start_viser(
+    listener: socket.socket, requests: RequestFilter, viser_kwargs: dict[str, Any]
+) -> viser.ViserServer:
+    """Construct viser so that it serves on `listener`, behind the filter."""
     port = listener.getsockname()[1]
     fixed = {"host": "127.0.0.1", "port": port, "share": False}
-    with _construction, _serving_behind(door, listener), _without_viser_output():
-        server = viser.ViserServer(**{"verbose": False, **viser_kwargs, **fixed})
-    if not door.was_hung or server.get_port() != port:
+    arguments: dict[str, Any] = {"verbose": False, **viser_kwargs, **fixed}
+    with _construction, _serving_behind(requests, listener), _without_viser_output():
+        server = viser.ViserServer(**arguments)
+    if not requests.installed or server.get_port() != port:
         _stop(server)
         raise GuardFailed("viser no longer opens its socket the way Kalscope guards: install viser 1.1.1")
     return server
 
 
-def _serving_behind(door: Door, listener: socket.socket) -> contextlib.AbstractContextManager[None]:
+def _serving_behind(requests: RequestFilter, listener: socket.socket) -> contextlib.AbstractContextManager[None]:
     stock_serve = websockets.asyncio.server.serve
 
     def serve(handler: Any, _host: object, _port: object, *, process_request: Any, **kwargs: Any) -> Any:
         kwargs |= {
-            "process_request": functools.partial(door.answer, process_request),
-            "process_response": door.harden,
+            "process_request": functools.partial(requests.answer, process_request),
+            "process_response": requests.harden,
             "max_size": MAX_FRAME_BYTES,
         }
-        door.was_hung = True
-        return stock_serve(door.admit(handler), sock=listener, **kwargs)
+        requests.installed = True
+        return stock_serve(requests.admit(handler), sock=listener, **kwargs)
 
     return _replaced(websockets.asyncio.server, "serve", serve)
 
 
 @contextlib.contextmanager
-def _replaced(module: object, name: str, value: object) -> Iterator[None]:
+def _replaced(module: object, name: str, value: Callable[..., Any]) -> Generator[None]:
     stock = getattr(module, name)
     setattr(module, name, value)
     try:
@@ -209,7 +204,7 @@ def _replaced(module: object, name: str, value: object) -> Iterator[None]:
 
 def _without_viser_output() -> contextlib.AbstractContextManager[None]:
     """Standard output is for our one line, the link; viser prints as it starts and stops, verbose or not."""
-    return _replaced(rich, "print", lambda *_, **__: None)
+    return _replaced(rich, "print", lambda *_args, **_kwargs: None)
 
 
 def _stop(server: viser.ViserServer) -> None:
@@ -218,42 +213,8 @@ def _stop(server: viser.ViserServer) -> None:
 
 
 @contextlib.contextmanager
-def _expecting_known_viser() -> Iterator[None]:
+def _expecting_known_viser() -> Generator[None]:
     try:
         yield
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise GuardFailed(f"viser is not the version Kalscope guards, 1.1.1 ({error!r})") from error
-
-
-# --- the self-test ----------------------------------------------------------------------------------------
-
-
-def _attack(policy: rules.Policy, address: str) -> None:
-    """Ask as an attacker would, then as the user would."""
-    ip = ipaddress.ip_address(address)
-    where = address if not ip.is_unspecified else {4: "127.0.0.1", 6: "::1"}[ip.version]
-    for attempt in self_test_attempts(policy):
-        status, headers = _answer_to(where, policy.port, attempt)
-        if status != attempt.expected_status:
-            raise GuardFailed(
-                f"the guard's self-test failed: {attempt.what} was answered {status}, not {attempt.expected_status}"
-            )
-        bare = next((name for name in pages.page_headers("") if name not in headers), None)
-        if bare is not None:
-            raise GuardFailed(f"the guard's self-test failed: {attempt.what} was answered without {bare}")
-
-
-def _answer_to(address: str, port: int, attempt: Attempt) -> tuple[int, http.client.HTTPMessage]:
-    connection = http.client.HTTPConnection(address, port, timeout=5)
-    try:
-        connection.putrequest("GET", attempt.target, skip_host=True, skip_accept_encoding=True)
-        for name, value in attempt.headers:
-            connection.putheader(name, value)
-        connection.endheaders()
-        answer = connection.getresponse()
-        answer.read()
-        return answer.status, answer.headers
-    except (OSError, http.client.HTTPException) as error:
-        raise GuardFailed(f"the guard's self-test got no answer: {error!r}") from error
-    finally:
-        connection.close()

@@ -17,7 +17,7 @@ from kalscope_app.guard.rules import is_token
 from kalscope_app.program.user_folders import state_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator
 
 _log = logging.getLogger(__name__)
 _MAX_BYTES = 1024
@@ -52,7 +52,7 @@ def kept_token(port: int, folder: Path | None = None, *, renew: bool = False) ->
 
 
 @contextmanager
-def opening_page(url: str) -> Iterator[Path]:
+def opening_page(url: str) -> Generator[Path]:
     """A page, readable by this user only, that sends the browser on to `url`; it is removed when the block ends.
 
     Every user of the machine can read command lines; the name of this file tells them nothing.

@@ -1,4 +1,4 @@
-"""What the program writes down: warnings on the terminal, everything in a file if asked for. Never the token."""
+"""The log: warnings on the terminal, everything in a file if requested. Never the token."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator
     from io import TextIOWrapper
     from pathlib import Path
 
 FILE_BYTES = 2**20
-"""Size at which a log file makes room for the next."""
+"""Size at which a new log file is begun."""
 OLD_FILES = 2
-"""Full files kept beside the present one, as FILE.1 and FILE.2."""
+"""Full files kept beside the current one, as FILE.1 and FILE.2."""
 
 _SECRET = re.compile(r"(token=|kalscope_\d+=)[A-Za-z0-9_-]+")
 _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029]")
 
 
 class Lines(logging.Formatter):
-    """One entry a line; what came from outside can neither begin an entry of its own nor move the cursor."""
+    """One entry per line; text from outside can neither begin an entry of its own nor move the cursor."""
 
     def __init__(self, pattern: str, *, with_traceback: bool) -> None:
         super().__init__(pattern)
@@ -59,7 +59,7 @@ class _Terminal(_Quiet, logging.StreamHandler):  # pyright: ignore[reportMissing
 
 class _File(_Quiet, logging.handlers.RotatingFileHandler):
     def _open(self) -> TextIOWrapper:
-        """For this user only: the names of a person's files are nobody else's business."""
+        """For this user only: other users of the machine must not learn the names of files."""
         handle = os.open(self.baseFilename, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
         return open(handle, "a", encoding="utf-8", errors="backslashreplace")
 
@@ -70,7 +70,7 @@ class Log:
     def __init__(self, formatters: tuple[Lines, ...], file: Path | None) -> None:
         self._formatters = formatters
         self.file = file
-        """Where everything stands, or None."""
+        """The file that holds everything, or None."""
 
     def hide(self, secret: str) -> None:
         """Never write this text."""
@@ -79,7 +79,7 @@ class Log:
 
 
 @contextmanager
-def logging_to(file: Path | None = None, *, verbose: bool = False) -> Iterator[Log]:
+def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[Log]:
     """Log on standard error, and into `file`, while the block runs.
 
     Args:

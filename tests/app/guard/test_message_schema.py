@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 
 import pytest
@@ -10,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from viser import _messages as messages
 
-from kalscope_app.guard.message_filter import BURST, MESSAGES_PER_SECOND, Allowance
-from kalscope_app.guard.message_schema import FIELDS, LONGEST_TEXT, Misbehaviour, check_fields, fitting_value
+from kalscope_app.guard.message_filter import MAX_BURST, MAX_PER_SECOND, RateLimit
+from kalscope_app.guard.message_schema import BROWSER_MESSAGES, MAX_TEXT, Misbehaviour, check_fields, fitting_value
 
 TAKEN = {
     "within the range": (0.5, 0.7, 0.0, 1.0, 0.7),
@@ -31,7 +32,7 @@ LEFT = {
     "a number for a tick": (False, 1),
     "a text for a tick": (False, "false"),
     "a number for a text": ("a", 1),
-    "an endless text": ("a", "x" * (LONGEST_TEXT + 1)),
+    "an endless text": ("a", "x" * (MAX_TEXT + 1)),
     "one thumb too many": ((0.0, 1.0), [0.1, 0.2, 0.3]),
     "a thumb nowhere": ((0.0, 1.0), [0.1, math.nan]),
     "nested": ((0.0, 1.0), [[0.1], 0.2]),
@@ -80,9 +81,9 @@ def test_whatever_comes_the_result_is_of_the_kind_and_within_the_range(current, 
         assert taken in ("a", "b")
 
 
-@given(st.sampled_from(sorted(FIELDS, key=lambda kind: kind.__name__)), st.data())
+@given(st.sampled_from(BROWSER_MESSAGES), st.data())
 def test_a_message_of_junk_is_judged_and_nothing_else_is_raised(kind, data):
-    message = kind(**{name: data.draw(junk) for name in FIELDS[kind]})
+    message = kind(**{field.name: data.draw(junk) for field in dataclasses.fields(kind)})
     with contextlib.suppress(Misbehaviour):
         check_fields(message)
 
@@ -91,9 +92,9 @@ def test_an_unknown_message_is_not_judged():
     check_fields(messages.ShareUrlRequest())
 
 
-def test_the_allowance_is_a_burst_and_then_a_rate():
-    allowance = Allowance(100.0)
-    assert all(allowance.take(100.0) for _ in range(int(BURST)))
-    assert not allowance.take(100.0)
-    allowance = Allowance(0.0)
-    assert all(allowance.take(i / (0.9 * MESSAGES_PER_SECOND)) for i in range(20 * int(BURST)))
+def test_the_rate_limit_is_a_burst_and_then_a_rate():
+    limit = RateLimit(100.0)
+    assert all(limit.allows(100.0) for _ in range(int(MAX_BURST)))
+    assert not limit.allows(100.0)
+    limit = RateLimit(0.0)
+    assert all(limit.allows(i / (0.9 * MAX_PER_SECOND)) for i in range(20 * int(MAX_BURST)))

@@ -22,13 +22,13 @@ from websockets.http11 import Request
 from websockets.sync.client import ClientConnection, connect
 
 from kalscope.errors import BadSetting
-from kalscope_app.guard import request_filter as guard_door
+from kalscope_app.guard import request_filter
 from kalscope_app.guard import rules as guard_rules
-from kalscope_app.guard.server import GuardedServer, GuardFailed, guarded_server
+from kalscope_app.guard.self_test import GuardFailed
+from kalscope_app.guard.server import GuardedServer, guarded_server
 
 TOKEN = "T0ken-T0ken_T0ken"
 HOME = guard_rules.Policy(8080, TOKEN).home
-"""Seconds that a test waits for something that must come; nothing waits that long when all is well."""
 
 
 @pytest.fixture(scope="module")
@@ -173,8 +173,8 @@ def test_a_wrong_token_opens_no_socket(shared):
 
 
 def test_sockets_wait_until_the_limits_stand():
-    """An old tab knocks every second while the server starts."""
-    door = guard_door.Door(guard_rules.Policy(8080, TOKEN))
+    """An old tab tries to reconnect every second while the server starts."""
+    requests = request_filter.RequestFilter(guard_rules.Policy(8080, TOKEN))
     request = Request("/", Headers())
     for name, value in (
         ("Host", "localhost"),
@@ -185,15 +185,15 @@ def test_sockets_wait_until_the_limits_stand():
         request.headers[name] = value
     let_viser_answer = object()
     connection = types.SimpleNamespace()
-    assert door.answer(lambda *_: let_viser_answer, connection, request).status_code == 503  # pyright: ignore
-    door.is_open = True
-    assert door.answer(lambda *_: let_viser_answer, connection, request) is let_viser_answer  # pyright: ignore
+    assert requests.answer(lambda *_: let_viser_answer, connection, request).status_code == 503  # pyright: ignore
+    requests.is_open = True
+    assert requests.answer(lambda *_: let_viser_answer, connection, request) is let_viser_answer  # pyright: ignore
 
 
 def test_an_error_in_viser_itself_is_not_let_through():
-    door = guard_door.Door(guard_rules.Policy(8080, TOKEN))
+    requests = request_filter.RequestFilter(guard_rules.Policy(8080, TOKEN))
     request = Request("/x", Headers({"Host": "localhost", "Cookie": cookie(8080)}))
-    assert door.answer(lambda *_: 1 / 0, types.SimpleNamespace(), request).status_code == 400  # pyright: ignore
+    assert requests.answer(lambda *_: 1 / 0, types.SimpleNamespace(), request).status_code == 400  # pyright: ignore
 
 
 def threads_of_viser() -> set[threading.Thread]:
@@ -314,7 +314,7 @@ def test_the_call_that_was_replaced_is_back():
         assert websockets.asyncio.server.serve is stock
 
 
-def test_servers_started_at_once_do_not_mix_their_doors():
+def test_servers_started_at_once_do_not_mix_their_filters():
     tokens = [letter * 16 for letter in "abcdefgh"]
     with ThreadPoolExecutor() as pool, contextlib.ExitStack() as stack:
         started = pool.map(lambda token: guarded_server(port=0, token=token), tokens)

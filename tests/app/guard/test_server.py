@@ -9,8 +9,11 @@ import string
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from websockets.datastructures import Headers
+from websockets.http11 import Request
 
 from kalscope.errors import BadSetting
+from kalscope_app.guard import rules
 from kalscope_app.guard.pages import (
     dashboard_csp,
     dashboard_page,
@@ -21,11 +24,13 @@ from kalscope_app.guard.pages import (
     small_page_csp,
     without_webgl_page,
 )
+from kalscope_app.guard.request_filter import RequestFilter
 from kalscope_app.guard.rules import (
+    NOT_UNDERSTOOD,
     Allow,
-    Ask,
     Policy,
     Refuse,
+    RequestHead,
     SetCookie,
     behind_of,
     below_home,
@@ -39,15 +44,15 @@ TOKEN = "T0ken-T0ken_T0ken"
 POLICY = Policy(8080, TOKEN, frozenset({"raspberry.local"}))
 OWN = "127.0.0.1:8080"
 COOKIE = f"kalscope_8080={TOKEN}"
-PAGE = Ask(hosts=(OWN,), cookies=(COOKIE,))
+PAGE = RequestHead(hosts=(OWN,), cookies=(COOKIE,))
 SOCKET = dataclasses.replace(PAGE, origins=(f"http://{OWN}",), is_upgrade=True)
 
 
-def page(**changed) -> Ask:
+def page(**changed) -> RequestHead:
     return dataclasses.replace(PAGE, **changed)
 
 
-def socket(**changed) -> Ask:
+def socket(**changed) -> RequestHead:
     return dataclasses.replace(SOCKET, **changed)
 
 
@@ -77,14 +82,14 @@ ALLOWED = {
 }
 
 
-@pytest.mark.parametrize("ask", ALLOWED.values(), ids=ALLOWED.keys())
-def test_the_user_gets_in(ask):
-    assert decide(POLICY, ask) == Allow()
+@pytest.mark.parametrize("head", ALLOWED.values(), ids=ALLOWED.keys())
+def test_the_user_gets_in(head):
+    assert decide(POLICY, head) == Allow()
 
 
-@pytest.mark.parametrize("ask", ALLOWED.values(), ids=ALLOWED.keys())
-def test_the_same_request_without_the_cookie_is_refused(ask):
-    assert status(decide(POLICY, dataclasses.replace(ask, cookies=()))) == 403
+@pytest.mark.parametrize("head", ALLOWED.values(), ids=ALLOWED.keys())
+def test_the_same_request_without_the_cookie_is_refused(head):
+    assert status(decide(POLICY, dataclasses.replace(head, cookies=()))) == 403
 
 
 # --- refused ----------------------------------------------------------------------------------------------
@@ -149,18 +154,24 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("ask", "expected"), REFUSED.values(), ids=REFUSED.keys())
-def test_attack_is_refused(ask, expected):
-    answer = decide(POLICY, ask)
+@pytest.mark.parametrize(("head", "expected"), REFUSED.values(), ids=REFUSED.keys())
+def test_attack_is_refused(head, expected):
+    answer = decide(POLICY, head)
     assert isinstance(answer, Refuse)
     assert answer.status == expected
-    assert answer.words.endswith(".")
+    assert answer.reason.endswith(".")
 
 
-def test_anything_that_breaks_the_check_is_refused():
+def test_anything_that_breaks_the_check_is_refused(monkeypatch):
     """CVE-2026-14631: a header that made the check raise took the whole server down."""
-    broken: Ask = dataclasses.replace(PAGE, cookies=(None,))  # pyright: ignore[reportArgumentType]
-    assert decide(POLICY, broken) == Refuse(400, "This request could not be understood.")
+    broken: RequestHead = dataclasses.replace(PAGE, cookies=(None,))  # pyright: ignore[reportArgumentType]
+    with pytest.raises(AttributeError):
+        decide(POLICY, broken)
+    monkeypatch.setattr(rules, "_has_cookie", lambda *_: 1 / 0)
+    request = Request("/", Headers({"Host": OWN, "Cookie": COOKIE}))
+    answer = RequestFilter(POLICY).answer(lambda *_: None, None, request)  # pyright: ignore[reportArgumentType]
+    assert (answer.status_code, NOT_UNDERSTOOD.status) == (400, 400)
+    assert NOT_UNDERSTOOD.reason in answer.body.decode()
 
 
 # --- behind a proxy ---------------------------------------------------------------------------------------
@@ -190,9 +201,9 @@ def test_the_address_of_the_proxy_must_be_https_and_a_name(address):
         behind_of(address)
 
 
-@pytest.mark.parametrize("ask", [PROXIED, dataclasses.replace(PROXIED, is_upgrade=False), SOCKET, PAGE])
-def test_behind_a_proxy_both_addresses_are_ours(ask):
-    assert decide(BEHIND, ask) == Allow()
+@pytest.mark.parametrize("head", [PROXIED, dataclasses.replace(PROXIED, is_upgrade=False), SOCKET, PAGE])
+def test_behind_a_proxy_both_addresses_are_ours(head):
+    assert decide(BEHIND, head) == Allow()
 
 
 @pytest.mark.parametrize(
@@ -263,8 +274,8 @@ def test_the_printed_link_sets_the_cookie(cookies):
 
 
 def test_the_printed_link_does_not_work_under_a_foreign_name():
-    ask = page(target=f"/?token={TOKEN}", hosts=("evil.example:8080",))
-    assert status(decide(POLICY, ask)) == 403
+    head = page(target=f"/?token={TOKEN}", hosts=("evil.example:8080",))
+    assert status(decide(POLICY, head)) == 403
 
 
 # --- no string opens the door -----------------------------------------------------------------------------
@@ -277,8 +288,8 @@ nearly = st.builds(
     st.sampled_from(["", OWN, ":8080", ".local", ";", "&token=", f" {TOKEN[:-1]}"]),
 )
 headers = st.lists(anything | nearly, max_size=3).map(tuple)
-asks = st.builds(
-    Ask,
+heads = st.builds(
+    RequestHead,
     hosts=headers | st.just((OWN,)),
     origins=headers | st.just((f"http://{OWN}",)) | st.just(()),
     is_upgrade=st.booleans(),
@@ -288,22 +299,22 @@ asks = st.builds(
 )
 
 
-@given(asks)
-def test_no_request_without_the_token_is_allowed(ask):
-    if TOKEN in ask.target or any(TOKEN in cookie for cookie in ask.cookies):
+@given(heads)
+def test_no_request_without_the_token_is_allowed(head):
+    if TOKEN in head.target or any(TOKEN in cookie for cookie in head.cookies):
         return  # never happens by chance; it would be the user
-    assert isinstance(decide(POLICY, ask), Refuse)
+    assert isinstance(decide(POLICY, head), Refuse)
 
 
-@given(asks)
-def test_a_foreign_host_or_origin_is_refused_even_with_the_cookie(ask):
-    ask = dataclasses.replace(ask, cookies=(*ask.cookies, COOKIE))
-    answer = decide(POLICY, ask)
+@given(heads)
+def test_a_foreign_host_or_origin_is_refused_even_with_the_cookie(head):
+    head = dataclasses.replace(head, cookies=(*head.cookies, COOKIE))
+    answer = decide(POLICY, head)
     if answer == Allow():
-        assert len(ask.hosts) == 1
-        assert host_allowed(POLICY, ask.hosts[0])
-        assert ask.origins in ((), (f"http://{ask.hosts[0]}",))
-        assert ask.origins or not ask.is_upgrade
+        assert len(head.hosts) == 1
+        assert host_allowed(POLICY, head.hosts[0])
+        assert head.origins in ((), (f"http://{head.hosts[0]}",))
+        assert head.origins or not head.is_upgrade
 
 
 @given(st.text(string.ascii_lowercase + string.digits + ".-:", max_size=40))
@@ -393,8 +404,8 @@ def test_the_self_test_expects_what_the_rules_say():
         def sent(wanted, attempt=attempt):
             return tuple(value for name, value in attempt.headers if name == wanted)
 
-        ask = Ask(sent("Host"), sent("Origin"), bool(sent("Upgrade")), attempt.target, sent("Cookie"))
-        answer = decide(POLICY, ask)
+        head = RequestHead(sent("Host"), sent("Origin"), bool(sent("Upgrade")), attempt.target, sent("Cookie"))
+        answer = decide(POLICY, head)
         if attempt.expected_status in (404, 503):  # viser has no such file; sockets wait for the end of the test
             assert answer == Allow(), attempt.what
         else:
@@ -423,10 +434,6 @@ MIB = 2**20
         (1, -1, 0, "not be understood"),
         (MIB, 10**9, 0, "not be understood"),
         (-1, 1, 0, "not be understood"),
-        ("1", 1, 0, "not be understood"),
-        (1.0, 1, 0, "not be understood"),
-        (1, None, 0, "not be understood"),
-        (True, True, 0, "not be understood"),
     ],
 )
 def test_upload_is_refused_before_it_costs_memory(size, parts, under_way, words):

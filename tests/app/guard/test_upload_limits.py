@@ -16,11 +16,11 @@ from websockets.sync.client import ClientConnection
 from websockets.sync.connection import Connection
 from wire import CAMERA, PATIENCE, close_code, messages_in, packed
 
-from kalscope_app.guard import request_filter as guard_door
+from kalscope_app.guard import request_filter
 from kalscope_app.guard import server as guard
 from kalscope_app.guard import upload_limits as guard_limits
-from kalscope_app.guard.message_filter import BURST
-from kalscope_app.guard.message_schema import LONGEST_TEXT
+from kalscope_app.guard.message_filter import MAX_BURST
+from kalscope_app.guard.message_schema import MAX_NAME, MAX_TEXT
 from kalscope_app.guard.server import GuardedServer, guarded_server
 
 TOKEN = "T0ken-T0ken_T0ken"
@@ -138,7 +138,7 @@ def test_of_a_mixed_update_only_the_value_is_taken(bench, scope):
 @SCOPES
 @pytest.mark.parametrize(
     "value",
-    [1, None, True, ["x"], {"a": 1}, b"bytes", "x" * (LONGEST_TEXT + 1)],
+    [1, None, True, ["x"], {"a": 1}, b"bytes", "x" * (MAX_TEXT + 1)],
     ids=lambda value: repr(value)[:12],
 )
 def test_a_value_of_another_kind_leaves_the_widget_as_it_is(bench, scope, value):
@@ -212,7 +212,7 @@ def test_an_upload_that_stalls_gives_its_room_to_others(bench, monkeypatch):
     uuid = bench.buttons["shared"]._impl.uuid
     bench.start(uuid, CAP, 2, "never sent")
     bench.settle()
-    monkeypatch.setattr(guard_limits, "STALLED", -1.0)
+    monkeypatch.setattr(guard_limits, "STALLED_S", -1.0)
     bench.start(uuid, CAP, 2, "next")
     bench.settle()
     assert bench.under_way() == {"next": CAP}
@@ -301,13 +301,13 @@ IMPOSSIBLE = {
     "updates in a list": (packed("GuiUpdateMessage", uuid="u", updates=[1]), 1008),
     "updates missing": (packed("GuiUpdateMessage", uuid="u", updates=None), 1008),
     "a number as name": (packed("GuiUpdateMessage", uuid=1, updates={}), 1008),
-    "an endless name": (packed("GuiFormSubmitMessage", uuid="u" * 101), 1008),
+    "an endless name": (packed("GuiFormSubmitMessage", uuid="u" * (MAX_NAME + 1)), 1008),
     "a command of bytes": (packed("CommandTriggerMessage", uuid=b"u"), 1008),
     "a camera nowhere": (packed("ViewerCameraMessage", **CAMERA | {"position": (float("nan"), 0, 0)}), 1008),
     "an endless screen": (packed("ViewerCameraMessage", **CAMERA | {"image_width": 10**9}), 1008),
     "a hold at no frequency": (packed("GuiButtonHoldMessage", uuid="u", frequency=float("inf")), 1008),
     "an upload with an endless name": (
-        packed("FileTransferStartUpload", **UPLOAD | {"filename": "x" * 1001}, part_count=1),
+        packed("FileTransferStartUpload", **UPLOAD | {"filename": "x" * (MAX_NAME + 1)}, part_count=1),
         1008,
     ),
     "a part of text": (packed("FileTransferPart", **PART, content="text"), 1008),
@@ -324,7 +324,7 @@ def test_what_no_browser_sends_ends_only_its_own_connection(bench, frame, code):
 
 def test_a_client_that_floods_is_disconnected(bench):
     with client(bench.running.port) as hostile, contextlib.suppress(ConnectionClosed):
-        for _ in range(int(5 * BURST)):
+        for _ in range(int(5 * MAX_BURST)):
             hostile.send(packed("GuiFormSubmitMessage", uuid="u"))
     assert close_code(hostile) == 1008
     bench.settle()
@@ -341,7 +341,7 @@ def test_a_form_that_nobody_made_leaves_nothing_behind(bench):
 
 
 def test_no_more_clients_than_there_is_room_for(bench, monkeypatch):
-    monkeypatch.setattr(guard_door, "MAX_CLIENTS", 2)
+    monkeypatch.setattr(request_filter, "MAX_CLIENTS", 2)
     with client(bench.running.port) as second:
         second.recv(timeout=PATIENCE)
         with client(bench.running.port) as third:

@@ -1,4 +1,4 @@
-"""Whatever nobody caught: the person reads one sentence, the log has the details, and the program goes on."""
+"""Whatever nobody caught: the user reads one sentence, the log has the details, and the program goes on."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import logging
 import queue
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -16,17 +17,18 @@ from waiting import PATIENCE
 from websockets.exceptions import ConnectionClosedOK
 
 from kalscope_app.guard.server import guarded_server
+from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
 from kalscope_app.program import error_reporting as module
-from kalscope_app.program.error_reporting import Trouble, sentence_for
+from kalscope_app.program.error_reporting import ErrorReporter, sentence_for
 
 
 @pytest.fixture
 def heard():
-    """A Trouble and what it told the person."""
+    """An ErrorReporter and its notifications."""
     told = queue.Queue()
-    trouble = Trouble()
-    trouble.tell_with(lambda error: told.put(sentence_for(error, None)))
-    return trouble, told
+    errors = ErrorReporter()
+    errors.notify_with(lambda error: told.put(sentence_for(error, None)))
+    return errors, told
 
 
 def test_the_sentence_says_what_happened_and_what_to_do():
@@ -39,9 +41,9 @@ def test_the_sentence_says_what_happened_and_what_to_do():
 
 
 def test_what_ends_a_thread_is_told(heard, caplog):
-    trouble, told = heard
+    errors, told = heard
     before = threading.excepthook
-    with trouble.watch_threads():
+    with errors.watch_threads():
         reader = threading.Thread(target=lambda: 1 / 0, name="reader")
         reader.start()
         reader.join()
@@ -51,23 +53,23 @@ def test_what_ends_a_thread_is_told(heard, caplog):
 
 
 def test_what_cannot_be_raised_is_told(heard):
-    trouble, told = heard
+    errors, told = heard
 
     class Broken:
         def __del__(self):
             raise RuntimeError("in a destructor")
 
-    with trouble.watch_threads():
+    with errors.watch_threads():
         Broken()
         gc.collect()
     assert "in a destructor" in told.get(timeout=PATIENCE)
 
 
 def test_a_callback_that_raises_is_told_and_the_next_one_runs(heard):
-    trouble, told = heard
+    errors, told = heard
     loop = asyncio.new_event_loop()
     with ThreadPoolExecutor(1) as pool:
-        trouble.watch_server(loop, pool)
+        errors.watch_server(loop, pool)
         assert pool.submit(lambda: {}["no such key"]).result(PATIENCE) is None
         assert pool.submit(lambda a, b: a + b, 1, b=2).result(PATIENCE) == 3
     loop.close()
@@ -76,10 +78,10 @@ def test_a_callback_that_raises_is_told_and_the_next_one_runs(heard):
 
 def test_callbacks_of_a_real_server_are_watched(heard):
     """Both kinds: in the pool, and on the event loop."""
-    trouble, told = heard
+    errors, told = heard
     with guarded_server(port=0) as running:
         server = running.server
-        trouble.watch_server(server._event_loop, server._thread_executor)
+        errors.watch_server(server.get_event_loop(), thread_pool(server))
 
         async def broken():
             raise LookupError("on the loop")
@@ -92,9 +94,9 @@ def test_callbacks_of_a_real_server_are_watched(heard):
 
 def test_a_callback_of_the_scene_that_raises_is_told(heard, capfd):
     """viser calls those on the event loop itself, and would print what they raise."""
-    trouble, told = heard
+    errors, told = heard
     stock = _scene_api.print_awaited_callback_error
-    with trouble.watch_threads(), guarded_server(port=0) as running:
+    with callback_errors_to(partial(errors.report, "callback")), guarded_server(port=0) as running:
         server = running.server
 
         async def broken(_event):
@@ -108,37 +110,37 @@ def test_a_callback_of_the_scene_that_raises_is_told(heard, capfd):
 
 
 def test_the_same_sentence_is_not_said_twice_in_a_row(heard, caplog, monkeypatch):
-    trouble, told = heard
+    errors, told = heard
     for _ in range(5):
-        trouble.report("reader", ValueError("again"))
+        errors.report("reader", ValueError("again"))
     assert told.qsize() == 1
     assert caplog.text.count("ValueError: again") >= 5  # each with its traceback
-    monkeypatch.setattr(module, "PAUSE", 0.0)
-    trouble.report("reader", ValueError("again"))
+    monkeypatch.setattr(module, "REPEAT_S", 0.0)
+    errors.report("reader", ValueError("again"))
     assert told.qsize() == 2
 
 
 @pytest.mark.parametrize(
     "error", [ConnectionClosedOK(None, None), ConnectionResetError(), asyncio.CancelledError()], ids=repr
 )
-def test_a_browser_that_leaves_is_no_trouble(heard, error):
-    trouble, told = heard
-    trouble.report("socket", error)
+def test_a_browser_that_leaves_is_no_errors(heard, error):
+    errors, told = heard
+    errors.report("socket", error)
     assert told.empty()
 
 
 def test_at_the_end_nobody_is_told(heard):
-    trouble, told = heard
-    trouble.is_ending = True
-    trouble.report("callback", RuntimeError("cannot schedule new futures after shutdown"))
-    trouble.report("thread", SystemExit())
-    trouble.report("nothing", None)
+    errors, told = heard
+    errors.is_ending = True
+    errors.report("callback", RuntimeError("cannot schedule new futures after shutdown"))
+    errors.report("thread", SystemExit())
+    errors.report("nothing", None)
     assert told.empty()
 
 
 def test_a_failure_to_tell_is_logged(caplog):
-    trouble = Trouble()
-    trouble.tell_with(lambda _error: 1 / 0)
+    errors = ErrorReporter()
+    errors.notify_with(lambda _error: 1 / 0)
     with caplog.at_level(logging.ERROR):
-        trouble.report("reader", ValueError("first"))
-    assert "could not be told" in caplog.text
+        errors.report("reader", ValueError("first"))
+    assert "could not be notified" in caplog.text

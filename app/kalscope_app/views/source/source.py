@@ -11,8 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import viser
-
 from kalscope.catalogue import open_source
 from kalscope.common.text import count, duration
 from kalscope.papers.experiments import list_experiments
@@ -20,6 +18,7 @@ from kalscope.recording import Recording
 from kalscope.sources.lines.read_options import ReadOptions
 from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.samples import list_samples
+from kalscope_app.guard.viser_private import take_upload
 from kalscope_app.session.changes.parameters import set_sample_period
 from kalscope_app.session.opening import opened_experiment, reopened
 from kalscope_app.views.binding import on_user
@@ -29,6 +28,8 @@ from kalscope_app.views.source.reading_form import ReadingForm
 from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
+    import viser
+
     from kalscope.papers.parts import Experiment
     from kalscope_app.engine.frame import Frame
     from kalscope_app.engine.jobs import Jobs
@@ -100,7 +101,7 @@ class SourceView:
             )
 
         def take(_event: viser.GuiEvent[Any]) -> None:
-            upload, button._impl.value = button.value, viser.UploadedFile("", b"")  # noqa: SLF001  (viser keeps the bytes)
+            upload = take_upload(button)
             self._upload(upload.name, upload.content)
 
         button.on_upload(take)

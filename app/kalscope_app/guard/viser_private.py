@@ -1,0 +1,128 @@
+"""The private names of viser 1.1.1 that Kalscope uses, all in one place and with their types.
+
+viser has no public hook before a message is handled or after a callback has failed. A name that another version
+lacks is an AttributeError or a LookupError when the guard is installed, before any browser can connect.
+"""
+# viser leaves the type arguments of its coroutines and widget states open.
+# pyright: reportPrivateUsage=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+import functools
+import inspect
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import viser
+from viser import _messages as messages
+from viser import _scene_api, _viser
+from viser.infra import ClientId
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Generator
+    from concurrent.futures import Executor
+
+    from viser._gui_handles import _GuiInputHandle
+    from viser.infra import Message, WebsockClientConnection, WebsockServer
+    from websockets.asyncio.server import ServerConnection
+
+    ClientHook = Callable[[WebsockClientConnection], None]
+    Dispatch = Callable[[int, Any], Coroutine[Any, Any, None]]
+
+__all__ = ["messages"]  # the rest is defined here
+
+M = TypeVar("M", bound="Message")
+
+
+class Channel:
+    """What comes in for one set of panels: the shared ones, or those of one client."""
+
+    def __init__(self, handler: WebsockServer | WebsockClientConnection) -> None:
+        self._handler, self._handlers = handler, handler._incoming_handlers
+        (on_upload,) = self._handlers[messages.FileTransferStartUpload]
+        gui = getattr(on_upload, "__self__", None)
+        if not isinstance(gui, viser.GuiApi):
+            raise TypeError(f"uploads are handled by {type(gui).__name__}")
+        self._gui = gui
+        self._widgets, self._containers = gui._gui_input_handle_from_uuid, gui._container_handle_from_uuid
+        self.uploads = gui._current_file_upload_states
+        """The unfinished uploads, by their transfer_uuid."""
+
+    def widget(self, uuid: str | None) -> _GuiInputHandle[Any] | None:
+        """The widget of this name, if there is one."""
+        return None if uuid is None else self._widgets.get(uuid)
+
+    def is_form(self, uuid: str) -> bool:
+        """Whether there is a form of this name."""
+        return isinstance(self._containers.get(uuid), viser.GuiFormHandle)
+
+    def drop_uploads(self, client_id: int) -> None:
+        """Forget the unfinished uploads of a client."""
+        self._gui._drop_uploads_from_client(ClientId(client_id))
+
+    def send(self, message: Message) -> None:
+        """Send to the browsers that show these panels."""
+        self._handler.queue_message(message)
+
+    def intercept(self, dispatch: Callable[[Dispatch, int, Any], Coroutine[Any, Any, None]]) -> None:
+        """Call `dispatch` for each message, with viser's own dispatch as the first argument."""
+        stock = cast("Dispatch", self._handler._handle_incoming_message)
+        setattr(self._handler, "_handle_incoming_message", functools.partial(dispatch, stock))  # noqa: B010
+
+    def filter(self, kind: type[M], passed: Callable[[int, M], M | None]) -> None:
+        """Let viser handle messages of this kind as `passed` returns them; it drops those that become None."""
+        (stock,) = self._handlers[kind]
+        handle = cast("Callable[[int, M], object]", stock)
+
+        async def filtered(client_id: int, message: M) -> None:
+            allowed = passed(client_id, message)
+            pending = None if allowed is None else handle(client_id, allowed)
+            if inspect.isawaitable(pending):
+                await pending
+
+        self._handlers[kind] = [cast("Any", filtered)]
+
+    def ignore(self, kind: type[Message]) -> None:
+        """Drop all messages of this kind."""
+        del self._handlers[kind]
+
+
+def socket_of(server: viser.ViserServer) -> WebsockServer:
+    """The part of viser that speaks with browsers."""
+    return server._websock_server
+
+
+def connections_of(socket: WebsockServer) -> dict[int, ServerConnection]:
+    """The open connections, by client id."""
+    return socket._live_connections
+
+
+def on_clients(socket: WebsockServer, connected: ClientHook, disconnected: ClientHook) -> None:
+    """Call these on the event loop whenever a browser connects or disconnects."""
+    socket.on_client_connect(connected)
+    socket.on_client_disconnect(disconnected)
+
+
+def thread_pool(server: viser.ViserServer) -> Executor:
+    """The threads that run callbacks."""
+    return server._thread_executor
+
+
+def take_upload(button: viser.GuiUploadButtonHandle) -> viser.UploadedFile:
+    """The uploaded file, which viser would keep in memory otherwise."""
+    file, button._impl.value = button.value, viser.UploadedFile("", b"")
+    return file
+
+
+@contextmanager
+def callback_errors_to(report: Callable[[BaseException], None]) -> Generator[None]:
+    """While the block runs, report what a callback raises on viser's event loop, which would print it."""
+    stock = [(module, module.print_awaited_callback_error) for module in (_scene_api, _viser)]
+    for module, _ in stock:
+        setattr(module, "print_awaited_callback_error", report)  # noqa: B010
+    try:
+        yield
+    finally:
+        for module, printing in stock:
+            setattr(module, "print_awaited_callback_error", printing)  # noqa: B010
