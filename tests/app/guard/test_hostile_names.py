@@ -15,6 +15,7 @@ import pytest
 from program import end, labels, port_of, running, token_of
 from wire import Guest
 
+from kalscope.common.text import count
 from kalscope_app.views.export.files import WIDE
 from kalscope_app.views.window.css import HEADING, RULES
 
@@ -181,7 +182,7 @@ def test_an_upload_may_have_any_name_and_stays_in_its_own_folder(shared, guest):
         size = {"part_count": 1, "size_bytes": len(content)}
         guest.send("FileTransferStartUpload", **transfer, **size, filename=name, mime_type="text/csv")
         guest.send("FileTransferPart", **transfer, part_index=0, content=content)
-        wait_for_rows(guest, f"{rows // 1000} {rows % 1000:03}", rows)
+        wait_for_rows(guest, count(rows))
     assert files_around(folder.parent) == before
 
 
