@@ -106,7 +106,7 @@ def test_a_recording_goes_on_in_the_same_file_when_the_board_is_back(board, live
     status = live.status()
     live.close()
     assert live.recorder is None
-    assert status.recording_trouble == ""
+    assert status.recording_error == ""
     assert [line.split()[:3] for line in path.read_text().splitlines() if line.startswith("# gap")] != []
     recording = read_recording(path)
     numbers = recording.channel("heat")

@@ -209,7 +209,7 @@ def test_what_an_avr_would_lose_is_not_sent(live, line):
 class ListRecorder:
     """What a live source says to a recorder, in order."""
 
-    trouble = warning = ""
+    error = warning = ""
     counts, paths = RecorderCounts(), (Path("run.csv"),)
 
     def __init__(self):

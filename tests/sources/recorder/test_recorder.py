@@ -419,7 +419,7 @@ def test_at_whatever_byte_the_disk_is_full_no_line_is_torn_and_all_come_when_the
             patch.setattr(recording_file.os, "write", disk)
             recorder = new_recorder(path, clock=clock)
             hand_over(recorder, stream)
-            assert bool(recorder.trouble) == (room < size)
+            assert bool(recorder.error) == (room < size)
             content = path.read_bytes()
             assert content == b"" or content.endswith(b"\n")
             assert law_holds(recorder.counts)
@@ -427,7 +427,7 @@ def test_at_whatever_byte_the_disk_is_full_no_line_is_torn_and_all_come_when_the
             disk.room = 1_000_000
             clock.now += 1.0
             recorder.write([], None)
-            assert recorder.trouble == ""
+            assert recorder.error == ""
             assert recorder.close() == RecorderCounts(6, 6)
         assert data_lines(path) == full
         assert ("# gap disk full 1.000 s (0 lines dropped)" in path.read_text()) == (room < size)
@@ -440,14 +440,14 @@ def test_a_disk_that_refuses_is_said_at_the_very_write_and_asked_again_each_seco
     disk = FullDisk(3, error)
     monkeypatch.setattr(recording_file.os, "write", disk)
     hand_over(recorder, b"1,2\n")
-    assert "run.csv" in recorder.trouble
+    assert "run.csv" in recorder.error
     disk.room = 1_000_000
     clock.now += 0.5
     recorder.write([], None)
-    assert recorder.trouble
+    assert recorder.error
     clock.now += 0.5
     recorder.write([], None)
-    assert recorder.trouble == ""
+    assert recorder.error == ""
     recorder.close()
 
 
@@ -537,7 +537,7 @@ def test_closing_on_a_full_disk_counts_what_waited_as_dropped(tmp_path, monkeypa
     hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
     assert recorder.close() == RecorderCounts(4, 2, 0, 2, 2)
     assert len(data_lines(tmp_path / "run.csv")) == 2
-    assert "full" in recorder.trouble
+    assert "full" in recorder.error
 
 
 def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypatch):
@@ -553,12 +553,12 @@ def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypa
     said = set()
     while len(calls) < 2:
         recorder.write([], None)
-        said.add(recorder.trouble)
+        said.add(recorder.error)
         time.sleep(0.001)
     hand_over(recorder, b"1,2\n")
     assert recorder.close().written == 1
     assert any("Input/output error" in text for text in said)
-    assert recorder.trouble == ""
+    assert recorder.error == ""
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows deletes no open file")
@@ -567,10 +567,10 @@ def test_a_recording_that_is_deleted_under_way_is_said_so(tmp_path):
     (tmp_path / "run.csv").unlink()
     for i in range(2000):
         hand_over(recorder, b"1,2\n", at=STARTED + i)
-        if recorder.trouble:
+        if recorder.error:
             break
         time.sleep(0.005)
-    assert recorder.trouble == "run.csv was deleted while it is recorded"
+    assert recorder.error == "run.csv was deleted while it is recorded"
     recorder.close()
 
 
@@ -604,16 +604,16 @@ for i in range(20_000):
     now[0] = i / 1000
     parser.feed(b"%d,%.3f\\n" % (i, i / 3))
     recorder.write([(now[0], event) for event in parser], parser.layout)
-    if recorder.trouble:
+    if recorder.error:
         break
-print(i, recorder.trouble, sep=";")
+print(i, recorder.error, sep=";")
 if sys.argv[2] != "0":
     resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
 else:
     Path(sys.argv[1]).with_name("ballast").unlink()
 now[0] += 1.0
 recorder.write([], None)
-print(recorder.trouble)
+print(recorder.error)
 print(recorder.close())
 """
 
@@ -626,9 +626,9 @@ def until_full(path, limit):
         timeout=120,
     )
     assert done.returncode == 0, done.stderr
-    first, trouble, counts = done.stdout.splitlines()
+    first, error, counts = done.stdout.splitlines()
     last = int(first.split(";")[0])
-    assert trouble == ""
+    assert error == ""
     assert counts == f"received {last + 1} lines = {last + 1} written + 0 rejected + 0 dropped"
     numbers = [line.split(",")[1:] for line in data_lines(path)]
     assert numbers == [[str(i), repr(float(f"{i / 3:.3f}")).removesuffix(".0")] for i in range(last + 1)]
@@ -662,7 +662,7 @@ def test_a_resumed_recording_goes_on_in_its_file_and_says_how_long_nothing_came(
     first.close()
     with path.open("ab") as file:
         file.write(b"99.1,3,1.")  # a crash
-    recorder = Recorder.resume(path, source="test", started=50.0, wall=WALL + 60.0, clock=Clock())
+    recorder = Recorder(path, source="test", started=50.0, wall=WALL + 60.0, clock=Clock(), resume=True)
     hand_over(recorder, b"number,half\n3,1.5\n", at=50.5)
     counts = recorder.close()
     assert data_lines(path) == ["0.001000,1,0.5", "0.002000,2,1", "60.501000,3,1.5"]
@@ -677,7 +677,7 @@ def test_host_time_never_goes_back_where_the_wall_clock_was_set_back(tmp_path):
     path = tmp_path / "run.csv"
     hand_over(first := new_recorder(path), b"1,2\n3,4\n", at=STARTED + 100)
     first.close()
-    recorder = Recorder.resume(path, source="test", started=50.0, wall=WALL - 3600.0, clock=Clock())
+    recorder = Recorder(path, source="test", started=50.0, wall=WALL - 3600.0, clock=Clock(), resume=True)
     hand_over(recorder, b"5,6\n", at=50.0)
     recorder.close()
     assert data_lines(path)[-2:] == ["100.001000,3,4", "100.001000,5,6"]
@@ -689,7 +689,7 @@ def test_other_columns_after_a_restart_begin_a_new_part_and_the_next_restart_goe
     hand_over(first := new_recorder(path), b"a:1\na:2\n")
     first.close()
     for wall in (WALL + 10, WALL + 20):
-        recorder = Recorder.resume(path, source="test", started=0.0, wall=wall, clock=Clock())
+        recorder = Recorder(path, source="test", started=0.0, wall=wall, clock=Clock(), resume=True)
         hand_over(recorder, b"a:1 b:2\n", at=0.0)
         recorder.close()
     assert data_lines(path) == ["0.000000,1", "0.001000,2"]
@@ -701,16 +701,16 @@ def test_other_columns_after_a_restart_begin_a_new_part_and_the_next_restart_goe
 def test_a_recording_in_progress_cannot_be_resumed_by_another(tmp_path):
     recorder = new_recorder(tmp_path / "run.csv")
     with pytest.raises(BadFile, match="being recorded"):
-        Recorder.resume(tmp_path / "run.csv", source="test", started=0.0, wall=0.0)
+        Recorder(tmp_path / "run.csv", source="test", started=0.0, wall=0.0, resume=True)
     recorder.close()
 
 
 def test_only_a_recording_can_be_resumed(tmp_path):
     with pytest.raises(BadFile, match="must exist"):
-        Recorder.resume(tmp_path / "none.csv", source="test", started=0.0, wall=0.0)
+        Recorder(tmp_path / "none.csv", source="test", started=0.0, wall=0.0, resume=True)
     (tmp_path / "mine.csv").write_text("time,a\n1,2")
     with pytest.raises(BadFile, match="must begin with"):
-        Recorder.resume(tmp_path / "mine.csv", source="test", started=0.0, wall=0.0)
+        Recorder(tmp_path / "mine.csv", source="test", started=0.0, wall=0.0, resume=True)
     assert (tmp_path / "mine.csv").read_text() == "time,a\n1,2"
 
 

@@ -76,7 +76,7 @@ def test_cut_at_any_byte_a_recording_can_be_resumed(tmp_path, recorded):
     for cut in range(0, len(recorded) + 1, 3):
         path = tmp_path / f"{cut}.csv"
         path.write_bytes(recorded[:cut])
-        recorder = Recorder.resume(path, source="again", started=0.0, wall=1.7e9 + 60.0)
+        recorder = Recorder(path, source="again", started=0.0, wall=1.7e9 + 60.0, resume=True)
         parser = LineParser()
         parser.feed(b"77.5,78,79.25\n")
         recorder.write([(0.0, event) for event in parser], parser.layout)

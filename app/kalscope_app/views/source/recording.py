@@ -86,14 +86,14 @@ class RecordingView:
         """Say at once what keeps lines from the disk, and at the end what was recorded, whatever is on screen."""
         said, rest = "", threading.Event()
         while source.recorder is recorder:
-            news = recorder.trouble or recorder.warning
+            news = recorder.error or recorder.warning
             if news and news != said:
                 self._tell(f"{recorder.path.name}: {news}")
             said = news
             self._show_text(recording_text(source.status().recording))
             rest.wait(LOOK)
         done = recorder.close()  # waits until whoever ended it has closed the file
-        self._tell(f"Recorded {recorder.path.name}: {account(done)}", good=not recorder.trouble)
+        self._tell(f"Recorded {recorder.path.name}: {account(done)}", good=not recorder.error)
         self._show_text("")
         self._propose(recorder.path)
 
@@ -123,7 +123,7 @@ def recording_text(recording: RecordingStatus | None) -> str:
     lines = [f"recording to **{escape_markdown(recording.name)}**", account(recording.counts)]
     if recording.counts.waiting:
         lines.append(f"{count(recording.counts.waiting)} lines wait in memory")
-    lines += [f"**{escape_markdown(text, 200)}**" for text in (recording.trouble, recording.warning) if text]
+    lines += [f"**{escape_markdown(text, 200)}**" for text in (recording.error, recording.warning) if text]
     return "\n".join(f"- {line}" for line in lines)
 
 

@@ -79,7 +79,7 @@ class StatusLine(TerminalLine):
 
     def update(self, status: LiveStatus, recorder: Recorder) -> None:
         """Show the state as it is now."""
-        problems = [recorder.trouble, recorder.warning, status.hint]
+        problems = [recorder.error, recorder.warning, status.hint]
         problems += [status.word] if status.word not in ("connected", status.hint) else []
         problem = "; ".join(" ".join(text.split()) for text in problems if text)
         counts = recorder.counts
@@ -99,7 +99,7 @@ def summary(recorder: Recorder) -> str:
     """What was recorded, in one line."""
     names = ", ".join(str(path) for path in recorder.paths)
     rejects = f"; see {recorder.rejects_path}" if recorder.rejects_path.exists() else ""
-    problem = f"; {recorder.trouble}" if recorder.trouble else ""
+    problem = f"; {recorder.error}" if recorder.error else ""
     return f"{names}: {recorder.counts}{rejects}{problem}"
 
 

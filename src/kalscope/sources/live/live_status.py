@@ -28,7 +28,7 @@ class RecordingStatus:
     """Name of the file that is written now, without its folder."""
     counts: RecorderCounts
     """Its account: received = written + rejected + dropped, always."""
-    trouble: str
+    error: str
     """What keeps lines from reaching the disk; "" where nothing does."""
     warning: str
     """That the disk will soon be full; "" where it will not."""
@@ -72,9 +72,9 @@ class LiveStatus:
     """The recording that runs; None where none does."""
 
     @property
-    def recording_trouble(self) -> str:
+    def recording_error(self) -> str:
         """What keeps the recorder from writing; "" where nothing does, or none runs."""
-        return self.recording.trouble if self.recording is not None else ""
+        return self.recording.error if self.recording is not None else ""
 
 
 def hint_of(state: PortState, spec: PortSpec, *, noise: bool, accepted: int, received: int) -> str:
@@ -98,7 +98,7 @@ def hint_of(state: PortState, spec: PortSpec, *, noise: bool, accepted: int, rec
 
 def recording_status(recorder: Recorder) -> RecordingStatus:
     """How a recording stands now."""
-    return RecordingStatus(recorder.paths[-1].name, recorder.counts, recorder.trouble, recorder.warning)
+    return RecordingStatus(recorder.paths[-1].name, recorder.counts, recorder.error, recorder.warning)
 
 
 class LineRate:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class RecorderSlot:
-    """Holds one recorder or none; what is handed over while there is none is nobody's."""
+    """Holds one recorder or none; lines written while no recorder is active are discarded."""
 
     def __init__(self) -> None:
         self._recorder: Recorder | None = None
@@ -29,7 +29,7 @@ class RecorderSlot:
         return self._recorder
 
     def begin(self, path: Path, *, source: str, started: float, wall: float, resume: bool) -> Recorder:
-        """Record from now on; the arguments are those of `Recorder` and `Recorder.resume`.
+        """Record from now on; the arguments are those of `Recorder`.
 
         Raises:
             BadSetting: a recording runs already.
@@ -40,8 +40,7 @@ class RecorderSlot:
         with self._lock:
             if self._recorder is not None:
                 raise BadSetting("a recording must be stopped before the next begins (got one that runs)")
-            make = Recorder.resume if resume else Recorder
-            self._recorder = make(path, source=source, started=started, wall=wall)
+            self._recorder = Recorder(path, source=source, started=started, wall=wall, resume=resume)
             return self._recorder
 
     def end(self) -> None:

@@ -54,9 +54,9 @@ class AppendFile:
     def __init__(self, path: Path) -> None:
         """Name the file; it is opened by `open`, or by the first `flush`."""
         self.path = path
-        self.trouble = ""
+        self.error = ""
         """What keeps entries from reaching the file; "" while they do."""
-        self.sync_trouble = ""
+        self.sync_error = ""
         """What the disk said when it was last asked to keep what it has; "" if nothing."""
         self.waiting = 0
         """Lines in memory that have not reached the file."""
@@ -118,18 +118,18 @@ class AppendFile:
         Returns:
             How many lines reached the file.
         """
-        if not self._waiting or (self.trouble and now < self._retry_at and not at_once):
+        if not self._waiting or (self.error and now < self._retry_at and not at_once):
             return 0
         lines, error = self._write()
-        if error is None and self.trouble:
+        if error is None and self.error:
             lost = f"{self._lost} lines dropped"
             self.put_note(f"# gap {self._kind} {now - self._since:.3f} s ({lost})\n", now)
             more, error = self._write()
             lines += more
         if error is not None:
-            self._begin_trouble(error, now)
-        elif self.trouble:
-            self.trouble, self._losing, self._lost = "", False, 0
+            self._note_error(error, now)
+        elif self.error:
+            self.error, self._losing, self._lost = "", False, 0
         return lines
 
     def put_note(self, text: str, at: float) -> None:
@@ -152,10 +152,10 @@ class AppendFile:
             try:
                 _fdatasync(self._fd)
                 gone = os.fstat(self._fd).st_nlink == 0
-                self.sync_trouble = f"{self.path.name} was deleted while it is recorded" if gone else ""
+                self.sync_error = f"{self.path.name} was deleted while it is recorded" if gone else ""
             except OSError as error:
                 self._dirty = True  # ask once more
-                self.sync_trouble = f"the disk did not confirm what was written ({error.strerror or error})"
+                self.sync_error = f"the disk did not confirm what was written ({error.strerror or error})"
 
     def close(self) -> None:
         """Free the file once the disk has it; safe to call twice."""
@@ -172,7 +172,7 @@ class AppendFile:
         self.waiting += lines
 
     def _is_too_much(self, at: float) -> bool:
-        if not self.trouble or not self._waiting:
+        if not self.error or not self._waiting:
             return False
         return self._bytes > WAIT_BYTES or at - self._waiting[0].at > WAIT_S
 
@@ -218,13 +218,13 @@ class AppendFile:
             os.ftruncate(self._fd, self._size)
             self._torn = False
 
-    def _begin_trouble(self, error: OSError, now: float) -> None:
-        if not self.trouble:
+    def _note_error(self, error: OSError, now: float) -> None:
+        if not self.error:
             self._since = now
         full = error.errno in _FULL
         self._kind = "disk full" if full else "write error"
         reason = _FULL[error.errno] if full and error.errno else error.strerror or str(error)
-        self.trouble = f"{reason}: {self.path.name} waits for room" if full else f"{self.path.name}: {reason}"
+        self.error = f"{reason}: {self.path.name} waits for room" if full else f"{self.path.name}: {reason}"
         self._retry_at = now + RETRY_S
 
 

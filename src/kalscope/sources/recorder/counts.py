@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 
-@dataclass(frozen=True)
+@dataclass
 class RecorderCounts:
-    """The account of a recording: received = written + rejected + dropped, always."""
+    """The account of a recording: received = written + rejected + dropped, always. Recorders hand out copies."""
 
     received: int = 0
     """Lines with data, or that tried to be, whose fate is known."""
@@ -32,32 +32,7 @@ class RecorderCounts:
         )
         return told + (f"; {self.other} other{'s' * (self.other != 1)}" if self.other else "")
 
-
-@dataclass
-class Tally:
-    """The account while it is kept; its fields are those of `RecorderCounts`."""
-
-    taken: int = 0
-    """Lines with data, or that tried to be, those that wait included."""
-    written: int = 0
-    rejected: int = 0
-    dropped: int = 0
-    unwritable: int = 0
-    other: int = 0
-
-    def refused(self, lines: int) -> None:
+    def add_unwritable(self, lines: int) -> None:
         """Count lines that the disk did not take."""
         self.dropped += lines
         self.unwritable += lines
-
-    def counts(self, waiting: int) -> RecorderCounts:
-        """The account while so many lines wait in memory."""
-        return RecorderCounts(
-            received=self.taken - waiting,
-            written=self.written,
-            rejected=self.rejected,
-            dropped=self.dropped,
-            unwritable=self.unwritable,
-            waiting=waiting,
-            other=self.other,
-        )

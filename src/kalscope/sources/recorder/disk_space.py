@@ -9,24 +9,24 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-LEAST_ROOM_S = 300.0
-"""Room for less time than this is worth a warning, s."""
+MIN_SECONDS_LEFT = 300.0
+"""A disk that will be full sooner gets a warning, s."""
 _RATE_S = 30.0
-"""The rate is that of so many last seconds."""
-_LOOK_S = 1.0
+"""Seconds over which the rate is measured."""
+_CHECK_S = 1.0
 
 
-class RoomWatch:
-    """Looks at the disk of a folder once a second."""
+class DiskSpaceMonitor:
+    """Checks the disk of a folder once a second."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._sizes: deque[tuple[float, int]] = deque()
         self._warning = ""
 
-    def look(self, now: float, size: int) -> str:
-        """The warning at the monotonic moment `now`, s, when `size` bytes are written; "" if there is room."""
-        if self._sizes and now - self._sizes[-1][0] < _LOOK_S:
+    def check(self, now: float, size: int) -> str:
+        """The warning at the monotonic moment `now`, s, with `size` bytes written; "" if there is room."""
+        if self._sizes and now - self._sizes[-1][0] < _CHECK_S:
             return self._warning
         self._sizes.append((now, size))
         while now - self._sizes[0][0] > _RATE_S:
@@ -43,6 +43,6 @@ class RoomWatch:
         except OSError:  # a folder that was moved away: the next write will say what is wrong
             return ""
         left = free * (now - first) / (size - before)
-        if left >= LEAST_ROOM_S:
+        if left >= MIN_SECONDS_LEFT:
             return ""
         return f"the disk has room for {left / 60.0:.1f} min at the present rate"

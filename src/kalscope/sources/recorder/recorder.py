@@ -14,15 +14,17 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kalscope.common.files import sync_folder
+from kalscope.errors import BadFile
 from kalscope.recording import LineIssue
 from kalscope.sources.recorder.append_file import AppendFile, SyncThread
-from kalscope.sources.recorder.counts import RecorderCounts, Tally
-from kalscope.sources.recorder.disk_space import RoomWatch
-from kalscope.sources.recorder.format import escaped, header_line, preamble, restart_note, row_encoder
+from kalscope.sources.recorder.counts import RecorderCounts
+from kalscope.sources.recorder.disk_space import DiskSpaceMonitor
+from kalscope.sources.recorder.format import RowEncoder, escaped, header_line, preamble, restart_note, row_encoder
 from kalscope.sources.recorder.paths import (
     check_free,
     continues_line,
@@ -33,7 +35,7 @@ from kalscope.sources.recorder.paths import (
     unwritable,
 )
 from kalscope.sources.recorder.rejects import RejectsFile
-from kalscope.sources.recorder.repair import read_ends, repair
+from kalscope.sources.recorder.repair import Ends, read_ends, repair
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -45,7 +47,7 @@ _WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
 
 
 class Recorder:
-    """Writes one recording. Any thread may ask; one at a time hands over lines."""
+    """Writes one recording. Any thread may call it; its calls run one after the other."""
 
     def __init__(
         self,
@@ -54,80 +56,38 @@ class Recorder:
         source: str,
         started: float,
         wall: float,
+        resume: bool = False,
         clock: Callable[[], float] = time.monotonic,
         sync_every: float = 1.0,
     ) -> None:
-        """Create the recording; nothing is ever overwritten.
+        """Create a recording, which never overwrites a file, or resume one that ended or that a crash cut short.
+
+        To resume, the torn tail is moved into NAME.torn, then a comment says how long nothing was recorded. Host
+        time continues by the wall clock; where that was set back, at the last row. Lines with other columns than
+        those of the file go into a new part.
 
         Args:
-            path: NAME.csv; its folder exists, and the caller has made sure that it may be written to.
+            path: NAME.csv; its folder exists, and the caller has checked that it may be written to.
             source: What is recorded, as the command line names it.
             started: Monotonic moment of host time 0, s.
             wall: Unix time at that moment, s.
-            clock: Monotonic clock, s, by which a full disk is asked again.
+            resume: Continue the recording at `path`.
+            clock: Monotonic clock, s; a full disk is tried again by it.
             sync_every: Pause between two requests that the disk keep what it has, s.
 
         Raises:
-            BadFile: The name is taken (a free one is proposed), or the file cannot be created.
+            BadFile: The name is taken (a free one is proposed), or the file cannot be created. To resume: there is
+                no such recording, it is being recorded, or it cannot be written to.
         """
         path = Path(path)
-        check_free(path)
-        self._set_up(path, source=source, started=started, wall=wall, clock=clock)
-        try:
-            self._csv.open(new=True)
-        except FileExistsError:
-            raise taken(path) from None
-        except (OSError, ValueError) as error:
-            raise unwritable(path, error) from None
-        self._csv.put_note(preamble(source, wall), started)
-        self._begin(sync_every)
-
-    @classmethod
-    def resume(
-        cls,
-        path: Path,
-        *,
-        source: str,
-        started: float,
-        wall: float,
-        clock: Callable[[], float] = time.monotonic,
-        sync_every: float = 1.0,
-    ) -> Recorder:
-        """Go on with a recording that ended, or that a crash cut short.
-
-        Its torn tail is moved into NAME.torn, then a comment says how long nothing was recorded. Host time goes
-        on where the wall clock says; where that was set back, at the last row. Lines with other columns
-        than the file has go into a new part.
-
-        `path` is NAME.csv, the first part; the other arguments are those of a new recording.
-
-        Raises:
-            BadFile: There is no such recording, it is being recorded, or it cannot be written to.
-        """
-        new = cls.__new__(cls)
-        new._set_up(Path(path), source=source, started=started, wall=wall, clock=clock)
-        parts = existing_parts(new.path)
-        new._csv, new._part, last = AppendFile(parts[-1]), len(parts), parts[-1]
-        try:
-            new._csv.open(new=False)  # locked first: nobody else appends while the tail is judged
-            repair(last)
-            new._rejects.go_on()
-            new._csv.close()
-            new._csv.open(new=False)
-            new._go_on(last)
-        except OSError as error:
-            new._csv.close()
-            raise unwritable(last, error) from None
-        except BaseException:
-            new._csv.close()
-            raise
-        new._begin(sync_every)
-        return new
-
-    def _set_up(self, path: Path, *, source: str, started: float, wall: float, clock: Callable[[], float]) -> None:
+        if not resume:
+            check_free(path)
+        parts = existing_parts(path) if resume else [path]
         self.path = path
         """NAME.csv, the first part."""
-        self.trouble = ""
+        self.rejects_path = rejects_path(path)
+        """NAME.rejects; it exists once there is something in it."""
+        self.error = ""
         """What keeps lines from reaching the disk, in words; "" if nothing."""
         self.warning = ""
         """That the disk will soon be full; "" if it will not."""
@@ -135,32 +95,49 @@ class Recorder:
         """The account up to the last hand-over."""
         self._source, self._started, self._wall, self._clock = source, started, wall, clock
         self._offset = 0.0
-        self.rejects_path = rejects_path(path)
-        """NAME.rejects; it exists once there is something in it."""
-        self._csv = AppendFile(path)
+        self._csv = AppendFile(parts[-1])
         self._rejects = RejectsFile(path, source)
         self._older: list[AppendFile] = []  # parts that wait for room
         self._older_paths: list[Path] = []
-        self._part = 1
+        self._part = len(parts)
         self._header = ""
         self._layout: Layout | None = None
-        self._encode = None
+        self._encode: RowEncoder | None = None
         self._width = 0
-        self._tally = Tally()
-        self._room = RoomWatch(path.parent)
+        self._tally = RecorderCounts()  # its `received` includes the lines that wait
+        self._disk_space = DiskSpaceMonitor(path.parent)
         self._lock = threading.Lock()
         self._closed = False
-
-    def _begin(self, sync_every: float) -> None:
-        """Everything is open: write the first comments, and keep the disk awake from now on."""
+        self._open(resume=resume)
         self._sync = SyncThread(sync_every)
-        sync_folder(self.path.parent)
+        sync_folder(path.parent)
         with self._lock:
             self._flush()
 
-    def _go_on(self, last: Path) -> None:
-        """Take up host time and columns of the part to be continued."""
-        ends = read_ends(last)
+    def _open(self, *, resume: bool) -> None:
+        """Open the file and queue its first comments."""
+        path = self._csv.path
+        try:
+            self._csv.open(new=not resume)  # locked first: no other program appends while the tail is judged
+            if resume:
+                repair(path)
+                self._rejects.resume()
+                self._csv.close()
+                self._csv.open(new=False)
+                self._resume_times(read_ends(path))
+            else:
+                self._csv.put_note(preamble(self._source, self._wall), self._started)
+        except FileExistsError:
+            raise taken(path) from None
+        except BadFile:
+            self._csv.close()
+            raise
+        except (OSError, ValueError) as error:
+            self._csv.close()
+            raise unwritable(path, error) from None
+
+    def _resume_times(self, ends: Ends) -> None:
+        """Continue the host time and the columns of a part that ends so."""
         if ends.wall is None:  # a crash in the first moment left no header
             self._csv.put_note(preamble(self._source, self._wall), self._started)
             return
@@ -202,7 +179,7 @@ class Recorder:
         """Count lines that were lost before they could be handed over."""
         with self._lock:
             if not self._closed:
-                self._tally.taken += count
+                self._tally.received += count
                 self._tally.dropped += count
                 self._publish()
 
@@ -214,9 +191,9 @@ class Recorder:
             self._closed = True
             self._flush(at_once=True)
             for file in self._files():
-                self._tally.refused(file.give_up())
+                self._tally.add_unwritable(file.give_up())
             self._publish()
-            if not self._csv.trouble:
+            if not self._csv.error:
                 self._csv.put_note(f"# end: {self.counts}\n", self._clock())
                 self._csv.flush(self._clock(), at_once=True)
             self._sync.close()
@@ -252,17 +229,17 @@ class Recorder:
     def _take(self, at: float, event: LineEvent) -> None:
         host = at - self._started + self._offset
         if event.kind == "row":
-            self._tally.taken += 1
+            self._tally.received += 1
             if self._encode is None or any(len(row) != self._width for row in event.rows):
                 why = LineIssue(event.number, f"must have {self._width} values, as the columns say", event.text)
                 self._reject(host, at, event, (why,), 1)
                 return
             rows = "".join(self._encode(host, row) for row in event.rows)
-            self._tally.refused(not self._csv.put(rows.encode(), at, 1))
+            self._tally.add_unwritable(not self._csv.put(rows.encode(), at, 1))
             if event.issues:  # of single cells: the row has empty cells there
                 self._reject(host, at, event, event.issues, 0)
         elif event.kind == "rejected":
-            self._tally.taken += 1
+            self._tally.received += 1
             self._reject(host, at, event, event.issues, 1)
         else:
             self._tally.other += 1
@@ -272,7 +249,7 @@ class Recorder:
 
     def _reject(self, host: float, at: float, event: LineEvent, issues: Sequence[LineIssue], lines: int) -> None:
         if not self._rejects.put(host, at, self._wall - self._offset, event, issues, lines):
-            self._tally.refused(lines)
+            self._tally.add_unwritable(lines)
 
     def _flush(self, *, at_once: bool = False) -> None:
         now = self._clock()
@@ -283,11 +260,11 @@ class Recorder:
             self._older.remove(file)
             file.close()
         self._sync.watch(self._files())
-        self.warning = self._room.look(now, sum(file.size for file in self._files()))
+        self.warning = self._disk_space.check(now, sum(file.size for file in self._files()))
         self._publish()
 
     def _publish(self) -> None:
         waiting = sum(file.waiting for file in self._files())
-        self.counts = self._tally.counts(waiting)
-        troubles = (getattr(file, name) for name in ("trouble", "sync_trouble") for file in self._files())
-        self.trouble = next(filter(None, troubles), "")
+        self.counts = replace(self._tally, received=self._tally.received - waiting, waiting=waiting)
+        files = self._files()
+        self.error = next(filter(None, [*(file.error for file in files), *(file.sync_error for file in files)]), "")

@@ -27,8 +27,8 @@ class RejectsFile:
         self._source = source
         self._begun = False
 
-    def go_on(self) -> None:
-        """The recording is resumed: so is this file, where there is one.
+    def resume(self) -> None:
+        """Continue the file where there is one, because the recording is resumed.
 
         Raises:
             BadFile: it cannot be repaired.
