@@ -25,7 +25,7 @@ from playwright.sync_api import Page
 
 from kalscope import FilterParams, kalman_filter, starting_params
 from kalscope.catalogue import open_source
-from kalscope_app.engine.frame import choose_shown
+from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.views.scales import scale_for
 
 Line = Callable[[float], NDArray[np.float64]]
@@ -58,7 +58,7 @@ def expected_line(source: str) -> Line:
     """What the dashboard must draw for a q: the filter on all samples, at the samples drawn, in the axis' unit."""
     recording = open_source(source)
     z = recording.channel(recording.names[0])
-    shown = choose_shown(recording, recording.names[0], None)
+    shown = choose_samples(recording, recording.names[0], None)
     factor = scale_for(shown.raw, recording.units[0]).factor
     r = starting_params(z).r
     return lambda q: kalman_filter(z, FilterParams(q=q, r=r)).x[shown.indices] * factor

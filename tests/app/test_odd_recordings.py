@@ -76,7 +76,7 @@ SETTINGS = {
     "equal noise": set_match_by("noise"),
     "start and gate": lambda state: state.with_tuning(p0=1.0, x0=0.0, gate=4.0),
     "part of it": lambda state: set_window(0.0, float(np.median(state.recording.time)))(state),
-    "second paper": lambda state: state.with_paper_filter(GeneralizedParams(1.0, None, None, "without_slip")),
+    "second paper": lambda state: state.with_filter(GeneralizedParams(1.0, None, None, "without_slip")),
 }
 
 

@@ -12,7 +12,7 @@ import pytest
 from screen import FIND, Screen
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params
-from kalscope.papers.experiments import list_experiments, open_experiment, run_filter
+from kalscope.papers.experiments import list_experiments, open_experiment
 from kalscope_app.views.charts.style import DARK, LIGHT
 from kalscope_app.views.source.source import experiment_label
 
@@ -387,9 +387,9 @@ def test_a_figure_of_a_source_document_opens_with_one_choice(start):
     for name in ("generalized_figure_7", "noise_reducer_figure_6", "lis302dl_r_32"):
         experiment = next(one for one in list_experiments() if one.name == name)
         screen.choose("experiment", experiment_label(experiment))
-        recording, settings = open_experiment(name)
+        recording, filters = open_experiment(name)
         channel = recording.names[0]
-        screen.wait_for_line("filtered", run_filter(recording.channel(channel), settings[channel]).x)
+        screen.wait_for_line("filtered", filters[channel].run(recording.channel(channel)).x)
         screen.tab("Tune")
         screen.shot(f"experiment-{name}")
         screen.tab("Source")

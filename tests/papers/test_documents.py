@@ -12,7 +12,7 @@ from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.disagreements import DISAGREEMENTS
-from kalscope.papers.experiments import list_experiments, open_experiment, run_filter
+from kalscope.papers.experiments import list_experiments, open_experiment
 from kalscope.papers.generalized_filter import GeneralizedParams
 from kalscope.papers.interactive_matter_2009 import document as lis302dl
 from kalscope.papers.interactive_matter_2009 import questions
@@ -106,16 +106,16 @@ def test_both_readings_of_figure_10_end_in_the_same_filter():
 
 def test_figure_7_forgets_a_high_start_and_without_the_slip_it_freezes():
     z = generalized.channel("flex_sensor")
-    printed = run_filter(z, generalized.FLEX)
+    printed = generalized.FLEX.run(z)
     assert printed.x[0] > 900.0
-    good = run_filter(z, GeneralizedParams(generalized.FLEX.sigma_m)).x
+    good = GeneralizedParams(generalized.FLEX.sigma_m).run(z).x
     assert generalized.samples_to_recover(printed.x, good, 3.0) < 40
     assert np.ptp(printed.x[900:]) > 220.0
-    assert np.ptp(run_filter(z, generalized.without_slip(generalized.FLEX, 12.0)).x[900:]) < 10.0
+    assert np.ptp(generalized.without_slip(generalized.FLEX, 12.0).run(z).x[900:]) < 10.0
 
 
 def test_figure_8_the_gain_of_the_printed_filter_rises_with_the_light():
-    result = run_filter(generalized.channel("ldr_pwm"), generalized.LDR)
+    result = generalized.LDR.run(generalized.channel("ldr_pwm"))
     assert result.k[:50].max() < 0.01
     assert result.k[-50:].min() > 0.2
 
@@ -192,12 +192,12 @@ def test_experiments_open_with_settings_for_every_channel():
     assert len(set(names)) == len(names) >= 18
     for experiment in list_experiments():
         assert all((experiment.title, experiment.paper, experiment.figure, experiment.summary))
-        recording, settings = open_experiment(experiment.name)
+        recording, filters = open_experiment(experiment.name)
         assert recording.source == f"experiment:{experiment.name}"
         assert recording.title == experiment.title
-        assert tuple(settings) == recording.names
+        assert tuple(filters) == recording.names
         for channel in recording.names:
-            assert np.isfinite(run_filter(recording.channel(channel), settings[channel]).x).all()
+            assert np.isfinite(filters[channel].run(recording.channel(channel)).x).all()
         again, _ = open_experiment(recording.source)
         np.testing.assert_array_equal(again.values, recording.values)
 

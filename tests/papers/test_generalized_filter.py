@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from kalscope.errors import BadSetting
 from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.papers.experiments import run_filter, streaming_filter
+from kalscope.filtering.protocol import StandardFilter
 from kalscope.papers.generalized_filter import (
     GeneralizedFilter,
     GeneralizedParams,
@@ -176,11 +176,12 @@ def test_the_answer_has_the_shape_of_z_and_claims_no_likelihood():
     assert generalized_filter([], GeneralizedParams(2.0)).x.shape == (0,)
 
 
-def test_settings_choose_their_filter():
+def test_every_filter_runs_and_streams():
     printed, five = GeneralizedParams(30.0), FilterParams(q=0.1, r=2.0)
-    np.testing.assert_array_equal(run_filter(SIGNAL, printed).x, generalized_filter(SIGNAL, printed).x)
-    np.testing.assert_array_equal(run_filter(SIGNAL, five).x, kalman_filter(SIGNAL, five).x)
-    assert [type(streaming_filter(s)).__name__ for s in (printed, five)] == ["GeneralizedFilter", "KalmanFilter"]
+    np.testing.assert_array_equal(printed.run(SIGNAL).x, generalized_filter(SIGNAL, printed).x)
+    np.testing.assert_array_equal(StandardFilter(five).run(SIGNAL).x, kalman_filter(SIGNAL, five).x)
+    streams = printed.stream(), StandardFilter(five).stream()
+    assert [type(stream).__name__ for stream in streams] == ["GeneralizedFilter", "KalmanFilter"]
 
 
 @pytest.mark.parametrize(

@@ -2,17 +2,92 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
 import numpy as np
 from numpy.typing import NDArray
 from tsdownsample import MinMaxLTTBDownsampler
 
 from kalscope.common.array import Array
+from kalscope_app.engine.record_facts import Facts, facts_of
 
-POINT_LIMIT = 4000
-"""Most points a line is drawn with."""
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kalscope.recording import Recording
+
+MAX_POINTS = 4000
+"""Points that a line is drawn with, at most."""
 
 
-def choose_indices(z: Array, truth: Array | None = None, limit: int = POINT_LIMIT) -> NDArray[np.intp]:
+@dataclass(frozen=True)
+class DrawnSamples:
+    """Which samples of a recording are drawn; chosen on the raw signal, so that tuning changes only y."""
+
+    first: int
+    """Index of the first sample in the window."""
+    last: int
+    """One past the last sample in the window."""
+    indices: NDArray[np.intp]
+    """Samples drawn, ascending, shape (m,)."""
+    time: Array
+    """Their moments, s, never descending, shape (m,)."""
+    raw: Array
+    """Their measurements, unit; NaN where missing, shape (m,)."""
+    truth: Array | None
+    """The noise-free signal there, where it is known, shape (m,)."""
+    missing: int
+    """Missing samples of the channel, drawn or not."""
+    time_range: tuple[float, float]
+    """First and last moment of the recording, s."""
+
+    @property
+    def decimated(self) -> bool:
+        """Whether some samples of the window are not drawn."""
+        return len(self.indices) < self.last - self.first
+
+
+def choose_samples(
+    recording: Recording,
+    channel: str,
+    window: tuple[float, float] | None,
+    limit: int = MAX_POINTS,
+    facts: Facts | None = None,
+) -> DrawnSamples:
+    """The samples to draw of one channel in a window (s, both ends inside); always at least two if there are.
+
+    Args:
+        recording: what is open.
+        channel: what is drawn of it.
+        window: first and last moment, s; None = all of it.
+        limit: most points a line may have.
+        facts: what is known of recording and channel already; None = they are looked through.
+    """
+    n = len(recording)
+    facts = facts or facts_of(recording, channel)
+    clock = facts.clock(recording)
+    first, last = 0, n
+    if window is not None:
+        first = max(0, min(int(np.searchsorted(clock, window[0], side="left")), n - 2))
+        last = min(n, max(int(np.searchsorted(clock, window[1], side="right")), first + 2))
+    column = recording.index(channel)
+    z = recording.values[:, column]
+    truth = None if recording.truth is None else recording.truth[:, column]
+    at = first + choose_indices(z[first:last], None if truth is None else truth[first:last], limit)
+    return DrawnSamples(
+        first=first,
+        last=last,
+        indices=at,
+        time=clock[at],
+        raw=z[at],
+        truth=None if truth is None else truth[at],
+        missing=facts.missing,
+        time_range=(float(clock[0]), float(clock[-1])),
+    )
+
+
+def choose_indices(z: Array, truth: Array | None = None, limit: int = MAX_POINTS) -> NDArray[np.intp]:
     """Ascending indices of at most `limit` samples that keep the look of z, shape (n,), and of the truth."""
     n = len(z)
     if n <= limit:
@@ -28,5 +103,6 @@ def _downsample(y: Array, points: int) -> NDArray[np.intp]:
     if np.isnan(y).any():
         known = np.where(np.isnan(y), 0, np.arange(len(y)))
         y = np.nan_to_num(y[np.maximum.accumulate(known)])
-    chosen = MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(y), n_out=points)
+    downsample = cast("Callable[..., NDArray[np.uint64]]", MinMaxLTTBDownsampler().downsample)
+    chosen = downsample(np.ascontiguousarray(y), n_out=points)
     return np.unique(chosen).astype(np.intp)

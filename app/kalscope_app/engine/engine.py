@@ -13,11 +13,11 @@ import time
 from typing import TYPE_CHECKING
 
 from kalscope.errors import KalscopeError
-from kalscope_app.engine.decimation import POINT_LIMIT
-from kalscope_app.engine.filter_runs import FilterRuns
-from kalscope_app.engine.frame import Frame, Shown, choose_shown, compute_frame
+from kalscope_app.engine.cache import Cache
+from kalscope_app.engine.decimation import MAX_POINTS, DrawnSamples, choose_samples
+from kalscope_app.engine.filter_runs import FilterRuns, VariantCurves
+from kalscope_app.engine.frame import Frame, compute_frame
 from kalscope_app.engine.record_facts import RecordFacts
-from kalscope_app.engine.variant_curves import Curves
 from kalscope_app.session.live import live_window, studied
 
 if TYPE_CHECKING:
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from kalscope_app.session.session import Session
     from kalscope_app.session.state import State
 
-LEAST_INTERVAL = 0.04
+MIN_INTERVAL = 0.04
 """Seconds between two frames at least: a browser that is slower builds a backlog that nothing drops."""
 
 LIVE_INTERVAL = 0.055
 """Seconds between two frames of a live record: 18 a second; a browser without a graphics card draws no more."""
 
-LIVE_POINTS = 2000
-"""Most points a line is drawn with while a board sends: every frame draws all of them anew."""
+MAX_LIVE_POINTS = 2000
+"""Points that a line is drawn with while a board sends, at most: every frame draws all of them again."""
 
 STATUS_INTERVAL = 0.5
 """Seconds after which a live record without news is shown all the same, because its status may be news."""
@@ -47,7 +47,7 @@ log = logging.getLogger(__name__)
 
 def pause_before_frame(now: float, last: float) -> float:
     """Seconds to wait before the next frame may be sent."""
-    return max(0.0, min(LEAST_INTERVAL, last + LEAST_INTERVAL - now))
+    return max(0.0, min(MIN_INTERVAL, last + MIN_INTERVAL - now))
 
 
 def wait_for_request(next_due: float | None, *, live: bool) -> float | None:
@@ -74,12 +74,10 @@ class Engine:
         self._studies = studies
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
-        self._shown_for: tuple[object, ...] = ()
-        self._shown: Shown | None = None
-        self._runs, self._facts = FilterRuns(), RecordFacts()
+        self._samples = Cache[DrawnSamples]()
+        self._runs, self._facts, self._curves = FilterRuns(), RecordFacts(), VariantCurves()
         self._frame: Frame | None = None
         self._frame_at = self._study_at = -math.inf
-        self._curves = Curves()
         self.first_frame = threading.Event()
 
     def start(self) -> None:
@@ -128,9 +126,11 @@ class Engine:
         return not quiet or time.monotonic() - self._frame_at > STATUS_INTERVAL
 
     def _draw(self, state: State, serial: int) -> None:
-        shown = self._choose(state)
-        variants = self._curves.of(state, shown) if state.live is None else None
-        frame = compute_frame(state, serial, shown, self._runs, variants)
+        limit = MAX_POINTS if state.live is None else MAX_LIVE_POINTS
+        chosen_from = state.recording, state.channel, live_window(state), limit
+        drawn = self._samples.once(lambda: choose_samples(*chosen_from, self._facts.of(state)), *chosen_from)
+        variants = self._curves.of(state, drawn) if state.live is None else None
+        frame = compute_frame(state, serial, drawn, self._runs, variants)
         asked = self._frame is None or serial != self._frame.serial
         self._frame, self._frame_at = frame, time.monotonic()
         self._show(frame)
@@ -139,15 +139,3 @@ class Engine:
         if self._studies is not None and due:
             self._study_at = self._frame_at
             self._studies.of(studied(state))
-
-    def _choose(self, state: State) -> Shown:
-        """The samples to draw: chosen anew only for another recording, channel or window."""
-        limit = POINT_LIMIT if state.live is None else LIVE_POINTS
-        asked = (state.recording, state.channel, live_window(state), limit)
-        same = len(self._shown_for) == 4 and all(
-            a is b if i == 0 else a == b for i, (a, b) in enumerate(zip(asked, self._shown_for, strict=True))
-        )
-        if self._shown is None or not same:
-            self._shown = choose_shown(*asked, self._facts.of(state))
-            self._shown_for = asked
-        return self._shown

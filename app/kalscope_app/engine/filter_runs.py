@@ -1,19 +1,21 @@
-"""The runs of the filter over the record on screen, kept between frames: a live record is only gone on with."""
+"""The runs of the filters over the record on screen, kept between frames; those of a live record are continued."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from kalscope.filtering.batch import FilterResult
+from kalscope.common.array import Array
+from kalscope.filtering.batch import FilterResult, denoise
+from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.filtering.running import RunningFilter
-from kalscope.papers.experiments import run_filter
+from kalscope_app.engine.cache import Cache
 
 if TYPE_CHECKING:
-    from kalscope.filtering.params import FilterParams
+    from kalscope_app.engine.decimation import DrawnSamples
     from kalscope_app.session.state import State
 
-LARGEST_KEPT = 1_000_000
+MAX_KEPT = 1_000_000
 """Samples of a finished recording up to which a run is kept: it takes 40 bytes a sample."""
 
 
@@ -27,46 +29,50 @@ class _LiveRun:
 
 
 class FilterRuns:
-    """Filters the record of a State, once for each set of parameters; what a frame no longer asks for is let go."""
+    """Filters the record of a State, once for each filter."""
 
     def __init__(self) -> None:
-        self._key: object = None
-        self._runs: dict[FilterParams, FilterResult | _LiveRun] = {}
-        self._asked: set[FilterParams] = set()
+        self._whole = Cache[FilterResult]()
+        self._live = Cache[_LiveRun]()
 
     def begin(self, state: State) -> None:
-        """A new frame begins: let go what the last one did not ask for, or everything of another record."""
-        key = (state.record_key, state.channel, state.recording.gaps)
-        if key != self._key:
-            self._key, self._runs = key, {}
-        self._runs = {params: run for params, run in self._runs.items() if params in self._asked}
-        self._asked = set()
+        """A new frame begins."""
+        scope = (state.record_key, state.channel, state.recording.gaps)
+        self._whole.begin(*scope)
+        self._live.begin(*scope)
 
-    def of(self, state: State, params: FilterParams | None = None) -> FilterResult:
-        """The channel on screen, filtered with `params`, or with the State's own filter."""
-        if params is None and state.paper_filter is not None:
-            return run_filter(state.recording.channel(state.channel), state.paper_filter, state.dt)
-        params = state.params if params is None else params
-        self._asked.add(params)
-        return self._whole(state, params) if state.live is None else self._grown(state, params)
+    def of(self, state: State, used: Filter) -> FilterResult:
+        """The channel on screen, filtered."""
+        if state.live is not None and isinstance(used, StandardFilter):
+            return self._continued(state, used)
+        if state.live is not None or len(state.z) > MAX_KEPT:
+            return used.run(state.z, state.dt)
+        return self._whole.get(used, lambda: used.run(state.z, state.dt))
 
-    def _whole(self, state: State, params: FilterParams) -> FilterResult:
-        kept = self._runs.get(params)
-        if isinstance(kept, FilterResult):
-            return kept
-        result = run_filter(state.recording.channel(state.channel), params, state.dt)
-        if len(result.x) <= LARGEST_KEPT:
-            self._runs[params] = result
-        return result
-
-    def _grown(self, state: State, params: FilterParams) -> FilterResult:
-        z, n = state.recording.channel(state.channel), len(state.recording)
+    def _continued(self, state: State, used: StandardFilter) -> FilterResult:
+        z, n = state.z, len(state.recording)
         snapshot = state.live.snapshot if state.live else None
         first = 0 if snapshot is None else snapshot.first
-        run = self._runs.get(params)
-        if not isinstance(run, _LiveRun) or not 0 <= first - run.first <= len(run.running) <= first - run.first + n:
-            run = self._runs[params] = _LiveRun(RunningFilter(params), first)
+        run = self._live.get(used, lambda: _LiveRun(RunningFilter(used.params), first))
+        if not 0 <= first - run.first <= len(run.running) <= first - run.first + n:
+            run.running, run.first = RunningFilter(used.params), first
         run.running.forget(first - run.first)
         run.first = first
         run.running.extend(z[len(run.running) :])
         return run.running.result
+
+
+class VariantCurves:
+    """The filtered signals of the pinned settings at the drawn samples: no slider changes them."""
+
+    def __init__(self) -> None:
+        self._curves = Cache[Array]()
+
+    def of(self, state: State, drawn: DrawnSamples) -> tuple[Array, ...]:
+        """One curve for each variant of the channel on screen, in their order, unit, shape (m,)."""
+        self._curves.begin(drawn, state.recording, state.channel)
+        settings = [variant.tuning.params for variant in state.variants]
+        return tuple(
+            self._curves.get(params, lambda params=params: denoise(state.z, params, state.dt)[drawn.indices])
+            for params in settings
+        )

@@ -10,17 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.protocol import StandardFilter
 from kalscope.filtering.smoothing import smooth
-from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
-from kalscope_app.engine.decimation import POINT_LIMIT, choose_indices
 from kalscope_app.engine.filter_runs import FilterRuns
-from kalscope_app.engine.record_facts import Facts, facts_of
 
 if TYPE_CHECKING:
     from kalscope.filtering.batch import FilterResult
-    from kalscope.recording import Recording
+    from kalscope.filtering.steady_state import SteadyState
     from kalscope.sources.live.live_status import LiveStatus
+    from kalscope_app.engine.decimation import DrawnSamples
     from kalscope_app.session.state import State
 
 GAIN_POINTS = 500
@@ -31,33 +29,6 @@ SMOOTHED_BEFORE = 5000
 
 
 @dataclass(frozen=True)
-class Shown:
-    """Which samples of a recording are drawn; chosen on the raw signal, so that tuning changes only y."""
-
-    first: int
-    """Index of the first sample in the window."""
-    last: int
-    """One past the last sample in the window."""
-    indices: NDArray[np.intp]
-    """Samples drawn, ascending, shape (m,)."""
-    time: Array
-    """Their moments, s, never descending, shape (m,)."""
-    raw: Array
-    """Their measurements, unit; NaN where missing, shape (m,)."""
-    truth: Array | None
-    """The noise-free signal there, where it is known, shape (m,)."""
-    missing: int
-    """Missing samples of the channel, drawn or not."""
-    reach: tuple[float, float]
-    """First and last moment of the recording, s."""
-
-    @property
-    def decimated(self) -> bool:
-        """Whether some samples of the window are not drawn."""
-        return len(self.indices) < self.last - self.first
-
-
-@dataclass(frozen=True)
 class Frame:
     """What every view draws from; arrays have shape (m,), one value for each sample drawn, unless said."""
 
@@ -65,7 +36,7 @@ class Frame:
     """The choices that this frame shows."""
     serial: int
     """Every request up to this number is in it."""
-    shown: Shown
+    drawn: DrawnSamples
     """Which samples are drawn, with what does not depend on the parameters: time, raw, truth."""
     steady: SteadyState
     """The settled filter in words: gain, lag, decibel, hertz."""
@@ -100,7 +71,7 @@ class Frame:
 def compute_frame(
     state: State,
     serial: int,
-    shown: Shown,
+    drawn: DrawnSamples,
     runs: FilterRuns | None = None,
     variants: tuple[Array, ...] | None = None,
 ) -> Frame:
@@ -109,29 +80,27 @@ def compute_frame(
     Args:
         state: what to show.
         serial: the requests that are in it.
-        shown: the samples to draw.
-        runs: the runs of earlier frames; None = filter afresh.
-        variants: the curves of the pinned settings, where they are known already (`Curves`).
+        drawn: the samples to draw.
+        runs: the runs of earlier frames; None = filter anew.
+        variants: the curves of the pinned settings, where they are known already (`VariantCurves`).
     """
     recording = state.recording
-    z = recording.channel(state.channel)
     runs = runs or FilterRuns()
     runs.begin(state)
-    result = runs.of(state)
-    settled = state.params if state.paper_filter is None else _as_if_settled(float(result.k[-1]))
-    steady = steady_state(settled, recording.sample_period)
-    at = shown.indices
+    result = runs.of(state, state.filter)
+    steady = state.filter.settled(result, recording.sample_period)
+    at = drawn.indices
     start_up = samples_to_settle(result, float(steady.gain))
-    gain_samples = gain_axis(start_up, len(z))
+    gain_samples = gain_axis(start_up, len(recording))
     board = None if state.board is None else recording.channel(state.board)
     return Frame(
         state=state,
         serial=serial,
-        shown=shown,
+        drawn=drawn,
         steady=steady,
         filtered=result.x[at],
         spread=2.0 * np.sqrt(result.p[at]),
-        smoothed=_smoothed(state, shown) if state.view.smoother and state.paper_filter is None else None,
+        smoothed=_smoothed(state, drawn) if state.view.smoother and state.filter.is_standard else None,
         rejected=int(result.rejected),
         innovation=result.innovation[at],
         innovation_spread=2.0 * np.sqrt(result.s[at]),
@@ -139,74 +108,28 @@ def compute_frame(
         gain=result.k[gain_samples],
         gain_samples=gain_samples.astype(np.float64),
         board=None if board is None else board[at],
-        board_difference=math.nan if board is None else _largest_difference(board, result.x, shown),
+        board_difference=math.nan if board is None else _largest_difference(board, result.x, drawn),
         status=None if state.live is None else state.live.feed.status(),
-        variants=tuple(runs.of(state, variant.tuning.params).x[at] for variant in state.variants)
+        variants=tuple(runs.of(state, StandardFilter(variant.tuning.params)).x[at] for variant in state.variants)
         if variants is None
         else variants,
     )
 
 
-def _smoothed(state: State, shown: Shown) -> Array:
+def _smoothed(state: State, drawn: DrawnSamples) -> Array:
     """The best possible offline at the drawn samples; of a live record from a little before the window on."""
-    first = 0 if state.live is None else max(0, shown.first - SMOOTHED_BEFORE)
-    last = len(state.recording) if state.live is None else shown.last
+    first = 0 if state.live is None else max(0, drawn.first - SMOOTHED_BEFORE)
+    last = len(state.recording) if state.live is None else drawn.last
     dt = state.dt
-    z = state.recording.channel(state.channel)[first:last]
-    return smooth(z, state.params, None if dt is None else dt[first:last]).x[shown.indices - first]
+    z = state.z[first:last]
+    return smooth(z, state.params, None if dt is None else dt[first:last]).x[drawn.indices - first]
 
 
-def _largest_difference(board: Array, x: Array, shown: Shown) -> float:
+def _largest_difference(board: Array, x: Array, drawn: DrawnSamples) -> float:
     """Largest |board − x| in the window; NaN where the board has sent nothing there."""
-    difference = np.abs(board[shown.first : shown.last] - x[shown.first : shown.last])
+    difference = np.abs(board[drawn.first : drawn.last] - x[drawn.first : drawn.last])
     finite = difference[np.isfinite(difference)]
     return float(finite.max()) if len(finite) else math.nan
-
-
-def _as_if_settled(gain: float) -> FilterParams:
-    """The five lines that settle at a gain: the second paper's filter in the words of the first."""
-    if gain <= 0.0:
-        return FilterParams(q=0.0, r=1.0)
-    return FilterParams(q=1.0, r=0.0) if gain >= 1.0 else FilterParams(q=ratio_for(gain=gain), r=1.0)
-
-
-def choose_shown(
-    recording: Recording,
-    channel: str,
-    window: tuple[float, float] | None,
-    limit: int = POINT_LIMIT,
-    facts: Facts | None = None,
-) -> Shown:
-    """The samples to draw of one channel in a window (s, both ends inside); always at least two if there are.
-
-    Args:
-        recording: what is open.
-        channel: what is drawn of it.
-        window: first and last moment, s; None = all of it.
-        limit: most points a line may have.
-        facts: what is known of recording and channel already; None = they are looked through.
-    """
-    n = len(recording)
-    facts = facts or facts_of(recording, channel)
-    clock = facts.clock(recording)
-    first, last = 0, n
-    if window is not None:
-        first = max(0, min(int(np.searchsorted(clock, window[0], side="left")), n - 2))
-        last = min(n, max(int(np.searchsorted(clock, window[1], side="right")), first + 2))
-    column = recording.index(channel)
-    z = recording.values[:, column]
-    truth = None if recording.truth is None else recording.truth[:, column]
-    at = first + choose_indices(z[first:last], None if truth is None else truth[first:last], limit)
-    return Shown(
-        first=first,
-        last=last,
-        indices=at,
-        time=clock[at],
-        raw=z[at],
-        truth=None if truth is None else truth[at],
-        missing=facts.missing,
-        reach=(float(clock[0]), float(clock[-1])),
-    )
 
 
 def samples_to_settle(result: FilterResult, settled_gain: float) -> int:
@@ -222,9 +145,10 @@ def samples_to_settle(result: FilterResult, settled_gain: float) -> int:
 
 
 def gain_axis(start_up: int, n: int) -> NDArray[np.intp]:
-    """Sample numbers for the gain chart: twice the start-up, rounded to 1, 2, 5 × 10^k so that it rests."""
+    """Sample numbers for the gain chart: twice the start-up, rounded to 1, 2, 5 × 10^k so that it keeps still."""
     wanted = max(20, 2 * start_up)
     decade = 10 ** math.floor(math.log10(wanted))
     count = next(step * decade for step in (1, 2, 5, 10) if step * decade >= wanted)
     count = min(count, n)
-    return np.unique(np.linspace(0, count - 1, min(count, GAIN_POINTS)).astype(np.intp))
+    numbers: Array = np.linspace(0, count - 1, min(count, GAIN_POINTS))
+    return np.unique(numbers.astype(np.intp))

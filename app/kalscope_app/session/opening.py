@@ -10,14 +10,14 @@ import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.estimation.starting import starting_params
+from kalscope.filtering.protocol import StandardFilter
 from kalscope.papers.experiments import open_experiment
-from kalscope.papers.generalized_filter import GeneralizedParams
 from kalscope.tuning.choose import adapt_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.state import ChannelSettings, OpenRecording, State
 
 if TYPE_CHECKING:
-    from kalscope.filtering.params import FilterParams
+    from kalscope.filtering.protocol import Filter
     from kalscope.recording import Recording
 
 
@@ -89,20 +89,21 @@ def opened_experiment(name: str, before: State | None = None) -> State:
     Raises:
         BadSetting: no such experiment.
     """
-    recording, settings = open_experiment(name)
+    recording, filters = open_experiment(name)
     state = opened(recording, before)
-    chosen = [settings[channel] for channel in recording.names]
+    chosen = [filters[channel] for channel in recording.names]
     tunings = tuple(map(_tuning_of, state.settings.tunings, chosen))
-    filters = tuple(s if isinstance(s, GeneralizedParams) else None for s in chosen)
-    return state.with_settings(tunings=tunings, starts=tunings, paper_filters=filters)
+    other = tuple(None if one.is_standard else one for one in chosen)
+    return state.with_settings(tunings=tunings, starts=tunings, other_filters=other)
 
 
-def _tuning_of(start: ChannelTuning, settings: FilterParams | GeneralizedParams) -> ChannelTuning:
-    """Five-line parameters of a figure; the starting values where the figure has another filter."""
-    if isinstance(settings, GeneralizedParams):
+def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
+    """The parameters of a figure; the starting values where the figure has another filter."""
+    if not isinstance(chosen, StandardFilter):
         return start
-    p0, x0 = (None if value is None else float(value) for value in (settings.p0, settings.x0))
-    return ChannelTuning(start.name, start.unit, float(settings.q), float(settings.r), p0, x0, "source document")
+    params = chosen.params
+    p0, x0 = (None if value is None else float(value) for value in (params.p0, params.x0))
+    return ChannelTuning(start.name, start.unit, float(params.q), float(params.r), p0, x0, "source document")
 
 
 def timed(recording: Recording, sample_period: float) -> Recording:

@@ -38,7 +38,7 @@ def share_line(state: State) -> ShareLine:
     """The command that reopens what is on screen."""
     source, remarks = _source(state.recording)
     words = ["kalscope", "open", source, *reading_words(state), *_channel_words(state.recording, state.channel)]
-    if state.paper_filter is None:
+    if state.filter.is_standard:
         words += setting_words(state)
     else:
         remarks.append("The second paper's filter reopens as its experiment has it.")

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 from kalscope.errors import BadSetting
+from kalscope.filtering.protocol import StandardFilter
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.linked_channels import UNLINKED, apply_to_linked
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 
     from kalscope.estimation.result import Estimate
     from kalscope.filtering.params import FilterParams
-    from kalscope.papers.generalized_filter import GeneralizedParams
+    from kalscope.filtering.protocol import Filter
     from kalscope.recording import Recording
     from kalscope_app.session.live_state import Live, Sent
     from kalscope_app.session.variants import Variant
@@ -52,8 +54,8 @@ class ChannelSettings:
     """The parameters of every channel, in the order of recording.names."""
     starts: tuple[ChannelTuning, ...]
     """What they were when the recording was opened; Reset goes back there."""
-    paper_filters: tuple[GeneralizedParams | None, ...] = ()
-    """The second paper's filter in place of the standard one, by channel; None or absent = the standard one."""
+    other_filters: tuple[Filter | None, ...] = ()
+    """The filter that a channel runs in place of the standard one; None or absent = the standard one."""
     pins: tuple[Variant, ...] = ()
     """Pinned settings of every channel; `State.variants` are those of the channel on screen."""
     link: str = UNLINKED
@@ -175,7 +177,7 @@ class State:
         """Its starting values."""
         return self.settings.starts[self.index]
 
-    @property
+    @cached_property
     def params(self) -> FilterParams:
         """Its parameters as the standard filter takes them."""
         return self.tuning.params
@@ -185,10 +187,15 @@ class State:
         """Its pinned settings, in the order in which they were pinned."""
         return tuple(variant for variant in self.settings.pins if variant.tuning.name == self.channel)
 
-    @property
-    def paper_filter(self) -> GeneralizedParams | None:
-        """The second paper's filter, where the channel on screen runs it."""
-        return self.settings.paper_filters[self.index] if self.settings.paper_filters else None
+    @cached_property
+    def filter(self) -> Filter:
+        """Its filter."""
+        return self.filter_of(self.index)
+
+    def filter_of(self, at: int) -> Filter:
+        """The filter of a channel, by its index."""
+        other = self.settings.other_filters[at] if self.settings.other_filters else None
+        return other or StandardFilter(self.settings.tunings[at].params)
 
     @property
     def dt(self) -> NDArray[np.float64] | None:
@@ -215,15 +222,15 @@ class State:
         ours = self.recording
         return (ours.source, ours.title, ours.names) == (recording.source, recording.title, recording.names)
 
-    def with_paper_filter(self, paper_filter: GeneralizedParams | None) -> State:
+    def with_filter(self, other: Filter | None) -> State:
         """The state with another filter for the channel on screen; None = the standard one."""
-        filters = list(self.settings.paper_filters or (None,) * len(self.settings.tunings))
-        filters[self.index] = paper_filter
-        return self.with_settings(paper_filters=tuple(filters)).with_answers(outcome=None, note="")
+        filters = list(self.settings.other_filters or (None,) * len(self.settings.tunings))
+        filters[self.index] = other
+        return self.with_settings(other_filters=tuple(filters)).with_answers(outcome=None, note="")
 
     def with_standard_filter(self) -> State:
         """The state with the standard filter for the channel on screen."""
-        return self if self.paper_filter is None else self.with_paper_filter(None)
+        return self if self.filter.is_standard else self.with_filter(None)
 
     def with_tuning(self, **values: Any) -> State:
         """The state with other parameters for the channel on screen; refused as FilterParams refuses."""
@@ -240,8 +247,7 @@ class State:
 
     def require_standard_filter(self, names: Iterable[str]) -> None:
         """BadSetting where one of these channels runs the second paper's filter, which cannot be exported."""
-        filters = dict(zip(self.recording.names, self.settings.paper_filters, strict=False))
-        other = [name for name in names if filters.get(name) is not None]
+        other = [name for name in names if not self.filter_of(self.recording.index(name)).is_standard]
         if other:
             raise BadSetting(
                 "what is exported must be the filter with q and r: choose it under Tune first (got the second"

@@ -1,4 +1,4 @@
-"""State -> simpler filters, spectrum and Allan deviation of the channel on screen: studies. Pure."""
+"""The filter on screen beside simpler ones: an idle-time computation."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 from kalscope.analysis.alternatives.comparison import Alternative, Comparison, compare_alternatives, stretch_of
 from kalscope.common.array import Array
-from kalscope_app.engine.frame import Shown, choose_shown
+from kalscope_app.engine.cache import Cache
+from kalscope_app.engine.decimation import DrawnSamples, choose_samples
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from kalscope.recording import Recording
     from kalscope_app.session.state import State
 
 
@@ -24,18 +24,18 @@ class Compared:
     """The choices that were compared."""
     found: Comparison
     """All of them, over their stretch."""
-    shown: Shown
+    drawn: DrawnSamples
     """The samples that the signal chart draws; those outside the stretch are left out."""
 
     @property
     def inside(self) -> np.ndarray:
         """Which of the drawn samples lie in the stretch, bool, shape (m,)."""
-        at = self.shown.indices
+        at = self.drawn.indices
         return (at >= self.found.first) & (at < self.found.last)
 
     def curve(self, one: Alternative) -> Array:
         """A curve at the drawn samples inside the stretch."""
-        return one.curve[self.shown.indices[self.inside] - self.found.first]
+        return one.curve[self.drawn.indices[self.inside] - self.found.first]
 
     @property
     def rivals(self) -> tuple[Alternative, ...]:
@@ -45,30 +45,29 @@ class Compared:
 
 
 class AlternativesStudy:
-    """Compares at rest, and keeps the last comparison while only the view changes."""
+    """Compares while idle, and keeps the last comparison while only the view changes."""
 
     def __init__(self) -> None:
-        self._recording: Recording | None = None
-        self._key: tuple[object, ...] = ()
-        self._found: Comparison | None = None
+        self._found = Cache[Comparison]()
 
     def compute(self, state: State) -> Compared | None:
         """Compare; None where the filter on screen has no q and r."""
-        if state.paper_filter is not None:
+        if not state.filter.is_standard:
             return None
-        recording = state.recording
-        shown = choose_shown(recording, state.channel, state.view.window)
-        window = (shown.first, shown.last)
-        key = (state.channel, state.params, state.view.match_by, *stretch_of(len(recording), window))
-        if self._found is None or self._recording is not recording or self._key != key:
-            column = recording.index(state.channel)
-            self._found = compare_alternatives(
-                recording.values[:, column],
-                state.params,
-                match=state.view.match_by,
-                dt=state.dt,
-                truth=None if recording.truth is None else recording.truth[:, column],
-                window=window,
-            )
-            self._recording, self._key = recording, key
-        return Compared(state, self._found, shown)
+        drawn = choose_samples(state.recording, state.channel, state.view.window)
+        window = (drawn.first, drawn.last)
+        stretch = stretch_of(len(state.recording), window)
+        self._found.begin(state.recording, state.channel, state.view.match_by, stretch)
+        return Compared(state, self._found.get(state.params, lambda: _compare(state, window)), drawn)
+
+
+def _compare(state: State, window: tuple[int, int]) -> Comparison:
+    truth = state.recording.truth
+    return compare_alternatives(
+        state.recording.values[:, state.index],
+        state.params,
+        match=state.view.match_by,
+        dt=state.dt,
+        truth=None if truth is None else truth[:, state.index],
+        window=window,
+    )

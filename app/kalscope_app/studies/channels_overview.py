@@ -1,4 +1,4 @@
-"""State -> Overview: every channel raw and filtered, each on a lane of its own; computed at rest."""
+"""State -> Overview: every channel raw and filtered, each on a lane of its own; an idle-time computation."""
 
 from __future__ import annotations
 
@@ -6,28 +6,24 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import denoise
-from kalscope.filtering.params import FilterParams
-from kalscope.papers.experiments import run_filter
+from kalscope_app.engine.cache import Cache
 from kalscope_app.engine.decimation import choose_indices
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from kalscope.papers.parts import Settings
     from kalscope.recording import Recording
     from kalscope_app.session.state import State
 
-LIMIT = 16
-"""Channels that are drawn: more lanes than that are too low to read."""
+MAX_LANES = 16
+"""Channels that are drawn, at most: more lanes than that are too low to read."""
 
-POINTS = 3000
-"""Most points of all lanes together, before what they share is drawn once."""
+MAX_POINTS = 3000
+"""Points of all lanes together, at most, before what they share is drawn once."""
 
 HALF_LANE = 0.46
-"""Half the height of a lane, which is 1: a little air stays between two."""
+"""Half the height of a lane, which is 1: a small gap stays between two."""
 
 
 @dataclass(frozen=True)
@@ -64,47 +60,35 @@ class Overviews:
     """Computes overviews; what a change does not touch is kept."""
 
     def __init__(self) -> None:
-        self._of: tuple[Recording, object] | None = None
-        self._at: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
-        self._known: dict[tuple[str, Settings], Array] = {}
+        self._drawn = Cache[NDArray[np.intp]]()
+        self._filtered = Cache[Array]()
 
     def compute(self, state: State) -> Overview:
         """The overview of a state."""
-        recording = state.recording
+        recording, window = state.recording, state.view.window
         clock = np.maximum.accumulate(recording.time)
         if len(recording.names) < 2:
             return Overview(state, clock[:0], ())
-        self._look_at(state, clock)
-        known, self._known = self._known, {}
-        lanes = []
-        for i, name in enumerate(recording.names[:LIMIT]):
-            settings = (
-                state.settings.paper_filters[i] if state.settings.paper_filters else None
-            ) or state.settings.tunings[i].params
-            key = name, settings
-            if key not in known:
-                known[key] = _filtered(recording.values[:, i], settings, state.dt)[self._at]
-            self._known[key] = known[key]
-            lanes.append(_lane(name, recording.values[:, i], self._at, known[key]))
-        return Overview(state, clock[self._at], tuple(lanes))
-
-    def _look_at(self, state: State, clock: Array) -> None:
-        """Choose the samples to draw, anew where recording or window changed."""
-        if self._of is not None and self._of[0] is state.recording and self._of[1] == state.view.window:
-            return
-        self._of, self._known = (state.recording, state.view.window), {}
-        first, last = 0, len(clock)
-        if state.view.window is not None:
-            first = int(np.searchsorted(clock, state.view.window[0], side="left"))
-            last = max(int(np.searchsorted(clock, state.view.window[1], side="right")), first + 1)
-        values = state.recording.values[first:last, :LIMIT]
-        share = max(2, POINTS // values.shape[1])
-        chosen = [choose_indices(np.ascontiguousarray(column), None, share) for column in values.T]
-        self._at = first + np.unique(np.concatenate(chosen))
+        at = self._drawn.once(lambda: _drawn_samples(recording, clock, window), recording, window)
+        self._filtered.begin(recording, window)
+        lanes: list[Lane] = []
+        for i, name in enumerate(recording.names[:MAX_LANES]):
+            z, used = recording.values[:, i], state.filter_of(i)
+            filtered = self._filtered.get((i, used), lambda z=z, used=used: used.denoise(z, state.dt)[at])
+            lanes.append(_lane(name, z, at, filtered))
+        return Overview(state, clock[at], tuple(lanes))
 
 
-def _filtered(z: Array, settings: Settings, dt: Array | None) -> Array:
-    return denoise(z, settings, dt) if isinstance(settings, FilterParams) else run_filter(z, settings, dt).x
+def _drawn_samples(recording: Recording, clock: Array, window: tuple[float, float] | None) -> NDArray[np.intp]:
+    """Indices of the samples that show every channel in the window, ascending."""
+    first, last = 0, len(clock)
+    if window is not None:
+        first = int(np.searchsorted(clock, window[0], side="left"))
+        last = max(int(np.searchsorted(clock, window[1], side="right")), first + 1)
+    values = recording.values[first:last, :MAX_LANES]
+    share = max(2, MAX_POINTS // values.shape[1])
+    chosen = [choose_indices(np.ascontiguousarray(column), None, share) for column in values.T]
+    return first + np.unique(np.concatenate(chosen))
 
 
 def _lane(name: str, z: Array, at: NDArray[np.intp], filtered: Array) -> Lane:

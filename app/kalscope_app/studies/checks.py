@@ -1,4 +1,4 @@
-"""State -> Checks: what is computed once a gesture has come to rest, because it takes longer than a frame. Pure."""
+"""State -> Checks: an idle-time computation, because it takes longer than a frame."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from kalscope.estimation.finding import METHOD_WORDS
 from kalscope.filtering.batch import kalman_filter
 
 if TYPE_CHECKING:
+    from kalscope.common.array import Array
+    from kalscope.filtering.params import FilterParams
     from kalscope_app.session.state import State
 
 
@@ -25,18 +27,21 @@ class Checks:
     held_out: Diagnostics
     """Of its second half."""
     fitted_on_first_half: bool
-    """Whether q and r were estimated anew on the first half for that, because they come from an estimate."""
+    """Whether q and r were estimated again on the first half for that, because they come from an estimate."""
 
 
 def compute_checks(state: State) -> Checks | None:
     """Diagnose the channel on screen; None where its filter has no q and r to judge."""
-    if state.paper_filter is not None:
+    if not state.filter.is_standard:
         return None
-    z, dt = state.recording.channel(state.channel), state.dt
+    z, dt = state.z, state.dt
     whole = diagnose(kalman_filter(z, state.params, dt))
     if isinstance(whole, tuple):
         whole = whole[0]
-    # q and r that were fitted to the whole recording have seen the second half: ask again, of the first.
+    # q and r that were fitted to the whole recording have seen the second half: estimate again, on the first.
     estimated = state.tuning.how in METHOD_WORDS.values()
-    fit = (lambda first, dt: estimate(first, dt=dt).params or state.params) if estimated else state.params
-    return Checks(state, whole, diagnose_held_out(z, fit, dt), estimated)
+
+    def fit(first: Array, dt: Array | None) -> FilterParams:
+        return estimate(first, dt=dt).params or state.params
+
+    return Checks(state, whole, diagnose_held_out(z, fit if estimated else state.params, dt), estimated)

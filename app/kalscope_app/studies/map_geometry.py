@@ -146,7 +146,7 @@ def lag_lines(frame: MapFrame, sample: float) -> list[Diagonal]:
     lowest = math.floor(math.log10(NO_FILTERING * sample))
     highest = math.ceil(0.5 * (frame.r[1] - frame.q[0]) + math.log10(sample))
     step = max(1, math.ceil((highest - lowest) / MOST_DECADES))
-    lines = []
+    lines: list[Diagonal] = []
     for decade in range(lowest, highest + 1, step):
         for lead in (1.0, 3.0) if step == 1 else (1.0,):
             lag = lead * 10.0**decade / sample

@@ -39,10 +39,10 @@ class Spectra:
 
 def compute_spectra(state: State) -> Spectra | None:
     """Densities and response of the channel on screen; None where its filter has no q and r."""
-    if state.paper_filter is not None:
+    if not state.filter.is_standard:
         return None
     period = state.recording.sample_period
-    found = spectrum(state.recording.channel(state.channel), state.params, state.dt, period)
+    found = spectrum(state.z, state.params, state.dt, period)
     frequency, *densities = log_binned(found.frequency, [found.raw, found.filtered, found.residual], BINS)
     fine = (
         np.geomspace(float(found.frequency[0]), float(found.frequency[-1]), BINS) if found.samples else np.empty(0)
@@ -59,7 +59,7 @@ def log_binned(x: Array, ys: list[Array], bins: int) -> tuple[Array, ...]:
     """Means of x > 0, ascending, and of each y over bins of equal ratio; bins without a point are left out."""
     if len(x) <= bins:
         return (x, *ys)
-    edges = np.geomspace(x[0], x[-1] * (1 + 1e-12), bins + 1)
+    edges: Array = np.geomspace(float(x[0]), float(x[-1]) * (1 + 1e-12), bins + 1)
     place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, bins - 1)
     counts = np.bincount(place, minlength=bins)
     full = counts > 0
@@ -78,7 +78,6 @@ class Allan:
 
 def compute_allan(state: State) -> Allan | None:
     """Allan deviation of the channel on screen; None where its filter has no q and r."""
-    if state.paper_filter is not None:
+    if not state.filter.is_standard:
         return None
-    z = state.recording.channel(state.channel)
-    return Allan(state, allan_deviation(z, state.params, state.recording.sample_period))
+    return Allan(state, allan_deviation(state.z, state.params, state.recording.sample_period))

@@ -19,10 +19,10 @@ from kalscope.estimation.likelihood.contour import likelihood_contour
 from kalscope.estimation.likelihood.profile import Profile, likelihood_profile, loglik_map
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
+from kalscope_app.engine.cache import Cache
 
 if TYPE_CHECKING:
     from kalscope.estimation.result import Estimate
-    from kalscope.recording import Recording
     from kalscope.tuning.tuning import ChannelTuning
     from kalscope_app.session.state import State
     from kalscope_app.studies.map_geometry import Point, Range
@@ -43,8 +43,6 @@ LN10 = math.log(10.0)
 class Scan:
     """All that a recording tells of its pairs, whatever the map's colours and range."""
 
-    recording: Recording
-    channel: str
     best: Estimate
     """Maximum likelihood."""
     profile: Profile | None
@@ -57,8 +55,6 @@ class Scan:
 class Errors:
     """Error against the truth over λ."""
 
-    recording: Recording
-    channel: str
     rmse: Array
     """Root mean square error of the filtered signal for each ln λ of LOG_RATIOS, unit, shape (65,)."""
     raw: float
@@ -94,43 +90,21 @@ class MapMaker:
     """Computes the map of a state and keeps what it can for the next. One thread at a time."""
 
     def __init__(self) -> None:
-        self._scan: Scan | None = None
-        self._errors: Errors | None = None
-        self._key: tuple[object, ...] = ()
-        self._map: TuningMap | None = None
+        self._scans, self._errors, self._maps = Cache[Scan](), Cache[Errors](), Cache[TuningMap]()
 
     def __call__(self, state: State) -> TuningMap:
         """The map of a state; the same object while nothing of it has changed."""
-        if state.paper_filter is not None:
-            return nothing("This filter has no q and r: the tuning map belongs to the five lines.")
-        scan = self._scan_of(state)
-        colour = (
-            state.view.map_colour
-            if state.recording.truth is not None or state.view.map_colour != "RMSE"
-            else "likelihood"
-        )
+        if not state.filter.is_standard:
+            return nothing("This filter has no q and r: the tuning map belongs to the standard filter.")
+        signal = state.recording, state.channel
+        scan = self._scans.once(lambda: scan_recording(state), *signal)
+        colour = state.view.map_colour
+        if colour == "RMSE" and state.recording.truth is None:
+            colour = "likelihood"
+        errors = self._errors.once(lambda: errors_over_ratio(state), *signal) if colour == "RMSE" else None
         q, r = map_ranges(state, scan)
-        key = (scan, colour, q, r, limits_of(state))
-        if self._map is None or not _same(key, self._key):
-            errors = self._errors_of(state) if colour == "RMSE" else None
-            self._map, self._key = draw_map(scan, errors, colour, q, r, limits_of(state)), key
-        return self._map
-
-    def _scan_of(self, state: State) -> Scan:
-        scan = self._scan
-        if scan is None or scan.recording is not state.recording or scan.channel != state.channel:
-            self._scan = scan = scan_recording(state)
-        return scan
-
-    def _errors_of(self, state: State) -> Errors:
-        errors = self._errors
-        if errors is None or errors.recording is not state.recording or errors.channel != state.channel:
-            self._errors = errors = errors_over_ratio(state)
-        return errors
-
-
-def _same(key: tuple[object, ...], other: tuple[object, ...]) -> bool:
-    return len(key) == len(other) and key[0] is other[0] and key[1:] == other[1:]
+        note = limits_of(state)
+        return self._maps.once(lambda: draw_map(scan, errors, colour, q, r, note), scan, colour, q, r, note)
 
 
 def nothing(why: str) -> TuningMap:
@@ -141,26 +115,26 @@ def nothing(why: str) -> TuningMap:
 
 def scan_recording(state: State) -> Scan:
     """One scan of the channel on screen: the best pair, the likelihood over λ, the 95 % region."""
-    z, dt = state.recording.channel(state.channel), state.dt
+    z, dt = state.z, state.dt
     best = estimate(z, "ml", dt=dt)
     if best.verdict in ("too_few", "constant", "bad_unit"):
-        return Scan(state.recording, state.channel, best, None, None)
+        return Scan(best, None, None)
     around = likelihood_contour(z, best, dt)
     line = None if around is None else np.stack([around.log_q, around.log_r], axis=1) / LN10
-    return Scan(state.recording, state.channel, best, likelihood_profile(z, dt=dt), line)
+    return Scan(best, likelihood_profile(z, dt=dt), line)
 
 
 def errors_over_ratio(state: State) -> Errors:
     """Error against the truth for every λ of LOG_RATIOS: one run of the filter each, automatic start."""
-    column = state.recording.index(state.channel)
+    column = state.index
     z, dt = state.recording.values[:, column], state.dt
     truth = np.full(len(z), np.nan) if state.recording.truth is None else state.recording.truth[:, column]
     out = np.empty(len(z))
-    rmse = []
+    rmse: list[float] = []
     for log_ratio in LOG_RATIOS:
         denoise(z, FilterParams(q=math.exp(log_ratio), r=1.0), dt, out=out)
         rmse.append(rms(np.subtract(out, truth, out=out)))
-    return Errors(state.recording, state.channel, np.array(rmse), rms(z - truth))
+    return Errors(np.array(rmse), rms(z - truth))
 
 
 def rms(error: Array) -> float:

@@ -1,4 +1,4 @@
-"""The table of pinned settings: what each of them does to the channel on screen. Computed at rest."""
+"""The table of pinned settings: what each of them does to the channel on screen. An idle-time computation."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.steady_state import SteadyState, steady_state
+from kalscope_app.engine.cache import Cache
 
 if TYPE_CHECKING:
     from kalscope.filtering.params import FilterParams
-    from kalscope.recording import Recording
     from kalscope_app.session.state import State
     from kalscope_app.session.variants import Variant
 
@@ -60,26 +60,18 @@ class VariantTable:
     """Computes tables and keeps what was measured, so that a gesture measures the present setting alone."""
 
     def __init__(self) -> None:
-        self._of: tuple[Recording, str] | None = None
-        self._known: dict[FilterParams, Measures] = {}
+        self._measures = Cache[Measures]()
 
     def compute(self, state: State) -> VariantComparison:
         """The table of a state."""
-        if self._of is None or self._of[0] is not state.recording or self._of[1] != state.channel:
-            self._of, self._known = (state.recording, state.channel), {}
-        settings = [(variant, variant.tuning.params) for variant in state.variants]
-        present = [(None, state.params)] if state.paper_filter is None else []
-        rows = tuple(
-            VariantRow(variant, params, self._measure(state, params)) for variant, params in (*present, *settings)
-        )
-        wanted = {row.params for row in rows}
-        self._known = {params: measures for params, measures in self._known.items() if params in wanted}
-        return VariantComparison(state, rows)
-
-    def _measure(self, state: State, params: FilterParams) -> Measures:
-        if params not in self._known:
-            self._known[params] = measure(state, params)
-        return self._known[params]
+        self._measures.begin(state.recording, state.channel)
+        present = [(None, state.params)] if state.filter.is_standard else []
+        settings = [*present, *((variant, variant.tuning.params) for variant in state.variants)]
+        rows = [
+            VariantRow(variant, params, self._measures.get(params, lambda params=params: measure(state, params)))
+            for variant, params in settings
+        ]
+        return VariantComparison(state, tuple(rows))
 
 
 def measure(state: State, params: FilterParams) -> Measures:

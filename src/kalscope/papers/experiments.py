@@ -9,21 +9,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.streaming import KalmanFilter
-from kalscope.papers.generalized_filter import (
-    GeneralizedFilter,
-    generalized_filter,
-)
+from kalscope.filtering.protocol import StandardFilter
 from kalscope.papers.interactive_matter_2009 import document as lis302dl
 from kalscope.papers.khan import paper as generalized
 from kalscope.papers.maarif_2019 import paper as noise_reducer
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from kalscope.papers.parts import Experiment, Settings
+    from kalscope.filtering.protocol import Filter
+    from kalscope.papers.parts import Experiment
     from kalscope.recording import Recording
 
 PREFIX = "experiment:"
@@ -35,15 +29,15 @@ def list_experiments() -> list[Experiment]:
     return [*noise_reducer.EXPERIMENTS, *generalized.EXPERIMENTS, *lis302dl.EXPERIMENTS]
 
 
-def open_experiment(name: str) -> tuple[Recording, dict[str, Settings]]:
-    """Open an experiment: its recording, and the settings of each channel by name.
+def open_experiment(name: str) -> tuple[Recording, dict[str, Filter]]:
+    """Open an experiment: its recording, and the filter of each channel by name.
 
     Args:
         name: a name of `list_experiments`, with or without "experiment:" before it.
 
     Returns:
-        (recording, settings): settings are FilterParams, or GeneralizedParams where the document has a filter
-        of its own; `run_filter` and `streaming_filter` take either. The recording's `source` reopens it.
+        (recording, filters): StandardFilter, or GeneralizedParams where the document has a filter of its own.
+        The recording's `source` reopens it.
 
     Raises:
         BadSetting: no such experiment.
@@ -52,16 +46,8 @@ def open_experiment(name: str) -> tuple[Recording, dict[str, Settings]]:
     known = {experiment.name: experiment for experiment in list_experiments()}
     if bare not in known:
         raise BadSetting(f"experiment must be one of {', '.join(known)} (got {bare!r})")
-    return known[bare].load()
-
-
-def run_filter(z: ArrayLike, settings: Settings, dt: ArrayLike | None = None) -> FilterResult:
-    """Filter a record with whatever filter the settings belong to; arguments and errors as `kalman_filter`."""
-    if isinstance(settings, FilterParams):
-        return kalman_filter(z, settings, dt)
-    return generalized_filter(z, settings, dt)
-
-
-def streaming_filter(settings: Settings) -> KalmanFilter | GeneralizedFilter:
-    """The streaming filter of the settings; both have `update`, `x`, `p` and `k`."""
-    return KalmanFilter(settings) if isinstance(settings, FilterParams) else GeneralizedFilter(settings)
+    recording, settings = known[bare].load()
+    filters: dict[str, Filter] = {
+        name: StandardFilter(one) if isinstance(one, FilterParams) else one for name, one in settings.items()
+    }
+    return recording, filters

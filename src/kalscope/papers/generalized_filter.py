@@ -22,6 +22,7 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import columns_of, refuse_infinite, shaped_like, steps_of
 from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.params import LARGEST, FilterParams
+from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
 from kalscope.filtering.streaming import KalmanFilter
 from kalscope.papers import generalized_kernels as kernels
 
@@ -72,6 +73,32 @@ class GeneralizedParams:
         if self.reading == "printed":
             raise BadSetting('reading must be "without_slip" to have a q and an r (got "printed")')
         return FilterParams(q=0.0, r=self.sigma_m, p0=self.sigma_e0, x0=self.e0)
+
+    @property
+    def is_standard(self) -> bool:
+        """False: in the printed reading it has no q and r, and it is not exported in either."""
+        return False
+
+    def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
+        """`generalized_filter`."""
+        return generalized_filter(z, self, dt)
+
+    def denoise(self, z: ArrayLike, dt: ArrayLike | None = None) -> Array:
+        """The filtered signal of `run`."""
+        return self.run(z, dt).x
+
+    def stream(self) -> GeneralizedFilter:
+        """A `GeneralizedFilter`."""
+        return GeneralizedFilter(self)
+
+    def settled(self, result: FilterResult, sample_period: float | None = None) -> SteadyState:
+        """The Kalman filter that settles at the last gain of a run: its own gain follows the level."""
+        gain = float(result.k[-1])
+        if gain >= 1.0:
+            params = FilterParams(q=1.0, r=0.0)
+        else:
+            params = FilterParams(q=ratio_for(gain=gain) if gain > 0.0 else 0.0, r=1.0)
+        return steady_state(params, sample_period)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
 
 Settings = FilterParams | GeneralizedParams
-"""Parameters of one of the filters; `run_filter` knows them all."""
+"""Parameters of one of the filters; the second paper has one of its own."""
 
 
 @dataclass(frozen=True)

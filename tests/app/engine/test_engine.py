@@ -10,7 +10,7 @@ import pytest
 from waiting import PATIENCE
 
 from kalscope import Recording, kalman_filter
-from kalscope_app.engine.engine import LEAST_INTERVAL, Engine, pause_before_frame
+from kalscope_app.engine.engine import MIN_INTERVAL, Engine, pause_before_frame
 from kalscope_app.session.changes.parameters import set_exponent, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
@@ -57,7 +57,7 @@ def running(session):
 
 @pytest.mark.parametrize(
     ("now", "last", "pause"),
-    [(10.0, 0.0, 0.0), (1.0, 1.0, LEAST_INTERVAL), (1.03, 1.0, 0.01), (0.0, 5.0, LEAST_INTERVAL)],
+    [(10.0, 0.0, 0.0), (1.0, 1.0, MIN_INTERVAL), (1.03, 1.0, 0.01), (0.0, 5.0, MIN_INTERVAL)],
 )
 def test_frames_keep_their_distance(now, last, pause):
     assert pause_before_frame(now, last) == pytest.approx(pause)
@@ -78,7 +78,7 @@ def test_after_a_burst_of_requests_the_last_frame_holds_the_last_value(running, 
     frame = screen.frames[-1]
     assert frame.state.tuning.q == pytest.approx(10 ** (-1.0 - burst / 10), rel=0.01)
     expected = kalman_filter(frame.state.recording.channel("z"), frame.state.params).x
-    assert np.array_equal(frame.filtered, expected[frame.shown.indices])
+    assert np.array_equal(frame.filtered, expected[frame.drawn.indices])
     assert len(screen.frames) < 100
 
 
@@ -120,4 +120,4 @@ def test_drawn_indices_are_chosen_once_for_one_view(running):
     screen.wait(lambda: screen.frames and screen.frames[-1].serial == last)
     again = session.request(set_exponent("q", -2.0))
     screen.wait(lambda: screen.frames[-1].serial == again)
-    assert screen.frames[-1].shown is screen.frames[-2].shown
+    assert screen.frames[-1].drawn is screen.frames[-2].drawn

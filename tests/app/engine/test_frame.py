@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, Recording, kalman_filter, steady_state
-from kalscope_app.engine.decimation import POINT_LIMIT
-from kalscope_app.engine.frame import choose_shown, compute_frame, gain_axis, samples_to_settle
+from kalscope_app.engine.decimation import MAX_POINTS, choose_samples
+from kalscope_app.engine.frame import compute_frame, gain_axis, samples_to_settle
 from kalscope_app.session.changes.parameters import set_text
 from kalscope_app.session.changes.view import set_window
 from kalscope_app.session.opening import opened
@@ -29,31 +29,31 @@ def recording(n=20_000, missing=0.0, truth=False, period=0.01):
 
 
 def frame_of(state):
-    return compute_frame(state, 0, choose_shown(state.recording, state.channel, state.view.window))
+    return compute_frame(state, 0, choose_samples(state.recording, state.channel, state.view.window))
 
 
-@pytest.mark.parametrize("n", [1, 2, 5, 300, POINT_LIMIT, POINT_LIMIT + 1, 50_000])
+@pytest.mark.parametrize("n", [1, 2, 5, 300, MAX_POINTS, MAX_POINTS + 1, 50_000])
 @pytest.mark.parametrize("truth", [False, True])
 def test_never_more_than_the_limit_is_drawn_and_all_of_a_short_record(n, truth):
-    shown = choose_shown(recording(n, truth=truth), "z", None)
-    assert len(shown.indices) <= POINT_LIMIT
+    shown = choose_samples(recording(n, truth=truth), "z", None)
+    assert len(shown.indices) <= MAX_POINTS
     assert (np.diff(shown.indices) > 0).all()
     assert shown.decimated == (len(shown.indices) < n)
-    assert n > POINT_LIMIT or len(shown.indices) == n
+    assert n > MAX_POINTS or len(shown.indices) == n
 
 
 def test_what_is_drawn_is_the_filter_on_all_samples():
     state = opened(recording(missing=0.01))
     result = kalman_filter(state.recording.channel("z"), state.params)
     frame = frame_of(state)
-    at = frame.shown.indices
-    assert frame.shown.decimated
+    at = frame.drawn.indices
+    assert frame.drawn.decimated
     assert np.array_equal(frame.filtered, result.x[at])
     assert np.array_equal(frame.spread, 2 * np.sqrt(result.p[at]))
     assert np.array_equal(frame.innovation, result.innovation[at], equal_nan=True)
     assert np.array_equal(frame.innovation_spread, 2 * np.sqrt(result.s[at]))
     assert np.array_equal(frame.gain, result.k[frame.gain_samples.astype(int)])
-    assert frame.shown.missing == np.isnan(state.recording.values).sum()
+    assert frame.drawn.missing == np.isnan(state.recording.values).sum()
 
 
 def test_extremes_of_the_signal_survive_the_decimation():
@@ -61,28 +61,28 @@ def test_extremes_of_the_signal_survive_the_decimation():
     z = rec.channel("z").copy()
     z[123_457] = 1e3
     rec = Recording(rec.time, rec.names, rec.units, z[:, None], rec.sample_period)
-    assert 123_457 in choose_shown(rec, "z", None).indices
+    assert 123_457 in choose_samples(rec, "z", None).indices
 
 
 def test_a_parameter_changes_y_only():
     state = opened(recording())
     before, after = frame_of(state), frame_of(set_text("q", "100")(state))
-    assert np.array_equal(before.shown.time, after.shown.time)
-    assert np.array_equal(before.shown.raw, after.shown.raw)
+    assert np.array_equal(before.drawn.time, after.drawn.time)
+    assert np.array_equal(before.drawn.raw, after.drawn.raw)
     assert not np.array_equal(before.filtered, after.filtered)
 
 
 def test_a_window_draws_its_part_and_filters_the_whole():
     state = opened(recording())
     part = frame_of(set_window(100.0, 120.0)(state))
-    assert (part.shown.time[0], part.shown.time[-1]) == (100.0, 120.0)
+    assert (part.drawn.time[0], part.drawn.time[-1]) == (100.0, 120.0)
     x = kalman_filter(state.recording.channel("z"), state.params).x
     assert np.array_equal(part.filtered, x[10_000:12_001])
 
 
 @pytest.mark.parametrize("window", [(0.001, 0.002), (199.99, 199.99), (0.0, 0.0)])
 def test_the_narrowest_window_still_has_two_samples(window):
-    shown = choose_shown(recording(), "z", window)
+    shown = choose_samples(recording(), "z", window)
     assert len(shown.indices) >= 2
 
 
@@ -90,7 +90,7 @@ def test_time_that_steps_back_is_drawn_without_stepping_back():
     rec = recording(100)
     time = rec.time.copy()
     time[50:] -= 0.2
-    shown = choose_shown(Recording(time, rec.names, rec.units, rec.values, 0.01), "z", None)
+    shown = choose_samples(Recording(time, rec.names, rec.units, rec.values, 0.01), "z", None)
     assert (np.diff(shown.time) >= 0).all()
 
 

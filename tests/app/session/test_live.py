@@ -17,9 +17,10 @@ from kalscope import BadSetting, Recording, kalman_filter
 from kalscope.sources.live.live_status import RecordingStatus
 from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.engine import LIVE_INTERVAL, Engine, wait_for_request
 from kalscope_app.engine.filter_runs import FilterRuns
-from kalscope_app.engine.frame import choose_shown, compute_frame
+from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes.channels import select_channel, set_board_channel
 from kalscope_app.session.changes.parameters import reset_parameters, set_text
 from kalscope_app.session.changes.view import set_window
@@ -49,7 +50,7 @@ def board():
 
 
 def frame_of(state, runs=None):
-    return compute_frame(state, 0, choose_shown(state.recording, state.channel, live_window(state)), runs)
+    return compute_frame(state, 0, choose_samples(state.recording, state.channel, live_window(state)), runs)
 
 
 def test_before_the_first_sample_the_screen_waits(board):
@@ -142,12 +143,12 @@ def test_the_filter_of_a_growing_record_equals_the_filter_of_the_whole(board):
         state = refreshed(replace_sent(board, count, state))
         frame = frame_of(set_span("all")(state), runs)
         whole = kalman_filter(state.recording.channel("a"), state.params)
-        np.testing.assert_array_equal(frame.filtered, whole.x[frame.shown.indices])
+        np.testing.assert_array_equal(frame.filtered, whole.x[frame.drawn.indices])
     board.first = 1000  # older samples leave memory: the filter goes on from what it knew
     state = refreshed(replace_sent(board, 10, state))
     frame = frame_of(set_span("all")(state), runs)
     whole = kalman_filter(board.values[:, 0], state.params)
-    np.testing.assert_array_equal(frame.filtered, whole.x[1000:][frame.shown.indices])
+    np.testing.assert_array_equal(frame.filtered, whole.x[1000:][frame.drawn.indices])
 
 
 def test_new_parameters_filter_all_that_is_kept(board):
@@ -157,7 +158,7 @@ def test_new_parameters_filter_all_that_is_kept(board):
     tuned = set_text("q", "0.5")(state)
     frame = frame_of(tuned, runs)
     whole = kalman_filter(tuned.recording.channel("a"), tuned.params)
-    np.testing.assert_array_equal(frame.filtered, whole.x[frame.shown.indices])
+    np.testing.assert_array_equal(frame.filtered, whole.x[frame.drawn.indices])
 
 
 def test_undo_takes_back_the_tuning_and_leaves_the_samples(board):
@@ -232,7 +233,7 @@ def test_the_boards_own_filter_is_drawn_and_compared():
     board.values[200, 1] += 0.25
     frame = frame_of(state)
     assert frame.board_difference == pytest.approx(0.25)
-    np.testing.assert_array_equal(frame.board, board.values[:, 1][frame.shown.indices])
+    np.testing.assert_array_equal(frame.board, board.values[:, 1][frame.drawn.indices])
     assert frame_of(set_board_channel(None)(state)).board is None
 
 

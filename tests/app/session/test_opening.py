@@ -7,9 +7,10 @@ import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, open_source, steady_state
 from kalscope.estimation.finding import Found
-from kalscope.papers.experiments import list_experiments, open_experiment, run_filter
+from kalscope.papers.experiments import list_experiments, open_experiment
 from kalscope.papers.generalized_filter import GeneralizedParams
-from kalscope_app.engine.frame import choose_shown, compute_frame
+from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes.parameters import (
     apply_found,
     reset_parameters,
@@ -24,16 +25,16 @@ from kalscope_app.views.tune.numbers import table
 
 
 def frame_of(state):
-    return compute_frame(state, 0, choose_shown(state.recording, state.channel, None))
+    return compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
 
 
 @pytest.mark.parametrize("name", [experiment.name for experiment in list_experiments()])
 def test_every_experiment_opens_at_the_settings_of_its_figure(name):
-    recording, settings = open_experiment(name)
+    recording, filters = open_experiment(name)
     state = opened_experiment(name)
     frame = frame_of(state)
-    expected = run_filter(recording.channel(state.channel), settings[state.channel]).x
-    assert np.array_equal(frame.filtered, expected[frame.shown.indices], equal_nan=True)
+    expected = filters[state.channel].run(recording.channel(state.channel)).x
+    assert np.array_equal(frame.filtered, expected[frame.drawn.indices], equal_nan=True)
     assert reset_parameters(set_text("q", "7")(state)).settings.tunings == state.settings.tunings
     assert "gain K" in table(frame)
 
@@ -49,11 +50,11 @@ def test_the_second_papers_filter_is_a_choice_and_can_be_left(state, reading):
     chosen = set_variant_of_eq3(reading)(state)
     typed = set_paper_text("sigma_m", "50")(chosen)
     frame = frame_of(typed)
-    expected = run_filter(state.recording.channel("z"), GeneralizedParams(50.0, None, None, reading)).x
+    expected = GeneralizedParams(50.0, None, None, reading).run(state.recording.channel("z")).x
     assert np.array_equal(frame.filtered, expected)
     assert compute_checks(typed) is None
     assert "| q / r | – |" in table(frame)
-    assert set_variant_of_eq3(None)(typed).paper_filter is None
+    assert set_variant_of_eq3(None)(typed).filter.is_standard
     assert len(record(History(), state, chosen, "", 0.0).past) == 1
 
 
@@ -66,7 +67,7 @@ def test_its_gain_is_told_in_the_words_of_the_five_lines(state):
 def test_finding_q_and_r_returns_to_the_five_lines(state):
     chosen = set_variant_of_eq3("printed")(state)
     found = apply_found(state.recording, "z", Found(FilterParams(1.0, 2.0), "x", "y"))(chosen)
-    assert found.paper_filter is None
+    assert found.filter.is_standard
     assert frame_of(found).steady == steady_state(FilterParams(1.0, 2.0), 1.0)
 
 

@@ -81,7 +81,7 @@ def test_taking_one_is_one_step_that_undo_takes_back(state):
 
 
 def test_a_preset_ends_the_second_papers_filter_and_an_unknown_one_is_refused(state):
-    other = state.with_paper_filter(GeneralizedParams(1.0, None, None, "printed"))
-    assert take_preset(next(iter(PRESETS)))(other).paper_filter is None
+    other = state.with_filter(GeneralizedParams(1.0, None, None, "printed"))
+    assert take_preset(next(iter(PRESETS)))(other).filter.is_standard
     with pytest.raises(BadSetting, match="preset must be one of"):
         take_preset("<img>")

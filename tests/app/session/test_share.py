@@ -47,7 +47,7 @@ def essence(state):
     tuning = state.tuning
     setting = (tuning.q, tuning.r, tuning.p0, tuning.x0, tuning.gate)
     recording = state.recording
-    return state.channel, setting, recording.sample_period, recording.gaps, state.open.options, state.paper_filter
+    return state.channel, setting, recording.sample_period, recording.gaps, state.open.options, state.filter
 
 
 def files(folder):
@@ -92,7 +92,7 @@ def test_samples_and_made_signals_reopen_too(source, reopen):
 def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(name, reopen):
     state = opened_experiment(f"experiment:{name}")
     assert essence(reopen(share_line(state).line)) == essence(state)
-    tuned = set_automatic_start(True)(set_text("r", "3")(state.with_paper_filter(None)))
+    tuned = set_automatic_start(True)(set_text("r", "3")(state.with_filter(None)))
     again = reopen(share_line(tuned).line)
     assert essence(again) == essence(tuned)
 

@@ -9,8 +9,8 @@ import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter, steady_state
 from kalscope.papers.generalized_filter import GeneralizedParams
-from kalscope_app.engine.frame import choose_shown
-from kalscope_app.engine.variant_curves import Curves
+from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.filter_runs import VariantCurves
 from kalscope_app.session.changes.channels import select_channel
 from kalscope_app.session.changes.parameters import set_text
 from kalscope_app.session.changes.variants import delete_variant, pin_present, rename_variant, use_variant
@@ -107,8 +107,8 @@ def test_using_a_variant_brings_all_of_its_setting(state):
 
 
 def test_using_a_variant_ends_the_second_papers_filter(state):
-    other = pin(state, 7).with_paper_filter(GeneralizedParams(1.0, None, None, "printed"))
-    assert use_variant("A")(other).paper_filter is None
+    other = pin(state, 7).with_filter(GeneralizedParams(1.0, None, None, "printed"))
+    assert use_variant("A")(other).filter.is_standard
     with pytest.raises(BadSetting, match="q and r to be pinned"):
         pin_present(other)
 
@@ -159,7 +159,7 @@ def test_variants_stay_for_channels_of_the_same_name_and_unit(state):
 
 def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state):
     tuned = pin(state, 1, 2)
-    curves, shown = Curves(), choose_shown(tuned.recording, "a", None)
+    curves, shown = VariantCurves(), choose_samples(tuned.recording, "a", None)
     first = curves.of(tuned, shown)
     for curve, variant in zip(first, tuned.variants, strict=True):
         z = tuned.recording.channel("a")
@@ -167,10 +167,10 @@ def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state)
         assert np.allclose(curve, expected, rtol=0, atol=1e-11 * np.abs(z).max())
     again = curves.of(set_text("r", "3")(tuned), shown)
     assert all(a is b for a, b in zip(first, again, strict=True))
-    narrower = choose_shown(tuned.recording, "a", (1.0, 2.0))
+    narrower = choose_samples(tuned.recording, "a", (1.0, 2.0))
     assert [len(curve) for curve in curves.of(tuned, narrower)] == [len(narrower.indices)] * 2
     other = select_channel("b")(tuned)
-    assert curves.of(other, choose_shown(other.recording, "b", None)) == ()
+    assert curves.of(other, choose_samples(other.recording, "b", None)) == ()
 
 
 def test_the_table_holds_what_each_setting_does(state):

@@ -10,7 +10,6 @@ import pytest
 from kalscope import BadSetting, Recording, denoise, open_source, steady_state
 from kalscope.estimation.finding import Found
 from kalscope.filtering.params import FilterParams
-from kalscope.papers.experiments import run_filter
 from kalscope.papers.generalized_filter import GeneralizedParams
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting, select_channel, set_link
@@ -19,7 +18,7 @@ from kalscope_app.session.changes.view import set_window
 from kalscope_app.session.linked_channels import SAME_LAG, SAME_NUMBERS, UNLINKED, apply_to_linked, scaled_copy
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.studies.channels_overview import LIMIT, POINTS, Overviews
+from kalscope_app.studies.channels_overview import MAX_LANES, MAX_POINTS, Overviews
 from kalscope_app.views.charts.channels import lanes_of, lead_of, table_of
 
 
@@ -129,12 +128,12 @@ def test_lanes_hold_each_channel_on_its_own_scale(state):
         assert np.allclose(lane.filtered, (filtered - middle) / half, atol=1e-9)
 
 
-@pytest.mark.parametrize(("channels", "lanes"), [(1, 0), (2, 2), (16, 16), (40, LIMIT)])
+@pytest.mark.parametrize(("channels", "lanes"), [(1, 0), (2, 2), (16, 16), (40, MAX_LANES)])
 def test_sixteen_channels_are_drawn_of_any_number(channels, lanes):
     state = opened(recording(n=20_000, channels=channels, scale=1.5))
     overview = Overviews().compute(state)
     assert len(overview.lanes) == lanes
-    assert len(overview.time) <= POINTS + LIMIT
+    assert len(overview.time) <= MAX_POINTS + MAX_LANES
     assert (np.diff(overview.time) > 0).all()
     if lanes:
         _, ys, layout = lanes_of(overview)
@@ -167,9 +166,9 @@ def test_constant_and_empty_channels_have_a_flat_lane():
 
 
 def test_the_second_papers_filter_has_a_lane_and_no_q(state):
-    other = state.with_paper_filter(GeneralizedParams(1.0, None, None, "without_slip"))
+    other = state.with_filter(GeneralizedParams(1.0, None, None, "without_slip"))
     overview = Overviews().compute(other)
-    expected = run_filter(state.recording.values[:, 0], other.paper_filter).x
+    expected = other.filter.run(state.recording.values[:, 0]).x
     assert np.argmax(overview.lanes[0].filtered) == np.argmax(expected)
     assert table_of(overview).count("| – | – |") == 1
     assert "| – | – |" not in table_of(Overviews().compute(state))

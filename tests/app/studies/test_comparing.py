@@ -37,8 +37,8 @@ def test_the_names_to_choose_from_are_those_of_the_comparison():
 def test_drawn_curves_are_those_of_the_comparison_at_the_drawn_samples():
     state = set_window(5.0, 15.0)(state_of())
     compared = AlternativesStudy().compute(state)
-    assert compared.shown.first == 500
-    at = compared.shown.indices
+    assert compared.drawn.first == 500
+    at = compared.drawn.indices
     for one in (compared.found.present, *compared.rivals):
         assert np.array_equal(compared.curve(one), one.curve[at], equal_nan=True)
     assert [one.name for one in compared.rivals] == ["Moving average"]
@@ -52,7 +52,7 @@ def test_a_long_recording_is_compared_around_the_view_and_drawn_only_there():
     state = state_of(n, values=values)
     whole = AlternativesStudy().compute(state)
     assert (whole.found.first, whole.found.last) == (125_000, 325_000)
-    assert 0 < whole.inside.sum() < len(whole.shown.indices)
+    assert 0 < whole.inside.sum() < len(whole.drawn.indices)
     assert len(whole.curve(whole.found.present)) == whole.inside.sum()
     end = AlternativesStudy().compute(set_window(4400.0, 4499.0)(state))
     assert end.inside.all()
@@ -80,7 +80,7 @@ def test_a_browser_may_send_any_word(word, match):
 
 
 def test_the_second_papers_filter_has_nothing_to_compare():
-    state = state_of().with_paper_filter(GeneralizedParams(1.0, None, None, "printed"))
+    state = state_of().with_filter(GeneralizedParams(1.0, None, None, "printed"))
     assert AlternativesStudy().compute(state) is None
     assert compute_spectra(state) is None
     assert compute_allan(state) is None

@@ -49,7 +49,7 @@ def test_the_second_papers_filter_is_refused_wherever_it_would_leave():
     with pytest.raises(BadSetting, match="must be the filter with q and r"):
         files_of(state, Choice())
     assert "Khan et al. filter" in limits_text(state)
-    assert files_of(state.with_paper_filter(None), Choice())
+    assert files_of(state.with_filter(None), Choice())
 
 
 def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):

@@ -10,7 +10,8 @@ import pytest
 from kalscope import BadSetting, FilterParams, Recording, compare_methods, steady_state
 from kalscope.analysis.advice import as_sentences
 from kalscope.estimation.finding import Found, find_parameters
-from kalscope_app.engine.frame import choose_shown, compute_frame
+from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes.channels import select_channel
 from kalscope_app.session.changes.parameters import apply_found, set_method_comparison, set_text
 from kalscope_app.session.changes.view import set_smoother
@@ -151,7 +152,7 @@ def test_before_and_after_stand_in_the_answer(state):
 
 
 def test_the_smoother_is_drawn_only_when_asked(state):
-    shown = choose_shown(state.recording, "a", None)
+    shown = choose_samples(state.recording, "a", None)
     assert compute_frame(state, 0, shown).smoothed is None
     smoothed = compute_frame(set_smoother(True)(state), 0, shown).smoothed
     assert np.std(np.diff(smoothed)) < np.std(np.diff(compute_frame(state, 0, shown).filtered))
@@ -162,7 +163,7 @@ def test_the_gate_is_typed_and_its_refusals_are_counted(state):
     values[500, 0] += 1000.0
     spiked = opened(replace(state.recording, values=values))
     gated = set_text("gate", "25")(spiked)
-    assert compute_frame(gated, 0, choose_shown(gated.recording, "a", None)).rejected >= 1
+    assert compute_frame(gated, 0, choose_samples(gated.recording, "a", None)).rejected >= 1
     assert set_text("gate", "off")(gated).tuning.gate is None
     with pytest.raises(BadSetting, match="gate must be"):
         set_text("gate", "0")(spiked)

@@ -8,7 +8,8 @@ from PIL import ImageFont
 
 from kalscope import Recording
 from kalscope.common.text import number
-from kalscope_app.engine.frame import choose_shown, compute_frame
+from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
 from kalscope_app.views.charts.phone_picture import VISIBLE, WIDTH, draw_picture, printable
 
@@ -17,7 +18,7 @@ def frame_of(values, dark=False):
     n = len(values)
     recording = Recording(np.arange(float(n)), ("<b>z",), ("V",), np.array(values, dtype=float)[:, None], 1.0)
     state = opened(recording).with_view(dark=dark)
-    return compute_frame(state, 0, choose_shown(recording, "<b>z", None))
+    return compute_frame(state, 0, choose_samples(recording, "<b>z", None))
 
 
 def pixels(picture, colour):

@@ -51,7 +51,7 @@ def set_point(q_exponent: float, r_exponent: float) -> Change:
     """A point of the tuning map was chosen: q and r become 10^exponent, to three digits."""
 
     def change(state: State) -> State:
-        if state.paper_filter is not None or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
+        if not state.filter.is_standard or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
             return state
         q, r = (float(f"{10.0 ** min(max(e, -300.0), 299.9):.2e}") for e in (q_exponent, r_exponent))
         return state if (q, r) == (state.tuning.q, state.tuning.r) else state.with_tuning(q=q, r=r, how="by hand")
@@ -114,8 +114,8 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
         q, r = float(found.params.q), float(found.params.r)
         after = replace(before, q=q, r=r, how=found.how)
         outcome = Outcome(found.how, found.message, before, after) if channel == state.channel else None
-        filters = state.settings.paper_filters
-        state = state.with_settings(paper_filters=(*filters[:at], None, *filters[at + 1 :]) if filters else ())
+        filters = state.settings.other_filters
+        state = state.with_settings(other_filters=(*filters[:at], None, *filters[at + 1 :]) if filters else ())
         return state.with_tuning_of(at, after).with_answers(outcome=outcome)
 
     return change
@@ -131,16 +131,21 @@ def set_method_comparison(recording: Recording, channel: str, estimates: tuple[E
     return change
 
 
+def paper_filter(state: State) -> GeneralizedParams | None:
+    """The second paper's filter, where the channel on screen runs it."""
+    return state.filter if isinstance(state.filter, GeneralizedParams) else None
+
+
 def set_variant_of_eq3(variant: str | None) -> Change:
     """Filter with the second paper's equations, "printed" or "without_slip", or with the standard filter (None)."""
 
     def change(state: State) -> State:
-        paper = state.paper_filter
+        paper = paper_filter(state)
         if variant is None:
             return state.with_standard_filter()
         if paper is None:
-            return state.with_paper_filter(GeneralizedParams(max(state.tuning.r, 1e-290), None, None, variant))
-        return state if paper.reading == variant else state.with_paper_filter(replace(paper, reading=variant))
+            return state.with_filter(GeneralizedParams(max(state.tuning.r, 1e-290), None, None, variant))
+        return state if paper.reading == variant else state.with_filter(replace(paper, reading=variant))
 
     return change
 
@@ -149,11 +154,12 @@ def set_paper_text(name: str, text: str) -> Change:
     """A value of the second paper's filter was typed: sigma_m, sigma_e0 or e0; empty is automatic."""
 
     def change(state: State) -> State:
-        if state.paper_filter is None:
+        paper = paper_filter(state)
+        if paper is None:
             return state
         empty = name != "sigma_m" and text.strip().lower() in ("", "automatic")
         value = None if empty else typed_number(name, text)
-        return state.with_paper_filter(replace(state.paper_filter, **{name: value}))
+        return state.with_filter(replace(paper, **{name: value}))
 
     return change
 

@@ -17,7 +17,7 @@ PARAMETERS = ("q", "r", "p0", "x0", "gate")
 
 def pin_present(state: State) -> State:
     """Keep the present setting of the channel on screen as a variant, under the first free letter."""
-    if state.paper_filter is not None:
+    if not state.filter.is_standard:
         raise BadSetting("a setting must be one of q and r to be pinned (got the second paper's filter)")
     same = next((one for one in state.variants if one.tuning.params == state.params), None)
     if same is not None:

@@ -87,14 +87,14 @@ class AlternativesView:
     def _draw(self, compared: Compared) -> None:
         state, inside = compared.state, compared.inside
         palette = DARK if state.view.dark else LIGHT
-        time, raw = compared.shown.time[inside], compared.shown.raw[inside]
+        time, raw = compared.drawn.time[inside], compared.drawn.raw[inside]
         span = float(time[-1] - time[0]) if len(time) > 1 else 1.0
         clock = time_scale_for(span, state.recording.sample_period)
         scale = scale_for(raw, state.tuning.unit)
         lines = [*gappy("raw", raw, palette.raw)]
-        if compared.shown.truth is not None:
+        if compared.drawn.truth is not None:
             truth = {**line("truth", palette.truth, 1.5), "dash": (6, 4)}
-            lines.append(ChartLine(compared.shown.truth[inside], truth))
+            lines.append(ChartLine(compared.drawn.truth[inside], truth))
         lines.append(ChartLine(compared.curve(compared.found.present), loud("yours", palette.filtered, 2.5)))
         colours = dict(zip(NAMES, COLOURS[state.view.dark], strict=True))
         for one in compared.rivals:

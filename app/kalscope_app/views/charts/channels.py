@@ -10,7 +10,7 @@ from kalscope.common.array import Array
 from kalscope.common.text import count, decibels, lag_text, number
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting
-from kalscope_app.studies.channels_overview import HALF_LANE, LIMIT, Lane, Overview
+from kalscope_app.studies.channels_overview import HALF_LANE, MAX_LANES, Lane, Overview
 from kalscope_app.views.binding import offer, on_user
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
@@ -103,7 +103,7 @@ def lead_of(overview: Overview) -> str:
     names = overview.state.recording.names
     said = "Each channel fills its own lane: **raw** thin, **filtered** bold, the current channel in orange."
     more = len(names) - len(overview.lanes)
-    return f"{said} {count(more)} more than {LIMIT} are not drawn." if more else said
+    return f"{said} {count(more)} more than {MAX_LANES} are not drawn." if more else said
 
 
 def table_of(overview: Overview) -> str:
@@ -116,7 +116,7 @@ def table_of(overview: Overview) -> str:
         tuning, unit = state.settings.tunings[i], escape_markdown(state.settings.tunings[i].unit, 12)
         bold = "**" if lane.name == state.channel else ""
         cells = [f"{bold}{i + 1}{bold}", f"{bold}{escape_markdown(lane.name, 24)}{bold}"]
-        if state.settings.paper_filters and state.settings.paper_filters[i] is not None:
+        if not state.filter_of(i).is_standard:
             cells += ["–"] * 4
         else:
             steady = steady_state(tuning.params)

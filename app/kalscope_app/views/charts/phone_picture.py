@@ -90,8 +90,8 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
     top, bottom = margin + 36, round(VISIBLE * image.height) - 44
     pen = ImageDraw.Draw(image, "RGBA")
     low, high = _draw_curves(pen, frame, palette, (margin, top, WIDTH - margin, bottom))
-    scale, clock = scale_for(frame.shown.raw, frame.state.tuning.unit), time_axis(frame)
-    first, last = (frame.shown.time[i] * clock.factor if len(frame.shown.time) else 0.0 for i in (0, -1))
+    scale, clock = scale_for(frame.drawn.raw, frame.state.tuning.unit), time_axis(frame)
+    first, last = (frame.drawn.time[i] * clock.factor if len(frame.drawn.time) else 0.0 for i in (0, -1))
     reach = f"{number(low * scale.factor)} to {number(high * scale.factor)} {scale.unit}"
     pen.text((margin, margin), printable(f"{frame.state.channel[:24]}: {reach}"), fill=ink, font=text)
     span = f"{number(first, 4)} to {number(last, 4)} {clock.unit}"
@@ -120,7 +120,7 @@ def _draw_curves(
     pen: ImageDraw.ImageDraw, frame: Frame, palette: Palette, box: tuple[int, int, int, int]
 ) -> tuple[float, float]:
     """Draw into a box (left, top, right, bottom); the range of y follows the signal, as in the chart."""
-    shown = frame.shown
+    shown = frame.drawn
     x, raw, filtered, spread = drawable(shown.time, [shown.raw, frame.filtered, frame.spread])
     low, high = float(raw.min()), float(raw.max())
     if high <= low:

@@ -79,7 +79,7 @@ class WindowView:
         if moves_too_often(frame, time.monotonic() - self._moved_at):
             return
         self._moved_at = time.monotonic()
-        begin, end = frame.shown.reach
+        begin, end = frame.drawn.time_range
         self._scale = time_scale_for(end - begin, recording.sample_period)
         low, high = begin * self._scale.factor, end * self._scale.factor
         high = high if high > low else low + 1.0

@@ -56,7 +56,7 @@ class SignalView:
         self._show_gain(frame, palette)
 
     def _show_signal(self, frame: Frame, palette: Palette, clock: Scale) -> None:
-        shown, state = frame.shown, frame.state
+        shown, state = frame.drawn, frame.state
         scale = scale_for(shown.raw, state.tuning.unit)
         raw = gappy("raw", shown.raw, palette.raw)
         # Only the measurements and the truth decide the y range: a wild start may leave the picture.
@@ -127,7 +127,7 @@ GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 def heading_of(frame: Frame) -> str:
     """Name, size, rate and what is not drawn; one line of markdown."""
-    record, shown = frame.state.recording, frame.shown
+    record, shown = frame.state.recording, frame.drawn
     parts = [f"**{escape_markdown(record.title)}**"]
     if len(record.names) > 1:
         parts.append(escape_markdown(frame.state.channel))
@@ -172,7 +172,7 @@ def starts_wild(frame: Frame) -> bool:
 
 def largest_after_start(frame: Frame) -> float:
     """Largest |innovation| or 2√s drawn after the start-up, with a little room; inf if nothing comes after it."""
-    later = (frame.shown.indices > frame.start_up) & np.isfinite(frame.innovation)
+    later = (frame.drawn.indices > frame.start_up) & np.isfinite(frame.innovation)
     if not later.any():
         return math.inf
     return 1.05 * float(max(np.abs(frame.innovation[later]).max(), frame.innovation_spread[later].max()))

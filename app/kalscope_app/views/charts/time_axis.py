@@ -31,7 +31,7 @@ def time_points(frame: Frame) -> tuple[Array, tuple[float, float] | None]:
 
     A window that follows counts back from the newest sample: its axis then stands still, and so does a zoom.
     """
-    time, live = frame.shown.time, frame.state.live
+    time, live = frame.drawn.time, frame.state.live
     if live is None or not follows(frame):
         return time, None
     newest = float(frame.state.recording.time[-1])

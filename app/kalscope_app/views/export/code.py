@@ -147,7 +147,7 @@ class CodeView:
 
 def limits_text(state: State, choice: Choice = Choice()) -> str:
     """What will differ from the screen, as markdown; "" where nothing does. A study."""
-    if state.paper_filter is not None:
+    if not state.filter.is_standard:
         return "There is no code for the Khan et al. filter: choose *Kalman filter* in the Tune tab."
 
     def level(name: str) -> float:

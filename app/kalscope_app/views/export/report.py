@@ -34,7 +34,7 @@ class ReportView:
 
 
 def _send(state: State, client: viser.ClientHandle, name: str) -> None:
-    if state.paper_filter is not None:
+    if not state.filter.is_standard:
         raise BadSetting("a report needs the Kalman filter with q and r (got the Khan et al. filter)")
     report = make_report(state.recording, state.as_tuning(), state.channel)
     content = as_png(report) if name.endswith(".png") else as_html(report).encode()

@@ -143,7 +143,7 @@ class TuningMapView:
 
     def _place(self, state: State) -> None:
         x, y = self._frame.scene(self._frame.pixel(self._frame.held(exponents_of(state))))
-        visible = bool(self._map.colour) and state.paper_filter is None
+        visible = bool(self._map.colour) and state.filter.is_standard
         if visible and tuple(self._ring.position) != (x, y, 0.1):
             self._ring.position = (x, y, 0.1)
             self._moved = time.monotonic()

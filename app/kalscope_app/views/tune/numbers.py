@@ -37,7 +37,7 @@ def table(frame: Frame) -> str:
         rows.append(("cut-off (−3 dB)", f"**{frequency(float(steady.cutoff_hz or 0.0))}**"))
     rows += [
         ("gain K", f"**{number(float(steady.gain))}**"),
-        ("q / r", "–" if frame.state.paper_filter is not None else f"**{number(float(params.ratio))}**"),
+        ("q / r", f"**{number(float(params.ratio))}**" if frame.state.filter.is_standard else "–"),
         ("settling time (to 1 %)", f"**{lag_in_full(settle, period)}**"),
     ]
     if params.gate is not None:

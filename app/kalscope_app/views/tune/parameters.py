@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from kalscope.common.text import squared
 from kalscope_app.session.changes.channels import select_channel, set_link
 from kalscope_app.session.changes.parameters import (
+    paper_filter,
     reset_parameters,
     set_automatic_start,
     set_exponent,
@@ -57,8 +58,8 @@ class ParametersView:
                 LINKS,
                 hint="All together: a change here, or a search, sets every channel. Undo reverts it.",
             )
-            self._rule_boxes = [
-                TypedNumber(gui, session, name, label, hint, set_paper_text) for name, label, hint in RULE_BOXES
+            self._paper_boxes = [
+                TypedNumber(gui, session, name, label, hint, set_paper_text) for name, label, hint in PAPER_BOXES
             ]
             self._controls = [VarianceControl(gui, session, name) for name in ("q", "r")]
             self._start = gui.add_dropdown(
@@ -99,7 +100,7 @@ class ParametersView:
             on_user(command.on_trigger, lambda _client, change=change: session.request(change))
 
     def _submit(self) -> None:
-        for box in (*(control.typed for control in self._controls), self._x0, self._gate, *self._rule_boxes):
+        for box in (*(control.typed for control in self._controls), self._x0, self._gate, *self._paper_boxes):
             box.submit()
 
     def show(self, frame: Frame) -> None:
@@ -109,19 +110,21 @@ class ParametersView:
         offer(self._channel, state.recording.names, state.channel)
         self._channel.visible = self._together.visible = several
         self._together.value = state.settings.link
-        reading = None if state.paper_filter is None else state.paper_filter.reading
-        self._filter.value = next(name for name, value in FILTERS.items() if value == reading)
+        paper, standard = paper_filter(state), state.filter.is_standard
+        self._filter.value = next(
+            name for name, value in FILTERS.items() if value == (paper.reading if paper else None)
+        )
         for control in self._controls:
-            control.visible = state.paper_filter is None
+            control.visible = standard
             control.show(frame)
-        self._start.visible = self._gate.visible = state.paper_filter is None
+        self._start.visible = self._gate.visible = standard
         self._start.value = AUTOMATIC if tuning.p0 is None else BY_VALUE
-        self._x0.visible = tuning.p0 is not None and state.paper_filter is None
+        self._x0.visible = tuning.p0 is not None and standard
         self._x0.show(frame, tuning.x0, "first")
         self._gate.show(frame, tuning.gate, "off")
-        for box, (name, _, _) in zip(self._rule_boxes, RULE_BOXES, strict=True):
-            box.visible = state.paper_filter is not None
-            box.show(frame, None if state.paper_filter is None else getattr(state.paper_filter, name), "automatic")
+        for box, (name, _, _) in zip(self._paper_boxes, PAPER_BOXES, strict=True):
+            box.visible = paper is not None
+            box.show(frame, None if paper is None else getattr(paper, name), "automatic")
 
 
 COMMANDS = (
@@ -138,7 +141,7 @@ FILTERS: dict[str, str | None] = {
 }
 """Filters by their labels, and the variant of equation (3) that each one uses."""
 
-RULE_BOXES = (
+PAPER_BOXES = (
     ("sigma_m", "measured error σM", "The only value that the paper changes from sensor to sensor; above 0."),
     ("sigma_e0", "initial error σE", "Empty: automatic."),
     ("e0", "initial estimate E", "Empty: the first sample."),

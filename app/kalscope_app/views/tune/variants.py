@@ -153,6 +153,6 @@ def _explained(table: VariantComparison, with_truth: bool) -> str:
     else:
         few, many = count(min(scored)), count(max(scored))
         said.append(f"The log-likelihoods sum over {few} to {many} samples and cannot be compared.")
-    if table.state.paper_filter is not None:
+    if not table.state.filter.is_standard:
         said.append("The current filter has no q and r, so it is not listed.")
     return " ".join(said)
