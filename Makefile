@@ -1,6 +1,6 @@
 # Everything runs in .venv, which these rules make; nothing is installed by hand.
 PYTHON ?= python3
-BIN := .venv/bin
+BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 
 # Packages of the system that tests need, and how to tell that they are there.
 SYSTEM_PACKAGES := chromium octave gcc g++ gcc-avr avr-libc arduino-core-avr libsimavr-dev
@@ -9,7 +9,7 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
   && command -v avr-gcc >/dev/null 2>&1 && test -d /usr/share/arduino/hardware/arduino/avr \
   && test -e /usr/include/simavr/sim_avr.h
 
-.PHONY: run test test-fast check bench soak system can-test clean
+.PHONY: run test test-fast check format bench soak system can-test clean
 
 run: .venv/run.stamp
 	$(BIN)/kalscope
@@ -18,8 +18,10 @@ run: .venv/run.stamp
 WORKERS ?= 2
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
+# Branch coverage of the tests' own processes; make test COVERAGE= leaves it out, which takes less time.
+COVERAGE ?= --cov --cov-report=term
 test: can-test .venv/test.stamp
-	$(PYTEST)
+	$(PYTEST) $(COVERAGE)
 
 # What answers in seconds, for the minute between two edits: no browser, no board, no process, no long law.
 test-fast: .venv/test.stamp
@@ -30,6 +32,10 @@ check: .venv/check.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
+
+format: .venv/check.stamp
+	$(BIN)/ruff check --fix-only .
+	$(BIN)/ruff format .
 
 bench: .venv/bench.stamp
 	$(BIN)/kalscope bench
@@ -52,10 +58,10 @@ can-test:
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then $(MAKE) system; \
 	else echo "Chromium, Octave, gcc, avr-gcc or simavr is missing: the tests that need it will be skipped; 'make system' as root installs all."; fi
 
-.venv/bin/python:
+.venv/pyvenv.cfg:
 	$(PYTHON) -m venv .venv
 
-.venv/run.stamp: .venv/bin/python pyproject.toml
+.venv/run.stamp: .venv/pyvenv.cfg pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable .
 	touch $@
 
@@ -68,4 +74,4 @@ can-test:
 	touch $@
 
 clean:
-	rm -rf .venv dist build .pytest_cache .ruff_cache .hypothesis tests/artefacts
+	rm -rf .venv dist build .coverage .pytest_cache .ruff_cache .hypothesis tests/artefacts
