@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from kalscope_app.views.binding import on_user
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import viser
 
     from kalscope_app.engine.jobs import Jobs
@@ -67,10 +69,10 @@ class Tour:
             group = client.gui.add_button_group(
                 "", (DONE,) if last else (NEXT, LATER, NEVER), hint="The Help tab shows the tour again."
             )
-        on_user(group.on_click, lambda _client: self._go_on(client, window, group.value, step))
+        on_user(group.on_click, lambda _client: self._go_on(client, window.close, group.value, step))
 
-    def _go_on(self, client: viser.ClientHandle, window: viser.GuiModalHandle, choice: str, step: int) -> None:
-        window.close()
+    def _go_on(self, client: viser.ClientHandle, close: Callable[[], None], choice: str, step: int) -> None:
+        close()
         if choice == NEXT:
             self.show(client, step + 1)
             return

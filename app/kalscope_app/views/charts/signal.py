@@ -150,9 +150,7 @@ def heading_of(frame: Frame) -> str:
             parts.append(
                 f"recording to **{escape_markdown(recording.name)}**: {count(recording.counts.written)} lines"
             )
-            parts += [
-                f"**{escape_markdown(text, 160)}**" for text in (recording.error, recording.warning) if text
-            ]
+            parts += [f"**{escape_markdown(text, 160)}**" for text in (recording.error, recording.warning) if text]
     if starts_wild(frame):
         parts.append("innovation axis clipped at start-up")
     return " · ".join(parts)

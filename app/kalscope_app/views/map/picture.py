@@ -121,7 +121,8 @@ def _draw_inside(
 def chips(frame: MapFrame, truth: bool) -> tuple[tuple[str, tuple[float, float, float, float]], ...]:
     """The colourings to choose from above the map, each with its box, pixels: left, top, right, bottom."""
     names = (("likelihood", 82.0), *((("RMSE", 58.0),) if truth else ()), ("lag", 44.0))
-    boxes, x = [], frame.left + 62.0
+    boxes: list[tuple[str, tuple[float, float, float, float]]] = []
+    x = frame.left + 62.0
     for name, width in names:
         boxes.append((name, (x, 12.0, x + width, 36.0)))
         x += width + 6.0

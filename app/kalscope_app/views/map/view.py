@@ -82,7 +82,7 @@ class TuningMapView:
         self._ring = scene.add_image("/map/present", draw_ring(dark=False), RING, RING, format="png", **quiet)
         glass = np.zeros((2, 2, 4), dtype=np.uint8)
         self._glass = scene.add_image(
-            "/map/glass", glass, SIDE, SIDE, format="png", **{**quiet, "position": (0.0, 0.0, 0.2)}
+            "/map/glass", glass, SIDE, SIDE, format="png", position=(0.0, 0.0, 0.2), **quiet
         )
         self._glass.on_drag("left")(self._on_drag)
         self._glass.on_click(self._on_click)

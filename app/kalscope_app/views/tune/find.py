@@ -226,7 +226,7 @@ def opinions_text(state: State) -> str:
     if not state.answers.method_comparison:
         return "Five methods estimate q and r from the recording. They agree if the model describes the signal."
     period = state.recording.sample_period
-    rows = []
+    rows: list[str] = []
     for one in state.answers.method_comparison:
         steady = steady_state(one.params) if one.params is not None else None
         lag = "–" if steady is None else lag_text(float(steady.lag_samples), period)

@@ -95,8 +95,11 @@ class ParametersView:
         bind(self._start, session, lambda choice: set_automatic_start(choice == AUTOMATIC))
         steps = {"Undo": undo, "Redo": redo, "Reset": reset_parameters}
         on_user(self._steps.on_click, lambda _client: session.request(steps[self._steps.value]))
-        for name, change, hotkey, modifier in COMMANDS:
-            command = gui.add_command(name, hotkey=hotkey, modifier=modifier)
+        for command, change in (
+            (gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl"), undo),
+            (gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift"), redo),
+            (gui.add_command("Redo (Ctrl+Y)", hotkey="Y", modifier="cmd/ctrl"), redo),
+        ):
             on_user(command.on_trigger, lambda _client, change=change: session.request(change))
 
     def _submit(self) -> None:
@@ -126,13 +129,6 @@ class ParametersView:
             box.visible = paper is not None
             box.show(frame, None if paper is None else getattr(paper, name), "automatic")
 
-
-COMMANDS = (
-    ("Undo", undo, "Z", "cmd/ctrl"),
-    ("Redo", redo, "Z", "cmd/ctrl+shift"),
-    ("Redo (Ctrl+Y)", redo, "Y", "cmd/ctrl"),
-)
-"""Name, change and keys of the commands."""
 
 FILTERS: dict[str, str | None] = {
     "Kalman filter": None,

@@ -38,5 +38,5 @@ SIZES = {
 
 def page_script() -> str:
     """The script for the head of the page."""
-    body = files(__package__).joinpath("page_script.js").read_text("utf-8")
+    body = files("kalscope_app.views.window").joinpath("page_script.js").read_text("utf-8")
     return f"{{ const sizes = {json.dumps(SIZES)};\n{body}}}"
