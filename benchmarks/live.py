@@ -136,7 +136,7 @@ def measure(seconds: float, rate: float, channels: int) -> Figures:
         cpu_percent=100.0 * cpu / seconds,
         rss_mb_start=rss,
         rss_mb_end=_rss(),
-        longest_pause_ms=1000.0 * status.longest_pause,
+        longest_pause_ms=1000.0 * status.max_read_latency,
         longest_gap_ms=1000.0 * max(gaps, default=0.0),
         latency_median_ms=1000.0 * float(np.median(latencies)),
         latency_p95_ms=1000.0 * float(np.percentile(latencies, 95)),

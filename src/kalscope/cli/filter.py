@@ -76,7 +76,7 @@ def filter_command(
     filter predicts over, and for a comment (# % //), which is no sample.
     """
     from kalscope.export.filtered_csv import filtered_csv_chunks
-    from kalscope.sources.readers.account import account, overruled
+    from kalscope.sources.readers.account import account, sample_period_conflict
     from kalscope.tuning.choose import params_for, params_for_stdin
 
     options_given = {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate}
@@ -95,7 +95,7 @@ def filter_command(
     if report:
         sys.stderr.write(account(recording))
     if sample_period is not None:
-        notes = [*filter(None, [overruled(recording)]), *notes]
+        notes = [*filter(None, [sample_period_conflict(recording)]), *notes]
     for note in notes:  # last, so that an error is the only line
         say(f"note: {note}")
 

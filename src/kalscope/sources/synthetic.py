@@ -85,19 +85,19 @@ class SignalSettings:
         return f"synthetic:{self.shape}" + ("?" + urlencode(changed, safe=",") if changed else "")
 
 
-LARGEST = 1e50
-"""Bound of all settings in u and s, and 1/LARGEST of all times: products of a few of them stay finite."""
+MAX_SETTING = 1e50
+"""Bound of all settings in u and s, and 1/MAX_SETTING of all times: products of a few of them stay finite."""
 
 # (setting, lowest, highest)
 _RANGES = (
-    ("sample_period", 1 / LARGEST, LARGEST),
-    ("amplitude", -LARGEST, LARGEST),
-    ("level", -LARGEST, LARGEST),
-    ("period", 1 / LARGEST, LARGEST),
-    ("sigma", 0.0, LARGEST),
+    ("sample_period", 1 / MAX_SETTING, MAX_SETTING),
+    ("amplitude", -MAX_SETTING, MAX_SETTING),
+    ("level", -MAX_SETTING, MAX_SETTING),
+    ("period", 1 / MAX_SETTING, MAX_SETTING),
+    ("sigma", 0.0, MAX_SETTING),
     ("outliers", 0.0, 1.0),
-    ("outlier_size", 0.0, LARGEST),
-    ("quantum", 0.0, LARGEST),
+    ("outlier_size", 0.0, MAX_SETTING),
+    ("quantum", 0.0, MAX_SETTING),
     ("drop_outs", 0.0, 1.0),
 )
 
@@ -233,6 +233,6 @@ def _check_limits(limits: Any) -> None:
     if not isinstance(limits, tuple) or len(limits) != 2:
         raise BadSetting(f"limits must be two numbers, lowest and highest (got {limits!r})")
     for value in limits:
-        _check_real("limits", value, -LARGEST, LARGEST)
+        _check_real("limits", value, -MAX_SETTING, MAX_SETTING)
     if not limits[0] < limits[1]:
         raise BadSetting(f"limits must rise from lowest to highest (got {limits!r})")

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.lines.line_format import split_checksum, split_teleplot
-from kalscope.sources.lines.line_parser import LONGEST_LINE, LineParser, comma_line
+from kalscope.sources.lines.line_parser import MAX_LINE_BYTES, LineParser, comma_line
 from kalscope.sources.lines.read_options import ReadOptions
 from kalscope.sources.readers.csv_file import read_recording
 
@@ -207,7 +207,7 @@ def test_a_line_without_end_is_dropped_as_it_comes_and_reported_once():
     for _ in range(100):
         parser.feed(b"1" * 40_000)
         assert parser.next_line() is None
-        assert parser.buffered <= LONGEST_LINE + 40_000
+        assert parser.buffered <= MAX_LINE_BYTES + 40_000
     parser.feed(b"\n1,2\n")
     events = list(parser)
     assert [event.kind for event in events] == ["rejected", "row"]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from kalscope.sources.lines.read_options import ReadOptions
 from kalscope.sources.live.live_lines import BOOT_SECONDS, LiveLines
-from kalscope.sources.port.events import Came
+from kalscope.sources.port.events import BytesReceived
 
 ESP32 = b"""ets Jul 29 2019 12:21:46\r
 \r
@@ -33,11 +33,11 @@ class Stream:
 
     def feed(self, data, after=0.001):
         begin, self.now = self.now, self.now + after
-        self.events += self.lines.feed(Came(data, begin, self.now))
+        self.events += self.lines.feed(BytesReceived(data, begin, self.now))
         return self
 
     def reopen(self, after=1.0):
-        self.lines.lost()
+        self.lines.disconnected()
         self.now += after
         self.lines.opened(self.now)
         return self
@@ -59,7 +59,7 @@ def whole_lines(data):
 def test_the_first_line_after_opening_is_dropped_for_it_may_be_half():
     stream = Stream().feed(b"3,4\n1,2\n5,6\n")
     assert stream.rows == [(1.0, 2.0), (5.0, 6.0)]
-    assert (stream.lines.counts.dropped, stream.lines.untold) == (1, 1)
+    assert (stream.lines.counts.dropped, stream.lines.unreported_drops) == (1, 1)
 
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
@@ -232,7 +232,7 @@ def test_every_line_that_came_is_in_one_count(damage, cuts, pauses):
     for (begin, end), pause in zip(pairwise(edges), pauses, strict=False):
         if end > begin:
             stream.feed(bytes(data[begin:end]), pause)
-    stream.lines.lost()
+    stream.lines.disconnected()
     counts = stream.lines.counts
     torn = 0 if bytes(data[-1:]) in (b"\n", b"\r", b"") else 1
     assert counts.received == whole_lines(bytes(data)) + torn
@@ -240,4 +240,4 @@ def test_every_line_that_came_is_in_one_count(damage, cuts, pauses):
     told = [event.kind for event in stream.events]
     assert counts.accepted == told.count("row")
     assert counts.rejected == told.count("rejected")
-    assert counts.dropped == len(told) - told.count("row") - told.count("rejected") + stream.lines.untold
+    assert counts.dropped == len(told) - told.count("row") - told.count("rejected") + stream.lines.unreported_drops

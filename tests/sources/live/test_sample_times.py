@@ -75,7 +75,7 @@ def test_a_board_that_starts_anew_goes_on_by_the_time_that_has_passed():
 def test_after_an_interruption_time_jumps_by_the_true_pause_and_one_row_is_missing(column, restarted):
     clock = LiveTime(column)
     times_of(clock, [0.0, 0.01, 0.02], [70_000.0, 70_010.0, 70_020.0])
-    clock.broke_off()
+    clock.interrupt()
     start = 80_000.0 if restarted else 130_020.0
     time, values = clock.place(rows([60.02, 60.03], [start, start + 10]))
     np.testing.assert_allclose(time, [0.03, 60.02, 60.03], atol=1e-6)
@@ -87,7 +87,7 @@ def test_after_an_interruption_time_jumps_by_the_true_pause_and_one_row_is_missi
 def test_the_time_of_a_sleeping_machine_is_added():
     clock = LiveTime(None)
     times_of(clock, [0.0, 1.0])
-    clock.broke_off(1800.0)
+    clock.interrupt(1800.0)
     np.testing.assert_allclose(times_of(clock, [2.0, 3.0]), [2.0, 1802.0, 1803.0])
 
 

@@ -13,8 +13,8 @@ import serial
 
 from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import Clock
-from kalscope.sources.port.events import Came, Lost, Opened
-from kalscope.sources.port.open_port import SerialPort, holders, why_gone, why_not_opened
+from kalscope.sources.port.events import BytesReceived, Disconnected, Opened
+from kalscope.sources.port.open_port import SerialPort, disconnect_reason, holders, open_failure_reason
 from kalscope.sources.port.port_reader import PortReader
 from kalscope.sources.port.port_spec import PortInfo, PortSpec
 
@@ -39,7 +39,7 @@ def taken(reader):
 
 
 def bytes_of(items):
-    return b"".join(item.data for item in items if isinstance(item, Came))
+    return b"".join(item.data for item in items if isinstance(item, BytesReceived))
 
 
 class ScriptedPort:
@@ -88,8 +88,8 @@ def test_a_board_pulled_out_while_nothing_comes_is_waited_for(board, reader, wai
     time.sleep(0.15)
     board.unplug()
     wait_for(lambda: reader.state.word == "disconnected, waiting")
-    assert "unplugged" in reader.state.why or "plugged in" in reader.state.why
-    assert isinstance(taken(reader)[-1], Lost)
+    assert "unplugged" in reader.state.reason or "plugged in" in reader.state.reason
+    assert isinstance(taken(reader)[-1], Disconnected)
     assert reader.running
 
 
@@ -136,7 +136,7 @@ def test_whatever_is_raised_the_state_is_the_same_calm_one(error, where, wait_fo
     reader.start()
     wait_for(lambda: reader.state.word == "disconnected, waiting")
     reader.close()
-    assert [type(item) for item in taken(reader)] == [Opened, Came, Lost]
+    assert [type(item) for item in taken(reader)] == [Opened, BytesReceived, Disconnected]
     assert port.closed
     assert reader.state.word == "closed"
 
@@ -150,7 +150,7 @@ def test_a_board_plugged_in_again_goes_on_by_itself(board, reader, wait_for):
         wait_for(lambda turn=turn: (reader.state.word, reader.state.opened) == ("connected", turn))
     board.say(b"again\n")
     wait_for(lambda: bytes_of(taken(reader)) == b"again\n")
-    assert reader.state.why == ""
+    assert reader.state.reason == ""
 
 
 def test_the_wait_between_two_attempts_doubles_up_to_two_seconds():
@@ -175,7 +175,7 @@ def test_without_reconnecting_a_lost_board_ends_the_thread(board, wait_for):
     board.unplug()
     wait_for(lambda: not reader.running)
     assert reader.state.word == "closed"
-    assert "unplugged" in reader.state.why
+    assert "unplugged" in reader.state.reason
     reader.close()
 
 
@@ -225,7 +225,7 @@ def test_a_second_reader_is_named_as_a_possible_cause(board, reader, wait_for):
     with subprocess.Popen([sys.executable, "-c", script, board.link], stdout=subprocess.PIPE) as other:
         assert other.stdout.readline() == b"open\n"
         held = holders(board.link)
-        text = why_gone(PortSpec(board.link), board.link, OSError(5, "x"), again=False)
+        text = disconnect_reason(PortSpec(board.link), board.link, OSError(5, "x"), again=False)
         other.kill()
     assert held == [f"{held[0].split(' (')[0]} (process {other.pid})"]
     assert "unplugged" in text
@@ -237,10 +237,10 @@ def test_the_words_of_both_causes_name_both(tmp_path):
     (tmp_path / "port").touch()
     device = str(tmp_path / "port")
     error = serial.SerialException("(device disconnected or multiple access on port?)")
-    assert "another program" in why_gone(PortSpec(device), device, error, again=False)
-    gone = why_gone(PortSpec("/dev/gone"), "/dev/gone", error, again=False)
+    assert "another program" in disconnect_reason(PortSpec(device), device, error, again=False)
+    gone = disconnect_reason(PortSpec("/dev/gone"), "/dev/gone", error, again=False)
     assert gone == "the board was unplugged"
-    assert "another program" in why_gone(PortSpec("/dev/gone"), "/dev/gone", error, again=True)
+    assert "another program" in disconnect_reason(PortSpec("/dev/gone"), "/dev/gone", error, again=True)
 
 
 @pytest.mark.parametrize(
@@ -253,7 +253,7 @@ def test_the_words_of_both_causes_name_both(tmp_path):
     ],
 )
 def test_a_port_that_does_not_open_says_what_to_do(error, words):
-    assert words in why_not_opened(PortSpec("/dev/ttyX"), "/dev/ttyX", error)
+    assert words in open_failure_reason(PortSpec("/dev/ttyX"), "/dev/ttyX", error)
 
 
 def test_a_file_is_no_port(tmp_path):
@@ -278,7 +278,7 @@ def test_one_megabyte_without_a_newline_passes_like_anything_else(board, reader,
 
 
 def test_a_slow_consumer_loses_nothing_and_holds_the_reader_at_the_limit(monkeypatch, wait_for):
-    monkeypatch.setattr("kalscope.sources.port.port_reader.MOST_WAITING", 1000)
+    monkeypatch.setattr("kalscope.sources.port.port_reader.MAX_WAITING_BYTES", 1000)
     port = ScriptedPort([b"x" * 100] * 50)
     reader = PortReader(PortSpec("x"), open_port=lambda *_: port)
     reader.start()
@@ -290,9 +290,9 @@ def test_a_slow_consumer_loses_nothing_and_holds_the_reader_at_the_limit(monkeyp
 
     def take_all():
         for item in items + taken(reader):
-            if isinstance(item, Came):
+            if isinstance(item, BytesReceived):
                 total[0] += len(item.data)
-                reader.taken(item)
+                reader.release(item)
         items.clear()
         return total[0] == 5000
 
@@ -319,7 +319,7 @@ def test_stamps_are_of_the_monotonic_clock_alone(wait_for):
     reader.start()
     wait_for(lambda: not port.script)
     reader.close()
-    ends = [item.end for item in taken(reader) if isinstance(item, Came)]
+    ends = [item.end for item in taken(reader) if isinstance(item, BytesReceived)]
     assert len(ends) == 20
     assert ends == sorted(ends)
 
@@ -327,8 +327,8 @@ def test_stamps_are_of_the_monotonic_clock_alone(wait_for):
 def test_bursts_are_no_late_reads_but_what_piles_up_behind_one_is():
     reader = PortReader(PortSpec("x"))
     for _ in range(100):
-        reader._judge_pause(0.1, 0, 1500)
-        reader._judge_pause(0.0005, 1500, 0)
-    assert reader.longest_pause < 0.01
-    reader._judge_pause(0.5, 0, 10_000)
-    assert 0.3 < reader.longest_pause <= 0.5
+        reader._note_read_latency(0.1, 0, 1500)
+        reader._note_read_latency(0.0005, 1500, 0)
+    assert reader.max_read_latency < 0.01
+    reader._note_read_latency(0.5, 0, 10_000)
+    assert 0.3 < reader.max_read_latency <= 0.5

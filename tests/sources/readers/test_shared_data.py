@@ -202,10 +202,10 @@ MISSING = [
 
 @pytest.mark.parametrize(("name", "missing", "channel", "good", "mean", "std"), MISSING)
 def test_a_missing_value_is_asked_about_and_taken_away_only_when_told(name, missing, channel, good, mean, std):
-    untold = read_recording(SHARED / name)
+    unasked = read_recording(SHARED / name)
     question = f"is {missing:g} a missing value"
-    assert any(question in note for note in untold.report.notes)
-    assert np.count_nonzero(untold.channel(channel) == missing) == len(untold) - good
+    assert any(question in note for note in unasked.report.notes)
+    assert np.count_nonzero(unasked.channel(channel) == missing) == len(unasked) - good
     told = read_recording(SHARED / name, ReadOptions(missing=(missing,)))
     samples = told.channel(channel)
     finite = samples[np.isfinite(samples)]

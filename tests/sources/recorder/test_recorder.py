@@ -462,7 +462,7 @@ def test_what_waits_for_a_full_disk_is_bounded_and_the_rest_is_counted_as_droppe
         clock.now = STARTED + i
         recorder.write([(clock.now, row(i, i))], layout)
         assert law_holds(recorder.counts)
-    kept = int(recording_file.WAIT_S) + 1
+    kept = int(recording_file.MAX_WAIT_S) + 1
     assert recorder.counts == RecorderCounts(200 - kept + 1, 1, 0, 200 - kept, 200 - kept, waiting=kept)
     disk.room = 1_000_000
     clock.now = STARTED + 201
@@ -479,7 +479,7 @@ def test_what_waits_for_a_full_disk_is_bounded_and_the_rest_is_counted_as_droppe
 
 
 def test_megabytes_wait_no_longer_than_the_bound_in_bytes(tmp_path, monkeypatch):
-    monkeypatch.setattr(recording_file, "WAIT_BYTES", 1000)
+    monkeypatch.setattr(recording_file, "MAX_WAIT_BYTES", 1000)
     monkeypatch.setattr(recording_file.os, "write", FullDisk(0))
     recorder = new_recorder(tmp_path / "run.csv")
     hand_over(recorder, b"1,2\n" * 500, step=0.0)

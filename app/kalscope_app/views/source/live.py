@@ -217,7 +217,7 @@ def status_text(status: LiveStatus) -> str:
         f"{count(status.received)} lines = {count(status.accepted)} read + {count(status.rejected)} rejected"
         f" + {count(status.dropped)} dropped",
         f"connected again {count(status.reconnects)} ×",
-        f"longest wait of the port to be read: {duration(status.longest_pause)}",
+        f"longest wait of the port to be read: {duration(status.max_read_latency)}",
     ]
     if status.left_memory:
         lines.append(f"{count(status.left_memory)} older samples have left memory")

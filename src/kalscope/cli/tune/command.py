@@ -79,7 +79,7 @@ def tune_command(
     """Find q and r for a recording and say why: by estimation, by a specified lag or cut-off, or by known noise."""
     from kalscope.catalogue import open_source
     from kalscope.cli.console import say, write_output
-    from kalscope.sources.readers.account import overruled
+    from kalscope.sources.readers.account import sample_period_conflict
     from kalscope.tuning.tuning import save_tuning
 
     numbers = {
@@ -100,7 +100,7 @@ def tune_command(
     recording = open_source(source, options, sample_period=sample_period)
     request = _request(given, method or "ml", still, recording)
     answers = _answers(recording, recording.names if every else (channel or recording.names[0],), request)
-    notes = [overruled(recording)] if "--sample-period" in given else []
+    notes = [sample_period_conflict(recording)] if "--sample-period" in given else []
     if output is not None:
         tuning, more = _tuning(recording, answers, output)
         notes += more

@@ -65,7 +65,7 @@ ROW_NUMBER_NAME = "sample"
 _ROW_NUMBER_NAMES = frozenset(
     ("", "#", "count", "counter", "id", "idx", "index", "no", "no.", "nr", "row", "samples")
 )
-_FEWEST_COUNTED = 8
+_MIN_COUNTED = 8
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def _is_row_number(name: str, cells: list[str]) -> bool:
     """True for our own column of row numbers, and for another's that is named like one and counts without a gap."""
     if name == ROW_NUMBER_NAME:
         return _counts(cells)
-    if name.lower() not in _ROW_NUMBER_NAMES or len(cells) < _FEWEST_COUNTED or not _counts(cells):
+    if name.lower() not in _ROW_NUMBER_NAMES or len(cells) < _MIN_COUNTED or not _counts(cells):
         return False
     return int(cells[-1]) - int(cells[0]) == len(cells) - 1
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from kalscope.sources.lines.cells import MISSING, is_comment, is_number, parse_number, split_fields
 from kalscope.sources.lines.columns import Cells, Column, are_units, bare_unit, named_column
-from kalscope.sources.lines.tables import HeadLine, Table, are_names
+from kalscope.sources.lines.tables import HeadLine, HeadTable, are_names
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,7 +33,7 @@ class Header:
     """What was decided, each a sentence."""
 
 
-def read_header(head: Sequence[str], lines: list[HeadLine], table: Table, wanted: bool | None) -> Header:
+def read_header(head: Sequence[str], lines: list[HeadLine], table: HeadTable, wanted: bool | None) -> Header:
     """Find the names of a table's columns; `wanted` is `ReadOptions.header`."""
     form, width = table.form, table.width
     first = _first_row(lines, table)
@@ -64,7 +64,7 @@ def table_note(form: LineFormat) -> str:
     return f'columns are separated by {mark}, the decimal mark is "{form.decimal}"'
 
 
-def _first_row(lines: list[HeadLine], table: Table) -> int:
+def _first_row(lines: list[HeadLine], table: HeadTable) -> int:
     """Number of the first data line: lines of missing values right above the first numbers belong to it."""
     first = table.rows[0][0]
     for line in reversed([line for line in lines if line.number < first]):
@@ -75,7 +75,7 @@ def _first_row(lines: list[HeadLine], table: Table) -> int:
     return first
 
 
-def _with_units(rows: list[tuple[int, Cells]], table: Table, first: int) -> Header:
+def _with_units(rows: list[tuple[int, Cells]], table: HeadTable, first: int) -> Header:
     columns = _columns(rows[1][1], table.width)
     said = tuple(
         replace(column, unit=bare_unit(unit)) if unit else column
@@ -85,7 +85,7 @@ def _with_units(rows: list[tuple[int, Cells]], table: Table, first: int) -> Head
     return Header(said, (rows[0], rows[1]), first, (table_note(table.form), note))
 
 
-def _named(row: tuple[int, Cells], table: Table, first: int) -> Header:
+def _named(row: tuple[int, Cells], table: HeadTable, first: int) -> Header:
     number, cells = row
     notes = [table_note(table.form), f"names from line {number}"]
     if len(cells) != table.width:
@@ -100,7 +100,7 @@ def _names_fit(names: Cells, width: int) -> bool:
     return len(names) == width or (width > 2 and width - 1 <= len(names) <= 2 * width)
 
 
-def _commented_header(head: Sequence[str], table: Table, first: int) -> tuple[int, Cells] | None:
+def _commented_header(head: Sequence[str], table: HeadTable, first: int) -> tuple[int, Cells] | None:
     """The last comment above the data where it is a list of names, as `# time ax ay` of numpy.savetxt."""
     for number in range(first - 1, 0, -1):
         text = head[number - 1]
@@ -118,7 +118,7 @@ def _is_name(text: str) -> bool:
     return 0 < len(bare) <= _COMMENT_NAME_LENGTH and not any(c in bare for c in " \t,;|")
 
 
-def _is_code_row(table: Table) -> bool:
+def _is_code_row(table: HeadTable) -> bool:
     """True where the first row can only be codes: `94255 2018 1000 0 2010 …` above fractions of another size.
 
     The first sample must never be eaten. Three columns at least must hold a whole number five times larger

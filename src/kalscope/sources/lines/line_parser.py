@@ -18,20 +18,20 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from kalscope.sources.lines.cells import is_blank, is_comment
-from kalscope.sources.lines.line_reader import LONGEST_TEXT, TAIL_LINES, Kind, LineEvent, LineReader, rejected
+from kalscope.sources.lines.line_reader import MAX_TEXT_LENGTH, TAIL_LINES, Kind, LineEvent, LineReader, rejected
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.lines.sniffer import Layout, sniff
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-LONGEST_LINE = 65_536
+MAX_LINE_BYTES = 65_536
 """Bytes of one line, ten times the widest table; a longer one is no line of numbers and is dropped as it comes."""
 
 HEAD_BYTES = 65_536
 """How much of the stream may still change the layout, as much as is looked at of a file."""
 
-_ALIKE, _MANY_ALIKE = 3, 8
+_MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
 """Different lines with words beside numbers, or any, that it takes to believe that these are rows."""
 
 _SHORT_HEAD = 64
@@ -100,7 +100,7 @@ class LineParser:
         self._after_cr = self._overlong = False
         return torn
 
-    def look_anew(self, head: Sequence[str]) -> LineEvent | None:
+    def adopt_layout(self, head: Sequence[str]) -> LineEvent | None:
         """Take the layout of these lines, of which the last is the one that `next_line` gave last.
 
         Returns:
@@ -156,9 +156,9 @@ class LineParser:
         match = _NEWLINE.search(buffer, self._searched)
         if match is None:
             self._searched = len(buffer)
-            if len(buffer) > LONGEST_LINE:
+            if len(buffer) > MAX_LINE_BYTES:
                 self._overlong = True
-                del buffer[LONGEST_TEXT:]
+                del buffer[MAX_TEXT_LENGTH:]
                 self._searched = len(buffer)
             return None
         line, self._after_cr, self._searched = bytes(buffer[: match.start()]), match[0] == b"\r", 0
@@ -167,12 +167,12 @@ class LineParser:
 
     def _overlong_event(self) -> LineEvent:
         self._number += 1
-        return rejected(self._number, "", f"must be at most {LONGEST_LINE} bytes long")
+        return rejected(self._number, "", f"must be at most {MAX_LINE_BYTES} bytes long")
 
     def _read(self, line: str) -> LineEvent:
-        if self._overlong or len(line) > LONGEST_LINE:
+        if self._overlong or len(line) > MAX_LINE_BYTES:
             self._overlong = False
-            return rejected(self._number, line, f"must be at most {LONGEST_LINE} bytes long")
+            return rejected(self._number, line, f"must be at most {MAX_LINE_BYTES} bytes long")
         if self._number == 1:
             line = line.removeprefix("\ufeff")
         self._before.append(line)
@@ -226,7 +226,7 @@ class LineParser:
             return True
         reader = LineReader(layout, self._options)
         rows = [text for text in head if reader.read(0, text).kind == "row"]
-        return len(set(rows)) >= _ALIKE or len(rows) >= _MANY_ALIKE
+        return len(set(rows)) >= _MIN_DISTINCT_ROWS or len(rows) >= _MIN_ROWS
 
 
 def comma_line(parser: LineParser, line: bytes) -> str:
@@ -260,4 +260,4 @@ def _without_layout(number: int, line: str) -> LineEvent:
         kind = "comment"
     elif re.match(r"\s*[-+]?(?:[0-9]|\.[0-9]|inf)", line, re.IGNORECASE):
         return rejected(number, line, "must be numbers, or name:value pairs")
-    return LineEvent(number, kind, line[:LONGEST_TEXT])
+    return LineEvent(number, kind, line[:MAX_TEXT_LENGTH])

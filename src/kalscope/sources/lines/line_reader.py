@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
 """What became of a line; "text" is prose that is no attempt at data: boot text, a program's log."""
 
-LONGEST_TEXT = 200
+MAX_TEXT_LENGTH = 200
 """Characters of a line that are kept in an issue."""
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 _TAIL_NUMBER = {mark: re.compile(rf'[0-9]{re.escape(mark)}([0-9]+)"?[ \t]*') for mark in ".,"}
 TAIL_LINES = 64
 """Rows before a last line without newline by which it is judged."""
-_FEWEST_NEIGHBOURS = 5
+_MIN_NEIGHBOURS = 5
 
 
 @dataclass(frozen=True)
@@ -79,15 +79,15 @@ class LineReader:
         text = line.rstrip("\r\n")
         kind = self._kind_without_data(text)
         if kind is not None:
-            return LineEvent(number, kind, text[:LONGEST_TEXT])
+            return LineEvent(number, kind, text[:MAX_TEXT_LENGTH])
         issues: list[LineIssue] = []
         try:
             rows = self._rows(number, text, issues)
         except _Fault as fault:
             return rejected(number, text, str(fault))
         if rows is None:
-            return LineEvent(number, "text", text[:LONGEST_TEXT])
-        return LineEvent(number, "row", text[:LONGEST_TEXT], rows, tuple(issues))
+            return LineEvent(number, "text", text[:MAX_TEXT_LENGTH])
+        return LineEvent(number, "row", text[:MAX_TEXT_LENGTH], rows, tuple(issues))
 
     def _kind_without_data(self, text: str) -> Kind | None:
         if is_blank(text, self._form.delimiter if self._form.kind == "table" else ""):
@@ -181,7 +181,7 @@ class LineReader:
             value = parse_number(cells[i], self._form.decimal)
             if value is None:
                 name = layout.columns[i].name
-                issues.append(LineIssue(number, "must be a number", cells[i][:LONGEST_TEXT], name))
+                issues.append(LineIssue(number, "must be a number", cells[i][:MAX_TEXT_LENGTH], name))
             elif value not in self._numbers:
                 values[i] = value
         return tuple(values)
@@ -209,12 +209,12 @@ class LineReader:
         decimals = _decimals(line, mark)
         rows = [text for text in before[-TAIL_LINES:] if self.read(0, text).kind == "row"]
         alike = all(_decimals(row, mark) == decimals for row in rows)
-        return alike and decimals > 0 and len(rows) >= _FEWEST_NEIGHBOURS
+        return alike and decimals > 0 and len(rows) >= _MIN_NEIGHBOURS
 
 
 def rejected(number: int, text: str, reason: str) -> LineEvent:
     """The event of a line of the wrong shape."""
-    text = text.rstrip("\r\n")[:LONGEST_TEXT]
+    text = text.rstrip("\r\n")[:MAX_TEXT_LENGTH]
     return LineEvent(number, "rejected", text, (), (LineIssue(number, reason, text),))
 
 

@@ -24,7 +24,7 @@ from kalscope.sources.lines.columns import (
 from kalscope.sources.lines.headers import Header, read_header
 from kalscope.sources.lines.line_format import LineFormat, split_teleplot
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.lines.tables import HeadLine, Table, best_table, candidate_lines
+from kalscope.sources.lines.tables import HeadLine, HeadTable, best_table, candidate_lines
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -114,7 +114,7 @@ def sniff(head: Sequence[str], options: ReadOptions = DEFAULTS) -> Layout | None
 
 
 def _find_time(
-    columns: list[Column], rows: list[Cells], table: Table, header: Header, options: ReadOptions
+    columns: list[Column], rows: list[Cells], table: HeadTable, header: Header, options: ReadOptions
 ) -> TimeColumn | None:
     if options.time_column is not None:
         labels = header.rows[-1][1] if header.rows else ()
@@ -129,7 +129,7 @@ def _in_their_places(columns: list[Column]) -> list[Column]:
     return [replace(c, role="channel") if c.role == "empty" and i < last else c for i, c in enumerate(columns)]
 
 
-def _labelled_header(table: Table, lines: list[HeadLine]) -> Header:
+def _labelled_header(table: HeadTable, lines: list[HeadLine]) -> Header:
     """Names and units that the data lines bring themselves."""
     if table.form.kind == "labels":
         columns = [named_column(label) for label in table.form.labels]

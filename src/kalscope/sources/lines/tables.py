@@ -17,7 +17,7 @@ MIN_SHARE = 0.15
 """Of the lines of the head, the share that must look like data: boot text may outweigh a short log."""
 MIN_UNIFORM = 0.6
 """Of the lines with numbers, the share that must have one width: records of several lines are no table."""
-UNIFORM_LINES = 20
+MIN_UNIFORM_LINES = 20
 """Lines it takes to judge that."""
 
 
@@ -34,7 +34,7 @@ class HeadLine:
 
 
 @dataclass(frozen=True)
-class Table:
+class HeadTable:
     """The data lines of the head, split in one of the possible ways."""
 
     score: float
@@ -64,7 +64,7 @@ def candidate_lines(head: list[str]) -> tuple[list[HeadLine], LineFormat]:
     return lines, form
 
 
-def best_table(lines: list[HeadLine], options: ReadOptions) -> Table | None:
+def best_table(lines: list[HeadLine], options: ReadOptions) -> HeadTable | None:
     """The way to split that makes most lines look like data; None where none makes MIN_SHARE of them."""
     candidates = [] if options.delimiter else [_teleplot(lines), _labelled(lines)]
     for delimiter in (options.delimiter,) if options.delimiter else DELIMITERS:
@@ -106,7 +106,7 @@ def _likeness(cells: Cells, decimal: str) -> float:
     return (numbers + others) / len(cells)
 
 
-def _rank(lines: list[HeadLine], table: Table) -> tuple[float, bool, bool, bool]:
+def _rank(lines: list[HeadLine], table: HeadTable) -> tuple[float, bool, bool, bool]:
     """Best score; of equals Teleplot, the one whose header has as many cells, the one with the decimal point."""
     fits = _header_fits(lines, table)
     score = table.score
@@ -116,7 +116,7 @@ def _rank(lines: list[HeadLine], table: Table) -> tuple[float, bool, bool, bool]
     return round(score, 6), table.form.kind == "teleplot", fits, table.form.decimal == "."
 
 
-def _as_table(split: list[tuple[int, Cells]], form: LineFormat) -> Table | None:
+def _as_table(split: list[tuple[int, Cells]], form: LineFormat) -> HeadTable | None:
     """The lines of the commonest width, weighed by how much they look like data."""
     likeness = {number: _likeness(cells, form.decimal) for number, cells in split}
     weight: defaultdict[int, float] = defaultdict(float)
@@ -125,15 +125,15 @@ def _as_table(split: list[tuple[int, Cells]], form: LineFormat) -> Table | None:
     width = max(weight, key=lambda width: weight[width], default=0)
     if not width or not weight[width]:
         return None
-    if len(split) >= UNIFORM_LINES and weight[width] < MIN_UNIFORM * sum(weight.values()):
+    if len(split) >= MIN_UNIFORM_LINES and weight[width] < MIN_UNIFORM * sum(weight.values()):
         return None
     fitting = [(number, cells) for number, cells in split if len(cells) == width]
     best = max(likeness[number] for number, _ in fitting)
     rows = tuple((number, cells) for number, cells in fitting if likeness[number] >= best / 2)
-    return Table(weight[width] / len(split), form, width, rows)
+    return HeadTable(weight[width] / len(split), form, width, rows)
 
 
-def _labelled(lines: list[HeadLine]) -> Table | None:
+def _labelled(lines: list[HeadLine]) -> HeadTable | None:
     """The lines of `name:value` pairs whose names come often and with numbers."""
     pairs = [(line.number, dict(found[0])) for line in lines if (found := find_labels(line.text))]
     count: defaultdict[str, int] = defaultdict(int)
@@ -149,10 +149,10 @@ def _labelled(lines: list[HeadLine]) -> Table | None:
     rows = tuple(row for row in rows if _likeness(row[1], "."))
     if not rows:
         return None
-    return Table(len(rows) / len(lines), LineFormat("labels", ",", ".", labels), len(labels), rows)
+    return HeadTable(len(rows) / len(lines), LineFormat("labels", ",", ".", labels), len(labels), rows)
 
 
-def _teleplot(lines: list[HeadLine]) -> Table | None:
+def _teleplot(lines: list[HeadLine]) -> HeadTable | None:
     """The lines `>name:ms:value§unit`; other lines beside them are the program's log and do not count."""
     marked = [line for line in lines if line.text.lstrip().startswith(">")]
     found = [(line.number, plot) for line in marked if (plot := split_teleplot(line.text))]
@@ -167,10 +167,10 @@ def _teleplot(lines: list[HeadLine]) -> Table | None:
         for stamp, value in plot.samples
     )
     form = LineFormat("teleplot", ",", ".", labels)
-    return Table(len(found) / len(marked), form, len(labels) + timed, rows)
+    return HeadTable(len(found) / len(marked), form, len(labels) + timed, rows)
 
 
-def _header_fits(lines: list[HeadLine], table: Table) -> bool:
+def _header_fits(lines: list[HeadLine], table: HeadTable) -> bool:
     above = [line for line in lines if line.number < table.rows[0][0]]
     if not above or table.form.kind != "table":
         return False

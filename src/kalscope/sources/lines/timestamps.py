@@ -44,7 +44,7 @@ UNIT_OF_WORD = {
 }
 """The unit that a word in a header names, lower case."""
 
-LARGEST_STAMP = 1e20
+MAX_STAMP = 1e20
 """A numeric stamp beyond this is damage: epoch nanoseconds are 1.8e18."""
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -154,7 +154,7 @@ def stamp_parser(column: TimeColumn, decimal: str) -> Callable[[str], float | No
     def parse(cell: str) -> float | None:
         value = parse_number(cell, decimal)
         # NaN fails the comparison as well.
-        return value if value is not None and abs(value) <= LARGEST_STAMP else None
+        return value if value is not None and abs(value) <= MAX_STAMP else None
 
     return parse
 

@@ -1,4 +1,4 @@
-"""The conversation with a board: one line goes out, the lines with # that come next are its answer."""
+"""Commands to a board: one line is sent, the lines with # that follow are the reply."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ if TYPE_CHECKING:
 
     from kalscope.sources.lines.line_reader import LineEvent
 
-LONGEST_COMMAND = 63
+MAX_COMMAND_BYTES = 63
 """Bytes of one line to the board, newline included: the ring of an AVR that receives them holds 64."""
-_REPLY_GOES_ON = 0.05
-"""Seconds without another line with # after which an answer is complete."""
+_REPLY_PAUSE = 0.05
+"""Seconds without another line with # after which a reply is complete."""
 
 
-class Talk:
-    """Asks one thing at a time; `hear` is told of every line that comes."""
+class CommandChannel:
+    """Sends one command at a time; `on_events` takes every line that arrives."""
 
     def __init__(self, write: Callable[[bytes], None]) -> None:
-        """Args: what sends bytes to the board."""
+        """Set up the channel; `write` sends bytes to the board."""
         self._write = write
         self._one_at_a_time = threading.Lock()
-        self._replies: list[str] | None = None  # None while nothing is asked
+        self._replies: list[str] | None = None  # None while no command is pending
         self._replied = threading.Condition()
 
-    def ask(self, line: str, timeout: float) -> tuple[str, ...]:
-        """Send a line and wait for the answer; arguments and errors as `LiveSource.send`."""
+    def send(self, line: str, timeout: float) -> tuple[str, ...]:
+        """Send a line and wait for the reply; arguments and errors as `LiveSource.send`."""
         data = line.encode("utf-8") + b"\n"
-        if len(data) > LONGEST_COMMAND or not line.isprintable():
+        if len(data) > MAX_COMMAND_BYTES or not line.isprintable():
             raise BadSetting(
-                f"what is sent must be one line of at most {LONGEST_COMMAND - 1} bytes"
+                f"what is sent must be one line of at most {MAX_COMMAND_BYTES - 1} bytes"
                 f" (got {len(data) - 1} in {line[:80]!r})"
             )
         with self._one_at_a_time:
@@ -41,13 +41,13 @@ class Talk:
                 self._replies = []
             try:
                 self._write(data)
-                return self._answer(timeout)
+                return self._reply(timeout)
             finally:
                 with self._replied:
                     self._replies = None
 
-    def hear(self, events: Iterable[LineEvent]) -> None:
-        """Take the remarks among the lines that came, if an answer is waited for."""
+    def on_events(self, events: Iterable[LineEvent]) -> None:
+        """Collect the comment lines among these while a reply is expected."""
         if self._replies is None:
             return
         found = [event.text for event in events if event.kind == "comment" and event.text.startswith("#")]
@@ -57,7 +57,7 @@ class Talk:
                     self._replies += found
                     self._replied.notify_all()
 
-    def _answer(self, timeout: float) -> tuple[str, ...]:
+    def _reply(self, timeout: float) -> tuple[str, ...]:
         with self._replied:
             if not self._replied.wait_for(lambda: bool(self._replies), timeout):
                 raise BadDevice(
@@ -66,5 +66,5 @@ class Talk:
             known = -1
             while self._replies is not None and len(self._replies) > known:
                 known = len(self._replies)
-                self._replied.wait(_REPLY_GOES_ON)
+                self._replied.wait(_REPLY_PAUSE)
             return tuple(self._replies or ())

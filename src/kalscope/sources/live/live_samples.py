@@ -1,6 +1,6 @@
-"""The samples of a live source: what their channels are called, when each was taken, and a view of all of them.
+"""The samples of a live source: the names of their channels, their times, and a view of all of them.
 
-Not for several threads: whoever owns it holds a lock around each call.
+Not thread-safe: the owner holds a lock around each call.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from kalscope.sources.lines.line_reader import LineEvent
     from kalscope.sources.lines.sniffer import Layout
-    from kalscope.sources.live.live_lines import Counts
+    from kalscope.sources.live.live_lines import LineCounts
     from kalscope.sources.port.clock import Clock
     from kalscope.sources.port.port_spec import PortSpec
 
@@ -27,7 +27,7 @@ _PERIOD_MOVES = 0.005
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What has come so far. It never changes, and costs the same however much is kept."""
+    """All samples so far. It never changes, and costs the same however much is kept."""
 
     recording: Recording
     """Time from the first sample, in s, and values; its arrays are views that cannot be written."""
@@ -43,7 +43,7 @@ class LiveSamples:
     """The samples of one board, of the layout that it sends now."""
 
     def __init__(self, spec: PortSpec, keep: int, clock: Clock) -> None:
-        """Args: the port, for the names of the record; samples a channel kept at least; what measures time."""
+        """Args: the port, named in the Recording; the least number of samples kept a channel; the clock."""
         self._spec, self._keep, self._clock = spec, keep, clock
         self._layout: Layout | None = None
         self.time = LiveTime(None)
@@ -61,7 +61,7 @@ class LiveSamples:
         """Samples of this generation that are no longer kept."""
         return self._store.first if self._store is not None else 0
 
-    def snapshot(self, counts: Counts) -> Snapshot | None:
+    def snapshot(self, counts: LineCounts) -> Snapshot | None:
         """All that is kept, with the account of the lines so far; the same object while nothing was added."""
         store, known = self._store, self._snapshot
         if store is None or not len(store):
@@ -84,7 +84,7 @@ class LiveSamples:
         return self._snapshot
 
     def keep(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout) -> None:
-        """Take the rows among lines of one layout, each with the monotonic moment at which it came, s."""
+        """Take the rows among lines of one layout, each with the monotonic moment at which it arrived, s."""
         if layout is not self._layout:
             self._adopt(layout)
         at, channels = (layout.time.index if layout.time else -1), layout.channels
@@ -114,7 +114,7 @@ class LiveSamples:
         self._period, self._period_at = None, -1e9
 
     def _steady_period(self) -> float | None:
-        """The period, which moves only when it has changed: whatever is derived from it would flicker."""
+        """The period, updated only when it has really changed, so that values derived from it do not flicker."""
         now = self._clock.monotonic()
         if self._period is None or now - self._period_at > _PERIOD_EVERY:
             period, self._period_at = self.time.period, now

@@ -4,8 +4,8 @@
         ...
         snapshot = live.snapshot()
 
-One thread reads the port, a second one takes the lines apart, hands them to the recorder and then keeps the
-samples. Nothing here waits for whoever looks.
+One thread reads the port, a second one parses the lines, hands them to the recorder and then stores the samples.
+Neither waits for the caller.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.live.command_channel import Talk
-from kalscope.sources.live.live_lines import Counts, LiveLines
+from kalscope.sources.live.command_channel import CommandChannel
+from kalscope.sources.live.live_lines import LineCounts, LiveLines
 from kalscope.sources.live.live_samples import LiveSamples, Snapshot
 from kalscope.sources.live.live_status import LineRate, LiveStatus, hint_of, recording_status
 from kalscope.sources.live.recorder_slot import RecorderSlot
 from kalscope.sources.port.clock import SYSTEM, Clock
-from kalscope.sources.port.events import Came, Lost, Opened
+from kalscope.sources.port.events import BytesReceived, Disconnected, Opened
 from kalscope.sources.port.port_reader import PortReader
 from kalscope.sources.port.port_spec import PortSpec, port_of
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from kalscope.sources.recorder.recorder import Recorder
 
 TICK = 0.1
-"""Seconds after which the second thread looks round where nothing came."""
+"""Seconds without a line after which the second thread updates the recorder and the rate."""
 _SLEEP = 1.0
 _PART_OF_A_LINE = 0.25
 """Seconds before a read at most in which its first line may have begun to come."""
@@ -66,7 +66,7 @@ class LiveSource:
 
         Args:
             spec: The port, or what `port_of` reads.
-            options: What is decided about the lines; the rest is found by looking.
+            options: How the lines are read; everything left open is detected.
             reconnect: Open the port again when the board comes back; `reconnect` may be set at any time.
             keep: Samples a channel that are kept at least.
             clock: Where the time comes from.
@@ -84,21 +84,21 @@ class LiveSource:
         self._layout: Layout | None = None
         self._samples = LiveSamples(self.spec, keep, clock)
         self._lock = threading.Lock()  # of the lines and of the samples
-        self._counts = Counts()  # of the lines whose samples are kept: what is told never runs ahead of them
+        self._counts = LineCounts()  # of the lines whose samples are stored: the status never runs ahead of them
         self._rate = LineRate()
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._asleep = clock.asleep()
-        self._lost_at: float | None = None
+        self._disconnected_at: float | None = None
         self._line_at = -math.inf  # when the last whole line had come: a read may bring only part of one
         self._slot = RecorderSlot()
-        self._talk = Talk(self._reader.write)
+        self._commands = CommandChannel(self._reader.write)
 
     def start(self, *, require: bool = False) -> None:
-        """Connect; does nothing while it runs. After `close` it goes on with the same samples.
+        """Connect; does nothing while it runs. After `close` it continues with the same samples.
 
         Args:
-            require: Open the port before returning. Otherwise a board that is not there is waited for.
+            require: Open the port before returning. Otherwise it waits for a missing board.
 
         Raises:
             BadDevice: the port cannot be opened, where that is required.
@@ -111,7 +111,7 @@ class LiveSource:
         self._thread.start()
 
     def close(self, timeout: float = 3.0) -> None:
-        """Free the port, take what it had brought, end the recording. May be called twice.
+        """Free the port, process the bytes it had sent, end the recording. May be called twice.
 
         Args:
             timeout: Seconds to wait for an attempt to connect over the network; the recording ends all the same.
@@ -145,7 +145,7 @@ class LiveSource:
             return self._samples.snapshot(self._lines.counts)
 
     def status(self) -> LiveStatus:
-        """How it stands now."""
+        """The current status."""
         state, recorder = self._reader.state, self._slot.recorder
         with self._lock:
             counts, time = self._counts, self._samples.time
@@ -166,31 +166,31 @@ class LiveSource:
             dropped=counts.dropped,
             reconnects=max(state.opened - 1, 0),
             left_memory=left,
-            longest_pause=self._reader.longest_pause,
+            max_read_latency=self._reader.max_read_latency,
             recording=None if recorder is None else recording_status(recorder),
         )
 
     @property
     def recorder(self) -> Recorder | None:
-        """The recorder that runs; None where none does."""
+        """The active recorder; None if there is none."""
         return self._slot.recorder
 
     def record(self, path: str | os.PathLike[str], *, resume: bool = False) -> Recorder:
-        """Write what comes from now on to a new file, raw, before it is shown.
+        """Write every line from now on to a new file, raw, before it is shown.
 
         Args:
             path: The file.
-            resume: Go on with a recording that is there instead.
+            resume: Continue an existing recording instead.
 
         Raises:
-            BadSetting: a recording runs already.
-            BadFile: the file cannot be written, or is there already; to resume: it is no recording.
+            BadSetting: a recording is active already.
+            BadFile: the file cannot be written, or exists already; to resume: it is no recording.
         """
         started, wall = self._clock.monotonic(), self._clock.wall()
         return self._slot.begin(Path(path), source=self.spec.text, started=started, wall=wall, resume=resume)
 
     def stop_recording(self) -> None:
-        """End the recording and close its file; does nothing where none runs."""
+        """End the recording and close its file; does nothing if none is active."""
         self._slot.end()
 
     def send(self, line: str, timeout: float = 2.0) -> tuple[str, ...]:
@@ -207,7 +207,7 @@ class LiveSource:
             BadSetting: `line` is too long or holds a newline.
             BadDevice: the port is not connected, or no answer came.
         """
-        return self._talk.ask(line, timeout)
+        return self._commands.send(line, timeout)
 
     def _run(self, stop: threading.Event) -> None:
         while True:
@@ -219,43 +219,43 @@ class LiveSource:
                 if stop.is_set():
                     return
                 continue
-            if isinstance(item, Came):
+            if isinstance(item, BytesReceived):
                 self._take(item)
-                self._reader.taken(item)
+                self._reader.release(item)
             elif isinstance(item, Opened):
                 self._on_opened(item)
-            elif isinstance(item, Lost):
-                self._on_lost(item)
+            else:
+                self._on_disconnected(item)
             self._counts = replace(self._lines.counts)
 
-    def _on_opened(self, opened: Opened) -> None:
-        self._look_for_sleep()
+    def _on_opened(self, event: Opened) -> None:
+        self._check_for_sleep()
         with self._lock:
-            self._lines.opened(opened.at)
-        self._line_at = opened.at
-        if self._lost_at is not None:
-            self._samples.time.broke_off()
-            self._slot.gap("unplug", opened.at - self._lost_at)
-            self._lost_at = None
+            self._lines.opened(event.at)
+        self._line_at = event.at
+        if self._disconnected_at is not None:
+            self._samples.time.interrupt()
+            self._slot.gap("unplug", event.at - self._disconnected_at)
+            self._disconnected_at = None
 
-    def _on_lost(self, lost: Lost) -> None:
-        self._lost_at = lost.at
+    def _on_disconnected(self, event: Disconnected) -> None:
+        self._disconnected_at = event.at
         with self._lock:
-            self._lines.lost()
-        self._tell_dropped()
+            self._lines.disconnected()
+        self._report_drops()
 
-    def _take(self, came: Came) -> None:
-        self._look_for_sleep()
+    def _take(self, received: BytesReceived) -> None:
+        self._check_for_sleep()
         batch: list[tuple[LineEvent, Layout | None]] = []
         with self._lock:
-            for event in self._lines.feed(came):
+            for event in self._lines.feed(received):
                 batch.append((event, self._lines.layout))
-        self._tell_dropped()
-        self._rate.note(came.end, self._lines.counts.received)
+        self._report_drops()
+        self._rate.note(received.end, self._lines.counts.received)
         if not batch:
             return
-        begin, self._line_at = max(self._line_at, came.begin - _PART_OF_A_LINE), came.end
-        moments = np.linspace(begin, came.end, len(batch) + 1)[1:].tolist()
+        begin, self._line_at = max(self._line_at, received.begin - _PART_OF_A_LINE), received.end
+        moments = np.linspace(begin, received.end, len(batch) + 1)[1:].tolist()
         stamped = [(at, event, layout) for at, (event, layout) in zip(moments, batch, strict=True)]
         for _, run in groupby(stamped, key=lambda line: id(line[2])):
             lines = list(run)
@@ -263,20 +263,20 @@ class LiveSource:
 
     def _hand_on(self, stamped: list[tuple[float, LineEvent]], layout: Layout | None) -> None:
         self._slot.write(stamped, layout)
-        self._talk.hear(event for _, event in stamped)
+        self._commands.on_events(event for _, event in stamped)
         self._layout = layout
         if layout is not None:
             with self._lock:
                 self._samples.keep(stamped, layout)
 
-    def _tell_dropped(self) -> None:
-        count, self._lines.untold = self._lines.untold, 0
+    def _report_drops(self) -> None:
+        count, self._lines.unreported_drops = self._lines.unreported_drops, 0
         if count:
             self._slot.drop(count)
 
-    def _look_for_sleep(self) -> None:
+    def _check_for_sleep(self) -> None:
         asleep = self._clock.asleep()
         slept, self._asleep = asleep - self._asleep, asleep
         if slept > _SLEEP:
-            self._samples.time.broke_off(slept)
+            self._samples.time.interrupt(slept)
             self._slot.gap("suspend", slept)

@@ -1,4 +1,4 @@
-"""How a live source stands: its counts, and the sentence for the person where something is wrong."""
+"""The status of a live source: its counts, and a sentence for the user if something is wrong."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _RATE_OVER = 2.0
 """Seconds of which the lines a second are the mean."""
 _RATE_EVERY = 0.1
 """Seconds between two counts that are kept for it."""
-_MANY_LINES = 20
-"""Lines after which one that holds numbers should have been among them."""
+_MIN_LINES_JUDGED = 20
+"""Lines among which one with numbers is expected."""
 
 
 @dataclass(frozen=True)
 class RecordingStatus:
-    """How a recording stands that runs."""
+    """The status of an active recording."""
 
     name: str
     """Name of the file that is written now, without its folder."""
@@ -36,18 +36,18 @@ class RecordingStatus:
 
 @dataclass(frozen=True)
 class LiveStatus:
-    """How a live source stands. received = accepted + rejected + dropped, always."""
+    """The status of a live source. received = accepted + rejected + dropped, always."""
 
     word: Word
     """closed, connecting, connected, or "disconnected, waiting"."""
     hint: str
-    """A sentence for the person: what is wrong and what to do; "" where nothing is."""
+    """A sentence for the user: what is wrong and what to do; "" if nothing is."""
     port: str
     """What is open, or was last."""
     since: float
-    """Monotonic time at which it came to stand so, s."""
+    """Monotonic time of the change to this state, s."""
     received: int
-    """Lines that came."""
+    """Lines that arrived."""
     lines_per_s: float
     """Lines a second, over the last 2 s."""
     period: float | None
@@ -66,10 +66,10 @@ class LiveStatus:
     """How many times the port was opened again."""
     left_memory: int
     """Samples of this generation that are no longer kept."""
-    longest_pause: float
-    """Longest time in s for which bytes waited to be read, at most."""
+    max_read_latency: float
+    """Upper bound of the longest time for which bytes waited to be read, s."""
     recording: RecordingStatus | None = None
-    """The recording that runs; None where none does."""
+    """The active recording; None if there is none."""
 
     @property
     def recording_error(self) -> str:
@@ -81,23 +81,23 @@ def hint_of(state: PortState, spec: PortSpec, *, noise: bool, accepted: int, rec
     """What is wrong with a port and what to do, in a sentence; "" where nothing is.
 
     Args:
-        state: How the port stands.
+        state: The state of the port.
         spec: What was to be opened.
-        noise: Whether what comes is no text.
+        noise: Whether the bytes are no text.
         accepted: Lines that became samples.
-        received: Lines that came.
+        received: Lines that arrived.
     """
-    if state.why:
-        return state.why
+    if state.reason:
+        return state.reason
     if noise:
         return f"wrong baud rate? What comes is no text ({spec.baud} baud is set)"
-    if state.word == "connected" and received > _MANY_LINES and not accepted:
+    if state.word == "connected" and received > _MIN_LINES_JUDGED and not accepted:
         return "lines come, but none holds numbers"
     return ""
 
 
 def recording_status(recorder: Recorder) -> RecordingStatus:
-    """How a recording stands now."""
+    """The current status of a recording."""
     return RecordingStatus(recorder.paths[-1].name, recorder.counts, recorder.error, recorder.warning)
 
 
@@ -110,7 +110,7 @@ class LineRate:
         """Lines a second."""
 
     def note(self, at: float, received: int) -> None:
-        """So many lines had come at the monotonic moment `at`, s."""
+        """Note how many lines had arrived at the monotonic moment `at`, s."""
         noted = self._noted
         if not noted or at - noted[-1][0] >= _RATE_EVERY:
             noted.append((at, received))

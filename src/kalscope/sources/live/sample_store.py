@@ -1,4 +1,4 @@
-"""Samples that come one after the other, kept so that a view of them costs nothing and never changes."""
+"""A growing store of samples whose views cost nothing and never change."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ class SampleStore:
     """Time and values of the last samples, at least `keep` of them where so many have come.
 
     Rows are only ever written behind the last one. When the room is used up, or old ones leave, the rows go
-    to new arrays: whoever holds views of the old ones keeps what they saw. Not for two writers at once.
+    to new arrays: views of the old ones stay as they are. One writer at a time.
     """
 
     def __init__(self, channels: int, keep: int) -> None:
         """Begin with no rows; `keep` >= 1."""
         self.keep = keep
         self.first = 0
-        """Number of the first row that is kept, counted from the first that ever came."""
+        """Number of the first row that is kept, counted from the first that ever arrived."""
         self._most = keep + max(keep // _ROOM, 1)
         self._time = np.empty(min(_FIRST_SIZE, self._most))
         # One channel after the other in memory: each is filtered and drawn by itself.
@@ -39,7 +39,7 @@ class SampleStore:
 
     @property
     def end(self) -> int:
-        """Rows that ever came."""
+        """Rows that ever arrived."""
         return self.first + self._used
 
     def append(self, time: Sequence[float], values: Sequence[Sequence[float]]) -> None:

@@ -1,6 +1,6 @@
-"""When the samples of a stream were taken: by the stamps of the board where it sends them, else as they came.
+"""When the samples of a stream were taken: by the stamps of the board if it sends any, else by their arrival.
 
-A board starts anew and its counter with it, a counter wraps, a stamp is damaged on the wire: the time that
+A board restarts and its counter with it, a counter wraps, a stamp is damaged on the wire: the time that
 comes out never steps back, and after a pause it is the true time again.
 """
 
@@ -36,7 +36,7 @@ class Row:
     """A row whose time is to be found."""
 
     host: float
-    """Monotonic time at which it came, s."""
+    """Monotonic time of its arrival, s."""
     stamp: float
     """Stamp of the board as it was parsed; NaN where there is none."""
     values: tuple[float, ...]
@@ -66,8 +66,8 @@ class LiveTime:
         """True where the board's own stamps are the time."""
         return self._scale is not None
 
-    def broke_off(self, slept: float = 0.0) -> None:
-        """The stream was interrupted; the machine slept for `slept` s, which monotonic time does not know."""
+    def interrupt(self, slept: float = 0.0) -> None:
+        """Note an interruption; the `slept` s for which the machine slept are missing in monotonic time."""
         self._broken += max(slept, _TICK)
 
     def place(self, rows: Sequence[Row]) -> tuple[list[float], list[tuple[float, ...]]]:
@@ -157,7 +157,7 @@ class LiveTime:
         stamp = row.stamp * (self._scale or 1.0)
         turn = self._turn(row.stamp, stamp - self._stamp, waited)
         step = stamp - self._stamp + turn
-        # An interruption must last as long by both clocks, else the board has started anew.
+        # An interruption must last as long by both clocks, else the board has restarted.
         alike = not self._broken or abs(step - waited) <= 0.25 + 0.05 * waited
         if 0 <= step <= 30 * waited + 10 and alike:
             self._offset += turn

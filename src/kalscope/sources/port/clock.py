@@ -24,7 +24,7 @@ def _asleep() -> float:
 
 @dataclass(frozen=True)
 class Clock:
-    """Where a live source gets its time from."""
+    """The clocks of a live source."""
 
     monotonic: Callable[[], float] = time.monotonic
     """Seconds that never step."""

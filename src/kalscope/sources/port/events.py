@@ -1,4 +1,4 @@
-"""What the thread that reads a port hands over, and how the port stands."""
+"""The events that the reader thread of a port queues, and the state of the port."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ Word = Literal["closed", "connecting", "connected", "disconnected, waiting"]
 
 @dataclass(frozen=True)
 class PortState:
-    """How a port stands."""
+    """The state of a port."""
 
     word: Word
     """closed, connecting, connected, or "disconnected, waiting" for the board to come back."""
-    why: str = ""
-    """A sentence without its full stop: what ended the connection or hinders it; "" where nothing does."""
+    reason: str = ""
+    """What ended or prevents the connection, a sentence without its full stop; "" if nothing does."""
     device: str = ""
-    """What is, or was last, open: the path may change when a board is plugged in again."""
+    """The device that is, or was last, open: the path may change when a board is plugged in again."""
     since: float = 0.0
     """Monotonic time of the change to this word, s."""
     opened: int = 0
@@ -25,32 +25,32 @@ class PortState:
 
 
 @dataclass(frozen=True)
-class Came:
+class BytesReceived:
     """Bytes of one read."""
 
     data: bytes
     """At least one byte."""
     begin: float
-    """Monotonic time of the read before this one, or of the opening, s."""
+    """Monotonic time of the previous read, or of the opening, s."""
     end: float
-    """Monotonic time at which they were there, s."""
+    """Monotonic time at which they had arrived, s."""
 
 
 @dataclass(frozen=True)
 class Opened:
-    """The port is open; what comes next may begin inside a line."""
+    """The port is open; the next bytes may begin inside a line."""
 
     at: float
     """Monotonic time, s."""
 
 
 @dataclass(frozen=True)
-class Lost:
-    """The board is gone, or the port was closed; the line that was coming will not be finished."""
+class Disconnected:
+    """The board was lost or the port closed; the current line will not be finished."""
 
     at: float
     """Monotonic time, s."""
 
 
-Item = Came | Opened | Lost
-"""What the thread that reads a port hands over."""
+Item = BytesReceived | Opened | Disconnected
+"""An event of the reader thread."""

@@ -1,4 +1,4 @@
-"""A port opened, and what to tell a person where that fails or ends. Wraps pyserial and its traps."""
+"""An open port, and messages for the user if opening fails or the connection ends. Wraps pyserial and its traps."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import errno
 import os
 import select
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,17 +15,25 @@ from kalscope.sources.port.port_spec import PortSpec, list_ports
 
 READ_TIMEOUT = 0.1
 """Seconds after which a read without data returns, so that close never waits longer."""
-MOST_AT_ONCE = 1 << 16
+MAX_READ_BYTES = 1 << 16
 """Bytes of one read."""
 _WRITE_TIMEOUT = 2.0
 _WINDOWS_BUFFER = 1 << 20  # the driver's own 4096 bytes are full after 0.36 s at 115200 baud
 
 
+DISCONNECT_ERRORS: tuple[type[BaseException], ...] = (OSError, TypeError)
+"""All that pyserial raises when a board is lost: OSError, of which its SerialException is one, and two more."""
+if sys.platform != "win32":
+    import termios
+
+    DISCONNECT_ERRORS += (termios.error,)
+
+
 class OpenPort(Protocol):
-    """What is used of an open port."""
+    """What the reader needs of an open port."""
 
     def fetch(self) -> bytes:
-        """All that has come; after READ_TIMEOUT nothing."""
+        """All bytes that have arrived; after READ_TIMEOUT none."""
         ...
 
     def waiting(self) -> int:
@@ -38,16 +47,6 @@ class OpenPort(Protocol):
     def close(self) -> None:
         """Free the port."""
         ...
-
-
-def gone_errors() -> tuple[type[BaseException], ...]:
-    """All that pyserial raises when a board goes: OSError, of which its SerialException is one, and two more."""
-    kinds: tuple[type[BaseException], ...] = (OSError, TypeError)
-    if sys.platform != "win32":
-        import termios
-
-        kinds += (termios.error,)
-    return kinds
 
 
 class SerialPort:
@@ -77,21 +76,21 @@ class SerialPort:
             self._port.open()
             if hasattr(self._port, "set_buffer_size"):
                 self._port.set_buffer_size(rx_size=_WINDOWS_BUFFER)
-        except (*gone_errors(), ValueError) as error:
+        except (*DISCONNECT_ERRORS, ValueError) as error:
             self.close()
-            raise BadDevice(why_not_opened(spec, device, error)) from error
+            raise BadDevice(open_failure_reason(spec, device, error)) from error
         # pyserial counts the bytes of a socket as one, and its read throws away what it had when the peer goes.
         self._socket = getattr(self._port, "_socket", None) if device.lower().startswith("socket:") else None
         if self._socket is not None:
             self._port.timeout = 0
 
     def fetch(self) -> bytes:
-        """All that has come; after READ_TIMEOUT nothing. Raises one of `gone_errors` when the board is gone."""
+        """All bytes that have arrived; after READ_TIMEOUT none. Raises DISCONNECT_ERRORS if the board is lost."""
         if self._socket is not None:
             select.select([self._socket], [], [], READ_TIMEOUT)
-            return self._port.read(MOST_AT_ONCE)
+            return self._port.read(MAX_READ_BYTES)
         # Never more than is there: a read that waits for the rest loses it all when the board goes meanwhile.
-        return self._port.read(min(max(1, self._port.in_waiting), MOST_AT_ONCE))
+        return self._port.read(min(max(1, self._port.in_waiting), MAX_READ_BYTES))
 
     def waiting(self) -> int:
         """Bytes that wait to be read; of a socket only whether there are any."""
@@ -107,16 +106,14 @@ class SerialPort:
         if port is None:
             return
         connection = getattr(port, "_socket", None)
-        try:
+        with suppress(*DISCONNECT_ERRORS):  # the board took the port with it
             port.close()
-        except gone_errors():
-            pass  # the board took the port with it
         if connection is not None:
             connection.close()  # pyserial forgets to, where the other side was faster
 
 
-def why_not_opened(spec: PortSpec, device: str, error: BaseException) -> str:
-    """What must hold and what came, for a port that cannot be opened."""
+def open_failure_reason(spec: PortSpec, device: str, error: BaseException) -> str:
+    """The error message for a port that cannot be opened."""
     number, text = getattr(error, "errno", None), str(error)
     if spec.is_url:
         return f"{device} must answer (got {_short(text)})"
@@ -139,14 +136,14 @@ def _why_refused(device: str) -> str:
     return f"port {device} must be open to you (got no permission; {cure})"
 
 
-def why_gone(spec: PortSpec, device: str, error: BaseException, *, again: bool) -> str:
-    """What has probably happened to a port that was open.
+def disconnect_reason(spec: PortSpec, device: str, error: BaseException, *, again: bool) -> str:
+    """Why an open port was probably lost.
 
     Args:
         spec: The port.
-        device: What was opened.
-        error: What pyserial raised. The same words mean a board that was unplugged and a second reader.
-        again: True where it went soon after it was opened, more than once.
+        device: The device that was opened.
+        error: What pyserial raised: the same for an unplugged board and for a second reader.
+        again: True if it was lost soon after it was opened, more than once.
     """
     if spec.is_url:
         return f"the other side of {device} closed the connection"
@@ -164,9 +161,9 @@ def _held_by(device: str) -> str:
 
 
 def holders(device: str) -> list[str]:
-    """Programs that hold `device` open, as "name (process 123)", ours left out; [] where the system does not tell.
+    """Programs that hold `device` open, as "name (process 123)", except this one; [] if the system does not say.
 
-    Only Linux tells, and only of one's own programs.
+    Only Linux does, and only for the user's own programs.
     """
     try:
         target, own = os.path.realpath(device), os.getpid()

@@ -1,7 +1,7 @@
-"""The thread that reads a port: it opens, reads, stamps and hands over, and when the board goes it waits for it.
+"""The reader thread of a port: it opens, reads, stamps and queues, and waits for a lost board to come back.
 
-It does nothing else, because what it does not fetch in time is lost: the driver of Windows holds 0.36 s of
-115200 baud. Whoever takes the items from its queue may take its time.
+It does nothing else, because bytes that it does not fetch in time are lost: the Windows driver holds 0.36 s of
+115200 baud. The consumer of its queue may take its time.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from typing import TYPE_CHECKING
 
 from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import SYSTEM, Clock
-from kalscope.sources.port.events import Came, Item, Lost, Opened, PortState, Word
-from kalscope.sources.port.open_port import OpenPort, SerialPort, gone_errors, why_gone
+from kalscope.sources.port.events import BytesReceived, Disconnected, Item, Opened, PortState, Word
+from kalscope.sources.port.open_port import DISCONNECT_ERRORS, OpenPort, SerialPort, disconnect_reason
 from kalscope.sources.port.port_spec import PortSpec, list_ports
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-SHORTEST_WAIT, LONGEST_WAIT = 0.25, 2.0
-"""Seconds between two attempts to open the port again: the wait doubles from the first to the second."""
-_SHORT_LIFE = 5.0
-"""Seconds a port must stay open before the next loss counts as a new story."""
-_GAPS_TO_KNOW = 20
-"""Reads after which it is known how the board sends: line by line or in bursts."""
-MOST_WAITING = 64 << 20
-"""Bytes that may wait for whoever takes them; beyond, the reader waits too. That is minutes of the fastest port."""
+MIN_RETRY_DELAY, MAX_RETRY_DELAY = 0.25, 2.0
+"""Seconds between two attempts to reopen the port: the delay doubles from the first to the second."""
+_MIN_CONNECTED_S = 5.0
+"""A connection that lasted longer, in s, resets the retry delay."""
+_MIN_GAPS = 20
+"""Reads after which it is known whether the board sends line by line or in bursts."""
+MAX_WAITING_BYTES = 64 << 20
+"""Bytes that may wait in the queue, minutes of the fastest port; beyond that the reader waits too."""
 
 
 class PortReader:
@@ -46,13 +46,13 @@ class PortReader:
 
         Args:
             spec: The port.
-            reconnect: Open it again when the board comes back; may be switched at any time.
-            clock: Where the stamps come from.
+            reconnect: Reopen it when the board comes back; may be switched at any time.
+            clock: The source of the stamps.
             open_port: Opens the device of that name; BadDevice where it cannot.
         """
         self.spec = spec
         self.items: SimpleQueue[Item] = SimpleQueue()
-        """What came, in order. Whoever takes a `Came` calls `taken`."""
+        """The events in order. The consumer passes each `BytesReceived` to `release`."""
         self._reconnect = reconnect
         self._clock = clock
         self._open_port = open_port
@@ -66,17 +66,17 @@ class PortReader:
         self._serial_number = ""
         self._losses: deque[float] = deque(maxlen=3)
         self._usual_gap, self._gaps = 0.0, 0
-        self.longest_pause = 0.0
-        """Longest time between two reads while bytes were waiting, at most, in s."""
+        self.max_read_latency = 0.0
+        """Upper bound of the longest time between two reads while bytes were waiting, s."""
 
     @property
     def state(self) -> PortState:
-        """How the port stands now."""
+        """The current state of the port."""
         return self._state
 
     @property
     def reconnect(self) -> bool:
-        """Whether the port is opened again when the board comes back."""
+        """Whether the port is reopened when the board comes back."""
         return self._reconnect
 
     @reconnect.setter
@@ -85,7 +85,7 @@ class PortReader:
 
     @property
     def running(self) -> bool:
-        """True from start to close, and until the board goes where nothing reconnects."""
+        """True from start to close, and until the board is lost if it does not reconnect."""
         return self._thread is not None and self._thread.is_alive()
 
     def start(self, *, require: bool = False) -> None:
@@ -100,13 +100,13 @@ class PortReader:
         if self.running:
             return
         self._stop = threading.Event()
-        self._say("connecting")
+        self._set_state("connecting")
         port = None
         if require:
             try:
                 port = self._opened(self._stop)
             except BadDevice as error:
-                self._say("closed", str(error))
+                self._set_state("closed", str(error))
                 raise
         self._thread = threading.Thread(
             target=self._run, args=(port, self._stop), name="kalscope port", daemon=True
@@ -123,7 +123,7 @@ class PortReader:
         thread, self._thread = self._thread, None
         if thread is not None and thread is not threading.current_thread():
             thread.join(timeout)
-        self._say("closed", self._state.why if self._state.word == "closed" else "")
+        self._set_state("closed", self._state.reason if self._state.word == "closed" else "")
 
     def write(self, data: bytes) -> None:
         """Send bytes to the board.
@@ -137,54 +137,44 @@ class PortReader:
                 raise BadDevice(f"port {self._state.device} must be connected (got {self._state.word})")
             try:
                 port.write(data)
-            except gone_errors() as error:
+            except DISCONNECT_ERRORS as error:
                 raise BadDevice(f"port {self._state.device} must take what is sent (got {error})") from error
 
-    def taken(self, came: Came) -> None:
-        """Tell that the bytes of `came` need no more room."""
+    def release(self, received: BytesReceived) -> None:
+        """Note that these bytes no longer occupy the queue."""
         with self._waiting_lock:
-            self._waiting -= len(came.data)
+            self._waiting -= len(received.data)
 
     def _run(self, port: OpenPort | None, stop: threading.Event) -> None:
-        wait = SHORTEST_WAIT
+        delay = MIN_RETRY_DELAY
         try:
             while not stop.is_set():
-                if port is None:
-                    try:
-                        port = self._opened(stop)
-                    except BadDevice as error:
-                        if stop.is_set():
-                            return
-                        if not self._reconnect:
-                            self._say("closed", str(error))
-                            return
-                        self._say("disconnected, waiting", str(error))
-                        stop.wait(wait)
-                        wait = min(2 * wait, LONGEST_WAIT)
-                        continue
-                opened = self._clock.monotonic()
-                why = self._read(port, stop)
-                port = None
+                try:
+                    port = port or self._opened(stop)
+                    reason = self._read(port, stop)
+                    port = None
+                    if self._clock.monotonic() - self._state.since > _MIN_CONNECTED_S:
+                        delay = MIN_RETRY_DELAY
+                except BadDevice as error:
+                    reason = str(error)
                 if stop.is_set():
                     return
-                if self._clock.monotonic() - opened > _SHORT_LIFE:
-                    wait = SHORTEST_WAIT
-                self._say("disconnected, waiting" if self._reconnect else "closed", why)
+                self._set_state("disconnected, waiting" if self._reconnect else "closed", reason)
                 if not self._reconnect:
                     return
-                stop.wait(wait)
-                wait = min(2 * wait, LONGEST_WAIT)
+                stop.wait(delay)
+                delay = min(2 * delay, MAX_RETRY_DELAY)
         finally:
             if port is not None:
                 port.close()
             if stop.is_set() and stop is self._stop:
-                self._say("closed")
+                self._set_state("closed")
 
     def _opened(self, stop: threading.Event) -> OpenPort:
         """The port, open, under whatever name the board has now."""
         device = self._device()
         port = self._open_port(self.spec, device)
-        if stop.is_set():  # nobody waits for it any longer, or somebody else has begun anew
+        if stop.is_set():  # closed, or started again, in the meantime
             port.close()
             raise BadDevice(f"port {device} must be wanted (got a connection after it was given up)")
         if not self.spec.is_url and not self._serial_number:
@@ -194,7 +184,7 @@ class PortReader:
         at = self._clock.monotonic()
         with self._write_lock:
             self._port = port
-        # Before the state tells, so that whoever sees "connected" finds the item.
+        # Before the state changes, so that a caller who sees "connected" finds the event.
         self.items.put(Opened(at))
         self._state = PortState("connected", "", device, at, self._state.opened + 1)
         return port
@@ -207,7 +197,7 @@ class PortReader:
         return same[0] if same and real not in same else self.spec.url
 
     def _read(self, port: OpenPort, stop: threading.Event) -> str:
-        """Read until the board goes or `stop`; then close the port. Why it went."""
+        """Read until the board is lost or `stop`; then close the port. Returns why it was lost."""
         why, clock = "", self._clock.monotonic
         before, waiting, self._usual_gap, self._gaps = clock(), 0, 0.0, 0
         try:
@@ -217,43 +207,43 @@ class PortReader:
                 if not data:
                     waiting = 0
                     continue
-                self._hand_over(Came(data, before, now), stop)
+                self._hand_over(BytesReceived(data, before, now), stop)
                 left = port.waiting()
-                self._judge_pause(now - before, waiting, left)
+                self._note_read_latency(now - before, waiting, left)
                 before, waiting = now, left
-        except gone_errors() as error:
+        except DISCONNECT_ERRORS as error:
             self._losses.append(clock())
-            often = len(self._losses) > 1 and self._losses[-1] - self._losses[-2] < 2 * _SHORT_LIFE
-            why = why_gone(self.spec, self._state.device, error, again=often)
+            often = len(self._losses) > 1 and self._losses[-1] - self._losses[-2] < 2 * _MIN_CONNECTED_S
+            why = disconnect_reason(self.spec, self._state.device, error, again=often)
         finally:
             with self._write_lock:
                 self._port = None
             port.close()
-            self.items.put(Lost(clock()))
+            self.items.put(Disconnected(clock()))
         return why
 
-    def _hand_over(self, came: Came, stop: threading.Event) -> None:
-        while self._waiting > MOST_WAITING and not stop.is_set():
+    def _hand_over(self, received: BytesReceived, stop: threading.Event) -> None:
+        while self._waiting > MAX_WAITING_BYTES and not stop.is_set():
             stop.wait(0.01)
         with self._waiting_lock:
-            self._waiting += len(came.data)
-        self.items.put(came)
+            self._waiting += len(received.data)
+        self.items.put(received)
 
-    def _judge_pause(self, gap: float, waiting: int, left: int) -> None:
+    def _note_read_latency(self, gap: float, waiting: int, left: int) -> None:
         """Note a late read. Where nothing was waiting at its call, it was late by what has piled up since.
 
         A board that sends in bursts piles up as much; so only what exceeds the usual gap counts.
         """
         if waiting:
-            self.longest_pause = max(self.longest_pause, gap)
+            self.max_read_latency = max(self.max_read_latency, gap)
             return
         self._gaps += 1
-        if left and self._gaps > _GAPS_TO_KNOW:
+        if left and self._gaps > _MIN_GAPS:
             late = min(gap - self._usual_gap, 10.0 * left / self.spec.baud)
-            self.longest_pause = max(self.longest_pause, late)
+            self.max_read_latency = max(self.max_read_latency, late)
         self._usual_gap = max(gap, 0.98 * self._usual_gap)
 
-    def _say(self, word: Word, why: str = "") -> None:
+    def _set_state(self, word: Word, reason: str = "") -> None:
         state = self._state
         since = state.since if word == state.word else self._clock.monotonic()
-        self._state = PortState(word, why, state.device, since, state.opened)
+        self._state = PortState(word, reason, state.device, since, state.opened)

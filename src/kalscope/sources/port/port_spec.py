@@ -1,4 +1,4 @@
-"""Names of ports: what a person types, and what is plugged in. Opens nothing."""
+"""Names of ports: what users type, and what is plugged in. Opens nothing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from kalscope.errors import BadSetting
 
 DEFAULT_BAUD = 115_200
-FASTEST_BAUD = 20_000_000
+MAX_BAUD = 20_000_000
 """No USB chip goes beyond 12 million baud; a larger number is a slip of the keyboard."""
 
 _URL_SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
@@ -56,8 +56,8 @@ class PortSpec:
             raise BadSetting(
                 f"an address must be socket://host:port or rfc2217://host:port (got {self.url!r:.100})"
             )
-        if isinstance(self.baud, bool) or not isinstance(self.baud, int) or not 1 <= self.baud <= FASTEST_BAUD:
-            raise BadSetting(f"baud rate must be a whole number from 1 to {FASTEST_BAUD} (got {self.baud!r})")
+        if isinstance(self.baud, bool) or not isinstance(self.baud, int) or not 1 <= self.baud <= MAX_BAUD:
+            raise BadSetting(f"baud rate must be a whole number from 1 to {MAX_BAUD} (got {self.baud!r})")
 
     @property
     def is_url(self) -> bool:
@@ -80,7 +80,7 @@ def is_live(spec: str) -> bool:
 
 
 def port_of(text: str, *, reset: bool = True) -> PortSpec:
-    """The port that a person names.
+    """The port that `text` names.
 
     Args:
         text: "serial:PORT@BAUD", "serial:PORT", "PORT@BAUD", "PORT" (115200 baud), "socket://host:port",

@@ -47,7 +47,7 @@ def account(recording: Recording) -> str:
     return "".join(f"{_plain(line)}\n" for line in lines)
 
 
-def overruled(recording: Recording) -> str:
+def sample_period_conflict(recording: Recording) -> str:
     """A sentence where the sample period is not that of the recording's own time; "" where they agree to 1 %."""
     steps = np.diff(recording.time)
     steps = steps[steps > 0.0]

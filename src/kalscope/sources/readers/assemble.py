@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import ReadReport, Recording
 from kalscope.sources.readers.gaps import fill_gaps
-from kalscope.sources.readers.sentinels import Ends, suggest_missing
+from kalscope.sources.readers.sentinels import Extremes, suggest_missing
 from kalscope.sources.readers.time_axis import TimeAxis, read_time
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float |
     return read_time(reading.columns[column.index], column, options.time_unit)
 
 
-def _about_columns(layout: Layout, ends: Ends, n: int, name: str) -> list[str]:
+def _about_columns(layout: Layout, ends: Extremes, n: int, name: str) -> list[str]:
     """What to say about columns; BadFile where no sample is left."""
     low, high = ends
     if not np.isfinite(low).any():

@@ -12,8 +12,8 @@ from kalscope.sources.readers.time_axis import GAP_PERIODS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_MOST_PER_ROW = 20
-_MOST_ANYWAY = 1_000_000
+_MAX_INSERTED_PER_ROW = 20
+_ALWAYS_ALLOWED = 1_000_000
 
 
 def fill_gaps(
@@ -36,7 +36,7 @@ def fill_gaps(
     steps = (time[1:] - np.maximum.accumulate(time)[:-1]) / period
     more = np.where(steps > GAP_PERIODS, np.rint(steps) - 1, 0.0)
     total = float(more.sum())
-    if total > max(_MOST_PER_ROW * len(time), _MOST_ANYWAY):
+    if total > max(_MAX_INSERTED_PER_ROW * len(time), _ALWAYS_ALLOWED):
         raise BadSetting(
             f'gaps must not be "missing" where that makes {total:.3g} rows of {len(time)} (take "dt", or a longer'
             " sample period)"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.sources.lines.cells import is_number
-from kalscope.sources.lines.timestamps import LARGEST_STAMP
+from kalscope.sources.lines.timestamps import MAX_STAMP
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -60,7 +60,7 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
         if rows is None or rows.shape != (len(lines), width) or np.isinf(rows).any():
             return None
         if time is not None:
-            is_doubtful = ~(np.abs(rows[:, time.index]) <= LARGEST_STAMP)  # NaN fails as well
+            is_doubtful = ~(np.abs(rows[:, time.index]) <= MAX_STAMP)  # NaN fails as well
         else:
             is_doubtful = np.isnan(rows).all(axis=1)  # a line of delimiters alone is blank
         return None if is_doubtful.any() else rows

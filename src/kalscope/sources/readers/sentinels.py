@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-Ends = tuple[NDArray[np.float64], NDArray[np.float64]]
+Extremes = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Smallest and largest sample of each channel, shape (channels,) each; NaN where all are missing."""
 
-_LEAST_COUNT = 3
-_LEAST_DISTINCT = 3
+_MIN_COUNT = 3
+_MIN_DISTINCT = 3
 """Fewer values beside it and there is nothing to be far from: a switch, an event marker."""
 _SAMPLE = 20_000
 
 
-def suggest_missing(values: NDArray[np.float64], names: Sequence[str], ends: Ends) -> list[str]:
+def suggest_missing(values: NDArray[np.float64], names: Sequence[str], ends: Extremes) -> list[str]:
     """Questions about values that may be missing samples.
 
     Args:
@@ -62,13 +62,13 @@ def _far_extremes(samples: NDArray[np.float64], low: float, high: float) -> list
 
 
 def _is_far(samples: NDArray[np.float64], value: float) -> bool:
-    least = max(_LEAST_COUNT, samples.size // 2000)
+    least = max(_MIN_COUNT, samples.size // 2000)
     if np.count_nonzero(samples == value) < least:
         return False
     rest = samples[np.isfinite(samples) & (samples != value)]
     nearest = float(np.min(np.abs(rest - value)))
     some = rest[:: max(1, rest.size // _SAMPLE)]
-    if np.unique(some).size < _LEAST_DISTINCT:
+    if np.unique(some).size < _MIN_DISTINCT:
         return False
     lower, upper = np.quantile(some, (0.25, 0.75))
     return nearest > max(float(upper - lower), 0.5 * float(np.ptp(some)))

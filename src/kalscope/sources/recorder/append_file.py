@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 RETRY_S = 1.0
 """Pause between two attempts to write to a disk that refuses, s."""
-WAIT_S = 60.0
+MAX_WAIT_S = 60.0
 """Seconds of entries that wait in memory for such a disk; what comes later is lost, and counted."""
-WAIT_BYTES = 32_000_000
+MAX_WAIT_BYTES = 32_000_000
 """Memory that these may take: 60 s of 1,000 lines/s are 11 MB, and of 10,000 lines/s some 18 s fit."""
 _OVERHEAD = 150  # bytes of memory that an entry takes besides its text
 
@@ -174,7 +174,7 @@ class AppendFile:
     def _is_too_much(self, at: float) -> bool:
         if not self.error or not self._waiting:
             return False
-        return self._bytes > WAIT_BYTES or at - self._waiting[0].at > WAIT_S
+        return self._bytes > MAX_WAIT_BYTES or at - self._waiting[0].at > MAX_WAIT_S
 
     def _write(self) -> tuple[int, OSError | None]:
         """One pass over what waits: lines that reached the file, and why it was not all."""

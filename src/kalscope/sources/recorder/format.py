@@ -33,8 +33,8 @@ REJECTS_HEADER = f"{HOST_TIME},line,column,reason,text\n"
 """Header of the file of rejected lines."""
 
 _FORMULA = ("=", "+", "-", "@")
-_LONGEST_CELL = 100  # of a header: the reader cuts there
-_LONGEST_UNIT = 30
+_MAX_CELL_LENGTH = 100  # of a header: the reader cuts there
+_MAX_UNIT_LENGTH = 30
 
 RowEncoder = Callable[[float, Sequence[float]], str]
 """From host time in s and the values of a row, one a column of the layout, to its line."""
@@ -147,8 +147,10 @@ def _microseconds(stamp: float) -> str:
 
 def _cell(name: str, unit: str) -> str:
     """`name [unit]`; `name []` where our reader would take a bare name for something else."""
-    unit = " ".join("".join(c if c.isprintable() and c not in "[]" else " " for c in unit).split())[:_LONGEST_UNIT]
-    name = name[: _LONGEST_CELL - len(unit) - 3].rstrip()
+    unit = " ".join("".join(c if c.isprintable() and c not in "[]" else " " for c in unit).split())[
+        :_MAX_UNIT_LENGTH
+    ]
+    name = name[: _MAX_CELL_LENGTH - len(unit) - 3].rstrip()
     if unit:
         return f"{name} [{unit}]"
     plain = named_column(name) == Column(name) and only_text((name,), ".")
@@ -157,7 +159,7 @@ def _cell(name: str, unit: str) -> str:
 
 def _harmless(name: str) -> str:
     """A name on one line that no spreadsheet runs."""
-    name = " ".join("".join(c if c.isprintable() else " " for c in name).split())[: _LONGEST_CELL - 40].rstrip()
+    name = " ".join("".join(c if c.isprintable() else " " for c in name).split())[: _MAX_CELL_LENGTH - 40].rstrip()
     return f"'{name}" if name.startswith(_FORMULA) else name or "channel"
 
 

@@ -35,7 +35,7 @@ from kalscope.sources.recorder.paths import (
     unwritable,
 )
 from kalscope.sources.recorder.rejects import RejectsFile
-from kalscope.sources.recorder.repair import Ends, read_ends, repair
+from kalscope.sources.recorder.repair import RecordingEnds, read_ends, repair
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -136,7 +136,7 @@ class Recorder:
             self._csv.close()
             raise unwritable(path, error) from None
 
-    def _resume_times(self, ends: Ends) -> None:
+    def _resume_times(self, ends: RecordingEnds) -> None:
         """Continue the host time and the columns of a part that ends so."""
         if ends.wall is None:  # a crash in the first moment left no header
             self._csv.put_note(preamble(self._source, self._wall), self._started)

@@ -35,7 +35,7 @@ class RepairReport:
 
 
 @dataclass(frozen=True)
-class Ends:
+class RecordingEnds:
     """What the first and the last lines of a recording say."""
 
     wall: float | None
@@ -76,7 +76,7 @@ def repair(path: Path) -> RepairReport:
         raise BadFile(f"{path.name} must be a recording that can be repaired (got: {error.strerror})") from None
 
 
-def read_ends(path: Path) -> Ends:
+def read_ends(path: Path) -> RecordingEnds:
     """What a repaired recording says at its ends.
 
     Raises:
@@ -97,7 +97,7 @@ def read_ends(path: Path) -> Ends:
         host = float(rows[-1].partition(",")[0]) if rows else 0.0
     except (ValueError, IndexError):
         raise BadFile(f"{path.name} must be a recording as it was written (got one that was edited)") from None
-    return Ends(wall, header, host)
+    return RecordingEnds(wall, header, host)
 
 
 def _check_ours(file: BinaryIO, path: Path) -> None:
