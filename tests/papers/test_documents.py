@@ -13,7 +13,7 @@ from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.disagreements import DISAGREEMENTS
 from kalscope.papers.experiments import list_experiments, open_experiment
-from kalscope.papers.generalized_filter import GeneralizedParams
+from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope.papers.interactive_matter_2009 import document as lis302dl
 from kalscope.papers.interactive_matter_2009 import questions
 from kalscope.papers.khan import paper as generalized

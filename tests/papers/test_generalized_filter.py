@@ -13,7 +13,7 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.protocol import StandardFilter
-from kalscope.papers.generalized_filter import (
+from kalscope.papers.generalized.filter import (
     GeneralizedFilter,
     GeneralizedParams,
     generalized_filter,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from kalscope.filtering.params import FilterParams
-from kalscope.papers.generalized_filter import GeneralizedParams
+from kalscope.papers.generalized.filter import GeneralizedParams
 
 if TYPE_CHECKING:
     from collections.abc import Callable

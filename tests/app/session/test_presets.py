@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter, starting_params, steady_state
-from kalscope.papers.generalized_filter import GeneralizedParams
+from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope_app.session.changes.parameters import set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.presets import PRESETS, choose_preset, take_preset

@@ -10,7 +10,7 @@ import pytest
 from kalscope import FilterParams, Recording, open_source
 from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.alternatives.verdict import Difference
-from kalscope.papers.generalized_filter import GeneralizedParams
+from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by, set_window
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.alternatives import AlternativesStudy

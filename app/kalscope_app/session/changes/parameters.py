@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from kalscope.common.text import typed_number
-from kalscope.papers.generalized_filter import GeneralizedParams
+from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope_app.session.opening import timed
 from kalscope_app.session.state import Outcome, State
 

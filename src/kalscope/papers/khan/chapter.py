@@ -11,7 +11,7 @@ from kalscope.common.charts import Line, Panel, draw_svg
 from kalscope.errors import BadSetting
 from kalscope.filtering.batch import denoise
 from kalscope.papers.diagrams import block_diagram
-from kalscope.papers.generalized_filter import GeneralizedParams, generalized_filter, printed_fixed_point
+from kalscope.papers.generalized.filter import GeneralizedParams, generalized_filter, printed_fixed_point
 from kalscope.papers.khan import paper
 from kalscope.papers.khan.paper import GainRow, LevelRow, channel
 from kalscope.papers.parts import Chapter, Check, Figure, ResultTable

@@ -17,7 +17,7 @@ from kalscope.common.array import Array
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import ratio_for
-from kalscope.papers.generalized_filter import GeneralizedParams, generalized_filter, printed_fixed_point
+from kalscope.papers.generalized.filter import GeneralizedParams, generalized_filter, printed_fixed_point
 from kalscope.papers.parts import Experiment, Settings
 from kalscope.sources.samples import open_sample
 

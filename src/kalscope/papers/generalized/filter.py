@@ -24,7 +24,7 @@ from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.params import LARGEST, FilterParams
 from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
 from kalscope.filtering.streaming import KalmanFilter
-from kalscope.papers import generalized_kernels as kernels
+from kalscope.papers.generalized import kernels
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
