@@ -1,4 +1,4 @@
-"""The error family: each class says whose fault it is; each message says what must hold and what came."""
+"""The errors: each class names the cause; each message says what must hold and what was given."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import os
 
 
 class KalscopeError(Exception):
-    """Anything that Kalscope refuses. `str(error)` is one line for the person who can mend it."""
+    """Any error of Kalscope. `str(error)` is one line for the user who can correct the cause."""
 
 
 def describe(error: Exception) -> str:
-    """One line for the person: the message of ours, or the reason and the file of an OSError."""
+    """One line for the user: the message of a KalscopeError, or the reason and the file of an OSError."""
     if isinstance(error, OSError) and not isinstance(error, KalscopeError):
         reason = error.strerror or str(error)
         return f"{os.fspath(error.filename)!r}: {reason}" if error.filename is not None else reason
@@ -30,4 +30,4 @@ class BadDevice(KalscopeError, OSError):
 
 
 class Cancelled(KalscopeError):
-    """A long task was told to stop before it had an answer."""
+    """A long task was cancelled before it was finished."""

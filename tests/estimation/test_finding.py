@@ -9,7 +9,7 @@ import pytest
 
 from kalscope.errors import BadSetting, Cancelled
 from kalscope.estimation.estimate import METHODS, estimate
-from kalscope.estimation.finding import METHOD_WORDS, WISHES, Found, Noise, find_parameters, still_or_silent
+from kalscope.estimation.finding import METHOD_NAMES, TARGETS, Found, Noise, find_parameters, shows_no_noise
 from kalscope.filtering.steady_state import steady_state
 
 PERIOD = 0.02
@@ -46,17 +46,17 @@ EDGES = {
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("known", KNOWN)
 @pytest.mark.parametrize("ratio", [None, 0.01])
-@pytest.mark.parametrize("wish", [None, *WISHES])
+@pytest.mark.parametrize("target", [None, *TARGETS])
 def test_a_wish_fixes_the_ratio_the_noise_fixes_r_and_the_rest_is_estimated(
-    wish: str | None, ratio: float | None, known: str, method: str
+    target: str | None, ratio: float | None, known: str, method: str
 ) -> None:
     noise, r = KNOWN[known]
-    asked = {wish: WISHED[wish]} if wish else None
-    if wish and ratio is not None:
-        with pytest.raises(BadSetting, match="λ must follow from one wish"):
-            find_parameters(Z, sample_period=PERIOD, method=method, wish=asked, ratio=ratio, noise=noise)
+    asked = {target: WISHED[target]} if target else None
+    if target and ratio is not None:
+        with pytest.raises(BadSetting, match="only one target for λ may be given"):
+            find_parameters(Z, sample_period=PERIOD, method=method, target=asked, ratio=ratio, noise=noise)
         return
-    found = find_parameters(Z, sample_period=PERIOD, method=method, wish=asked, ratio=ratio, noise=noise)
+    found = find_parameters(Z, sample_period=PERIOD, method=method, target=asked, ratio=ratio, noise=noise)
     assert found.params is not None
     assert found.message.endswith(".")
     if r == "still":
@@ -64,19 +64,19 @@ def test_a_wish_fixes_the_ratio_the_noise_fixes_r_and_the_rest_is_estimated(
         r = float(residuals @ residuals) / 58.0
     if r is not None:
         assert found.params.r == pytest.approx(r, rel=1e-12)
-    if wish:
-        assert getattr(steady_state(found.params, PERIOD), wish) == pytest.approx(WISHED[wish], rel=1e-9)
+    if target:
+        assert getattr(steady_state(found.params, PERIOD), target) == pytest.approx(WISHED[target], rel=1e-9)
     if ratio is not None:
         assert found.params.ratio == pytest.approx(ratio, rel=1e-12)
-    by = expected_method(wish, ratio, r, method)
+    by = expected_method(target, ratio, r, method)
     assert (found.estimate.method if found.estimate else None) == by
     assert found.estimate is None or found.estimate.params == found.params
     if by in METHODS:
-        assert found.how == METHOD_WORDS[method]
+        assert found.how == METHOD_NAMES[method]
 
 
-def expected_method(wish: str | None, ratio: float | None, r: float | None, method: str) -> str | None:
-    if wish or (ratio is not None and r is not None):
+def expected_method(target: str | None, ratio: float | None, r: float | None, method: str) -> str | None:
+    if target or (ratio is not None and r is not None):
         return None  # all is said, nothing is left to estimate
     if ratio is not None:
         return "fixed_ratio"
@@ -84,14 +84,14 @@ def expected_method(wish: str | None, ratio: float | None, r: float | None, meth
 
 
 def test_without_a_known_noise_a_wish_takes_r_from_the_likelihood() -> None:
-    found = find_parameters(Z, wish={"gain": 0.2})
+    found = find_parameters(Z, target={"gain": 0.2})
     assert found.params is not None
     assert found.params.r == estimate(Z).r
 
 
 def test_the_present_r_is_kept_with_a_wish_unless_more_is_known() -> None:
-    kept = find_parameters(Z, wish={"gain": 0.2}, present_r=7.0)
-    known = find_parameters(Z, wish={"gain": 0.2}, present_r=7.0, noise=Noise(r=3.0))
+    kept = find_parameters(Z, target={"gain": 0.2}, present_r=7.0)
+    known = find_parameters(Z, target={"gain": 0.2}, present_r=7.0, noise=Noise(r=3.0))
     assert [found.params.r for found in (kept, known) if found.params] == [7.0, 3.0]
     assert "kept" in kept.message
 
@@ -101,8 +101,8 @@ def test_the_words_for_the_tuning_file_name_what_decided() -> None:
         return find_parameters(Z, sample_period=PERIOD, **asked).how
 
     assert how() == "maximum likelihood"
-    assert how(wish={"lag_s": 0.1}) == "a lag of 100 ms"
-    assert how(wish={"cutoff_hz": 2.5}, noise=Noise(sigma=1.0)) == (
+    assert how(target={"lag_s": 0.1}) == "a lag of 100 ms"
+    assert how(target={"cutoff_hz": 2.5}, noise=Noise(sigma=1.0)) == (
         "its −3 dB cut-off at 2.5 Hz, r from the data sheet"
     )
     assert how(noise=Noise(still=(0, 60))) == "r from a still stretch, q by maximum likelihood"
@@ -114,7 +114,7 @@ def test_the_words_for_the_tuning_file_name_what_decided() -> None:
 def test_the_answer_does_not_depend_on_the_unit(scale: float) -> None:
     cases: list[dict[str, Any]] = [
         {},
-        {"wish": {"lag_samples": 5.0}},
+        {"target": {"lag_samples": 5.0}},
         {"ratio": 0.01},
         {"noise": KNOWN["still"][0]},
     ]
@@ -129,24 +129,24 @@ def test_the_answer_does_not_depend_on_the_unit(scale: float) -> None:
 
 
 CONTRADICTIONS = [
-    ({"wish": {"gain": 0.2, "lag_s": 0.1}}, r"one wish \(got gain and lag_s\)"),
-    ({"wish": {"gain": 0.2}, "ratio": 0.01}, r"one wish \(got gain and q/r\)"),
-    ({"wish": {"speed": 1.0}}, "wish must be one of lag_s, .* 'speed'"),
+    ({"target": {"gain": 0.2, "lag_s": 0.1}}, r"only one target for λ may be given \(got gain and lag_s\)"),
+    ({"target": {"gain": 0.2}, "ratio": 0.01}, r"only one target for λ may be given \(got gain and q/r\)"),
+    ({"target": {"speed": 1.0}}, "target must be one of lag_s, .* 'speed'"),
     ({"method": "magic"}, "method must be one of ml, .* 'magic'"),
     ({"ratio": 0.0}, "q/r must be a finite number above 0"),
     ({"ratio": math.inf}, "q/r must be a finite number above 0"),
     ({"noise": Noise(r=1.0, sigma=1.0)}, r"one source \(got r, sigma\)"),
     ({"noise": Noise(still=(0, 60), density=1.0, bandwidth_hz=1.0)}, r"one source \(got density, still\)"),
-    ({"noise": Noise(sigma=1.0, bandwidth_hz=1.0)}, "bandwidth_hz goes with density only"),
-    ({"noise": Noise(bandwidth_hz=1.0)}, "bandwidth_hz goes with density only"),
+    ({"noise": Noise(sigma=1.0, bandwidth_hz=1.0)}, "bandwidth_hz needs density"),
+    ({"noise": Noise(bandwidth_hz=1.0)}, "bandwidth_hz needs density"),
     ({"noise": Noise(density=1.0)}, "density needs bandwidth_hz"),
     ({"noise": Noise(r=0.0)}, "r must be a finite number above 0"),
     ({"noise": Noise(r=math.nan)}, "r must be a finite number above 0"),
     ({"noise": Noise(still=(0, 5))}, "still stretch must hold at least 8"),
-    ({"wish": {"lag_s": 0.1}}, "lag_s needs sample_period"),
-    ({"wish": {"gain": 1.5}}, "gain must lie between 0 and 1"),
-    ({"wish": {"cutoff_hz": 26.0}, "sample_period": PERIOD}, "at most half the sample rate"),
-    ({"wish": {"noise_reduction_db": 9e9}}, "q above 0"),
+    ({"target": {"lag_s": 0.1}}, "lag_s needs sample_period"),
+    ({"target": {"gain": 1.5}}, "gain must lie between 0 and 1"),
+    ({"target": {"cutoff_hz": 26.0}, "sample_period": PERIOD}, "at most half the sample rate"),
+    ({"target": {"noise_reduction_db": 9e9}}, "q above 0"),
 ]
 
 
@@ -156,7 +156,7 @@ def test_contradictions_and_numbers_out_of_range_are_refused(asked: dict, says: 
         find_parameters(Z, **asked)
 
 
-@pytest.mark.parametrize("asked", [{}, {"method": "em"}, {"wish": {"gain": 0.2}}])
+@pytest.mark.parametrize("asked", [{}, {"method": "em"}, {"target": {"gain": 0.2}}])
 def test_a_search_can_be_cancelled(asked: dict) -> None:
     with pytest.raises(Cancelled):
         find_parameters(Z, cancelled=lambda: True, **asked)
@@ -175,28 +175,28 @@ def test_an_edge_carries_no_parameters_and_says_what_to_do(verdict: str) -> None
 
 
 @pytest.mark.parametrize("verdict", EDGES)
-@pytest.mark.parametrize("wish", WISHES)
-def test_at_an_edge_a_wish_still_gives_its_filter(verdict: str, wish: str) -> None:
-    found = find_parameters(EDGES[verdict], sample_period=PERIOD, wish={wish: WISHED[wish]})
+@pytest.mark.parametrize("target", TARGETS)
+def test_at_an_edge_a_wish_still_gives_its_filter(verdict: str, target: str) -> None:
+    found = find_parameters(EDGES[verdict], sample_period=PERIOD, target={target: WISHED[target]})
     assert found.params is not None
     assert found.params.r > 0.0
-    assert getattr(steady_state(found.params, PERIOD), wish) == pytest.approx(WISHED[wish], rel=1e-9)
+    assert getattr(steady_state(found.params, PERIOD), target) == pytest.approx(WISHED[target], rel=1e-9)
 
 
 def test_at_the_edge_without_movement_the_likelihood_still_gives_r_for_a_wish() -> None:
-    found = find_parameters(EDGES["no_movement"], wish={"gain": 0.2})
+    found = find_parameters(EDGES["no_movement"], target={"gain": 0.2})
     assert found.params is not None
     assert found.params.r == pytest.approx(np.var(EDGES["no_movement"], ddof=1), rel=1e-3)
 
 
 def test_a_placeholder_is_called_one() -> None:
-    assert "placeholder" in find_parameters(np.full(50, 4.0), wish={"gain": 0.2}).message
-    assert "placeholder" in find_parameters(np.full(50, math.nan), wish={"gain": 0.2}).message
-    counter = find_parameters(1e6 + np.arange(5000.0), wish={"gain": 0.2})  # a column of row numbers
+    assert "placeholder" in find_parameters(np.full(50, 4.0), target={"gain": 0.2}).message
+    assert "placeholder" in find_parameters(np.full(50, math.nan), target={"gain": 0.2}).message
+    counter = find_parameters(1e6 + np.arange(5000.0), target={"gain": 0.2})  # a column of row numbers
     assert "placeholder" in counter.message
     assert counter.params is not None
     assert counter.params.r == pytest.approx(0.5)
-    assert "placeholder" not in find_parameters(EDGES["no_noise"], wish={"gain": 0.2}).message
+    assert "placeholder" not in find_parameters(EDGES["no_noise"], target={"gain": 0.2}).message
 
 
 def test_a_given_r_that_explains_everything_is_not_called_good() -> None:
@@ -209,8 +209,8 @@ def test_a_given_r_that_explains_everything_is_not_called_good() -> None:
 
 @pytest.mark.parametrize(("verdict", "silent"), list(zip(EDGES, [False, False, True, True], strict=True)))
 def test_a_constant_and_an_even_ramp_show_no_noise(verdict: str, silent: bool) -> None:
-    assert still_or_silent(EDGES[verdict]) is silent
-    assert still_or_silent(np.array([1.0, math.nan, 2.0]))
+    assert shows_no_noise(EDGES[verdict]) is silent
+    assert shows_no_noise(np.array([1.0, math.nan, 2.0]))
 
 
 def says_what_to_do(found: Found) -> bool:
@@ -220,5 +220,5 @@ def says_what_to_do(found: Found) -> bool:
 def test_all_pairs_of_two_noises_are_refused() -> None:
     values = {"r": 1.0, "sigma": 1.0, "density": 1.0, "still": (0, 60)}
     for a, b in itertools.combinations(values, 2):
-        with pytest.raises(BadSetting, match="one source"):
+        with pytest.raises(BadSetting, match="must come from one source"):
             find_parameters(Z, noise=Noise(**{a: values[a], b: values[b]}))  # pyright: ignore

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from kalscope.common import files as atomic
 from kalscope.errors import BadFile, BadSetting
-from kalscope.filtering.params import LARGEST, FilterParams
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.tuning.toml_text import updated
 from kalscope.tuning.tuning import ChannelTuning, Tuning, dumps, load_tuning, loads, same_period, save_tuning
 
-variances = st.floats(0.0, LARGEST)
-positive = st.floats(0.0, LARGEST, exclude_min=True)
+variances = st.floats(0.0, MAX_VARIANCE)
+positive = st.floats(0.0, MAX_VARIANCE, exclude_min=True)
 estimates = st.floats(allow_nan=False, allow_infinity=False)
 words = st.text(max_size=30) | st.sampled_from(['"', "'", '"""', "\n", "\r\n", "\t", "\\", "\0", "\x7f", "# x"])
 

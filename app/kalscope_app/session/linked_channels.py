@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from kalscope.filtering.params import LARGEST
+from kalscope.filtering.params import MAX_VARIANCE
 from kalscope.tuning.tuning import ChannelTuning
 
 UNLINKED, SAME_NUMBERS, SAME_LAG = "this channel alone", "all: same q and r", "all: same lag, by own noise"
@@ -59,4 +59,4 @@ def _scaled(variance: float, factor: float) -> float:
     """The product; 0 stays 0 and nothing else becomes 0."""
     if variance == 0.0 or factor == 1.0:
         return variance
-    return min(max(variance * factor, 1e-300), LARGEST)
+    return min(max(variance * factor, 1e-300), MAX_VARIANCE)

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.params import LARGEST
+from kalscope.filtering.params import MAX_VARIANCE
 from kalscope.filtering.steady_state import ratio_for
 from kalscope.papers.interactive_matter_2009.document import ASSUMED_R, WALK
 from kalscope.papers.maarif_2019.paper import SIMULATED_FIGURES
@@ -68,7 +68,7 @@ PAPER_3 = {
 def _by_lag(lag_samples: float, state: State) -> Pair:
     """The signal's own noise as r, var(Δz)/2 of the recording, and the q that has the lag."""
     r = state.start.r
-    return min(float(f"{r * ratio_for(lag_samples=lag_samples):.3e}"), LARGEST), r
+    return min(float(f"{r * ratio_for(lag_samples=lag_samples):.3e}"), MAX_VARIANCE), r
 
 
 def _fixed(q: float, r: float, _state: State) -> Pair:

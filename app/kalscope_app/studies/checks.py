@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
 from kalscope.estimation.estimate import estimate
-from kalscope.estimation.finding import METHOD_WORDS
+from kalscope.estimation.finding import METHOD_NAMES
 from kalscope.filtering.batch import kalman_filter
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def compute_checks(state: State) -> Checks | None:
     if isinstance(whole, tuple):
         whole = whole[0]
     # q and r that were fitted to the whole recording have seen the second half: estimate again, on the first.
-    estimated = state.tuning.how in METHOD_WORDS.values()
+    estimated = state.tuning.how in METHOD_NAMES.values()
 
     def fit(first: Array, dt: Array | None) -> FilterParams:
         return estimate(first, dt=dt).params or state.params

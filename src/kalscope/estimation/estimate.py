@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.common.progress import Progress
+from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.estimation.methods import allan, expectation_maximization, innovation_correlations, moments
 from kalscope.estimation.methods import maximum_likelihood as ml
@@ -35,15 +36,15 @@ def estimate(
     progress: Callable[[float, str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> Estimate:
-    """Find q and r in a record; the answer says in words what it is worth.
+    """Find q and r in a record, with intervals and a verdict in words.
 
     Args:
         z: measurements, shape (n,) or (n, channels: independent signals); NaN is a missing sample.
-        method: "ml" maximum likelihood (the one to trust), or a second opinion: "em" the same by small safe
-            steps, "moments" of the differences, "als" correlations of the innovations, "allan" variance.
+        method: "ml" maximum likelihood (recommended), or for comparison: "em" the same by small safe steps,
+            "moments" of the differences, "als" correlations of the innovations, "allan" variance.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
-        progress: called now and then with the fraction done and a few words; None = not at all.
-        cancelled: asked now and then whether to stop; None = never.
+        progress: called with the fraction done and a few words; None = not reported.
+        cancelled: whether to stop; None = never.
 
     Returns:
         An Estimate; its `params` are None where the record gives no usable pair, and its `message` says why.
@@ -58,7 +59,7 @@ def estimate(
         raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {method!r})")
 
     def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
-        searched = 0.1 if method == "em" else 0.9  # EM's passes are what takes long
+        searched = 0.1 if method == "em" else 0.9  # EM's passes take most of the time
         peak = ml.search(data, progress.part(0.0, searched))
         return _pair(method, data, peak, progress.part(searched, 1.0)), peak
 
@@ -73,14 +74,14 @@ def compare_methods(
 ) -> tuple[Estimate, ...]:
     """All methods on one record, in the order of METHODS; where they disagree, the first message says so.
 
-    Under the model all five estimate the same two numbers. Where they differ by far more than chance explains,
-    the model does not describe the signal, and no pair can be trusted for more than its looks.
+    Under the model all five estimate the same two numbers. Where they differ significantly, the model does not
+    describe the signal, and no pair can be trusted.
 
     Args:
         z: measurements, shape (n,) or (n, channels); NaN is a missing sample.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
-        progress: called now and then with the fraction done and a few words.
-        cancelled: asked now and then whether to stop.
+        progress: called with the fraction done and a few words.
+        cancelled: whether to stop.
 
     Raises:
         BadSetting: z holds inf or has another shape; dt does not fit z.
@@ -115,10 +116,10 @@ def compare_methods(
 
 
 def disagreement(estimates: Sequence[Estimate]) -> str:
-    """A sentence that names how other methods differ from the first, for one channel; "" where they agree.
+    """A sentence on how other methods differ from the first, for one channel; "" where they agree.
 
     They differ where q or r is off by 30 % and by four standard errors (of both methods together; a variance
-    found to be 0 has none). EM climbs the same likelihood as ML and is not asked.
+    found to be 0 has none). EM climbs the same likelihood as ML and does not count.
     """
     first = estimates[0]
     against = [one for one in estimates[1:] if one.method != "em" and _differ(first, one)]
@@ -126,24 +127,24 @@ def disagreement(estimates: Sequence[Estimate]) -> str:
         return ""
     named = ", ".join(f"{_NAMES[one.method]} {_describe(one, first)}" for one in against)
     gain = gain_of(float(first.ratio))
-    return f"The model does not describe this signal: maximum likelihood finds gain {gain:.2g}, {named}."
+    return f"The model does not describe this signal: maximum likelihood finds gain {number(gain, 2)}, {named}."
 
 
 _NAMES = {"moments": "the differences", "als": "the innovations", "allan": "the Allan variance"}
 
 _REASON = (
-    "Something in it is neither a random walk nor white noise: a trend, a wave, spikes or slow noise. Choose the "
-    "filter by lag or cut-off rather than by estimation."
+    "It contains more than a random walk and white noise: a trend, an oscillation, spikes or slow noise. "
+    "Choose the filter by lag or cut-off rather than by estimation."
 )
 
 
 def _describe(one: Estimate, first: Estimate) -> str:
-    """What the other method finds: its gain, or how much its variances differ where the gain is the same."""
+    """What the other method finds: its gain, or the factor of its variances where the gain is the same."""
     gain, there = gain_of(float(one.ratio)), gain_of(float(first.ratio))
     if abs(gain - there) > 0.1 * max(gain, there):
-        return f"gain {gain:.2g}"
+        return f"gain {number(gain, 2)}"
     larger = float(one.q / first.q if first.q else one.r / first.r)
-    return f"the same gain from {larger:.2g} times the variances"
+    return f"the same gain from {number(larger, 2)} times the variances"
 
 
 def _pair(method: str, data: Differences, peak: Peak, progress: Progress) -> Pair:
@@ -154,13 +155,13 @@ def _pair(method: str, data: Differences, peak: Peak, progress: Progress) -> Pai
         top = ml.fit(data, peak)
         if math.isfinite(peak.log_ratio):
             return replace(pair, q_se=top.q_se, r_se=top.r_se)  # the same likelihood has the same curvature
-        return replace(top, note=_edge_note(pair))  # EM only creeps toward an edge
+        return replace(top, note=_edge_note(pair))  # EM approaches an edge but never reaches it
     progress(0.0, method)
     return {"moments": moments, "als": innovation_correlations, "allan": allan}[method].fit(data)
 
 
 def _edge_note(pair: Pair) -> str:
-    return f"EM creeps toward this edge and stopped at q/r = {pair.q / pair.r:.3g}." if pair.r > 0.0 else ""
+    return f"EM approaches this edge slowly and stopped at q/r = {number(pair.q / pair.r)}." if pair.r > 0.0 else ""
 
 
 def _differ(a: Estimate, b: Estimate) -> bool:

@@ -1,7 +1,7 @@
-"""From what a person knows or wishes to a pair (q, r): the one road that `kalscope tune` and the dashboard take.
+"""From what the user knows or wants to a pair (q, r), for `kalscope tune` and the dashboard alike.
 
-A wish (lag, cut-off, noise reduction, gain) fixes λ = q/r; knowledge of the noise (a still stretch, a data sheet,
-a number) fixes r; whatever is left open is estimated from the record.
+A target (lag, cut-off, noise reduction, gain) fixes λ = q/r; knowledge of the noise (a still stretch, a data sheet,
+a number) fixes r; what is left is estimated from the record.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
+from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import METHODS, estimate
 from kalscope.estimation.known import (
@@ -22,30 +23,30 @@ from kalscope.estimation.known import (
     noise_from_still,
     params_for_specification,
 )
-from kalscope.estimation.starting import goes_evenly, starting_params
-from kalscope.filtering.params import LARGEST, FilterParams
+from kalscope.estimation.starting import is_even_ramp, starting_params
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from kalscope.estimation.result import Estimate
 
-METHOD_WORDS = {
+METHOD_NAMES = {
     "ml": "maximum likelihood",
     "em": "EM",
     "moments": "moments of the differences",
     "als": "correlations of the innovations",
     "allan": "Allan variance",
 }
-"""The methods of `estimate` as a person reads them."""
+"""Names of the methods of `estimate` for users."""
 
-WISHES = ("lag_s", "lag_samples", "cutoff_hz", "noise_reduction_db", "gain")
-"""What fixes λ, as `ratio_for` names it."""
+TARGETS = ("lag_s", "lag_samples", "cutoff_hz", "noise_reduction_db", "gain")
+"""What can fix λ, as `ratio_for` names it."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What is known of the measurement noise; nothing, or one of the four."""
+    """What is known about the measurement noise: nothing, or one of r, sigma, density and still."""
 
     r: float | None = None
     """The variance itself, unit²."""
@@ -59,26 +60,26 @@ class Noise:
     """First sample of a still stretch and one past its last."""
 
     def resolve(self, z: Array) -> tuple[float, str] | None:
-        """The variance in unit² and a sentence on where it comes from; None where nothing is known."""
+        """The variance in unit² and a sentence on its origin; None where nothing is known."""
         given = [name for name in ("r", "sigma", "density", "still") if getattr(self, name) is not None]
         if len(given) > 1:
-            raise BadSetting(f"the noise must be known from one source (got {', '.join(given)})")
+            raise BadSetting(f"the noise must come from one source (got {', '.join(given)})")
         if self.bandwidth_hz is not None and self.density is None:
-            raise BadSetting(f"bandwidth_hz goes with density only (got {' and '.join(['bandwidth_hz', *given])})")
+            raise BadSetting(f"bandwidth_hz needs density (got {' and '.join(['bandwidth_hz', *given])})")
         if self.still is not None:
             first, last = self.still
             noise = noise_from_still(z[first:last])
             return noise.r, f"r is the variance of the still stretch. {noise.message}"
         if self.r is not None:
-            return above_zero("r", self.r, LARGEST), "r as given."
+            return above_zero("r", self.r, MAX_VARIANCE), "r as given."
         if self.sigma is not None or self.density is not None:
             r = noise_from_datasheet(sigma=self.sigma, density=self.density, bandwidth_hz=self.bandwidth_hz)
-            return r, f"r = {r:.4g} from the data sheet."
+            return r, f"r = {number(r, 4)} from the data sheet."
         return None
 
     @property
     def origin(self) -> str:
-        """Where r comes from, as in "r from a still stretch"; for the tuning file."""
+        """The origin of r, as in "r from a still stretch"; for the tuning file."""
         if self.still is not None:
             return "from a still stretch"
         return "as given" if self.r is not None else "from the data sheet"
@@ -86,16 +87,16 @@ class Noise:
 
 @dataclass(frozen=True)
 class Found:
-    """An answer, whether or not it comes with parameters."""
+    """The result of `find_parameters`, with or without parameters."""
 
     params: FilterParams | None
-    """The pair to use; None where there is none, and `message` says what to do instead."""
+    """The pair to use; None where there is none: `message` then says what to do instead."""
     how: str
     """How it was found, in a few words, for the tuning file."""
     message: str
-    """What was found and what it means, in plain sentences."""
+    """What was found and what it means, in sentences."""
     estimate: Estimate | None = None
-    """The estimate behind it, where there was one."""
+    """The estimate behind it, if any."""
 
 
 def find_parameters(
@@ -104,7 +105,7 @@ def find_parameters(
     dt: Array | None = None,
     sample_period: float | None = None,
     method: str = "ml",
-    wish: dict[str, float] | None = None,
+    target: dict[str, float] | None = None,
     ratio: float | None = None,
     noise: Noise | None = None,
     present_r: float | None = None,
@@ -116,29 +117,29 @@ def find_parameters(
     Args:
         z: measurements, shape (n,); NaN is a missing sample.
         dt: nominal sample periods before each sample, shape (n,); None = 1 each.
-        sample_period: nominal sample period in s, for wishes in s or Hz.
-        method: of `estimate`, used where neither a wish nor the noise decides.
-        wish: one of WISHES with its value: λ follows from it.
+        sample_period: nominal sample period in s, for a target in s or Hz.
+        method: of `estimate`, used where neither a target nor the noise is given.
+        target: one of TARGETS with its value, which fixes λ.
         ratio: λ itself, such as 0.01; r is then estimated unless it is known.
-        noise: what is known of r.
-        present_r: r to keep with a wish where the noise is not known; None = estimate it.
+        noise: what is known about r.
+        present_r: r to keep with a target where the noise is unknown; None = estimate it.
         progress: called with the fraction done and a few words.
-        cancelled: asked whether to stop.
+        cancelled: whether to stop.
 
     Raises:
-        BadSetting: contradictory, unknown or out-of-range wishes.
+        BadSetting: targets that contradict each other, are unknown or out of range.
         Cancelled: `cancelled()` was true.
     """
-    _check(method, wish, ratio)
+    _check(method, target, ratio)
     noise = noise or Noise()
     known = noise.resolve(z)
-    if wish:
-        r, said = known or _noise_for_wish(z, dt, present_r, progress, cancelled)
-        ((name, value),) = wish.items()
-        params = _two_variances(params_for_specification(r, **wish, sample_period=sample_period))
-        words = _wish_words(name, value)
+    if target:
+        r, said = known or _noise_for_target(z, dt, present_r, progress, cancelled)
+        ((name, value),) = target.items()
+        params = _two_variances(params_for_specification(r, **target, sample_period=sample_period))
+        words = _target_text(name, value)
         how = f"{words}, r {noise.origin}" if known else words
-        return Found(params, how, f"q/r = {params.ratio:.4g} has {words}. {said}")
+        return Found(params, how, f"q/r = {number(float(params.ratio), 4)} has {words}. {said}")
     if ratio is not None and known:
         params = _two_variances(FilterParams(q=ratio * known[0], r=known[0]))
         return Found(params, f"q/r = {ratio:g}, r {noise.origin}", f"q = {ratio:g} · r. {known[1]}")
@@ -146,39 +147,39 @@ def find_parameters(
         return _from(estimate_fixed_ratio(z, ratio, dt), f"q/r = {ratio:g}, r by maximum likelihood")
     if known:
         return _fit_q(z, dt, *known, noise.origin)
-    return _from(estimate(z, method, dt, progress=progress, cancelled=cancelled), METHOD_WORDS[method])
+    return _from(estimate(z, method, dt, progress=progress, cancelled=cancelled), METHOD_NAMES[method])
 
 
-def _check(method: str, wish: dict[str, float] | None, ratio: float | None) -> None:
-    """At most one wish for λ, and no word that is not understood."""
+def _check(method: str, target: dict[str, float] | None, ratio: float | None) -> None:
+    """BadSetting unless there is at most one target for λ, and all names are known."""
     if method not in METHODS:
         raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {method!r})")
-    wishes = [*(wish or {}), *([] if ratio is None else ["q/r"])]
-    if len(wishes) > 1:
-        raise BadSetting(f"λ must follow from one wish (got {' and '.join(wishes)})")
-    for name in wish or {}:
-        if name not in WISHES:
-            raise BadSetting(f"wish must be one of {', '.join(WISHES)} (got {name!r})")
+    targets = [*(target or {}), *([] if ratio is None else ["q/r"])]
+    if len(targets) > 1:
+        raise BadSetting(f"only one target for λ may be given (got {' and '.join(targets)})")
+    for name in target or {}:
+        if name not in TARGETS:
+            raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {name!r})")
     if ratio is not None:
-        above_zero("q/r", ratio, LARGEST)
+        above_zero("q/r", ratio, MAX_VARIANCE)
 
 
 def _two_variances(params: FilterParams) -> FilterParams:
-    """The pair itself; a wish so extreme that q rounds to 0 would stop the filter for good."""
+    """The pair itself; BadSetting where q rounds to 0, because such a filter would stop following."""
     if params.q == 0.0:
-        raise BadSetting("the wish must leave a q above 0: less smoothing, please (got q = 0)")
+        raise BadSetting("the target must leave q above 0: ask for less smoothing (got q = 0)")
     return params
 
 
 def _fit_q(z: Array, dt: Array | None, r: float, said: str, origin: str) -> Found:
-    """Q where r is known; words of its own where that r leaves nothing to be movement."""
+    """Q where r is known; with a special message where that r explains all changes."""
     answer = estimate_fixed_r(z, r, dt)
     message = str(answer.message)
     if answer.verdict == "no_movement":
         message = (
-            f"Noise of variance {r:.4g} explains all that changes in this record, so nothing is left for q; "
-            "q = 0 is not an answer, for such a filter stops following after a while. Instead: check that r is not "
-            "too large, record while the signal moves, or choose the lag or the cut-off that you can accept."
+            f"Noise of variance {number(r, 4)} explains all changes in this record, so q would be 0, and such a "
+            "filter stops following after a while. Instead: check that r is not too large, record while the signal "
+            "moves, or choose the lag or the cut-off that you can accept."
         )
     return Found(answer.params, f"r {origin}, q by maximum likelihood", f"{said} {message}", answer)
 
@@ -187,33 +188,33 @@ def _from(answer: Estimate, how: str) -> Found:
     return Found(answer.params, how, str(answer.message), answer)
 
 
-def _noise_for_wish(
+def _noise_for_target(
     z: Array,
     dt: Array | None,
     present_r: float | None,
     progress: Callable[[float, str], None] | None,
     cancelled: Callable[[], bool] | None,
 ) -> tuple[float, str]:
-    """A variance where only λ was wished: the present one, the likelihood's, or var(Δz)/2."""
+    """R and its origin where only λ is given: the present r, the likelihood's, or var(Δz)/2."""
     band = "it sets the width of the band, not the curve."
     if present_r is not None and present_r > 0.0:
         return present_r, f"r is kept: {band}"
     answer = estimate(z, dt=dt, progress=progress, cancelled=cancelled)
-    if float(answer.r) > 0.0:  # good at the edge q = 0 too
+    if float(answer.r) > 0.0:  # valid at the edge q = 0 too
         return float(answer.r), f"r by maximum likelihood; {band}"
     r = float(starting_params(z).r)
-    if not still_or_silent(z):
-        return r, f"r = var(Δz)/2, because the record gives no better; {band}"
-    return r, f"r = {r:.4g} is no more than a placeholder, because the record shows no noise; {band}"
+    if not shows_no_noise(z):
+        return r, f"r = var(Δz)/2, because the record allows no better estimate; {band}"
+    return r, f"r = {number(r, 4)} is only a placeholder, because the record shows no noise; {band}"
 
 
-def still_or_silent(z: Array) -> bool:
-    """Whether the samples z, shape (n,), show no noise at all: fewer than three, all equal, or an even ramp."""
+def shows_no_noise(z: Array) -> bool:
+    """Whether the samples z, shape (n,), show no noise: fewer than three, all equal, or an even ramp."""
     finite = z[np.isfinite(z)]
-    return len(finite) < 3 or goes_evenly(finite)
+    return len(finite) < 3 or is_even_ramp(finite)
 
 
-def _wish_words(name: str, value: float) -> str:
+def _target_text(name: str, value: float) -> str:
     return {
         "lag_s": f"a lag of {value * 1e3:.4g} ms",
         "lag_samples": f"a lag of {value:.4g} samples",

@@ -1,4 +1,4 @@
-"""q and r from what the user knows: a still stretch, a data sheet, a wanted lag or cut-off, or one of the two."""
+"""q and r from what the user knows: a still stretch, a data sheet, a lag or cut-off, or one of the two."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.common.progress import Progress
+from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.estimation import verdict_text as words
 from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
@@ -18,7 +19,7 @@ from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.verdict import NOWHERE, each_channel, exp
 from kalscope.filtering.arrays import samples_of
-from kalscope.filtering.params import LARGEST, FilterParams
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import ratio_for
 
 if TYPE_CHECKING:
@@ -27,16 +28,16 @@ if TYPE_CHECKING:
     from kalscope.estimation.likelihood.profile import Differences
     from kalscope.estimation.result import Estimate
 
-_FARTHEST = 1e100
-"""A given r this many times above or below the readings' largest squared step belongs to another unit."""
+_MAX_FACTOR = 1e100
+"""A given r this many times above or below the largest squared step of the readings has another unit."""
 
-_WIDE_GAP = 64.0 * np.finfo(np.float64).eps
-"""Two readings closer than this, relative to the largest, are one: a step of rounding is no step."""
+_MIN_STEP = 64.0 * np.finfo(np.float64).eps
+"""Two readings closer than this, relative to the largest, differ only by rounding."""
 
 
 @dataclass(frozen=True)
 class StillNoise:
-    """The noise of a sensor at rest."""
+    """The noise of a sensor whose input does not change."""
 
     r: float
     """Measurement-noise variance, unit²: the variance without the drift, but at least `floor`."""
@@ -45,25 +46,25 @@ class StillNoise:
     drift: float
     """Slope of that line, unit a sample."""
     quantum: float
-    """Step Δ of the readings, unit; 0 where none shows."""
+    """Resolution Δ of the readings, unit; 0 where none is visible."""
     floor: float
-    """Δ²/12, the variance that rounding to steps of Δ adds at least, unit²."""
+    """Δ²/12, the variance that rounding to steps of Δ adds, unit²."""
     samples: int
     """Finite samples used."""
     message: str
-    """For a person: what r rests on."""
+    """What r is based on, for the user."""
 
 
 def noise_from_still(z_segment: ArrayLike, quantum: float | None = None) -> StillNoise:
-    """The noise variance r of a stretch in which the sensor was at rest.
+    """The noise variance r from a stretch in which the true value did not change.
 
     Args:
-        z_segment: measurements at rest, shape (n,), at least 8 of them finite; NaN is a missing sample.
-        quantum: step Δ of the readings in their unit, ≥ 0; None = the smallest step between two readings.
+        z_segment: measurements of that stretch, shape (n,), at least 8 of them finite; NaN is a missing sample.
+        quantum: resolution Δ of the readings in their unit, ≥ 0; None = the smallest step between two readings.
 
     Raises:
-        BadSetting: too few finite samples, inf, another shape, a negative quantum, or readings that are all the
-            same while no quantum is known.
+        BadSetting: too few finite samples, inf, another shape, a negative quantum, or equal readings without a
+            quantum.
 
     Source: residual variance of a straight line, Σe²/(n − 2); rounding to steps of Δ adds Δ²/12 (Widrow 1956).
     """
@@ -86,9 +87,9 @@ def noise_from_still(z_segment: ArrayLike, quantum: float | None = None) -> Stil
     if max(variance, floor) == 0.0:
         raise BadSetting("the still stretch must show noise, or quantum must be given (got equal readings)")
     if floor > variance:
-        message = f"The readings hardly change: r is what rounding to steps of {step:.4g} adds, Δ²/12."
+        message = f"The readings hardly change: r is Δ²/12, the variance of rounding to steps of {number(step, 4)}."
     else:
-        message = f"Standard deviation {math.sqrt(variance):.4g} over {len(place)} readings, drift removed."
+        message = f"Standard deviation {number(math.sqrt(variance), 4)} over {len(place)} readings, drift removed."
     return StillNoise(max(variance, floor), variance, drift, step, floor, len(place), message)
 
 
@@ -109,10 +110,11 @@ def noise_from_datasheet(
     if (sigma is None) == (density is None):
         raise BadSetting(f"one of sigma and density must be given (got sigma = {sigma}, density = {density})")
     if sigma is not None:
-        return above_zero("sigma", sigma, LARGEST) ** 2
+        return above_zero("sigma", sigma, MAX_VARIANCE) ** 2
     if density is None or bandwidth_hz is None:
         raise BadSetting("density needs bandwidth_hz, the bandwidth of the noise in Hz (got None)")
-    return above_zero("density", density, LARGEST) ** 2 * above_zero("bandwidth_hz", bandwidth_hz, LARGEST)
+    bandwidth = above_zero("bandwidth_hz", bandwidth_hz, MAX_VARIANCE)
+    return above_zero("density", density, MAX_VARIANCE) ** 2 * bandwidth
 
 
 def params_for_specification(
@@ -125,7 +127,7 @@ def params_for_specification(
     noise_reduction_db: float | None = None,
     sample_period: float | None = None,
 ) -> FilterParams:
-    """The pair whose settled filter has what is asked: λ from the wish (`ratio_for`), then q = λ r.
+    """The pair whose settled filter meets a target: λ from `ratio_for`, then q = λ r.
 
     Args:
         r: measurement-noise variance, unit², > 0.
@@ -134,10 +136,10 @@ def params_for_specification(
         lag_s: the same in s;
         cutoff_hz: −3 dB frequency;
         noise_reduction_db: white noise, in to out.
-        sample_period: nominal sample period in s, for wishes in s or Hz.
+        sample_period: nominal sample period in s, for a target in s or Hz.
 
     Raises:
-        BadSetting: r is not above 0, no wish or several, or a wish out of range.
+        BadSetting: r is not above 0, no target or several, or a target out of range.
     """
     ratio = ratio_for(
         gain=gain,
@@ -147,7 +149,7 @@ def params_for_specification(
         noise_reduction_db=noise_reduction_db,
         sample_period=sample_period,
     )
-    noise = above_zero("r", r, LARGEST)
+    noise = above_zero("r", r, MAX_VARIANCE)
     return FilterParams(q=ratio * noise, r=noise)
 
 
@@ -162,11 +164,11 @@ def estimate_fixed_r(z: ArrayLike, r: float, dt: ArrayLike | None = None) -> Est
     Raises:
         BadSetting: r is not above 0; z holds inf or has another shape; dt does not fit z.
     """
-    noise = above_zero("r", r, LARGEST)
+    noise = above_zero("r", r, MAX_VARIANCE)
 
     def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
         scaled = noise / data.scale / data.scale
-        if not _FARTHEST**-1 < scaled < _FARTHEST:
+        if not _MAX_FACTOR**-1 < scaled < _MAX_FACTOR:
             return Pair(0.0, 0.0, math.inf, math.inf, verdict="bad_unit", text=words.other_unit()), NOWHERE
         constant = data.m * (math.log(2.0 * math.pi) + math.log(noise))
 
@@ -194,7 +196,7 @@ def estimate_fixed_ratio(z: ArrayLike, ratio: float = 0.01, dt: ArrayLike | None
     Raises:
         BadSetting: ratio is not above 0; z holds inf or has another shape; dt does not fit z.
     """
-    chosen = above_zero("ratio", ratio, LARGEST)
+    chosen = above_zero("ratio", ratio, MAX_VARIANCE)
 
     def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
         r = float(data.sums(np.array([chosen]))[0][0]) / data.m
@@ -210,5 +212,5 @@ def estimate_fixed_ratio(z: ArrayLike, ratio: float = 0.01, dt: ArrayLike | None
 def _smallest_step(samples: Array) -> float:
     """The smallest difference between two readings that is not rounding; 0 where all are equal."""
     levels = np.diff(np.unique(samples))
-    levels = levels[levels > _WIDE_GAP * np.abs(samples).max()]
+    levels = levels[levels > _MIN_STEP * np.abs(samples).max()]
     return float(levels.min(initial=math.inf)) if len(levels) else 0.0

@@ -1,4 +1,4 @@
-"""Estimate: what every method answers, one value for one channel or arrays for several."""
+"""Estimate: the result of every method, one value for one channel or arrays for several."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Words = str | NDArray[np.str_]
 
 @dataclass(frozen=True)
 class Estimate:
-    """q and r found in a record, with what they are worth. For z of shape (n, channels) fields are arrays.
+    """q and r found in a record, with their uncertainty. For z of shape (n, channels) fields are arrays.
 
     No field is ever NaN. Where the record cannot give a usable pair `params` is None, `verdict` is not "ok",
-    and `message` says in words what that means and what to do instead; q and r then hold the bare maximum of
-    the likelihood (r = 0 for "no_noise", q = 0 for "no_movement"), or 0 where there is nothing to maximise.
+    and `message` says what that means and what to do instead; q and r then hold the maximum of the
+    likelihood (r = 0 for "no_noise", q = 0 for "no_movement"), or 0 where there is nothing to maximise.
     """
 
     method: str
@@ -53,7 +53,7 @@ class Estimate:
     "constant", "bad_unit" (variances outside 1e-300 … 1e300), "irregular" (the method needs regular sampling)
     or "not_converged"."""
     message: Words
-    """For a person: what was found, what it means, what to do."""
+    """What was found, what it means and what to do, for the user."""
     params: FilterParams | None
     """The pair, ready for the filter, diffuse start; None where there is none (in any channel)."""
 
@@ -68,7 +68,7 @@ class Estimate:
 
 
 USABLE = ("ok", "flat", "not_converged")
-"""Verdicts that come with parameters: both variances are above 0, though perhaps vague."""
+"""Verdicts with parameters: both variances are above 0, though perhaps uncertain."""
 
 
 def stack(estimates: Sequence[Estimate]) -> Estimate:

@@ -1,4 +1,4 @@
-"""From a pair of numbers to an Estimate: units, intervals, verdict and words; the same for every method."""
+"""From a pair of numbers to an Estimate: units, intervals, verdict and message; the same for every method."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kalscope.estimation.likelihood.profile import Differences, differences
 from kalscope.estimation.likelihood.search import Peak
 from kalscope.estimation.result import USABLE, Estimate, stack
 from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
-from kalscope.filtering.params import LARGEST, FilterParams
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 NOWHERE = Peak(-math.inf, 0.0, 0.0, (-math.inf, math.inf))
 """The peak of a record without information."""
 
-_SMALLEST = 1e-300
+_MIN_VARIANCE = 1e-300
 
 
 def each_channel(
@@ -34,14 +34,14 @@ def each_channel(
     progress: Progress,
     fit: Callable[[Differences, Progress], tuple[Pair, Peak]],
 ) -> Estimate:
-    """Check z and dt, `fit` each channel that has something to tell, and put the answers side by side."""
+    """Check z and dt, `fit` each channel that passes the precheck, and stack the results."""
     columns, shape = columns_of(z)
     steps = steps_of(dt, columns.shape[1])
     refuse_infinite(columns)
     found: list[Estimate] = []
     for c, column in enumerate(columns):
         data = _informative(differences(column, steps))
-        verdict, message = _without_looking(data, min(data.m + 1, int(np.isfinite(column).sum())))
+        verdict, message = _precheck(data, min(data.m + 1, int(np.isfinite(column).sum())))
         if verdict:
             found.append(_estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), verdict, message))
         else:
@@ -52,15 +52,15 @@ def each_channel(
 
 
 def conclude(method: str, data: Differences, pair: Pair, peak: Peak) -> Estimate:
-    """The Estimate of one channel from what a method found and where the likelihood has its peak."""
+    """The Estimate of one channel from a method's pair and the peak of the likelihood."""
     with np.errstate(over="ignore", under="ignore"):
         numbers = np.array([pair.q, pair.r, pair.q_se, pair.r_se]) * data.scale * data.scale
     q, r, q_se, r_se = numbers.tolist()
     verdict = pair.verdict or _judge(pair, peak)
     sizes = [size for size, found in ((q, pair.q), (r, pair.r)) if found > 0.0]
-    if not all(_SMALLEST < size <= LARGEST for size in sizes):
+    if not all(_MIN_VARIANCE < size <= MAX_VARIANCE for size in sizes):
         return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), "bad_unit", words.bad_unit())
-    message = pair.text or _say(verdict, data, pair, peak)
+    message = pair.text or _message(verdict, data, pair, peak)
     if pair.note:
         message = f"{message} {pair.note}"
     return _estimate(method, peak, _loglik(data, pair), (q, r), (q_se, r_se), verdict, message)
@@ -72,7 +72,7 @@ def gain_of(ratio: float) -> float:
 
 
 def lag_of(ratio: float) -> float:
-    """Samples behind a ramp for λ = 0 … inf, (1 − K)/K without cancellation."""
+    """Lag on a ramp in samples for λ = 0 … inf, (1 − K)/K without cancellation."""
     if ratio == 0.0:
         return math.inf
     half = 2.0 / math.sqrt(ratio)
@@ -80,14 +80,14 @@ def lag_of(ratio: float) -> float:
 
 
 def _informative(data: Differences) -> Differences:
-    """Without lines repeated with the same time and value: they say nothing new, yet would prove r = 0."""
+    """Without repeated lines of the same time and value: they add nothing, yet would prove r = 0."""
     if len(data.gap) == 0:
         return data
     new = (data.gap > 0.0) | (data.d != 0.0)
     return data if new.all() else Differences(data.d[new], data.gap[new], data.scale)
 
 
-def _without_looking(data: Differences, n: int) -> tuple[str, str]:
+def _precheck(data: Differences, n: int) -> tuple[str, str]:
     if n < words.MIN_SAMPLES:
         return "too_few", words.too_few(n)
     if not data.d.any():
@@ -103,7 +103,7 @@ def _judge(pair: Pair, peak: Peak) -> str:
     return "flat" if peak.interval == (-math.inf, math.inf) else "ok"
 
 
-def _say(verdict: str, data: Differences, pair: Pair, peak: Peak) -> str:
+def _message(verdict: str, data: Differences, pair: Pair, peak: Peak) -> str:
     low, high = (exp(end) for end in peak.interval)
     if verdict == "no_noise":
         seen = high < math.inf

@@ -1,7 +1,4 @@
-"""The drivers of the filter: over a whole record, x only and fast, or sample by sample as it arrives.
-
-All three call the same compiled `step`; batch and streaming agree bit for bit.
-"""
+"""The filter over a whole record, with everything it knows or x only; the streaming filter agrees bit for bit."""
 
 from __future__ import annotations
 
@@ -37,7 +34,7 @@ class FilterResult:
     p: Array
     """Posterior variance, unit²; inf before the first finite sample of a diffuse start."""
     k: Array
-    """Kalman gain, 0 … 1; 0 where a sample was missing or refused by the gate."""
+    """Kalman gain, 0 … 1; 0 where a sample was missing or rejected by the gate."""
     innovation: Array
     """z minus the predicted x, unit; NaN where z is missing or sets the start."""
     s: Array
@@ -45,13 +42,13 @@ class FilterResult:
     loglik: float | Array
     """Log-likelihood: sum over the m scored innovations of −½(ln 2π + ln s + v²/s); (channels,) for 2-D z."""
     m: int | NDArray[np.int64]
-    """Scored innovations: neither missing, nor refused, nor the sample that sets the start."""
+    """Scored innovations: neither missing, nor rejected, nor the sample that sets the start."""
     rejected: int | NDArray[np.int64]
-    """Samples refused by the outlier gate."""
+    """Samples rejected by the outlier gate."""
 
 
 def kalman_filter(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> FilterResult:
-    """Filter a record and keep everything the filter knew at each sample.
+    """Filter a record and keep the whole state at each sample.
 
     Args:
         z: measurements, shape (n,) or (n, channels: independent filters); NaN is a missing sample.

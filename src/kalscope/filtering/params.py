@@ -1,4 +1,4 @@
-"""The model's parameters as one frozen, checked value; and the values that a new recording starts with.
+"""The model's parameters as one frozen, checked value.
 
 The model is the local level: x moves as a random walk of variance q a sample, z = x + noise of variance r.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 
-LARGEST = 1e300
+MAX_VARIANCE = 1e300
 """Largest variance accepted: sums of two of them still fit a double."""
 
 
@@ -62,7 +62,7 @@ class FilterParams:
 
     @property
     def channels(self) -> int | None:
-        """Number of channels the arrays speak of; None where all values are scalars."""
+        """Number of channels of the arrays; None where all values are scalars."""
         return next((len(v) for v in self._values() if isinstance(v, np.ndarray)), None)
 
     @property
@@ -101,7 +101,7 @@ def _number(name: str, must: str, value: Any) -> Parameter:
 def _variance(name: str, value: Any) -> Parameter:
     must = "a finite variance from 0 to 1e300"
     number = _number(name, must, value)
-    if np.any(np.asarray(number) < 0.0) or np.any(np.asarray(number) > LARGEST):
+    if np.any(np.asarray(number) < 0.0) or np.any(np.asarray(number) > MAX_VARIANCE):
         raise BadSetting(f"{name} must be {must} (got {value})")
     return number
 

@@ -1,4 +1,4 @@
-"""The filter over a record that grows at its end, as a live one does: only what is new is computed."""
+"""The filter over a record that grows at its end, as a live one does: only new samples are computed."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from kalscope.filtering.params import FilterParams
 
 FIRST_CAPACITY = 4096
-"""Samples that there is room for at first; the room doubles."""
+"""Samples allocated at first; the capacity doubles."""
 
 
 class RunningFilter:
-    """Everything that `kalman_filter` gives, of a record that comes in pieces; equal to it bit for bit.
+    """The result of `kalman_filter` for a record that arrives in pieces, equal to it bit for bit.
 
-    What was given out stays as it was: it is a view of rows that are written once.
+    Earlier results do not change: they are views of rows that are written only once.
     """
 
     def __init__(self, params: FilterParams) -> None:
@@ -49,7 +49,7 @@ class RunningFilter:
             dt: nominal sample periods that elapse before each, shape (n,), ≥ 0; None = 1 each.
 
         Raises:
-            BadSetting: z holds inf; dt does not fit. What was filtered stays.
+            BadSetting: z holds inf; dt does not fit. Nothing is filtered then.
         """
         new = np.ascontiguousarray(z, dtype=np.float64)
         if new.ndim != 1:
@@ -69,12 +69,12 @@ class RunningFilter:
         self._loglik, self._m, self._rejected = self._loglik + loglik, self._m + m, self._rejected + refused
 
     def forget(self, count: int) -> None:
-        """Let the oldest `count` samples go, as many as there are at most; the filter goes on as it would have."""
+        """Drop the oldest `count` samples, at most all of them; later results do not change."""
         self._first = min(self._first + max(count, 0), self._last)
 
     @property
     def result(self) -> FilterResult:
-        """What is kept, arrays of shape (len(self),); loglik, m and rejected are of all that was ever filtered."""
+        """The samples kept, arrays of shape (len(self),); loglik, m and rejected cover all samples."""
         x, p, k, v, s = (self._view(row) for row in self._rows)
         return FilterResult(x, p, k, v, s, self._loglik, self._m, self._rejected)
 
@@ -84,7 +84,7 @@ class RunningFilter:
         return view
 
     def _make_room(self, count: int) -> None:
-        """Move what is kept into new rows where the present ones end: old views must not change."""
+        """Copy the kept samples into larger rows where these are full: old views must not change."""
         if self._last + count <= self._rows.shape[1]:
             return
         kept = self._last - self._first

@@ -1,6 +1,6 @@
-"""The smoother: the best that can be said of each sample once the whole record is known.
+"""The smoother: the best estimate of each sample from the whole record.
 
-It looks forward as well as back, so a device cannot run it; in the chart it shows what is left to gain.
+It uses later samples too, so a device cannot run it; in the chart it is the bound for any filter.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ def smooth(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> S
 
     The filter runs forward, then each estimate is corrected by the one after it, with j = p / (p + q dt):
     x_s = x + j (x_s' − x), p_s = j q dt + j² p_s'. Samples before a diffuse start, and all missing ones, get
-    the value and the variance that their neighbours leave them. A sample that the gate refuses on the way
-    forward counts as missing.
+    the value and the variance that follow from their neighbours. A sample that the gate rejects in the
+    forward pass counts as missing.
 
     Args:
         z: measurements, shape (n,) or (n, channels: independent records); NaN is a missing sample.

@@ -1,4 +1,4 @@
-"""λ ⇄ gain ⇄ lag ⇄ hertz ⇄ decibel: what a pair (q, r) means once the start is forgotten.
+"""λ ⇄ gain ⇄ lag ⇄ hertz ⇄ decibel: what a pair (q, r) means once the filter has settled.
 
 Only λ = q/r shapes the steady filter, x += K (z − x), which is exponential smoothing with α = K. Formulas:
 K solves K² = λ(1 − K) (Durbin & Koopman 2012, section 2.11); computed from √q and √r, so that 1e300 and
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
     from kalscope.filtering.params import FilterParams
 
 SETTLED = 0.01
-"""A step counts as followed when 1 % of it is left."""
+"""Share of a step that is left at the settling time."""
 
 Value = float | Array
 
 
 @dataclass(frozen=True)
 class SteadyState:
-    """The settled filter in the words people ask for; floats, or (channels,) arrays."""
+    """The settled filter in practical terms; floats, or (channels,) arrays."""
 
     gain: Value
-    """K, the share of each new difference that is taken over, 0 … 1."""
+    """K, the share of each innovation that is added to the estimate, 0 … 1."""
     p: Value
     """Posterior variance K·r, unit²."""
     lag_samples: Value
-    """Samples by which the output trails a ramp, (1 − K)/K; inf for q = 0."""
+    """Lag on a ramp in samples, (1 − K)/K; inf for q = 0."""
     lag_s: Value | None
     """The same in s; None without a sample period."""
     noise_reduction_db: Value
@@ -43,17 +43,17 @@ class SteadyState:
     cutoff_hz: Value | None
     """−3 dB frequency asin(√λ/2)/(πT) in Hz; NaN above λ = 4, where there is none; None without a period."""
     settle_samples: Value
-    """Samples until a step is followed to within 1 %, ln(0.01)/ln(1 − K)."""
+    """Settling time to 1 % of a step, in samples, ln(0.01)/ln(1 − K)."""
     time_constant_s: Value | None
-    """−T/ln(1 − K) in s, where 63 % of a step is followed; None without a sample period."""
+    """−T/ln(1 − K) in s, after which 63 % of a step is reached; None without a sample period."""
 
 
 def steady_state(params: FilterParams, sample_period: float | None = None) -> SteadyState:
     """The settled filter of q and r.
 
     Args:
-        params: q and r, scalars or (channels,) arrays; p0 and x0 play no part.
-        sample_period: nominal sample period in s, > 0; None leaves the answers in s and Hz out.
+        params: q and r, scalars or (channels,) arrays; p0 and x0 do not matter.
+        sample_period: nominal sample period in s, > 0; None leaves out the results in s and Hz.
 
     Raises:
         BadSetting: the sample period is not a positive finite number.
@@ -80,7 +80,7 @@ def ratio_for(
     noise_reduction_db: float | None = None,
     sample_period: float | None = None,
 ) -> float:
-    """λ = q/r of the steady filter that has what is asked; exactly one wish.
+    """λ = q/r of the steady filter that meets exactly one target.
 
     Args:
         gain: K, 0 < K < 1: λ = K²/(1 − K).
@@ -95,20 +95,20 @@ def ratio_for(
         λ; 0 where it is too small for a float, as for lags beyond 1e154 samples.
 
     Raises:
-        BadSetting: no wish or several, one out of range, or a wish in s or Hz without a sample period.
+        BadSetting: no target or several, one out of range, or one in s or Hz without a sample period.
     """
-    wishes = {
+    targets = {
         "gain": gain,
         "lag_samples": lag_samples,
         "lag_s": lag_s,
         "cutoff_hz": cutoff_hz,
         "noise_reduction_db": noise_reduction_db,
     }
-    given = {name: value for name, value in wishes.items() if value is not None}
+    given = {name: value for name, value in targets.items() if value is not None}
     if len(given) != 1:
-        raise BadSetting(f"exactly one of {', '.join(wishes)} must be given (got {', '.join(given) or 'none'})")
-    ((name, wish),) = given.items()
-    value = above_zero(name, wish)
+        raise BadSetting(f"exactly one of {', '.join(targets)} must be given (got {', '.join(given) or 'none'})")
+    ((name, target),) = given.items()
+    value = above_zero(name, target)
     if name == "gain":
         if value >= 1.0:
             raise BadSetting(f"gain must lie between 0 and 1 (got {value:g})")

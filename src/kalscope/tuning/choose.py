@@ -25,16 +25,16 @@ def params_for(
     """Choose the filter of each channel of a recording.
 
     Args:
-        recording: What is to be filtered.
+        recording: The recording to filter.
         config: Tuning file, or None. Its q is rescaled to the recording's sample period.
-        given: Parameters that outrank it, by name; None is an automatic start.
-        channel: The one channel to be filtered, or None for all.
+        given: Parameters that override it, by name; None is an automatic start.
+        channel: The only channel to filter, or None for all.
 
     Returns:
-        (params, notes): scalar parameters by channel, and sentences a person should know about the choice.
+        (params, notes): scalar parameters by channel, and notes on the choice for the user.
 
     Raises:
-        BadFile: `config` is no tuning file.
+        BadFile: `config` is not a tuning file.
         BadSetting: No such channel, the tuning has none of the channels, or a parameter is out of its range.
     """
     if channel is not None:
@@ -54,7 +54,7 @@ def _untuned_params(recording: Recording, name: str, given: Given) -> tuple[Filt
         values.setdefault("r", starting_params(recording.channel(name)).r)
         values.setdefault("q", values["r"] / 100.0)
         note = (
-            f"{name}: q = {values['q']:.6g}, r = {values['r']:.6g}; what was not given is the starting value"
+            f"{name}: q = {values['q']:.6g}, r = {values['r']:.6g}; values not given are the starting values"
             " r = var(Δz)/2, q = r/100"
         )
     return FilterParams(**values), note
@@ -73,13 +73,13 @@ def adapt_tuning(
     """Which entry of a tuning belongs to which channel of a recording, q rescaled to its sample period.
 
     Args:
-        recording: What is to be filtered.
-        tuning: What was found, perhaps on another recording.
-        given: Parameters that will outrank the tuning; a given q is not rescaled.
-        channel: The one channel that is wanted, or None for all.
+        recording: The recording to filter.
+        tuning: The tuning, perhaps of another recording.
+        given: Parameters that will override the tuning; a given q is not rescaled.
+        channel: The only channel to filter, or None for all.
 
     Returns:
-        (entries, notes): a tuning by channel, and sentences a person should know about the choice.
+        (entries, notes): a tuning by channel, and notes on the choice for the user.
 
     Raises:
         BadSetting: The tuning has none of the channels.

@@ -1,4 +1,4 @@
-"""The text of a tuning file: TOML tables in, text out and back, before anything is known of filters.
+"""The text of a tuning file: TOML tables to text and back, without knowledge of filters.
 
 Read with the standard library's tomllib; written with tomlkit, which keeps comments.
 """
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FORMAT = 1
 """Number of the file format; a reader refuses the numbers it does not know."""
 MAX_BYTES = 1_000_000
-"""Largest file read: some thousand channels. More is no tuning file."""
+"""Largest file read: some thousand channels."""
 MAX_DEPTH = 64
 """Deepest dotted key read: the memory that tomllib takes grows with the square of the depth (40 kB of dots
 took 1.5 GB)."""
@@ -48,14 +48,14 @@ _COMMENTS = {
     "x0": 'estimate before the first predict, unit; or "first": the first sample',
     "gate": "a sample whose v²/s exceeds it is not used",
 }
-"""What stands beside each key of a new file."""
+"""Comments beside the keys of a new file."""
 
 
 def parse(text: str) -> dict[str, Any]:
-    """The tables of a tuning file of our format; nothing but the format number is checked.
+    """The tables of a tuning file; only the format number is checked.
 
     Raises:
-        BadFile: The text is too long, no TOML, or of another format.
+        BadFile: The text is too long, not TOML, or of another format.
     """
     if len(text) > MAX_BYTES:
         raise BadFile(f"a tuning file must hold at most {MAX_BYTES} characters (got {len(text)})")
@@ -102,7 +102,7 @@ def fresh(tables: Mapping[str, Any]) -> str:
 
 
 def updated(before: str, tables: Mapping[str, Any]) -> str:
-    """The text `before` with the values of `tables`: unchanged values, comments and foreign keys stay.
+    """The text `before` with the values of `tables`: unchanged values, comments and unknown keys stay.
 
     Args:
         before: A text that `parse` accepts, or "" for a new file.
@@ -227,5 +227,5 @@ def shown(value: object) -> str:
 
 
 def one_line(value: object) -> str:
-    """A message of another library without its line ends."""
+    """The message of another library on one line."""
     return " ".join(str(value).split())

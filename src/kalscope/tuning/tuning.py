@@ -1,7 +1,7 @@
-"""The tuning: which filter was found for which channel of which recording, and the TOML file that keeps it.
+"""The tuning: the filters of the channels of a recording, and the TOML file that stores them.
 
-This is the one file that Kalscope reads back. It is made to be edited and annotated by hand: saving over it
-changes only the values that changed, and keeps every comment and every key that is not ours.
+The file is meant to be edited and annotated by hand: saving over it changes only the values that changed, and
+keeps every comment and every unknown key.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from kalscope.tuning.toml_text import (
 )
 
 SAME_PERIOD = 1e-3
-"""Sample periods that differ relatively by less are the same: a median of time stamps is no more exact."""
+"""Sample periods whose relative difference is smaller are equal: a median of time stamps is no more exact."""
 
 
 def _now() -> str:
@@ -48,7 +48,7 @@ class ChannelTuning:
     """The filter of one channel.
 
     Raises:
-        BadSetting: The numbers are no parameters of a filter (see `FilterParams`).
+        BadSetting: The numbers are not valid parameters (see `FilterParams`).
     """
 
     name: str
@@ -64,7 +64,7 @@ class ChannelTuning:
     x0: float | None = None
     """Estimate before the first predict, unit; None = the first finite sample. Needs p0."""
     how: str = "by hand"
-    """How q and r were found, for a person: "by hand", "maximum likelihood", …"""
+    """How q and r were found, for the user: "by hand", "maximum likelihood", …"""
     gate: float | None = None
     """Outlier gate on v²/s, > 0; None = off."""
 
@@ -95,13 +95,13 @@ class Tuning:
     source: str = ""
     """What reopens the recording: a path, "sample:NAME", "synthetic:SHAPE?…"; "" where unknown."""
     source_name: str = ""
-    """Name of the recording for a person."""
+    """Name of the recording for the user."""
     sha256: str = ""
     """SHA-256 of the recording's bytes; "" where unknown."""
     sample_period: float | None = None
     """Nominal sample period that q belongs to, s, > 0; None where unknown."""
     selected: str = ""
-    """Channel that was on the screen; "" = the first."""
+    """Channel on the screen; "" = the first."""
     tool: str = field(default_factory=program)
     """Program and version that made the tuning."""
     date: str = field(default_factory=_now)
@@ -167,16 +167,16 @@ class Tuning:
 
 
 def same_period(a: float, b: float) -> bool:
-    """Whether two sample periods in s are the same but for the resolution of time stamps."""
+    """Whether two sample periods in s are equal within the resolution of time stamps."""
     return math.isclose(a, b, rel_tol=SAME_PERIOD)
 
 
 def save_tuning(tuning: Tuning, path: str | os.PathLike[str]) -> None:
-    """Write the tuning file, whole or not at all; the comments of a tuning file that is there are kept.
+    """Write the tuning file, whole or not at all; the comments of an existing tuning file are kept.
 
     Raises:
-        BadFile: There is a file that is no tuning file of this format: a slip of the keyboard must not cost
-            anybody a recording.
+        BadFile: There is a file that is not a tuning file of this format: a typing error must not overwrite a
+            recording.
         BadSetting: The file would be too large to be read again.
         OSError: The file cannot be written; it is unchanged.
     """
@@ -197,7 +197,7 @@ def load_tuning(path: str | os.PathLike[str]) -> Tuning:
     """Read a tuning file.
 
     Raises:
-        BadFile: The file cannot be read or is no tuning file; one line says what must hold and what came.
+        BadFile: The file cannot be read or is not a tuning file.
     """
     try:
         return loads(read_text(path))
@@ -206,12 +206,12 @@ def load_tuning(path: str | os.PathLike[str]) -> Tuning:
 
 
 def dumps(tuning: Tuning) -> str:
-    """The text of a new tuning file. Every float comes back from it bit for bit."""
+    """The text of a new tuning file. Every float is read back bit for bit."""
     return fresh(_plain(tuning))
 
 
 def loads(text: str) -> Tuning:
-    """The tuning in the text of a file. Keys that are not ours are ignored.
+    """The tuning in the text of a file. Unknown keys are ignored.
 
     Raises:
         BadFile: As `load_tuning`.
@@ -239,7 +239,7 @@ def loads(text: str) -> Tuning:
 
 
 def _plain(tuning: Tuning) -> dict[str, Any]:
-    """The tuning as the tables of the file; None is a key that is absent."""
+    """The tuning as the tables of the file; None = the key is absent."""
     name, spec, sha256 = (clean(text) for text in (tuning.source_name, tuning.source, tuning.sha256))
     source = {"name": name, "spec": spec, "sha256": sha256, "sample_period": tuning.sample_period}
     channels = [

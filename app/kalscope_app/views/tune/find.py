@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from kalscope.common.text import decibels, lag_text, number, typed_number
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import compare_methods, disagreement
-from kalscope.estimation.finding import METHOD_WORDS, Noise, find_parameters
+from kalscope.estimation.finding import METHOD_NAMES, Noise, find_parameters
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.changes.parameters import apply_found, set_method_comparison
 from kalscope_app.session.changes.view import set_search_method
@@ -44,7 +44,7 @@ def _method(name: str) -> Way:
 
 def _wish(name: str, label: str, content: str, factor: float = 1.0) -> Way:
     def arguments(state: State, texts: list[str]) -> dict[str, Any]:
-        return {"wish": {name: factor * typed_number(label, texts[0])}, "present_r": state.tuning.r}
+        return {"target": {name: factor * typed_number(label, texts[0])}, "present_r": state.tuning.r}
 
     return Way(arguments, ((label, content),))
 
@@ -117,7 +117,7 @@ WAYS: dict[str, Way] = {
     "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
     "keep r, fit q": Way(lambda state, _texts: {"noise": Noise(r=state.tuning.r)}),
     "r/q = 100, fit r": Way(lambda _state, _texts: {"ratio": 0.01}),
-    **{METHOD_WORDS[name]: _method(name) for name in ("em", "moments", "als", "allan")},
+    **{METHOD_NAMES[name]: _method(name) for name in ("em", "moments", "als", "allan")},
 }
 """Ways by the words on screen, the most useful first."""
 
@@ -232,7 +232,7 @@ def opinions_text(state: State) -> str:
         lag = "–" if steady is None else lag_text(float(steady.lag_samples), period)
         gain = "–" if steady is None else number(float(steady.gain))
         q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
-        rows.append(f"| {METHOD_WORDS[one.method]} | {q} | {r} | {gain} | {lag} | {verdict} |")
+        rows.append(f"| {METHOD_NAMES[one.method]} | {q} | {r} | {gain} | {lag} | {verdict} |")
     usable = sum(one.params is not None for one in state.answers.method_comparison)
     agree = "They agree within their uncertainty." if usable > 1 else "No two of them can be compared."
     said = disagreement(state.answers.method_comparison) or agree

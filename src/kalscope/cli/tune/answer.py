@@ -13,7 +13,7 @@ from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_o
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation.estimate import compare_methods, disagreement
-from kalscope.estimation.finding import METHOD_WORDS, Found, Noise, find_parameters, still_or_silent
+from kalscope.estimation.finding import METHOD_NAMES, Found, Noise, find_parameters, shows_no_noise
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict import gain_of, lag_of
 from kalscope.filtering.batch import kalman_filter
@@ -31,8 +31,8 @@ class TuneRequest:
 
     method: str = "ml"
     """Method of `estimate`."""
-    wish: dict[str, float] = field(default_factory=dict[str, float])
-    """At most one of WISHES with its value."""
+    target: dict[str, float] = field(default_factory=dict[str, float])
+    """At most one of TARGETS with its value."""
     ratio: float | None = None
     """λ itself."""
     noise: Noise = field(default_factory=Noise)
@@ -40,7 +40,9 @@ class TuneRequest:
 
     def find(self, z: Array, **more: Any) -> Found:
         """The pair for the samples z; the other arguments as `find_parameters` takes them."""
-        return find_parameters(z, method=self.method, wish=self.wish, ratio=self.ratio, noise=self.noise, **more)
+        return find_parameters(
+            z, method=self.method, target=self.target, ratio=self.ratio, noise=self.noise, **more
+        )
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ def answer_for(recording: Recording, channel: str, request: TuneRequest, progres
     """Find and judge the pair of one channel.
 
     Raises:
-        BadSetting: contradictory or out-of-range wishes.
+        BadSetting: contradictory or out-of-range targets.
     """
     z, period = recording.channel(channel), recording.sample_period
     dt = recording.steps() if recording.gaps == "dt" else None
@@ -120,7 +122,7 @@ def _held_out(
     known = request.noise.resolve(z)  # a still stretch may lie in the second half: it is knowledge, not a fit
     if known:
         request = replace(request, noise=Noise(r=known[0]))
-    elif still_or_silent(half):
+    elif shows_no_noise(half):
         return None
     half_dt = None if dt is None else dt[: len(half)]
     params = request.find(half, dt=half_dt, sample_period=period, progress=progress).params
@@ -166,7 +168,7 @@ def _opinion(one: Estimate) -> dict[str, Any]:
     names = ("method", "q", "r", "ratio", "q_se", "r_se", "loglik", "verdict", "message")
     values = {name: getattr(one, name) for name in names}
     ratio = float(one.ratio)
-    return {**values, "name": METHOD_WORDS[one.method], "gain": gain_of(ratio), "lag_samples": lag_of(ratio)}
+    return {**values, "name": METHOD_NAMES[one.method], "gain": gain_of(ratio), "lag_samples": lag_of(ratio)}
 
 
 def _judged(judged: Diagnostics | None) -> dict[str, Any] | None:

@@ -137,7 +137,7 @@ def _request(given: Given, method: str, still: str | None, recording: Recording)
     for name in specified:
         if name in ("--lag-ms", "--cutoff-hz") and recording.sample_period is None:
             raise BadSetting(f"{name} needs the time between two samples: give --sample-period (got none)")
-    wish = {SPECIFICATIONS[name][0]: given[name] * SPECIFICATIONS[name][1] for name in specified}
+    target = {SPECIFICATIONS[name][0]: given[name] * SPECIFICATIONS[name][1] for name in specified}
     noise = Noise(
         r=given.get("--r"),
         sigma=given.get("--sigma"),
@@ -145,7 +145,7 @@ def _request(given: Given, method: str, still: str | None, recording: Recording)
         bandwidth_hz=given.get("--bandwidth-hz"),
         still=None if still is None else still_samples(recording, still),
     )
-    return TuneRequest(method, wish, given.get("--ratio"), noise)
+    return TuneRequest(method, target, given.get("--ratio"), noise)
 
 
 def _answers(recording: Recording, names: tuple[str, ...], request: TuneRequest) -> list[Answer]:

@@ -21,7 +21,7 @@ from kalscope.common.text import (
     squared,
     trimmed,
 )
-from kalscope.estimation.finding import METHOD_WORDS
+from kalscope.estimation.finding import METHOD_NAMES
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict import gain_of, lag_of
 from kalscope.filtering.arrays import scalar
@@ -89,9 +89,9 @@ def _pair(answer: Answer, recording: Recording) -> Iterator[str]:
     yield ""
     yield from _wrapped(answer.found.message)
     if params is None:
-        wish = "--gain 0.2" if answer.sample_period is None else f"--lag-ms {5e3 * answer.sample_period:.4g}"
+        target = "--gain 0.2" if answer.sample_period is None else f"--lag-ms {5e3 * answer.sample_period:.4g}"
         place = f"{shlex.quote(recording.source)} --channel {shlex.quote(answer.channel)}"
-        yield f"For example: kalscope tune {place} {wish}"
+        yield f"For example: kalscope tune {place} {target}"
 
 
 def _meaning(answer: Answer) -> Iterator[str]:
@@ -144,7 +144,7 @@ def _opinions(answer: Answer) -> Iterator[str]:
     yield f"Second opinions (q and r in {squared(answer.unit)}, lag in samples)"
     yield _row("method", "q", "r", "gain", "lag", "verdict")
     for one in answer.opinions:
-        yield _row(METHOD_WORDS[one.method], *_cells(one), VERDICT_WORDS[str(one.verdict)])
+        yield _row(METHOD_NAMES[one.method], *_cells(one), VERDICT_WORDS[str(one.verdict)])
     spoke = [one for one in answer.opinions if one.verdict not in SILENT]
     if answer.disagreement:
         yield from _wrapped(answer.disagreement)

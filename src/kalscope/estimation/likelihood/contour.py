@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
-from kalscope.estimation.likelihood.profile import WIDEST, Profile, likelihood_profile
+from kalscope.estimation.likelihood.profile import MAX_LOG_RATIO, Profile, likelihood_profile
 
 if TYPE_CHECKING:
     from kalscope.estimation.result import Estimate
@@ -25,8 +25,8 @@ DROP_95 = 5.991464547107979
 
 _NODES = 48
 """λ at which the record is scanned; between them the profile is as smooth as a parabola."""
-_BOUNDLESS = 12.0
-"""ln λ to look beyond the finite end of an interval that has no other end."""
+_OPEN_REACH = 12.0
+"""ln λ to search beyond the finite end of a half-open interval."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Contour:
     log_r: Array
     """ln r (r in unit²) along the line, shape (k,)."""
     closed: bool
-    """Whether the line comes back to its beginning; open where the record allows λ → 0 or λ → ∞."""
+    """Whether the line is closed; it is open where the record allows λ → 0 or λ → ∞."""
 
 
 def likelihood_contour(
@@ -53,7 +53,7 @@ def likelihood_contour(
         drop: see `DROP_95`, > 0.
 
     Returns:
-        The contour; None where the record has no maximum to go around.
+        The contour; None where the likelihood has no maximum.
 
     Raises:
         BadSetting: as `likelihood_profile`.
@@ -81,21 +81,21 @@ def likelihood_contour(
 
 
 def _edge(best: Estimate) -> float:
-    """The largest |ln λ| worth looking at."""
+    """The largest |ln λ| to search."""
     finite = [abs(math.log(ratio)) for ratio in (*best.ratio_interval, best.ratio) if 0.0 < ratio < math.inf]
-    return min(WIDEST, max(24.0, max(finite, default=0.0) + 2.0 * _BOUNDLESS))
+    return min(MAX_LOG_RATIO, max(24.0, max(finite, default=0.0) + 2.0 * _OPEN_REACH))
 
 
 def _first_reach(best: Estimate) -> tuple[float, float]:
-    """Where to begin in ln λ: the interval of λ alone, half as wide again, which two unknowns need."""
+    """First range of ln λ: the interval of λ alone, 1.5 times as wide, because q and r vary together."""
     low, high = (math.log(end) if 0.0 < end < math.inf else None for end in best.ratio_interval)
     if low is None and high is None:
-        return -_BOUNDLESS, _BOUNDLESS
+        return -_OPEN_REACH, _OPEN_REACH
     if low is None or high is None:
-        return (high - _BOUNDLESS, high + 1.0) if high is not None else (low - 1.0, low + _BOUNDLESS)  # pyright: ignore[reportOptionalOperand]
+        return (high - _OPEN_REACH, high + 1.0) if high is not None else (low - 1.0, low + _OPEN_REACH)  # pyright: ignore[reportOptionalOperand]
     half = max(0.75 * (high - low), 1e-6)
     middle = 0.5 * (low + high)
-    return max(middle - half, -WIDEST), min(middle + half, WIDEST)
+    return max(middle - half, -MAX_LOG_RATIO), min(middle + half, MAX_LOG_RATIO)
 
 
 def _around(profile: Profile, short: Array, drop: float) -> Contour | None:

@@ -28,16 +28,16 @@ DEFAULT_LOG_RATIOS = np.linspace(-24.0, 24.0, 121)
 """ln λ from a lag of 160,000 samples to no filtering at all, in steps in which the likelihood is smooth."""
 DEFAULT_LOG_RATIOS.setflags(write=False)
 
-WIDEST = 300.0
-"""Largest |ln λ| that a profile takes."""
+MAX_LOG_RATIO = 300.0
+"""Largest |ln λ| of a profile."""
 
-_LONGEST_GAP = 1e150
-"""Periods; a longer gap forgets no more, and its product with λ must fit a double."""
+_MAX_GAP = 1e150
+"""Periods; a longer gap changes nothing, and its product with λ must fit a double."""
 
 
 @dataclass(frozen=True)
 class Differences:
-    """One channel as the likelihood sees it: the differences of neighbouring finite samples."""
+    """One channel as input of the likelihood: the differences of neighbouring finite samples."""
 
     d: Array
     """Differences divided by `scale`, shape (m,), largest between ½ and 1; m = 0 for fewer than two samples."""
@@ -110,9 +110,9 @@ def differences(column: Array, steps: Array) -> Differences:
     half = np.diff(0.5 * samples)  # halved: two values near the largest double may lie two of them apart
     largest = float(np.abs(half).max(initial=0.0))
     if largest == 0.0:
-        return Differences(half, np.minimum(gap, _LONGEST_GAP), 1.0)
+        return Differences(half, np.minimum(gap, _MAX_GAP), 1.0)
     exponent = min(math.frexp(largest)[1], 1022)
-    return Differences(np.ldexp(half, -exponent), np.minimum(gap, _LONGEST_GAP), math.ldexp(1.0, exponent + 1))
+    return Differences(np.ldexp(half, -exponent), np.minimum(gap, _MAX_GAP), math.ldexp(1.0, exponent + 1))
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def likelihood_profile(z: ArrayLike, log_ratios: ArrayLike | None = None, dt: Ar
     steps = steps_of(dt, shape[0])
     refuse_infinite(columns)
     grid = DEFAULT_LOG_RATIOS if log_ratios is None else np.asarray(log_ratios, dtype=np.float64)
-    if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0) or not np.abs(grid).max() <= WIDEST:
+    if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0) or not np.abs(grid).max() <= MAX_LOG_RATIO:
         raise BadSetting(f"log_ratios must be two or more rising numbers within ±300 (got {log_ratios})")
     data = differences(columns[0], steps)
     if data.m < 1:

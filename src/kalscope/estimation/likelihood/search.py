@@ -26,18 +26,18 @@ STEP = 0.8
 """Step of the first grid in ln λ."""
 
 DROP = 1.9207294103470617
-"""Half the 95 % quantile of χ² with 1 degree of freedom: how far a 95 % interval may fall below the top."""
+"""Half the 95 % quantile of χ² with 1 degree of freedom: the drop in log-likelihood to the ends of the interval."""
 
 _POINTS = 17
 """Points of the polynomial over one or two steps of the grid."""
 
-_RIVALS = 4
-"""Local maxima of the grid that are refined: the highest point of a coarse grid need not mark the highest top."""
+_MAX_PEAKS = 4
+"""Local maxima of the grid to refine: its highest point need not be nearest to the maximum."""
 
 
 @dataclass(frozen=True)
 class Peak:
-    """Where a likelihood over ln λ has its maximum, and which λ come close."""
+    """The maximum of a likelihood over ln λ, and the interval of ln λ around it."""
 
     log_ratio: float
     """ln λ of the maximum; −inf for λ = 0, inf for λ = ∞."""
@@ -78,7 +78,7 @@ def _refine(loglik: LogLik, grid: Array, values: Array) -> tuple[float, float, f
     padded = np.concatenate([[-math.inf], values, [-math.inf]])
     is_peak = (values >= padded[:-2]) & (values >= padded[2:])
     tops = np.flatnonzero(is_peak)
-    tops = tops[np.argsort(-values[tops], kind="stable")[:_RIVALS]]
+    tops = tops[np.argsort(-values[tops], kind="stable")[:_MAX_PEAKS]]
     lows, highs = grid[np.maximum(tops - 1, 0)], grid[np.minimum(tops + 1, len(grid) - 1)]
     stretches = list(zip(lows.tolist(), highs.tolist(), strict=True))
     found = [_top(curve) for curve in _curves(loglik, stretches)]
@@ -113,7 +113,7 @@ def _roots(curve: Chebyshev) -> Array:
     """Real roots within the domain."""
     if not np.any(curve.coef):
         return np.empty(0)
-    bent = curve.trim(1e-16 * np.abs(curve.coef).max())  # a leading coefficient of nothing has no roots
+    bent = curve.trim(1e-16 * np.abs(curve.coef).max())  # a leading coefficient near 0 gives false roots
     roots = np.asarray(bent.roots(), dtype=np.complex128)
     real = roots.real[np.abs(roots.imag) < 1e-6]
     return real[(real >= curve.domain[0]) & (real <= curve.domain[1])]

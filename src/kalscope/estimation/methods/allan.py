@@ -1,7 +1,7 @@
-"""Allan variance: averages over M samples, compared with the average before; the plot sensor people know.
+"""Allan variance: averages over M samples, compared with the average before.
 
 Under the model AVAR(M) = r/M + q(2M² + 1)/(6M) (Zhang 2008, Metrologia 45, 549; in R's avar `av_wn`, `av_rw`):
-the noise falls with M, the movement rises, and the two are told apart by the slopes.
+the noise falls with M, the movement rises, and the two slopes separate them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _CORRELATED = 1.5
 
 
 def fit(data: Differences) -> Pair:
-    """The pair from the Allan variance over octaves of M, each weighted by how well it is known."""
+    """The pair from the Allan variance over octaves of M, weighted by their standard errors."""
     gap = data.gap if len(data.gap) else np.ones(data.m)
     length = gap.sum() + 1.0
     if np.any(gap != np.rint(gap)) or np.any(gap < 1.0) or length > 20 * data.m + 1000:
@@ -40,7 +40,7 @@ def fit(data: Differences) -> Pair:
         return Pair(0.0, 0.0, math.inf, math.inf, verdict="too_few", text=TOO_SHORT)
     design = np.stack([(2.0 * sizes**2 + 1.0) / (6.0 * sizes), 1.0 / sizes], axis=1)
     spread = np.sqrt(2.0 / degrees)
-    least = 1e-6 * seen.max()  # an oscillation may leave nothing at all in its averages
+    least = 1e-6 * seen.max()  # the averages of an oscillation may be 0
     expected = seen.clip(least)
     pair = solve(design, seen, expected * spread)
     for _ in range(_ROUNDS):

@@ -1,4 +1,4 @@
-"""EM: smooth with the present pair, then take the variances that the smoothed signal shows; again.
+"""EM: smooth with the current pair, take the variances of the smoothed signal as the next pair, repeat.
 
 Monotone and robust, but slow: it reaches the maximum of the same likelihood as "ml" in hundreds of passes, and
 an edge (q = 0, r = 0) never. Shumway & Stoffer (1982).
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     from kalscope.estimation.likelihood.profile import Differences
 
 SETTLED = 1e-8
-"""Relative change of q and r in one pass at which EM has arrived."""
+"""Relative change of q and r in one pass at which EM has converged."""
 
-_MOST_PASSES = 3000
-_MOST_SAMPLES = 20_000_000
+_MAX_PASSES = 3000
+_MAX_SAMPLES = 20_000_000
 """Passes, and passes × samples, at which EM gives up: one to two seconds."""
 
 
 def passes(data: Differences) -> Iterator[tuple[float, float, float]]:
-    """EM's way uphill: (q, r, log-likelihood of that pair) for ever, in scale² and for the scaled data."""
+    """The passes of EM without end: (q, r, log-likelihood of that pair), in scale² and for the scaled data."""
     z = np.concatenate([[0.0], np.cumsum(data.d)])
     x, p = np.empty_like(z), np.empty_like(z)
     q = r = float(np.mean(data.d**2)) / 3.0  # the variance of a difference is q + 2r
@@ -40,8 +40,8 @@ def passes(data: Differences) -> Iterator[tuple[float, float, float]]:
 
 
 def fit(data: Differences, progress: Progress) -> Pair:
-    """The pair where EM comes to rest, or where its passes are used up ("not_converged")."""
-    limit = max(50, min(_MOST_PASSES, _MOST_SAMPLES // (data.m + 1)))
+    """The pair where EM converges, or that of its last pass ("not_converged")."""
+    limit = max(50, min(_MAX_PASSES, _MAX_SAMPLES // (data.m + 1)))
     q_before = r_before = q = r = math.nan
     for i, (q, r, _) in enumerate(passes(data)):
         if abs(q - q_before) <= SETTLED * q and abs(r - r_before) <= SETTLED * r:

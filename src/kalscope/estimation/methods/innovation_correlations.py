@@ -22,26 +22,26 @@ if TYPE_CHECKING:
 TOO_SHORT = "This method needs a longer stretch of regular samples without gaps than this record has."
 
 _NOTHING = 1e-12
-"""A variance this much smaller than the other is the rounding of a zero."""
+"""A variance this much smaller than the other is a rounded 0."""
 
 _ROUNDS = 5
 _GAINS = 0.02, 0.95
-"""The gain that listens stays in this range: below it forgets too slowly, above it hears r too faintly."""
+"""Range of the fixed gain: below it forgets too slowly, above it is insensitive to r."""
 
 
 def fit(data: Differences) -> Pair:
-    """The pair from the innovations' autocovariances, the filter re-tuned a few times on the way."""
+    """The pair from the innovations' autocovariances; the filter is re-tuned a few times."""
     gain, pair = 0.3, None
     for _ in range(_ROUNDS):
         lags = max(4, math.ceil(3.0 / gain))
         innovations = np.empty(data.m)
         fixed_gain_innovations(data.d, data.gap, gain, lags + 1, innovations)
-        heard = int(np.isfinite(innovations).sum())
-        if heard < 3 * lags + 10:
+        present = int(np.isfinite(innovations).sum())
+        if present < 3 * lags + 10:
             break
         pair = solve(_design(gain, lags), *_autocovariances(innovations, lags))
         gain = min(max(_gain(pair.q, pair.r), _GAINS[0]), _GAINS[1])
-    if pair is None or pair.q == pair.r:  # nothing heard, or only zeros: all change lies across the gaps
+    if pair is None or pair.q == pair.r:  # no innovations, or only zeros: all changes are across gaps
         return Pair(0.0, 0.0, math.inf, math.inf, verdict="too_few", text=TOO_SHORT)
     return pair
 

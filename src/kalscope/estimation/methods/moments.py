@@ -1,4 +1,4 @@
-"""Moments of the differences: the quick look that needs no filter.
+"""Moments of the differences: a quick estimate without a filter.
 
 Δz has variance γ₀ = q + 2r, neighbours have covariance γ₁ = −r, and nothing is left further apart, so
 r = −γ₁ and q = γ₀ + 2γ₁. Where γ₁ > 0, or more is left two samples apart, the model does not hold.
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.text import correlation
 from kalscope.estimation.methods.kernels import lagged_products
 from kalscope.estimation.methods.pair import Pair
 
@@ -35,7 +36,7 @@ def fit(data: Differences) -> Pair:
 
 
 def what_differences_say(data: Differences) -> str:
-    """A sentence where the differences of neighbours contradict the model; "" where they do not."""
+    """How the differences of neighbouring samples contradict the model; "" where they do not."""
     m = data.m
     g0, g1, g2 = _products(data)
     if m < 20 or g0 == 0.0:
@@ -43,13 +44,15 @@ def what_differences_say(data: Differences) -> str:
     r1, r2 = g1 / g0, g2 / g0
     if r1 > 3.0 / math.sqrt(m):
         return (
-            f"Successive changes push the same way (correlation {r1:+.2f}; a random walk under noise has none "
-            "or a negative one): the signal glides, or the sensor smooths it already."
+            f"Successive changes have the same sign (correlation {correlation(r1)}; a random walk plus noise has 0 "
+            "or less): the signal moves smoothly, or the sensor already smooths it."
         )
     if r1 < -0.5 - 3.0 / math.sqrt(m):
-        return f"Successive changes alternate (correlation {r1:+.2f}, below −0.5): an oscillation or hum."
+        return f"Successive changes alternate (correlation {correlation(r1)}, below −0.5): an oscillation or hum."
     if abs(r2) > 4.0 * math.sqrt((1.0 + 2.0 * r1**2) / m) + 0.02:
-        return f"Changes two samples apart are still correlated ({r2:+.2f}): a trend, a wave or slow noise."
+        return (
+            f"Changes two samples apart are correlated ({correlation(r2)}): a trend, an oscillation or slow noise."
+        )
     return ""
 
 

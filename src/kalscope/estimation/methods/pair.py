@@ -18,8 +18,8 @@ class Pair:
     r_se: float
     """Standard error of r, scale²; inf where unknown."""
     verdict: str = ""
-    """A verdict only the method can give: "irregular", "too_few", "not_converged"; "" = judge by the numbers."""
+    """A verdict of the method itself: "irregular", "too_few", "not_converged"; "" = judge by the numbers."""
     text: str = ""
-    """The whole message, where the one that belongs to the verdict does not fit; "" = that one."""
+    """The message, in place of the one for the verdict; "" = that one."""
     note: str = ""
     """A sentence to add to the message."""

@@ -21,7 +21,7 @@ from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import columns_of, refuse_infinite, shaped_like, steps_of
 from kalscope.filtering.batch import FilterResult, kalman_filter
-from kalscope.filtering.params import LARGEST, FilterParams
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
 from kalscope.filtering.streaming import KalmanFilter
 from kalscope.papers.generalized import kernels
@@ -253,5 +253,5 @@ def _not_above_zero(when: str, sample: float) -> BadSetting:
 
 def _check_above_zero(name: str, value: Any) -> None:
     number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    if not number or not 0.0 < value <= LARGEST:
+    if not number or not 0.0 < value <= MAX_VARIANCE:
         raise BadSetting(f"{name} must be a finite number above 0 (got {value!r})")
