@@ -16,9 +16,9 @@ from waiting import PATIENCE
 from kalscope.cli import app as cli
 from kalscope.common.charts import Line, Mark, Panel, draw_svg
 from kalscope.papers import reproduction
-from kalscope.papers.disagreements import Disagreement
 from kalscope.papers.maarif_2019 import chapter as noise_reducer_page
-from kalscope.papers.page import page
+from kalscope.papers.page.page import page
+from kalscope.papers.page.prose import Disagreement
 from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
 
 COMMAND = [sys.executable, "-m", "kalscope.cli", "reproduce"]

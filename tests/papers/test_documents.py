@@ -11,7 +11,6 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
-from kalscope.papers.disagreements import DISAGREEMENTS
 from kalscope.papers.experiments import list_experiments, open_experiment
 from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope.papers.interactive_matter_2009 import document as lis302dl
@@ -19,6 +18,7 @@ from kalscope.papers.interactive_matter_2009 import questions
 from kalscope.papers.khan import paper as generalized
 from kalscope.papers.maarif_2019 import limits
 from kalscope.papers.maarif_2019 import paper as noise_reducer
+from kalscope.papers.page.prose import list_disagreements
 
 TABLE_TOLERANCE = 0.02
 """Share of the printed number."""
@@ -215,7 +215,7 @@ def test_an_unknown_experiment_names_the_choices():
 
 
 def test_the_disagreements_of_the_issue_are_told():
-    told = " ".join(f"{d.where} {d.one} {d.other}" for d in DISAGREEMENTS)
+    told = " ".join(f"{d.where} {d.one} {d.other}" for d in list_disagreements())
     for words in (
         "Table 1 leaves figure 3 out",
         "R = 100, Q = 0.1",

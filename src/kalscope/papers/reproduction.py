@@ -8,11 +8,11 @@ from importlib.metadata import version
 from typing import Any
 
 from kalscope.common.progress import OnProgress, Progress
-from kalscope.papers.disagreements import DISAGREEMENTS
 from kalscope.papers.interactive_matter_2009 import chapter as lis302dl_page
 from kalscope.papers.khan import chapter as generalized_page
 from kalscope.papers.maarif_2019 import chapter as noise_reducer_page
-from kalscope.papers.page import page
+from kalscope.papers.page.page import page
+from kalscope.papers.page.prose import list_disagreements
 from kalscope.papers.parts import FULL, QUICK, Chapter, Check
 
 
@@ -61,12 +61,13 @@ def reproduce(quick: bool = False, progress: OnProgress | None = None) -> Reprod
         generalized_page.chapter(whole.part(0.7, 0.8)),
         lis302dl_page.chapter(effort, whole.part(0.8, 1.0)),
     )
+    disagreements = list_disagreements()
     installed = version("kalscope")
     results: dict[str, Any] = {"kalscope": installed, "quick": quick}
     results["passed"] = all(check.passed for chapter in chapters for check in chapter.checks)
     results |= {chapter.key: chapter.results for chapter in chapters}
-    results["disagreements"] = [asdict(one) for one in DISAGREEMENTS]
+    results["disagreements"] = [asdict(one) for one in disagreements]
     results["checks"] = [
         {**asdict(check), "passed": check.passed} for chapter in chapters for check in chapter.checks
     ]
-    return Reproduction(chapters, page(chapters, DISAGREEMENTS, installed), results)
+    return Reproduction(chapters, page(chapters, disagreements, installed), results)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,8 @@ from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.papers.appendices import c_listing
 from kalscope.papers.interactive_matter_2009 import document as paper
 from kalscope.papers.interactive_matter_2009 import questions
-from kalscope.papers.parts import Chapter, Check, Effort, Figure, ResultTable
+from kalscope.papers.page.prose import Prose
+from kalscope.papers.parts import Check
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
     from kalscope.common.progress import OnProgress
     from kalscope.papers.interactive_matter_2009.document import WalkRow
     from kalscope.papers.interactive_matter_2009.questions import EstimateAnswer, ExponentialAnswer, FusionAnswer
+    from kalscope.papers.parts import Chapter, Effort, Figure, ResultTable
+
+PROSE = Prose(Path(__file__).parent / "chapter.toml")
 
 
 def chapter(effort: Effort, report: OnProgress) -> Chapter:
@@ -32,14 +37,7 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
     fused = questions.answer_fusion()
     simple = tuple(questions.answer_exponential(q, r) for _, q, r in paper.WALK)
     listing = listing_difference()
-    return Chapter(
-        key="lis302dl",
-        title="Filtering Sensor Data with a Kalman Filter",
-        citation="Interactive matter (blog), 18 December 2009. Five lines and a C listing.",
-        intro=(
-            "A noisy LIS302DL, 8 bits, three axes: three independent one-dimensional filters. The author walks"
-            " through q = 128, 4, 0.125 and then r = 1, 4, 32, by eye, and ends with three questions.",
-        ),
+    return PROSE.chapter(
         blocks=(
             _walk_figure(),
             _walk_table(walk),
@@ -94,13 +92,8 @@ def _walk_figure() -> Figure:
             Line(board.time[shown], x[shown], "filtered", "s2"),
         )
         panels.append(Panel(f"q = {q:g}, r = {r:g}{assumed}", lines, "time / s", "x / counts", (-15.0, 68.0)))
-    return Figure(
-        "The walk: q = 128, 4, 0.125, then r = 1, 4, 32",
-        draw_svg(panels, "Six settings on a moved accelerometer", columns=3, height=220),
-        "The x axis of a board that is tilted and put back, noise of 3 counts. In the upper row the document"
-        " does not state r; 4 is assumed, so the last picture above and the middle one below are the same.",
-        "As described: at q = 128 the filter shows the raw signal, at 4 it is overshot by the readings, at 0.125"
-        " it is clean and a little late; r = 1 lets more noise through, and r = 32 is steady but clearly late.",
+    return PROSE.figure(
+        "walk_figure", draw_svg(panels, "Six settings on a moved accelerometer", columns=3, height=220)
     )
 
 
@@ -112,15 +105,7 @@ def _walk_table(walk: Sequence[WalkRow]) -> ResultTable:
         cells = (f"{row.q:g}", f"{row.r:g}", f"{row.gain:.3f}", f"{row.lag_samples:.2f}")
         rows.append((*cells, f"{100 * row.noise_left:.0f} %", f"{row.rmse:.2f}", *gains))
     best = min(walk, key=lambda row: row.rmse)
-    return ResultTable(
-        "The walk in numbers",
-        ("q", "r", "gain", "lag / samples", "noise left", "RMSE / counts", "gain if r = 1", "gain if r = 32"),
-        tuple(rows),
-        "Settled gain, lag on a ramp and white noise left; RMSE over three moving axes against the known truth,"
-        " the raw signal has 3. The last two columns: what another r would have made of the q pictures.",
-        "Only q/r matters: (4, 32) is (0.125, 1). By eye the author stopped at q = 0.125; on this movement (q,"
-        f" r) = ({best.q:g}, {best.r:g}) is nearest to the truth, and r = 32 is worse than no filter.",
-    )
+    return PROSE.table("walk", rows, q=best.q, r=best.r)
 
 
 def _axes_figure() -> Figure:
@@ -134,13 +119,7 @@ def _axes_figure() -> Figure:
             Line(board.time, x[:, i], "filtered", "s2"),
         )
         panels.append(Panel(f"{name} axis", lines, "time / s", "counts", (-60.0, 70.0)))
-    return Figure(
-        "Three axes, three filters",
-        draw_svg(panels, "Three axes filtered independently", columns=3, height=260),
-        "q = 0.125, r = 4 for each axis, started at 0 with p = 1023; dashed is the truth behind the noise.",
-        "One filter an axis is enough: nothing in one axis is used for another, and the start at 0 is gone at"
-        " once.",
-    )
+    return PROSE.figure("axes", draw_svg(panels, "Three axes filtered independently", columns=3, height=260))
 
 
 def _estimate_table(answer: EstimateAnswer, draws: int) -> ResultTable:
@@ -152,17 +131,7 @@ def _estimate_table(answer: EstimateAnswer, draws: int) -> ResultTable:
         ("moved board: RMSE / counts, estimated", "", f"{answer.board_rmse:.2f}", ""),
         ("board at rest, three axes", "", ", ".join(sorted(set(answer.resting_verdicts))).replace("_", " "), ""),
     )
-    return ResultTable(
-        "First question: can q and r be estimated?",
-        ("", "true", "found, median", "90 % of the recordings"),
-        rows,
-        f"Maximum likelihood on {draws} recordings of 2000 samples (20 s): a random walk with q = 0.125 under"
-        " noise with r = 9. Below it the moved board of the pictures above, and the shipped recording of one at"
-        " rest.",
-        "Yes: r within about 5 %, q within about a third, and the filter with the estimated pair is as good as with"
-        " the true one. On the moved board, which is no random walk, it beats the pair of the document; of a"
-        " board at rest there is no q to be found, and the estimate says so.",
-    )
+    return PROSE.table("estimate", rows, draws=draws)
 
 
 def _fusion_table(answer: FusionAnswer) -> ResultTable:
@@ -172,16 +141,8 @@ def _fusion_table(answer: FusionAnswer) -> ResultTable:
         ("both: one predict, two updates", f"{answer.fused:.3f}"),
         ("promised by the model, √(K r), 1/r = 1/9 + 1/25", f"{answer.fused_theory:.3f}"),
     )
-    return ResultTable(
-        "Second question: several sensors?",
-        ("filter", "RMSE / counts"),
-        rows,
-        "Two noisy sensors of one quantity, 20,000 samples of a random walk with q = 0.125. Both readings are"
-        " fed to the same filter, the second with no time in between; that equals one filter of their weighted"
-        f" mean to within {answer.difference:.0e} counts.",
-        f"Worth it: {100 * (1 - answer.fused / answer.first):.0f} % less error than the better sensor alone, and"
-        " no new mathematics, only a second call of the update.",
-    )
+    gain = 100 * (1 - answer.fused / answer.first)
+    return PROSE.table("fusion", rows, difference=answer.difference, gain=gain)
 
 
 def _exponential_table(answers: Sequence[ExponentialAnswer]) -> ResultTable:
@@ -196,16 +157,7 @@ def _exponential_table(answers: Sequence[ExponentialAnswer]) -> ResultTable:
         )
         for (_, q, r), a in zip(paper.WALK, answers, strict=True)
     )
-    return ResultTable(
-        "Third question: a much easier filter?",
-        ("q", "r", "K", "difference in the first 10 samples", "below 0.01 counts after", "second half"),
-        rows,
-        "x ← x + K (z − x) with the settled K, against the filter started with p = 1023; z axis of the moved board,"
-        " differences in counts.",
-        "Yes: exponential smoothing is the same filter, to 0.01 counts, after at most"
-        f" {max(a.samples_to_agree for a in answers)} samples. The Kalman filter adds a start without drag, a"
-        " way to find K, and sense for gaps.",
-    )
+    return PROSE.table("exponential", rows, samples=max(a.samples_to_agree for a in answers))
 
 
 def _exponential_figure() -> Figure:
@@ -221,10 +173,5 @@ def _exponential_figure() -> Figure:
         Line(board.time[shown], simple[shown], "exponential smoothing", "s1"),
     )
     panel = Panel("z axis, q = 0.125, r = 32, both started at 0", lines, "time / s", "counts")
-    return Figure(
-        "The start is the difference",
-        draw_svg([panel], "Kalman filter and exponential smoothing at the start", height=280),
-        "The z axis rests at 55 counts; the Kalman filter begins with a gain near 1, the exponential one with"
-        " its K.",
-        "After the start-up the two lines are one.",
-    )
+    svg = draw_svg([panel], "Kalman filter and exponential smoothing at the start", height=280)
+    return PROSE.figure("start", svg)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,16 +11,20 @@ import numpy as np
 from kalscope.common.charts import Line, Panel, draw_svg
 from kalscope.errors import BadSetting
 from kalscope.filtering.batch import denoise
-from kalscope.papers.diagrams import block_diagram
 from kalscope.papers.generalized.filter import GeneralizedParams, generalized_filter, printed_fixed_point
 from kalscope.papers.khan import paper
 from kalscope.papers.khan.paper import GainRow, LevelRow, channel
-from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
+from kalscope.papers.page.diagrams import block_diagram
+from kalscope.papers.page.prose import Prose
+from kalscope.papers.parts import Check
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from kalscope.common.progress import OnProgress
+    from kalscope.papers.parts import Chapter, Figure, ResultTable
+
+PROSE = Prose(Path(__file__).parent / "chapter.toml")
 
 
 def chapter(report: OnProgress) -> Chapter:
@@ -28,17 +33,9 @@ def chapter(report: OnProgress) -> Chapter:
     gains, levels = paper.try_gains(), paper.try_levels()
     recovered = _samples_to_forget()
     smooth, honest = paper.water_noise(paper.WATER), paper.water_noise(paper.WATER_DATASHEET)
-    return Chapter(
-        key="generalized",
-        title="Single Dimensional Generalized Kalman Filter",
-        citation="Z. Khan, H. Bugti, A. S. Bugti, BUITEMS, Quetta. Equations (1)–(3).",
-        intro=(
-            "Three lines without q: gain, estimate, error. The third, as printed, multiplies 1 − K by the previous"
-            " estimate instead of the previous error. Both readings are filters of their own here, “printed” and"
-            " “without_slip”; neither is the five-line filter with a process noise.",
-        ),
+    return PROSE.chapter(
         blocks=(
-            _figure_1(),
+            PROSE.figure("figure_1", block_diagram()),
             _level_table(levels),
             _figure_7(recovered),
             _figure_8(),
@@ -101,32 +98,12 @@ def _samples_to_forget() -> int:
     return paper.samples_to_recover(generalized_filter(z, paper.FLEX).x, started_well, within=3.0)
 
 
-def _figure_1() -> Figure:
-    return Figure(
-        "Figure 1: the data flow, and the slip",
-        block_diagram(),
-        "σE and σM give the gain; the gain and M give the estimate; the gain and one more value give the next"
-        " σE. The dashed arrow is what equation (3) prints, the solid one below what its words ask for.",
-        "With the dashed arrow the error follows the signal, not the noise: σE settles at (−σM + √(σM² +"
-        " 4EσM))/2, which knows nothing of how noisy the sensor is. With the solid one there is no process"
-        " noise, and the gain falls as 1/n.",
-    )
-
-
 def _level_table(levels: Sequence[LevelRow]) -> ResultTable:
     rows = tuple(
         (row.level, f"{row.sigma_m:g}", f"{row.formula:.4f}", f"{abs(row.simulated - row.formula):.0g}")
         for row in levels
     )
-    return ResultTable(
-        "The printed filter's gain comes from the level and the unit",
-        ("constant signal", "σM in its unit", "settled gain", "|simulated − formula|"),
-        rows,
-        "Gain at the fixed point, and the filter after 5000 samples of that constant. Multiplying E and σM by"
-        " the same factor changes nothing; moving the zero (°C, °F, K) does.",
-        "The same sensor with the same noise is filtered at 1 count and hardly at all at 1000; the same water gets"
-        " another filter in °C, °F and K.",
-    )
+    return PROSE.table("levels", rows)
 
 
 def _figure_7(recovered: int) -> Figure:
@@ -155,15 +132,7 @@ def _figure_7(recovered: int) -> Figure:
             "counts",
         ),
     ]
-    return Figure(
-        "Figure 7: flex sensor with a high first estimate",
-        draw_svg(panels, "Flex sensor filtered by both readings"),
-        "Servo sweeps of 1.8 s. The paper gives no σM; the one above makes the printed equation look like its"
-        " picture.",
-        f"The start is forgotten after {recovered} samples, as the paper says, and the output trails the servo."
-        " Only the printed reading can do that: without the slip the filter freezes within one sweep. But σM ="
-        " 1500 counts on a sensor of at most 650 is no data sheet's error.",
-    )
+    return PROSE.figure("figure_7", draw_svg(panels, "Flex sensor filtered by both readings"), recovered=recovered)
 
 
 def _figure_8() -> Figure:
@@ -179,14 +148,8 @@ def _figure_8() -> Figure:
         ),
         Panel("Its gain", (Line(time, result.k, "gain K", "s3"),), "time / s", "K", (0.0, 0.25)),
     ]
-    return Figure(
-        "Figure 8: LDR ramp",
-        draw_svg(panels, "LDR ramp and the gain of the printed filter", columns=2, height=280),
-        "First estimate 1 count, σE = 1: at 0 the printed equation would never leave its start.",
-        f"As in the paper the curve rises late and then follows with some noise left; the printed equation explains"
-        f" both: its gain grows with the level, from {result.k[:50].mean():.3f} in the dark to"
-        f" {result.k[-50:].mean():.2f} in the light.",
-    )
+    svg = draw_svg(panels, "LDR ramp and the gain of the printed filter", columns=2, height=280)
+    return PROSE.figure("figure_8", svg, dark=result.k[:50].mean(), light=result.k[-50:].mean())
 
 
 def _figure_9(smooth: float, honest: float) -> Figure:
@@ -197,14 +160,8 @@ def _figure_9(smooth: float, honest: float) -> Figure:
         x = generalized_filter(z, params).x
         lines = (Line(time, z, "raw", "raw"), Line(time, x, f"as printed, σM = {params.sigma_m:g} °C", style))
         panels.append(Panel(f"σM = {params.sigma_m:g} °C", lines, "time / s", "temperature / °C", (0.0, 70.0)))
-    return Figure(
-        "Figure 9: temperature",
-        draw_svg(panels, "Temperature filtered with two measured errors", columns=2, height=280),
-        "A coarse sensor, 0.49 °C a count, noise of 0.8 °C; hot water at 60 s.",
-        f"With σM = 200 °C it is the smooth, late curve of the paper ({100 * smooth:.0f} % of the noise left)."
-        f" With the error that the sensor really has, 0.8 °C, {100 * honest:.0f} % of the noise is left: the data"
-        " sheet's value, which the paper advises, hardly filters.",
-    )
+    svg = draw_svg(panels, "Temperature filtered with two measured errors", columns=2, height=280)
+    return PROSE.figure("figure_9", svg, smooth=100 * smooth, honest=100 * honest)
 
 
 def _figure_10() -> Figure:
@@ -217,27 +174,14 @@ def _figure_10() -> Figure:
         for gain, x, style in zip(paper.GAINS, filtered, ("s1", "s3", "s2", "s4"), strict=True):
             lines.append(Line(time[shown], x[shown], f"K = {gain:g}", style))
         panels.append(Panel(title, tuple(lines), "time / s", "counts"))
-    return Figure(
-        "Figure 10: LDR under fixed gains",
-        draw_svg(panels, "LDR ramp under four fixed gains", columns=2, height=340),
-        "The five-line filter with λ = K²/(1 − K) and p0 = K r, whose gain is K from the first sample on. The"
-        " paper does not give its gains.",
-        "The smaller the gain, the farther the curve drifts from the reading, as the paper shows (its next"
-        " sentence, that it gets worse as the gain increases, is a slip).",
-    )
+    return PROSE.figure("figure_10", draw_svg(panels, "LDR ramp under four fixed gains", columns=2, height=340))
 
 
 def _gain_table(gains: Sequence[GainRow]) -> ResultTable:
     rows = tuple(
         (f"{row.gain:g}", f"{row.lag:.2f}", f"{row.lag_theory:.2f}", f"{100 * row.noise:.0f} %") for row in gains
     )
-    return ResultTable(
-        "Figure 10 in numbers",
-        ("gain K", "lag measured / samples", "(1 − K)/K", "jumps left"),
-        rows,
-        "Lag: mean distance to the raw ramp over its slope. Jumps: second differences, output over input.",
-        "The paper's “delayed estimate” has a formula, and it holds, as well as the ramp is straight.",
-    )
+    return PROSE.table("gains", rows)
 
 
 def _failure_table() -> ResultTable:
@@ -251,14 +195,4 @@ def _failure_table() -> ResultTable:
             generalized_filter(z, params)
         except BadSetting as error:
             rows.append((name, str(error)))
-    settled = printed_fixed_point(100.0, 4.0)
-    return ResultTable(
-        "The printed filter at zero and below",
-        ("signal", "what Kalscope answers"),
-        tuple(rows),
-        f"At 100 counts and σM = 4 the filter settles at K = {settled.gain:.3f}. At an estimate of 0 the error is"
-        " 0, so the gain is 0 and stays 0; below it the “error” is negative, and the gain leaves 0 … 1.",
-        "A signal that crosses zero cannot be filtered by equation (3) as printed; the filter says so instead of"
-        " freezing or exploding.",
-        words=True,
-    )
+    return PROSE.table("failures", rows, gain=printed_fixed_point(100.0, 4.0).gain)

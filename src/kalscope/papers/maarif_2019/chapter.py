@@ -12,7 +12,14 @@ from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.appendices import arduino_appendix, matlab_appendix
 from kalscope.papers.maarif_2019 import paper
-from kalscope.papers.maarif_2019.figures import advice_figure, figure_1, figure_2, figures_3_to_8, figures_9_and_10
+from kalscope.papers.maarif_2019.figures import (
+    PROSE,
+    advice_figure,
+    figure_1,
+    figure_2,
+    figures_3_to_8,
+    figures_9_and_10,
+)
 from kalscope.papers.maarif_2019.limits import (
     ADVISED,
     RATIOS,
@@ -23,13 +30,14 @@ from kalscope.papers.maarif_2019.limits import (
     swinging_rmse,
     try_advice,
 )
-from kalscope.papers.parts import Chapter, Check, Effort, ResultTable
+from kalscope.papers.parts import Check
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from kalscope.common.progress import OnProgress
     from kalscope.papers.maarif_2019.paper import StartClue, TableRow
+    from kalscope.papers.parts import Chapter, Effort, ResultTable
 
 TABLE_TOLERANCE = 0.02
 """Simulated against printed, and against theory, as a share."""
@@ -45,14 +53,7 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
     advice, rule = try_advice(effort.limit_draws), judge_rule()
     report(0.9, "figures 1 to 10")
     same = compare_appendices()
-    return Chapter(
-        key="noise_reducer",
-        title="Kalman Filter for Noise Reducer on Sensor Readings",
-        citation="A. Ma'arif, Iswanto, A. A. Nuryono, R. I. Alfian, 2019. Equations (11)–(15).",
-        intro=(
-            "The five lines of this paper are the filter of Kalscope: predict x and p + Q, then gain, value and"
-            " variance. The paper tries six pairs (R, Q) on a noise it does not state, and recommends R = 100 Q.",
-        ),
+    return PROSE.chapter(
         blocks=(
             figure_1(),
             figure_2(),
@@ -125,7 +126,7 @@ def compare_appendices() -> dict[str, float]:
 
 def table_1(rows: Sequence[TableRow], draws: int) -> ResultTable:
     """Table 1 with the printed, simulated and theoretical mean error side by side."""
-    cells = tuple(
+    cells = [
         (
             str(i),
             f"{row.r:g}",
@@ -140,32 +141,9 @@ def table_1(rows: Sequence[TableRow], draws: int) -> ResultTable:
             f"{row.rmse_theoretical:.2f}",
         )
         for i, row in enumerate(rows, 1)
-    )
-    worst = max(abs(row.simulated / row.printed - 1) for row in rows)
-    return ResultTable(
-        "Table 1: mean error, printed, simulated and from theory",
-        (
-            "row",
-            "R",
-            "Q",
-            "R/Q",
-            "printed",
-            "simulated",
-            "theory",
-            "sim. − printed",
-            "from p0 = 1",
-            "RMSE",
-            "RMSE, theory",
-        ),
-        cells,
-        f"White noise of standard deviation {paper.SIGMA:g} around 0, {paper.SAMPLES} samples, average over {draws}"
-        " draws, start x = 0, p0 = 0 (one column: p0 = 1). Theory: c·σ·(1 − K)·√(2/(2 − K)), c = √(2/π), settled"
-        " filter. The last two columns are the RMSE against the known truth, simulated and σ·√(K/(2 − K)). The"
-        " noise of the appendix, (rand − rand)·100, has a standard deviation of only 40.8: it is not the table's.",
-        f"All five rows agree within {100 * worst:.1f} %. But a single signal of 100 samples scatters by about 8 %,"
-        " and the mean error is a distance to the raw signal: no filter at all would score 0, the best. The RMSE"
-        " against the truth falls from row to row, in the opposite order.",
-    )
+    ]
+    worst = 100 * max(abs(row.simulated / row.printed - 1) for row in rows)
+    return PROSE.table("table_1", cells, sigma=paper.SIGMA, samples=paper.SAMPLES, draws=draws, worst=worst)
 
 
 def _start_table(clue: StartClue) -> ResultTable:
@@ -178,15 +156,7 @@ def _start_table(clue: StartClue) -> ResultTable:
         ("p0 that gives the printed difference over 100 samples", f"{clue.p0_needed:.4f}"),
         ("samples after which p0 = 1 gives it", f"about {round(clue.samples_needed, -2):,.0f}"),
     )
-    return ResultTable(
-        "Rows 3 and 4: the same ratio, so what start?",
-        ("case", "difference of the mean errors"),
-        rows,
-        "Rows 3 and 4 have the ratio 100 both, so their settled filters are one and the same; only p0, which is not"
-        " scaled with them, can tell them apart.",
-        "Neither start of the paper gives 0.0075: from p0 = 0 the rows are equal, from p0 = 1 they differ"
-        " sixtyfold. Both rows were made on one signal, started near 0 or much longer than 100 samples.",
-    )
+    return PROSE.table("start", rows)
 
 
 def _advice_table(tests: Sequence[AdviceTest]) -> ResultTable:
@@ -201,14 +171,7 @@ def _advice_table(tests: Sequence[AdviceTest]) -> ResultTable:
         )
         for test in tests
     )
-    return ResultTable(
-        "“The recommended ratio is 100”",
-        ("signal", "best R/Q", "RMSE there", "RMSE at 100", "worse by", "RMSE raw"),
-        rows,
-        "RMSE against the known truth, settled filter, average over draws.",
-        "100 is right for a signal that wanders by a tenth of the noise each sample, and a fair first try. At"
-        " rest a larger ratio is five times better; on a fast swing 100 is twice as bad as no filter at all.",
-    )
+    return PROSE.table("advice", rows)
 
 
 def _rule_table(rule: RuleTest) -> ResultTable:
@@ -218,14 +181,7 @@ def _rule_table(rule: RuleTest) -> ResultTable:
         ("σ below which no filter reaches 40", f"{rule.sigma_too_small:.1f}"),
         ("σ above which even ratio 100 is refused", f"{rule.sigma_too_large:.1f}"),
     )
-    return ResultTable(
-        "“Good parameters have a mean error of 40 to 55”",
-        ("question", "answer"),
-        rows,
-        "White noise around a constant, by the formula of the mean error.",
-        "The rule holds for this noise only: it is 0.56 to 0.76 σ in disguise, it spans a factor of 66 in the"
-        " ratio, and it admits the row that the paper itself calls too aggressive.",
-    )
+    return PROSE.table("rule", rows)
 
 
 def _appendix_table(same: dict[str, float]) -> ResultTable:
@@ -234,15 +190,7 @@ def _appendix_table(same: dict[str, float]) -> ResultTable:
         ("b. Arduino, resting robot", "double", f"{same['arduino_double']:.1g} counts"),
         ("b. Arduino, resting robot", "float", f"{same['arduino_float']:.1g} counts"),
     )
-    return ResultTable(
-        "The appendices, line for line",
-        ("program", "numbers", "largest difference"),
-        rows,
-        "Each program, transcribed line for line, against kalman_filter with R = 100, Q = 1. The tests also run"
-        " the MATLAB program in Octave and the Arduino program through a C++ compiler. Its own noise gives a mean"
-        f" error of {same['matlab_mean_error']:.1f} at ratio 100, not 53.4.",
-        "The same filter: in double to the last digit or so, in the Arduino's float to a thousandth of a count.",
-    )
+    return PROSE.table("appendix", rows, matlab_mean_error=same["matlab_mean_error"])
 
 
 def _advice_result(test: AdviceTest) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,40 +10,31 @@ import numpy as np
 from kalscope.common.charts import Line, Mark, Panel, draw_svg
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
-from kalscope.papers.diagrams import flow_chart
 from kalscope.papers.maarif_2019 import paper
 from kalscope.papers.maarif_2019.limits import ADVISED, RATIOS, RULE, AdviceTest
-from kalscope.papers.parts import Figure
+from kalscope.papers.page.diagrams import flow_chart
+from kalscope.papers.page.prose import Prose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from kalscope.common.array import Array
+    from kalscope.papers.parts import Figure
+
+PROSE = Prose(Path(__file__).parent / "chapter.toml")
 
 
 def figure_1() -> Figure:
     """Figure 1: the raw resting robot."""
     z = paper.robot_signal()
     panel = Panel("Resting robot, raw", (_line(z[:600], "raw", "raw"),), "sample", "ADC reading / counts")
-    return Figure(
-        "Figure 1: the sensor at rest",
-        draw_svg([panel], "Raw accelerometer of a resting robot"),
-        "Re-creation of a 10-bit accelerometer on a robot that does not move, 200 Hz, first 600 samples.",
-        f"It does not move, yet reads {z.min():.0f} to {z.max():.0f} counts around {z.mean():.1f}, standard"
-        f" deviation {z.std():.1f}: what a controller would take for motion.",
-    )
+    numbers = {"low": z.min(), "high": z.max(), "mean": z.mean(), "spread": z.std()}
+    return PROSE.figure("figure_1", draw_svg([panel], "Raw accelerometer of a resting robot"), **numbers)
 
 
 def figure_2() -> Figure:
     """Figure 2: the flow chart, as a picture and in words."""
-    return Figure(
-        "Figure 2: the flow chart",
-        flow_chart(),
-        "In words: choose Q and R and set x = 0, p = 1 once. Then for ever: read the sensor; predict, where x stays"
-        " and p grows by Q; compute the gain, correct x by a share K of the difference, shrink p; show x; keep x"
-        " and p for the next sample.",
-        "Three steps a sample and two numbers to remember: it fits any microcontroller.",
-    )
+    return PROSE.figure("figure_2", flow_chart())
 
 
 def figures_3_to_8() -> Figure:
@@ -54,14 +46,8 @@ def figures_3_to_8() -> Figure:
         lines = (_line(z, "raw", "raw"), _line(x, "filtered", "s2"))
         title = f"Figure {figure}: R = {r:g}, Q = {q:g} (ratio {r / q:g})"
         panels.append(Panel(title, lines, "sample", "value", (-220.0, 220.0)))
-    return Figure(
-        "Figures 3–8: six pairs on one signal",
-        draw_svg(panels, "Six filters on one noise", columns=2, height=230),
-        f"One draw of the table's noise, standard deviation {paper.SIGMA:g}; x = 0 and p0 = 0 at the start.",
-        "As in the paper: figures 3 and 4 follow the noise, 6 and 7 are the same filter, 8 is nearly a line."
-        " What the paper calls a loss of original data in figure 8 cannot be one here: this signal has none but"
-        " 0.",
-    )
+    svg = draw_svg(panels, "Six filters on one noise", columns=2, height=230)
+    return PROSE.figure("figures_3_to_8", svg, sigma=paper.SIGMA)
 
 
 def figures_9_and_10() -> Figure:
@@ -80,14 +66,8 @@ def figures_9_and_10() -> Figure:
         late = int(np.flatnonzero(np.abs(x - z.mean()) > 0.05 * z.mean())[-1]) + 1
         less = z[1000:].std() / x[1000:].std()
         words.append(f"{source}: {late} samples until within 5 %, then {less:.1f} times less noise")
-    return Figure(
-        "Figures 9 and 10: the resting robot on the Arduino",
-        draw_svg(panels, "Resting robot filtered with ratios 100 and 1000", columns=2, height=210),
-        "Left the start from x = 0, p = 1, right the settled filter. " + "; ".join(words) + ".",
-        "Smoother with the larger ratio, as the paper says; on a robot at rest that is a gain, not a loss. The two"
-        " readings of figure 10 end in the same filter, but the captioned one needs longer to arrive, because"
-        " p0 = 1 is smaller against R = 100.",
-    )
+    svg = draw_svg(panels, "Resting robot filtered with ratios 100 and 1000", columns=2, height=210)
+    return PROSE.figure("figures_9_and_10", svg, numbers="; ".join(words))
 
 
 def advice_figure(tests: Sequence[AdviceTest]) -> Figure:
@@ -101,14 +81,8 @@ def advice_figure(tests: Sequence[AdviceTest]) -> Figure:
         )
         marks = (Mark(ADVISED, "100"), Mark(RULE[0], "40", "y"), Mark(RULE[1], "55", "y"))
         panels.append(Panel(titles[test.kind], lines, "R/Q", "error", (0.0, 160.0), log_x=True, marks=marks))
-    return Figure(
-        "The advice tested: three kinds of signal",
-        draw_svg(panels, "RMSE and mean error over the ratio for three signals", columns=3, height=290),
-        f"Noise of standard deviation {paper.SIGMA:g} on a constant, on a random walk of variance σ²/100 a"
-        " sample, and on a sine of amplitude 300 and period 60 samples; 2000 samples, the first 300 left out.",
-        "The best ratio is where the blue line is lowest: as large as it gets, 100, and about 2. The orange"
-        " line, by which the paper judges, does not know where that is.",
-    )
+    svg = draw_svg(panels, "RMSE and mean error over the ratio for three signals", columns=3, height=290)
+    return PROSE.figure("advice_figure", svg, sigma=paper.SIGMA)
 
 
 def _line(values: Array, label: str, style: str) -> Line:

@@ -12,7 +12,7 @@ from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from kalscope.papers.disagreements import Disagreement
+    from kalscope.papers.page.prose import Disagreement
 
 
 def page(chapters: Sequence[Chapter], disagreements: Sequence[Disagreement], version: str) -> str:

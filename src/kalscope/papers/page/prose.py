@@ -1,0 +1,65 @@
+"""The prose of the page: titles, captions, verdicts and headings from the TOML files beside the chapters.
+
+The statements in which a document contradicts itself are in disagreements.toml of this folder.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kalscope.papers.parts import Chapter, Figure, ResultTable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from kalscope.papers.parts import Check
+
+
+class Prose:
+    """The texts of one chapter; a text may hold {numbers}, which are filled in where it is used."""
+
+    def __init__(self, file: Path) -> None:
+        self._texts: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
+
+    def figure(self, name: str, svg: str, **numbers: float | str) -> Figure:
+        """The figure of this name with its picture."""
+        one = self._texts[name]
+        return Figure(one["title"], svg, one["caption"].format(**numbers), one["verdict"].format(**numbers))
+
+    def table(self, name: str, rows: Iterable[tuple[str, ...]], **numbers: float | str) -> ResultTable:
+        """The table of this name with its cells."""
+        one = self._texts[name]
+        texts = (one["caption"].format(**numbers), one["verdict"].format(**numbers))
+        return ResultTable(one["title"], tuple(one["head"]), tuple(rows), *texts, one.get("words", False))
+
+    def chapter(
+        self, blocks: tuple[Figure | ResultTable, ...], checks: tuple[Check, ...], results: dict[str, Any]
+    ) -> Chapter:
+        """The whole chapter."""
+        key, title, citation = (self._texts[name] for name in ("key", "title", "citation"))
+        return Chapter(key, title, citation, tuple(self._texts["intro"]), blocks, checks, results)
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Two statements of one document that cannot both hold."""
+
+    document: str
+    """Which document, in short."""
+    where: str
+    """Equations, figures, sections."""
+    one: str
+    """The one statement."""
+    other: str
+    """The other."""
+    here: str
+    """What Kalscope does."""
+
+
+def list_disagreements() -> tuple[Disagreement, ...]:
+    """All of them, in the order of the documents."""
+    texts = tomllib.loads((Path(__file__).parent / "disagreements.toml").read_text(encoding="utf-8"))
+    return tuple(Disagreement(**one) for one in texts["disagreement"])
