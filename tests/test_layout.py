@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -31,3 +32,11 @@ def test_no_module_is_longer_than_three_hundred_lines(part):
     }
     assert lengths
     assert {name: length for name, length in lengths.items() if length > MAX_LINES} == {}
+
+
+def test_kernels_import_nothing_of_kalscope_but_kernels():
+    kernels = [path for path in (ROOT / "src").rglob("*.py") if path.stem.endswith("kernels")]
+    assert len(kernels) >= 6
+    for path in kernels:
+        imports = re.findall(r"^ *(?:from|import) (kalscope\S*)(?: import (\w+))?", path.read_text("utf-8"), re.M)
+        assert [names for names in imports if not any(name.endswith("kernels") for name in names)] == [], path
