@@ -11,22 +11,19 @@ Live sources, `serial:PORT@BAUD` and pyserial URLs, never end: `is_live` knows t
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import parse_qsl
 
+from kalscope.common.progress import OnProgress
 from kalscope.errors import BadSetting
+from kalscope.recording import Recording
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.port.port_spec import is_live
 from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.samples import DEMO, open_sample
 from kalscope.sources.synthetic import SignalSettings, synthesize
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.common.progress import OnProgress
-    from kalscope.recording import Recording
 
 # Two letters at least before the colon: C:\x.csv and C:/x.csv are files.
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):(.*)", re.DOTALL)

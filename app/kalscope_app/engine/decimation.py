@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 from tsdownsample import MinMaxLTTBDownsampler
 
 from kalscope.common.array import Array
+from kalscope.recording import Recording
 from kalscope_app.engine.record_facts import Facts, facts_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.recording import Recording
 
 MAX_POINTS = 4000
 """Points that a line is drawn with, at most."""

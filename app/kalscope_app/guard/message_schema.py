@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, cast
+from collections.abc import Sequence
+from typing import cast
 
 import msgspec
 
 from kalscope_app.guard.viser_private import messages
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 MAX_TEXT = 10_000
 """Characters in a text box."""

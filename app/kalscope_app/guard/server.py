@@ -14,8 +14,9 @@ import ipaddress
 import secrets
 import socket
 import threading
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rich
 import viser
@@ -26,9 +27,6 @@ from kalscope_app.guard import rules
 from kalscope_app.guard.message_filter import MessageFilter
 from kalscope_app.guard.request_filter import RequestFilter
 from kalscope_app.guard.self_test import GuardFailed, run_self_test
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable
 
 _construction = threading.Lock()
 

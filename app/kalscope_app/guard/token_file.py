@@ -7,17 +7,14 @@ import os
 import secrets
 import stat
 import tempfile
+from collections.abc import Generator
 from contextlib import contextmanager
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from kalscope.common.files import write_private
 from kalscope_app.guard.rules import is_token
 from kalscope_app.program.user_folders import state_folder
-
-if TYPE_CHECKING:
-    from collections.abc import Generator
 
 _log = logging.getLogger(__name__)
 _MAX_BYTES = 1024

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from kalscope.common.files import write_atomic
 from kalscope_app.program.user_folders import config_folder
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 MAX_BYTES = 65_536
 """The part of the file that is read."""

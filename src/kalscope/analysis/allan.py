@@ -7,19 +7,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.array import Array
 from kalscope.common.text import lag_in_full, number
 from kalscope.estimation.methods.allan import allan_variances
 from kalscope.filtering.arrays import one_channel
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams
 
 SIZES_PER_OCTAVE = 3
 """Averaging lengths in each doubling."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,10 +14,8 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array
 from kalscope.filtering.arrays import one_channel
 from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
-
-if TYPE_CHECKING:
-    from kalscope.filtering.params import FilterParams
 
 MIN_SAMPLES = 32
 """Samples in a row that a density needs."""

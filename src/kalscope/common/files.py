@@ -12,14 +12,12 @@ import re
 import secrets
 import stat
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 from kalscope.errors import BadSetting
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _LEFTOVER_AGE_S = 60.0
 """Temporary files untouched for so long belong to a run that was killed, s."""

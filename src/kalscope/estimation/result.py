@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
 from kalscope.filtering.params import FilterParams
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 Value = float | Array
 Words = str | NDArray[np.str_]

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 EVEN = 1e-9
 """Steps whose relative difference is smaller are equal."""

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, cast
+from typing import Literal, cast
 
 import numpy as np
 
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import STALLING_GAIN, float32_params
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
-
-if TYPE_CHECKING:
-    from kalscope.filtering.params import FilterParams
 
 UNO_UPDATE_US = 120
 """Time of one update on an Uno, 16 MHz, µs: measured in simavr, avr-gcc 5.4 with -Os."""

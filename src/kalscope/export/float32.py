@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 from numba import njit
@@ -16,10 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.errors import BadSetting
 from kalscope.filtering.kernels import GATE_LIMIT
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
-
-if TYPE_CHECKING:
-    from kalscope.filtering.params import FilterParams
 
 SMALLEST = float(np.finfo(np.float32).tiny)
 """Smallest float32 that keeps its 24 bits."""

@@ -9,10 +9,7 @@ from __future__ import annotations
 import keyword
 import re
 import unicodedata
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
+from collections.abc import Iterable
 
 IDENTIFIER_LENGTH = 32
 """Longest identifier: C99 promises 31 significant characters and more, MATLAB 63."""

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-
-if TYPE_CHECKING:
-    from kalscope.filtering.params import FilterParams, Parameter
+from kalscope.filtering.params import FilterParams, Parameter
 
 
 def scalar(value: float | Array | None) -> float:

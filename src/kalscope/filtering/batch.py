@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
@@ -18,11 +18,7 @@ from kalscope.filtering.arrays import (
     shaped_like,
     steps_of,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,15 @@ A filter is a frozen, hashable value of its parameters: filters that are equal g
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
+from numpy.typing import ArrayLike
+
+from kalscope.common.array import Array
 from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.filtering.streaming import KalmanFilter
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from kalscope.common.array import Array
-    from kalscope.filtering.params import FilterParams
 
 
 class StreamingFilter(Protocol):

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering import kernels
 from kalscope.filtering.arrays import kernel_values, refuse_infinite, steps_of
 from kalscope.filtering.batch import FilterResult
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams
 
 FIRST_CAPACITY = 4096
 """Samples allocated at first; the capacity doubles."""

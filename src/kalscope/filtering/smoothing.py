@@ -6,18 +6,14 @@ It uses later samples too, so a device cannot run it; in the chart it is the bou
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.filtering import smoothing_kernels
 from kalscope.filtering.arrays import columns_of, kernel_values, refuse_infinite, shaped_like, steps_of
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams
 
 
 @dataclass(frozen=True)

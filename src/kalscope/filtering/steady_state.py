@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
-
-if TYPE_CHECKING:
-    from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams
 
 SETTLED = 0.01
 """Share of a step that is left at the settling time."""

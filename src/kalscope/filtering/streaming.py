@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
@@ -14,11 +14,7 @@ from kalscope.filtering.arrays import (
     kernel_values,
     samples_of,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams
 
 
 class KalmanFilter:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.generalized.filter import GeneralizedParams
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.recording import Recording
+from kalscope.recording import Recording
 
 Settings = FilterParams | GeneralizedParams
 """Parameters of one of the filters; the second paper has one of its own."""

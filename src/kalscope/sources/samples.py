@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from kalscope.errors import BadFile, BadSetting
+from kalscope.recording import Recording
 from kalscope.sources.readers.csv_file import read_recording
-
-if TYPE_CHECKING:
-    from kalscope.recording import Recording
 
 DEMO = "flex_sensor"
 """The sample behind "demo": a clean periodic truth under a noise one can see."""

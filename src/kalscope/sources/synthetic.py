@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlencode
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
 
 SHAPES = ("constant", "step", "ramp", "sine", "triangle", "random_walk", "chirp")
 """Noise-free signals. "triangle" sweeps up and down; "chirp" is a sine that grows ten times faster."""

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from kalscope.errors import BadSetting
 from kalscope.estimation.starting import starting_params
 from kalscope.filtering.params import FilterParams
+from kalscope.recording import Recording
 from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, same_period
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from kalscope.recording import Recording
 
 Given = dict[str, float | None]
 """Parameters by name, those that were given; None is an automatic start."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,11 +20,9 @@ from kalscope.common.text import decibels, plural
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import one_channel
 from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.smoothing import smooth
 from kalscope.filtering.steady_state import SteadyState, steady_state
-
-if TYPE_CHECKING:
-    from kalscope.filtering.params import FilterParams
 
 Match = Literal["lag", "noise"]
 

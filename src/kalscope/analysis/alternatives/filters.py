@@ -6,15 +6,12 @@ as a loop on a device does.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
 from kalscope.analysis.alternatives import one_euro as kernels
 from kalscope.common.array import Array
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 MAX_DIRECT = 501
 """Longest window of a parabola that is computed without Fourier transform."""

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.text import number, percent
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 MAX_BLOCKS = 100
 """Blocks that a recording is divided into at most."""

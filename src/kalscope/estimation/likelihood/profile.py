@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,9 +19,7 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.likelihood import kernels as profile_kernels
 from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
 from kalscope.filtering.batch import kalman_filter
-
-if TYPE_CHECKING:
-    from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams
 
 DEFAULT_LOG_RATIOS = np.linspace(-24.0, 24.0, 121)
 """ln λ from a lag of 160,000 samples to no filtering at all, in steps in which the likelihood is smooth."""

@@ -10,15 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import Chebyshev
 
 from kalscope.common.array import Array
-
-if TYPE_CHECKING:
-    from kalscope.common.progress import Progress
+from kalscope.common.progress import Progress
 
 LogLik = Callable[[Array], Array]
 

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from kalscope.export.float32 import Float32Params, filter_float32
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 LONGEST_WAIT = 2000
 """Rows in which a restart is looked for: a board obeys within a few."""

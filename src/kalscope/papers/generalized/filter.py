@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
@@ -25,9 +26,6 @@ from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
 from kalscope.filtering.streaming import KalmanFilter
 from kalscope.papers.generalized import kernels
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 READINGS = ("printed", "without_slip")
 """How equation (3) is read."""

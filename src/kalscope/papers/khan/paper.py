@@ -7,9 +7,9 @@ that makes equation (3) as printed look like the picture; it is then far from an
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,12 +19,8 @@ from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import ratio_for
 from kalscope.papers.generalized.filter import GeneralizedParams, generalized_filter, printed_fixed_point
 from kalscope.papers.parts import Experiment, Settings
+from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.recording import Recording
 
 PAPER = "Single Dimensional Generalized Kalman Filter (Khan et al.)"
 

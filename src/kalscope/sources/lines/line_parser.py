@@ -15,15 +15,12 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
 
 from kalscope.sources.lines.cells import is_blank, is_comment
 from kalscope.sources.lines.line_reader import MAX_TEXT_LENGTH, TAIL_LINES, Kind, LineEvent, LineReader, rejected
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.lines.sniffer import Layout, sniff
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
 
 MAX_LINE_BYTES = 65_536
 """Bytes of one line, ten times the widest table; a longer one is no line of numbers and is dropped as it comes."""

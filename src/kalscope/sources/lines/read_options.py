@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
+from kalscope.recording import Gaps
 from kalscope.sources.lines.cells import MISSING, is_number
 from kalscope.sources.lines.timestamps import SECONDS_PER_UNIT, UNIT_OF_WORD
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from kalscope.recording import Gaps
 
 DELIMITERS = (",", ";", "\t", "|", " ")
 """What may stand between cells; a space is any run of blanks."""

@@ -7,15 +7,12 @@ comes out never steps back, and after a pause it is the true time again.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.sources.lines.timestamps import SECONDS_PER_UNIT, TimeColumn
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 _LOOK = 0.2
 """Seconds of the host by which the unit of a stamp is judged, where the board does not say it."""

@@ -9,17 +9,14 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
+from collections.abc import Callable
 from queue import SimpleQueue
-from typing import TYPE_CHECKING
 
 from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import SYSTEM, Clock
 from kalscope.sources.port.events import BytesReceived, Disconnected, Item, Opened, PortState, Word
 from kalscope.sources.port.open_port import DISCONNECT_ERRORS, OpenPort, SerialPort, disconnect_reason
 from kalscope.sources.port.port_spec import PortSpec, list_ports
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 MIN_RETRY_DELAY, MAX_RETRY_DELAY = 0.25, 2.0
 """Seconds between two attempts to reopen the port: the delay doubles from the first to the second."""

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from kalscope.recording import Recording
+from kalscope.recording import Recording
 
 
 def account(recording: Recording) -> str:

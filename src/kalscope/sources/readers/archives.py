@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import gzip
 import zlib
-from typing import TYPE_CHECKING, Any, BinaryIO
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
 
+from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from kalscope.common.progress import Progress
 
 MAX_UNPACKED = 1 << 31
 """Largest size of an unpacked file in bytes: a small archive can hold terabytes of zeros."""

@@ -13,24 +13,20 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from kalscope.common.checks import above_zero
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.errors import BadFile
+from kalscope.recording import Recording
 from kalscope.sources.lines.cells import is_blank, is_comment
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.lines.sniffer import Layout, sniff
 from kalscope.sources.readers.assemble import Reading, assemble
 from kalscope.sources.readers.csv_rows import read_rows
 from kalscope.sources.readers.text_file import PARQUET, RawFile, find_encoding, open_raw, open_text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.recording import Recording
 
 HEAD_BYTES = (65536, 1 << 20)
 """How much is sniffed: 64 KiB, and where that shows no data (a long preamble) 1 MiB."""

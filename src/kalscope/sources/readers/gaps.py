@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
 from kalscope.errors import BadSetting
 from kalscope.sources.readers.time_axis import GAP_PERIODS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _MAX_INSERTED_PER_ROW = 20
 _ALWAYS_ALLOWED = 1_000_000

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 Extremes = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Smallest and largest sample of each channel, shape (channels,) each; NaN where all are missing."""

@@ -6,18 +6,15 @@ import codecs
 import hashlib
 import io
 import tempfile
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
+from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
 from kalscope.sources.readers.archives import is_packed, unpacked
-
-if TYPE_CHECKING:
-    from collections.abc import Generator
-
-    from kalscope.common.progress import Progress
 
 HEAD_BYTES = 1 << 20
 """How much of a file may be looked at to find how it is written."""

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kalscope.sources.lines.timestamps import TimeColumn, nominal_period, times, to_seconds
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 GAP_PERIODS = 1.5
 """A step longer than this many nominal periods is a gap: at least one sample is missing."""

@@ -13,12 +13,9 @@ import threading
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from kalscope.errors import BadFile
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 RETRY_S = 1.0
 """Pause between two attempts to write to a disk that refuses, s."""

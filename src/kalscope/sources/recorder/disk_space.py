@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections import deque
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from pathlib import Path
 
 MIN_SECONDS_LEFT = 300.0
 """A disk that will be full sooner gets a warning, s."""

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import os
 from itertools import count
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from kalscope.errors import BadFile
 from kalscope.sources.recorder.format import escaped
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 _HEAD_BYTES = 4096
 
