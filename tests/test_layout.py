@@ -40,3 +40,10 @@ def test_kernels_import_nothing_of_kalscope_but_kernels():
     for path in kernels:
         imports = re.findall(r"^ *(?:from|import) (kalscope\S*)(?: import (\w+))?", path.read_text("utf-8"), re.M)
         assert [names for names in imports if not any(name.endswith("kernels") for name in names)] == [], path
+
+
+def test_the_architecture_names_modules_that_exist():
+    named = re.findall(r"`([\w/]+\.py)`", (ROOT / "docs" / "architecture.md").read_text("utf-8"))
+    modules = [path.as_posix() for part in ("src", "app") for path in (ROOT / part).rglob("*.py")]
+    assert len(named) > 40
+    assert [name for name in named if not any(path.endswith("/" + name) for path in modules)] == []
