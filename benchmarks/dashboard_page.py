@@ -16,8 +16,7 @@ from typing import Any
 
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
-from kalscope_app.program.user_folders import FOLDER_VARIABLE
-from kalscope_app.program.user_settings import UserSettings
+from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings
 
 PROGRAM = Path(sys.executable).with_name("kalscope")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

@@ -21,7 +21,6 @@ import typer
 from kalscope.cli.app import app, run
 from kalscope.cli.options import Delimiter, GapsChoice, Missing, TimeColumnChoice, TimeUnit
 from kalscope.sources.lines.read_options import ReadOptions, options_from_text
-from kalscope_app.open_options import P0, X0, Channel, Gate, Q, R
 
 if TYPE_CHECKING:
     from kalscope_app.guard.server import GuardedServer
@@ -55,12 +54,12 @@ def open_dashboard(
     new_link: Annotated[bool, typer.Option("--new-link", help="Make the old link of this port useless.")] = False,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a detailed log to this file.")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log on the terminal what happens.")] = False,
-    channel: Channel = None,
-    q: Q = None,
-    r: R = None,
-    p0: P0 = None,
-    x0: X0 = None,
-    gate: Gate = None,
+    channel: Annotated[str | None, typer.Option(help="Channel to show: its name, or its number from 1.")] = None,
+    q: Annotated[str | None, typer.Option(help="Process noise q of that channel, a variance.")] = None,
+    r: Annotated[str | None, typer.Option(help="Its measurement noise r, a variance.")] = None,
+    p0: Annotated[str | None, typer.Option(help="Its initial variance P₀, or automatic: the first sample.")] = None,
+    x0: Annotated[str | None, typer.Option(help="Its initial estimate x₀, or first; goes with --p0.")] = None,
+    gate: Annotated[str | None, typer.Option(help="Its outlier gate on v²/s, such as 9, or off.")] = None,
 ) -> None:
     """Open the dashboard in a browser."""
     from kalscope_app.guard.server import guarded_server
@@ -75,32 +74,16 @@ def open_dashboard(
     options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
     with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
         state = apply_options(first_state(source, options, config, sample_period), channel, q, r, p0, x0, gate)
-        start_server = functools.partial(
-            guarded_server,
-            host,
-            port,
-            allow_hosts=allow_host or (),
-            behind=behind,
-            token=token,
-            page_script=page_script(),
-            label="Kalscope",
-        )
+        start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
+        start = functools.partial(start, token=token, page_script=page_script(), label="Kalscope")
         with end_requested() as end:
-            serve(state, start_server, end, running_log, browser=browser)
+            serve(state, start, end, running_log, browser=browser)
 
 
 def serve(
     state: State, start_server: Callable[..., GuardedServer], end: threading.Event, log: Log, *, browser: bool
 ) -> None:
-    """Run the dashboard until `end` is set; then everything is closed.
-
-    Args:
-        state: shown first.
-        start_server: `guarded_server`, with all arguments but `on_refused`.
-        end: ends the program.
-        log: never shows the token from now on.
-        browser: whether to open the link.
-    """
+    """Show `state` in a dashboard until `end` is set; `start_server` lacks only its argument `on_refused`."""
     from kalscope_app.dashboard import Dashboard
     from kalscope_app.guard.token_file import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
@@ -116,7 +99,7 @@ def serve(
     with errors.watch_threads(), callback_errors_to(functools.partial(errors.report, "callback")), opened:
         guarded = start_server(on_refused=on_refused)
         try:
-            log.hide(guarded.token)
+            log.hidden.append(guarded.token)
             errors.watch_server(guarded.server.get_event_loop(), thread_pool(guarded.server))
             dashboard = Dashboard(guarded.server, state, Path.cwd(), log.file)
             errors.notify_with(dashboard.tell)
@@ -133,14 +116,13 @@ def serve(
             end_within(0.7, "server", guarded.stop)
 
 
-def end_within(seconds: float, name: str, stop: Callable[[], None]) -> bool:
-    """Stop a part of the program, but wait no longer than this; whether it ended."""
+def end_within(seconds: float, name: str, stop: Callable[[], None]) -> None:
+    """Stop a part of the program, but wait no longer than this."""
     thread = threading.Thread(target=stop, name=f"kalscope-end-{name}", daemon=True)
     thread.start()
     thread.join(seconds)
     if thread.is_alive():
         logging.getLogger(__name__).info("the %s did not end within %g s and is abandoned", name, seconds)
-    return not thread.is_alive()
 
 
 def first_state(
@@ -183,7 +165,7 @@ def end_requested() -> Generator[threading.Event]:
     def on_signal(_number: int, _frame: object) -> None:
         end.set()
 
-    numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if sys.platform != "win32" else [])]
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before: dict[int, Any] = {number: signal.signal(number, on_signal) for number in numbers}
     try:
         yield end

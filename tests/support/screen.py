@@ -14,8 +14,7 @@ import numpy as np
 from PIL import Image
 from waiting import PATIENCE, wait_until
 
-from kalscope_app.program.user_folders import FOLDER_VARIABLE
-from kalscope_app.program.user_settings import UserSettings
+from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings
 
 ARTEFACTS = Path(__file__).parents[1] / "artefacts"
 KNOWN_PAGE_ERROR = "'unsafe-eval' is not an allowed source"

@@ -10,6 +10,7 @@ import asyncio
 import functools
 import logging
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from kalscope_app.guard.message_schema import BROWSER_MESSAGES, Misbehaviour, check_fields, fitting_value
@@ -18,8 +19,6 @@ from kalscope_app.guard.viser_private import Channel, connections_of, messages, 
 from kalscope_app.guard.widget_sync import WidgetSync
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import viser
     from viser.infra import WebsockClientConnection
 
@@ -55,11 +54,6 @@ class MessageFilter:
     def __init__(
         self, server: viser.ViserServer, max_upload_bytes: int, on_refused: Callable[[str], None] | None
     ) -> None:
-        """Args: the server; what the uploads of one client may need; told about each upload that was refused.
-
-        Raises:
-            AttributeError, LookupError, TypeError, ValueError: viser's private names are not the known ones.
-        """
         self._server, self._socket = server, socket_of(server)
         self._connections = connections_of(self._socket)
         self._shared = Channel(self._socket)
@@ -72,12 +66,12 @@ class MessageFilter:
         """Filter all messages from now on.
 
         Raises:
-            AttributeError, LookupError, TypeError, ValueError: as above. Raised in the hook of a new client, the
-                same errors close that client's connection.
+            AttributeError, LookupError, TypeError, ValueError: viser's private names are not the known ones.
+                In the hook of a new client, the same errors close that client's connection.
         """
         for kind in (messages.ShareUrlRequest, messages.ShareUrlDisconnect):
             self._shared.ignore(kind)
-        self._server.request_share_url = lambda verbose=True: None  # noqa: ARG005  (no slip of ours may open it either)
+        self._server.request_share_url = lambda verbose=True: None  # noqa: ARG005
         self._filter(self._shared)
         on_clients(self._socket, self._on_connect, self._on_disconnect)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from typing import cast
 
@@ -60,17 +61,12 @@ def fitting_value(
 
 def _fitting_number(value: object, low: float | None, high: float | None) -> float | None:
     """A browser sends each key that is pressed, so an unfinished number outside the range is no mistake."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    if not abs(value) <= sys.float_info.max:  # NaN, infinite, or an integer beyond every float
         return None
     value = value if low is None else max(value, low)
     return value if high is None else min(value, high)
-
-
-def _is_finite(value: float) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # an integer beyond every float
-        return False
 
 
 # --- the fields of whole messages -------------------------------------------------------------------------

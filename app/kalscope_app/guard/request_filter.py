@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import http
 import logging
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +16,6 @@ from websockets.http11 import Request, Response
 from kalscope_app.guard import pages, rules
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from websockets.asyncio.server import ServerConnection
 
 _log = logging.getLogger(__name__)

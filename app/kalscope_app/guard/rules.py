@@ -99,8 +99,6 @@ class RequestHead:
     """The request target: path and query."""
     cookies: tuple[str, ...] = ()
     """The Cookie headers."""
-    method: str = "GET"
-    """The HTTP method."""
 
 
 @dataclass(frozen=True)
@@ -140,10 +138,10 @@ def below_home(policy: Policy, target: str) -> str:
 
 def decide(policy: Policy, head: RequestHead) -> Allow | Refuse | SetCookie:
     """Decide on one request. Whatever this raises is a refusal too."""
-    path, _, query = head.target.partition("?")
     refusal = _refusal_of_sender(policy, head)
     if refusal is not None:
         return refusal
+    path, _, query = head.target.partition("?")
     if query:
         return _answer_to_query(policy, head, path, query)
     if not _has_cookie(policy, head.cookies):
@@ -153,8 +151,6 @@ def decide(policy: Policy, head: RequestHead) -> Allow | Refuse | SetCookie:
 
 def _refusal_of_sender(policy: Policy, head: RequestHead) -> Refuse | None:
     """What is wrong before any secret is compared: the name of this machine, and the page that asks."""
-    if head.method != "GET":
-        return Refuse(405, "Only GET requests are answered here.")
     if len(head.hosts) != 1 or not host_allowed(policy, head.hosts[0]):
         return Refuse(
             403,
@@ -187,9 +183,7 @@ def is_loopback(name: str) -> bool:
 
 def origin_allowed(own: str, origins: tuple[str, ...], *, required: bool) -> bool:
     """Whether the asking page is our own: the Origin must be ours to the letter, with its port."""
-    if not origins:
-        return not required
-    return origins == (own,)
+    return origins == (own,) if origins else not required
 
 
 def _answer_to_query(policy: Policy, head: RequestHead, path: str, query: str) -> Refuse | SetCookie:

@@ -27,6 +27,7 @@ from kalscope_app.guard import rules
 from kalscope_app.guard.message_filter import MessageFilter
 from kalscope_app.guard.request_filter import RequestFilter
 from kalscope_app.guard.self_test import GuardFailed, run_self_test
+from kalscope_app.guard.viser_private import replaced
 
 _construction = threading.Lock()
 
@@ -187,22 +188,12 @@ def _serving_behind(requests: RequestFilter, listener: socket.socket) -> context
         requests.installed = True
         return stock_serve(requests.admit(handler), sock=listener, **kwargs)
 
-    return _replaced(websockets.asyncio.server, "serve", serve)
-
-
-@contextlib.contextmanager
-def _replaced(module: object, name: str, value: Callable[..., Any]) -> Generator[None]:
-    stock = getattr(module, name)
-    setattr(module, name, value)
-    try:
-        yield
-    finally:
-        setattr(module, name, stock)
+    return replaced(websockets.asyncio.server, "serve", serve)
 
 
 def _without_viser_output() -> contextlib.AbstractContextManager[None]:
     """Standard output is for our one line, the link; viser prints as it starts and stops, verbose or not."""
-    return _replaced(rich, "print", lambda *_args, **_kwargs: None)
+    return replaced(rich, "print", lambda *_args, **_kwargs: None)
 
 
 def _stop(server: viser.ViserServer) -> None:

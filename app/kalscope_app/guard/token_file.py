@@ -14,7 +14,7 @@ from pathlib import Path
 
 from kalscope.common.files import write_private
 from kalscope_app.guard.rules import is_token
-from kalscope_app.program.user_folders import state_folder
+from kalscope_app.program.user_settings import state_folder
 
 _log = logging.getLogger(__name__)
 _MAX_BYTES = 1024
@@ -25,13 +25,13 @@ _IS_POSIX = os.name == "posix"
 def kept_token(port: int, folder: Path | None = None, *, renew: bool = False) -> str:
     """The token of this port, the same as last time, so that open tabs find their way back after a restart.
 
+    A file that others could have read or put there is replaced. Where none can be kept safely the token is new each
+    time, and the log says why.
+
     Args:
         port: the port listened on; each has a token of its own.
         folder: where tokens are kept; None is the user's state folder.
         renew: make a new one, which makes the old link useless.
-
-    A file that others could have read or put there is replaced. Where none can be kept safely the token is new each
-    time, and the log says why.
     """
     token = secrets.token_urlsafe(32)
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import viser
@@ -11,12 +12,7 @@ from kalscope_app.guard.message_schema import Misbehaviour
 from kalscope_app.guard.viser_private import messages
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from kalscope_app.guard.viser_private import Channel
-
-_SHARED = -1
-"""The place of the shared panels among the client ids, which count from 0."""
 
 MAX_FULL_CLIENTS = 2
 """How many clients may upload files of the largest size at once."""
@@ -56,8 +52,8 @@ class UploadLimits:
 
     def __init__(self, shared: Channel, max_bytes: int, on_refused: Callable[[str], None] | None) -> None:
         self._max_bytes, self._on_refused = max_bytes, on_refused
-        self.channels = {_SHARED: shared}
-        """The panels to which files may be uploaded, by client id."""
+        self.channels = {-1: shared}
+        """The panels to which files may be uploaded: the shared ones, then by client id from 0."""
         self._last_part: dict[str, float] = {}
 
     def checked_start(
@@ -84,18 +80,19 @@ class UploadLimits:
         Raises:
             Misbehaviour: it is more than was announced.
         """
-        upload = channel.uploads.get(message.transfer_uuid)
+        name = message.transfer_uuid
+        upload = channel.uploads.get(name)
         if upload is None or upload["client_id"] != client_id:
             return None
-        self._last_part[message.transfer_uuid] = time.monotonic()
-        is_right = _is_upload_button(channel, message.source_component_uuid)
-        if is_right and upload["transferred_bytes"] + len(message.content) <= upload["total_bytes"]:
-            return message
-        del channel.uploads[message.transfer_uuid]
-        if is_right:
+        if not _is_upload_button(channel, message.source_component_uuid):
+            del channel.uploads[name]
+            return None
+        if upload["transferred_bytes"] + len(message.content) > upload["total_bytes"]:
+            del channel.uploads[name]
             self._refuse(client_id, message, "This upload has more bytes than it announced.")
             raise Misbehaviour("an upload with more bytes than announced")
-        return None
+        self._last_part[name] = time.monotonic()
+        return message
 
     def _bytes_under_way(self, client_id: int | None = None) -> int:
         return sum(

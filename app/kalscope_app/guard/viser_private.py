@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+from collections.abc import Callable, Coroutine, Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -20,7 +21,6 @@ from viser import _scene_api, _viser
 from viser.infra import ClientId
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Generator
     from concurrent.futures import Executor
 
     from viser._gui_handles import _GuiInputHandle
@@ -44,8 +44,8 @@ class Channel:
         gui = getattr(on_upload, "__self__", None)
         if not isinstance(gui, viser.GuiApi):
             raise TypeError(f"uploads are handled by {type(gui).__name__}")
-        self._gui = gui
-        self._widgets, self._containers = gui._gui_input_handle_from_uuid, gui._container_handle_from_uuid
+        self._gui, self._widgets = gui, gui._gui_input_handle_from_uuid
+        self._containers = gui._container_handle_from_uuid
         self.uploads = gui._current_file_upload_states
         """The unfinished uploads, by their transfer_uuid."""
 
@@ -57,13 +57,13 @@ class Channel:
         """Whether there is a form of this name."""
         return isinstance(self._containers.get(uuid), viser.GuiFormHandle)
 
-    def drop_uploads(self, client_id: int) -> None:
-        """Forget the unfinished uploads of a client."""
-        self._gui._drop_uploads_from_client(ClientId(client_id))
-
     def send(self, message: Message) -> None:
         """Send to the browsers that show these panels."""
         self._handler.queue_message(message)
+
+    def drop_uploads(self, client_id: int) -> None:
+        """Forget the unfinished uploads of a client."""
+        self._gui._drop_uploads_from_client(ClientId(client_id))
 
     def intercept(self, dispatch: Callable[[Dispatch, int, Any], Coroutine[Any, Any, None]]) -> None:
         """Call `dispatch` for each message, with viser's own dispatch as the first argument."""
@@ -116,13 +116,19 @@ def take_upload(button: viser.GuiUploadButtonHandle) -> viser.UploadedFile:
 
 
 @contextmanager
-def callback_errors_to(report: Callable[[BaseException], None]) -> Generator[None]:
-    """While the block runs, report what a callback raises on viser's event loop, which would print it."""
-    stock = [(module, module.print_awaited_callback_error) for module in (_scene_api, _viser)]
-    for module, _ in stock:
-        setattr(module, "print_awaited_callback_error", report)  # noqa: B010
+def replaced(module: object, name: str, value: Callable[..., Any]) -> Generator[None]:
+    """Let a function of a module be another one while the block runs."""
+    stock = getattr(module, name)
+    setattr(module, name, value)
     try:
         yield
     finally:
-        for module, printing in stock:
-            setattr(module, "print_awaited_callback_error", printing)  # noqa: B010
+        setattr(module, name, stock)
+
+
+@contextmanager
+def callback_errors_to(report: Callable[[BaseException], None]) -> Generator[None]:
+    """While the block runs, report what a callback raises on viser's event loop, which would print it."""
+    name = "print_awaited_callback_error"
+    with replaced(_scene_api, name, report), replaced(_viser, name, report):
+        yield

@@ -7,13 +7,13 @@ import logging
 import sys
 import threading
 import time
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from websockets.exceptions import ConnectionClosed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
     from concurrent.futures import Executor
     from pathlib import Path
 

@@ -7,11 +7,12 @@ import logging.handlers
 import os
 import re
 import sys
+from collections.abc import Generator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
     from io import TextIOWrapper
     from pathlib import Path
 
@@ -27,11 +28,9 @@ _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029]")
 class Lines(logging.Formatter):
     """One entry per line; text from outside can neither begin an entry of its own nor move the cursor."""
 
-    def __init__(self, pattern: str, *, with_traceback: bool) -> None:
+    def __init__(self, pattern: str, hidden: list[str], *, with_traceback: bool) -> None:
         super().__init__(pattern)
-        self._with_traceback = with_traceback
-        self.hidden: list[str] = []
-        """Texts that are replaced by an ellipsis wherever they occur."""
+        self._hidden, self._with_traceback = hidden, with_traceback
 
     def format(self, record: logging.LogRecord) -> str:
         """The entry, with further lines indented."""
@@ -41,7 +40,7 @@ class Lines(logging.Formatter):
             bare = {"exc_info": None, "exc_text": None, "stack_info": None}
             text = super().format(logging.makeLogRecord(record.__dict__ | bare))
         text = _SECRET.sub(r"\1…", text)
-        for secret in self.hidden:
+        for secret in self._hidden:
             text = text.replace(secret, "…")
         return "\n    ".join(_CONTROL.sub("·", line) for line in text.split("\n"))
 
@@ -64,18 +63,14 @@ class _File(_Quiet, logging.handlers.RotatingFileHandler):
         return open(handle, "a", encoding="utf-8", errors="backslashreplace")
 
 
+@dataclass(frozen=True)
 class Log:
     """The running log."""
 
-    def __init__(self, formatters: tuple[Lines, ...], file: Path | None) -> None:
-        self._formatters = formatters
-        self.file = file
-        """The file that holds everything, or None."""
-
-    def hide(self, secret: str) -> None:
-        """Never write this text."""
-        for formatter in self._formatters:
-            formatter.hidden.append(secret)
+    file: Path | None
+    """The file that holds everything."""
+    hidden: list[str] = field(default_factory=list[str])
+    """Texts that are replaced by an ellipsis wherever they occur; add the token."""
 
 
 @contextmanager
@@ -89,24 +84,24 @@ def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[
     Raises:
         OSError: the file cannot be written.
     """
-    on_terminal = _Terminal(sys.stderr)
-    on_terminal.setFormatter(Lines("kalscope: %(message)s", with_traceback=verbose))
+    log, on_terminal = Log(file), _Terminal(sys.stderr)
+    on_terminal.setFormatter(Lines("kalscope: %(message)s", log.hidden, with_traceback=verbose))
     on_terminal.setLevel(logging.INFO if verbose else logging.WARNING)
     if not verbose:  # libraries report each broken request of a port scan as an error, with its traceback
         on_terminal.addFilter(lambda record: record.name.startswith("kalscope"))
     handlers: list[logging.Handler] = [on_terminal]
     if file is not None:
         in_file = _File(file, maxBytes=FILE_BYTES, backupCount=OLD_FILES)
-        in_file.setFormatter(Lines("%(asctime)s %(levelname)s %(name)s: %(message)s", with_traceback=True))
+        pattern = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+        in_file.setFormatter(Lines(pattern, log.hidden, with_traceback=True))
         handlers.append(in_file)
-    formatters = tuple(handler.formatter for handler in handlers if isinstance(handler.formatter, Lines))
     root, level = logging.getLogger(), logging.getLogger().level
     for handler in handlers:
         root.addHandler(handler)
     root.setLevel(logging.INFO if file is not None or verbose else logging.WARNING)
     logging.captureWarnings(True)
     try:
-        yield Log(formatters, file)
+        yield log
     finally:
         logging.captureWarnings(False)
         root.setLevel(level)

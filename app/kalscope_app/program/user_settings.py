@@ -1,17 +1,39 @@
-"""The settings that are kept between starts: a small file in the user's config folder. No viser here."""
+"""What is kept between starts: the folders for it on each system, and the file of settings. No viser here."""
 
 from __future__ import annotations
 
+import os
 import tomllib
 from pathlib import Path
 
+import platformdirs
+
 from kalscope.common.files import write_atomic
-from kalscope_app.program.user_folders import config_folder
+
+FOLDER_VARIABLE = "KALSCOPE_CONFIG_DIR"
+"""Environment variable that names one folder for settings and state, in place of the system's."""
 
 MAX_BYTES = 65_536
 """The part of the file that is read."""
 
 HEADER = "# Settings of Kalscope. This file may be deleted: the tour is then shown again.\n"
+
+
+def config_folder() -> Path:
+    """The folder for settings; OSError without a home folder."""
+    return _folder(platformdirs.user_config_dir("kalscope", appauthor=False, roaming=True))
+
+
+def state_folder() -> Path:
+    """The folder for what must survive a restart, such as the link's token; OSError without a home folder."""
+    return _folder(platformdirs.user_state_dir("kalscope", appauthor=False))
+
+
+def _folder(default: str) -> Path:
+    named = os.environ.get(FOLDER_VARIABLE)
+    if not named and not os.path.isabs(default):  # "~" could not be resolved
+        raise OSError("this account has no home folder")
+    return Path(named or default)
 
 
 class UserSettings:

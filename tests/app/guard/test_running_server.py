@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import viser
 import websockets.asyncio.server
+import wire
 from attack_table import UPGRADE, exchange
 from viser import _messages as messages
 from viser.infra import _infra
@@ -19,7 +20,7 @@ from waiting import PATIENCE
 from websockets.datastructures import Headers
 from websockets.exceptions import InvalidStatus
 from websockets.http11 import Request
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import ClientConnection
 
 from kalscope.errors import BadSetting
 from kalscope_app.guard import request_filter
@@ -61,23 +62,13 @@ def headers_of(answer: bytes) -> dict[str, str]:
 PAGES = {
     "H1 no cookie": ("/", None, "", 403),
     "H2 foreign Host": ("/", "evil.example", "{cookie}", 403),
-    "H3 our name as a prefix": ("/", "localhost.evil.example", "{cookie}", 403),
-    "H3 our address as a prefix": ("/", "127.0.0.1.nip.io", "{cookie}", 403),
-    "H5 two Hosts": ("/", None, "Host: evil.example\r\n{cookie}", 403),
-    "H6 malformed Host": ("/", "[::1", "{cookie}", 403),
-    "H6 long Host": ("/", "a" * 5000, "{cookie}", 403),
-    "H6 Host of bytes": ("/", "\xff\xfe", "{cookie}", 403),
-    "H7 wrong token": ("/?token=wrong", None, "", 403),
     "H7 right token": (f"/?token={TOKEN}", None, "", 200),
     "H8 right cookie": ("/", None, "{cookie}", 200),
-    "H9 ?websocket=": ("/?websocket=ws://evil:1", None, "{cookie}", 403),
-    "H10 ?playbackPath=": ("/?playbackPath=http://evil/x.viser", None, "{cookie}", 403),
     "H11 traversal, encoded": ("/..%2f..%2f..%2f_viser.py", None, "{cookie}", 404),
-    "H11 traversal, encoded dots": ("/%2e%2e/%2e%2e/_viser.py", None, "{cookie}", 404),
-    "H11 traversal, backslash": ("/..\\..\\_viser.py", None, "{cookie}", 404),
     "H12 cookie of bytes": ("/", None, "Cookie: x=\xff\r\n{cookie}", 400),
     "page asked by another site": ("/", None, "Origin: http://evil.example\r\n{cookie}", 403),
 }
+"""Every kind of answer; test_attacks.py has all attacks."""
 
 
 @pytest.mark.parametrize(("target", "host", "extra", "expected"), PAGES.values(), ids=PAGES.keys())
@@ -91,11 +82,6 @@ def test_page(shared, target, host, extra, expected):
     assert headers["cache-control"] == "no-store"
     assert headers["cross-origin-resource-policy"] == "same-origin"
     assert b"import viser" not in answer
-
-
-def test_no_host_at_all_is_refused(shared):
-    answer = exchange(shared.port, f"GET / HTTP/1.1\r\nCookie: {cookie(shared.port)}\r\n\r\n")
-    assert status_of(answer) == 403
 
 
 @pytest.mark.parametrize(
@@ -126,45 +112,27 @@ def test_without_the_cookie_the_page_says_what_to_do(shared):
 
 
 def client(port: int, *, token: str = TOKEN) -> ClientConnection:
-    return connect(
-        f"ws://127.0.0.1:{port}/",
-        origin=f"http://127.0.0.1:{port}",  # pyright: ignore[reportArgumentType]
-        subprotocols=[f"viser-v{viser.__version__}"],  # pyright: ignore[reportArgumentType]
-        additional_headers={"Cookie": f"kalscope_{port}={token}"},
-        compression=None,
-        max_size=None,
-        proxy=None,
-        open_timeout=PATIENCE,
-    )
-
-
-SOCKETS = {
-    "W1 no Origin": (None, None, True, 403),
-    "W2 evil Origin": (None, "http://evil.example", False, 403),
-    "W3 evil Origin, stolen cookie": (None, "http://evil.example", True, 403),
-    "W4 null Origin": (None, "null", True, 403),
-    "W5 another local program": (None, "http://127.0.0.1:3000", True, 403),
-    "W6 our origin as a prefix": (None, "http://{own}.evil.example", True, 403),
-    "W7 rebinding": ("evil.example", "http://evil.example", True, 403),
-    "W8 no cookie": (None, "http://{own}", False, 403),
-    "W9 the user by 127.0.0.1": (None, "http://{own}", True, 101),
-    "W10 the user by localhost": ("localhost:{port}", "http://localhost:{port}", True, 101),
-    "W11 https Origin": (None, "https://{own}", True, 403),
-}
+    return wire.client(port, token=token)
 
 
 @pytest.mark.parametrize("word", ["websocket", "WebSocket", "h2c, websocket"])
-@pytest.mark.parametrize(("host", "origin", "has_cookie", "expected"), SOCKETS.values(), ids=SOCKETS.keys())
-def test_socket(shared, host, origin, has_cookie, expected, word):
+@pytest.mark.parametrize(
+    ("origin", "has_cookie", "expected"),
+    [
+        ("http://{own}", True, 101),
+        ("http://{own}", False, 403),
+        ("http://evil.example", True, 403),
+        ("", True, 403),
+    ],
+)
+def test_socket(shared, origin, has_cookie, expected, word):
     """W12: `Upgrade` in other letters, or beside another word, is held to the same rules."""
-    own = {"own": f"127.0.0.1:{shared.port}", "port": shared.port}
     extra = f"Upgrade: {word}\r\n{UPGRADE}"
-    extra += f"Origin: {origin.format(**own)}\r\n" if origin else ""
+    extra += f"Origin: {origin.format(own=f'127.0.0.1:{shared.port}')}\r\n" if origin else ""
     extra += f"Cookie: {cookie(shared.port)}\r\n" if has_cookie else ""
-    answered = status_of(get(shared.port, "/", host.format(**own) if host else None, extra))
     if expected == 101 and word != "websocket":
         expected = 200  # viser takes it for a page; the user may see the page
-    assert answered == expected
+    assert status_of(get(shared.port, extra=extra)) == expected
 
 
 def test_a_wrong_token_opens_no_socket(shared):
@@ -263,11 +231,6 @@ def test_localhost_is_reached_by_its_address():
         assert running.url.startswith(("http://127.0.0.1:", "http://[::1]:"))
 
 
-def test_loopback_does_not_answer_another_address():
-    with guarded_server(port=0) as running, pytest.raises(ConnectionRefusedError):
-        exchange(running.port, "GET / HTTP/1.1\r\n\r\n", address="127.0.0.2")
-
-
 def test_each_start_has_its_own_long_token():
     with guarded_server(port=0) as one, guarded_server(port=0) as other:
         tokens = [running.url.partition("token=")[2] for running in (one, other)]
@@ -351,14 +314,6 @@ def test_the_link_of_an_ipv6_address_has_brackets():
             running.port, f"GET /?token={TOKEN} HTTP/1.1\r\nHost: [::1]:{running.port}\r\n\r\n", "::1"
         )
     assert status_of(answer) == 200
-
-
-def test_half_open_sockets_do_not_hold_up_the_user(shared):
-    with contextlib.ExitStack() as stack:
-        for i in range(200):
-            half = stack.enter_context(socket.create_connection(("127.0.0.1", shared.port)))
-            half.sendall(b"GET / HTTP/1.1\r\nHost: 127" if i % 2 else b"")
-        assert status_of(get(shared.port, extra=f"Cookie: {cookie(shared.port)}\r\n")) == 200
 
 
 # --- fail closed ------------------------------------------------------------------------------------------

@@ -50,7 +50,7 @@ class Bench:
         self.texts[scope], self.buttons[scope] = text, button
 
     def send(self, kind: str, **fields: object) -> None:
-        self.connection.send(msgspec.msgpack.encode({"type": kind, **fields}))
+        self.connection.send(packed(kind, **fields))
 
     def update(self, scope: str, **updates: object) -> None:
         self.send("GuiUpdateMessage", uuid=self.texts[scope]._impl.uuid, updates=updates)

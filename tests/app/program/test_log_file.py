@@ -58,7 +58,7 @@ def test_the_token_is_in_no_log(tmp_path, capsys):
     with logging_to(file, verbose=True) as log:
         OURS.warning("asked for /?token=Another-secret_of-old&x")
         OURS.warning("Cookie: kalscope_8080=Another-secret_of-old; a=b")
-        log.hide(TOKEN)
+        log.hidden.append(TOKEN)
         OURS.warning("somewhere %s inside", TOKEN)
         fail(f"bad {TOKEN}")
     for text in (file.read_text(), capsys.readouterr().err):

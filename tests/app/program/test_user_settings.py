@@ -7,9 +7,8 @@ import sys
 
 import pytest
 
-from kalscope_app.program import user_folders
-from kalscope_app.program.user_folders import FOLDER_VARIABLE, config_folder, state_folder
-from kalscope_app.program.user_settings import UserSettings
+from kalscope_app.program import user_settings
+from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings, config_folder, state_folder
 from kalscope_app.views.help import KEYS, card
 from kalscope_app.views.tour import STEPS
 
@@ -49,7 +48,7 @@ def test_a_folder_is_the_systems_unless_another_is_named(folder, monkeypatch, tm
 def test_without_a_home_folder_nothing_is_remembered_and_nothing_breaks(monkeypatch):
     monkeypatch.delenv(FOLDER_VARIABLE, raising=False)
     for function in ("user_config_dir", "user_state_dir"):
-        monkeypatch.setattr(user_folders.platformdirs, function, lambda *_, **__: "~/kalscope")
+        monkeypatch.setattr(user_settings.platformdirs, function, lambda *_, **__: "~/kalscope")
     for folder in FOLDERS:
         with pytest.raises(OSError, match="no home folder"):
             folder()
