@@ -12,7 +12,7 @@ import re
 import secrets
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -60,7 +60,7 @@ def write_private(path: str | os.PathLike[str], data: bytes) -> None:
 
 
 @contextmanager
-def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+def atomic_file(path: str | os.PathLike[str]) -> Generator[BinaryIO]:
     """Open a binary file for writing that becomes `path` when the block ends, and vanishes if it raises.
 
     The content is on the disk before the name changes. The mode of an existing file is kept.
@@ -121,7 +121,7 @@ def check_inside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -
 
 
 @contextmanager
-def _replacement(target: Path, mode: int | None) -> Iterator[BinaryIO]:
+def _replacement(target: Path, mode: int | None) -> Generator[BinaryIO]:
     """A temporary file beside `target` that replaces it at the end and has this mode; None: as open() gives it."""
     _sweep(target)
     temporary = target.parent / f"{_prefix(target)}{secrets.token_hex(8)}.tmp"

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, cast
 from urllib.parse import urlencode
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 
@@ -78,7 +78,7 @@ class SignalSettings:
         for item in fields(self):
             value = getattr(self, item.name)
             if item.name != "shape" and value != item.default:
-                changed[item.name] = ",".join(map(repr, value)) if isinstance(value, tuple) else value
+                changed[item.name] = ",".join(map(repr, value)) if item.name == "limits" else value
         return f"synthetic:{self.shape}" + ("?" + urlencode(changed, safe=",") if changed else "")
 
 
@@ -138,9 +138,7 @@ def synthesize(shape: str | SignalSettings, **settings: Any) -> Recording:
     )
 
 
-def _signal(
-    settings: SignalSettings, time: NDArray[np.float64], channel: int, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _signal(settings: SignalSettings, time: Array, channel: int, rng: np.random.Generator) -> Array:
     """Noise-free channel, shape (n,)."""
     height = settings.amplitude
     cycles = time / settings.period
@@ -160,28 +158,28 @@ def _signal(
     return np.full(len(time), float(settings.level + settings.amplitude * channel / 2))
 
 
-def _sine(cycles: NDArray[np.float64], lag: float) -> NDArray[np.float64]:
+def _sine(cycles: Array, lag: float) -> Array:
     return np.sin(2 * np.pi * (np.mod(cycles, 1.0) - lag))
 
 
-def _triangle(cycles: NDArray[np.float64], lag: float) -> NDArray[np.float64]:
+def _triangle(cycles: Array, lag: float) -> Array:
     return 1.0 - 4.0 * np.abs(np.mod(cycles - lag, 1.0) - 0.5)
 
 
-def _chirp(cycles: NDArray[np.float64], lag: float) -> NDArray[np.float64]:
+def _chirp(cycles: Array, lag: float) -> Array:
     # Frequency rises linearly from 1/period to 10/period over the record; the phase is its integral.
     end = cycles[-1] or 1.0
     return np.sin(2 * np.pi * (np.mod(cycles + 4.5 * cycles * (cycles / end), 1.0) - lag))
 
 
-_PERIODIC: dict[str, Callable[[NDArray[np.float64], float], NDArray[np.float64]]] = {
+_PERIODIC: dict[str, Callable[[Array, float], Array]] = {
     "sine": _sine,
     "triangle": _triangle,
     "chirp": _chirp,
 }
 
 
-def _measure(truth: NDArray[np.float64], settings: SignalSettings, rng: np.random.Generator) -> NDArray[np.float64]:
+def _measure(truth: Array, settings: SignalSettings, rng: np.random.Generator) -> Array:
     """What the sensor says of the truth, shape (n, channels)."""
     values = truth + settings.sigma * _unit_noise(settings.noise, truth.shape, rng)
     if settings.outliers:
@@ -199,7 +197,7 @@ def _measure(truth: NDArray[np.float64], settings: SignalSettings, rng: np.rando
     return values
 
 
-def _unit_noise(noise: str, shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float64]:
+def _unit_noise(noise: str, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
     """Noise of mean 0 and standard deviation 1."""
     if noise == "gaussian":
         return rng.standard_normal(shape)
@@ -226,10 +224,11 @@ def _check_real(name: str, value: Any, low: float, high: float) -> None:
         raise BadSetting(f"{name} must be a number from {low:g} to {high:g} (got {value!r})")
 
 
-def _check_limits(limits: Any) -> None:
-    if not isinstance(limits, tuple) or len(limits) != 2:
+def _check_limits(limits: object) -> None:
+    values = cast("tuple[Any, ...]", limits) if isinstance(limits, tuple) else ()
+    if len(values) != 2:
         raise BadSetting(f"limits must be two numbers, lowest and highest (got {limits!r})")
-    for value in limits:
+    for value in values:
         _check_real("limits", value, -MAX_SETTING, MAX_SETTING)
-    if not limits[0] < limits[1]:
+    if not values[0] < values[1]:
         raise BadSetting(f"limits must rise from lowest to highest (got {limits!r})")

@@ -44,8 +44,8 @@ def split_fields(line: str, delimiter: str) -> list[str]:
         try:
             text = _RUN_OF_SPACES.sub(" ", text) if delimiter == " " else text
             # strict: else `" 3"25` would be glued to 325, a number that nobody wrote.
-            row = next(csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=True), [])
-            return [cell.strip(" \t") for cell in row]
+            reader = csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=True)
+            return [cell.strip(" \t") for row in reader for cell in row]
         except csv.Error:  # a stray quote, or a cell above the module's limit
             pass
     if delimiter == " ":

@@ -11,7 +11,14 @@ import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.sources.lines.cells import MISSING, is_number, parse_number
-from kalscope.sources.lines.timestamps import UNIT_OF_WORD, TimeColumn, parse_year_day, time_kind
+from kalscope.sources.lines.timestamps import (
+    UNIT_OF_WORD,
+    DateOrder,
+    TimeColumn,
+    TimeKind,
+    parse_year_day,
+    time_kind,
+)
 
 Role = Literal["channel", "time", "text", "row name", "row number", "empty"]
 Cells = tuple[str, ...]
@@ -143,7 +150,7 @@ def find_time(columns: list[Column], rows: list[Cells], decimal: str, *, named: 
     if parts is not None:
         return parts
     by_name = [i for i, column in enumerate(columns) if _base(column)[0] in _TIME_NAMES]
-    kinds = {}
+    kinds: dict[int, tuple[TimeKind, DateOrder] | None] = {}
     for i, column in enumerate(columns):
         if i in by_name or column.role == "text":
             cells = [row[i] for row in rows]
@@ -192,8 +199,8 @@ def chosen_time(
     cells = [row[index] for row in rows]
     kind = time_kind(cells, decimal, may_be_date=_base(columns[index])[0] in _DATE_NAMES, share=0.5)
     if kind is None:
-        came = next(filter(None, cells), "")[:40]
-        raise BadSetting(f"the time column must hold numbers or stamps (got {came!r})")
+        example = next(filter(None, cells), "")[:40]
+        raise BadSetting(f"the time column must hold numbers or stamps (got {example!r})")
     found_by_form = find_time(columns, rows, decimal, named=True)
     if found_by_form is not None and index in found_by_form.indices:
         return found_by_form  # with its clock in a column of its own

@@ -100,7 +100,7 @@ def split_teleplot(line: str) -> Teleplot | None:
     match = _TELEPLOT.fullmatch(line)
     if match is None or "t" in (match[4] or "").split(","):
         return None
-    samples = []
+    samples: list[tuple[str, str]] = []
     for part in match[2].split(";"):
         stamp, colon, value = part.rpartition(":")
         if ":" in stamp or (colon and not is_number(stamp.strip())):

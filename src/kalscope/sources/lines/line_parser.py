@@ -92,7 +92,7 @@ class LineParser:
         Returns:
             True where the beginning of a line was thrown away.
         """
-        torn = bool(self._buffer) and not (self._after_cr and self._buffer == b"\n")
+        torn = bool(self._buffer) and not (self._after_cr and bytes(self._buffer) == b"\n")
         self._buffer, self._searched = bytearray(), 0
         self._after_cr = self._overlong = False
         return torn
@@ -147,7 +147,7 @@ class LineParser:
         buffer = self._buffer
         if self._after_cr and buffer:
             # \r ended the last line at once, without waiting to see whether \n follows.
-            if buffer[:1] == b"\n":
+            if buffer.startswith(b"\n"):
                 del buffer[:1]
             self._after_cr = False
         match = _NEWLINE.search(buffer, self._searched)

@@ -156,7 +156,7 @@ class LineReader:
             raise _Fault("must be >name:value or >name:ms:value, of a name above")
         timed = self.layout.time is not None or self._width > len(self._labels)
         at = self._form.labels.index(plot.name) + timed
-        rows = []
+        rows: list[tuple[float, ...]] = []
         for stamp, value in plot.samples:
             cells = [""] * self._width
             cells[at] = value

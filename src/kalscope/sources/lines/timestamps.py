@@ -10,8 +10,8 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.sources.lines.cells import MISSING, parse_number
 
 TimeKind = Literal["number", "calendar", "clock", "yyyymmdd", "year day"]
@@ -186,7 +186,7 @@ def time_kind(
     return ("calendar", best) if counts[best] >= least else None
 
 
-def unit_by_magnitude(stamps: NDArray[np.float64]) -> str:
+def unit_by_magnitude(stamps: Array) -> str:
     """Unit of numeric stamps that say none: epoch stamps by their size, integer counters by their step.
 
     A sensor samples between once a second and a thousand times a second: integer steps of thousands are
@@ -206,13 +206,13 @@ def unit_by_magnitude(stamps: NDArray[np.float64]) -> str:
     return "ms" if step < 1000 else "us" if step < 1e6 else "ns"
 
 
-def is_epoch(stamps: NDArray[np.float64], unit: str) -> bool:
+def is_epoch(stamps: Array, unit: str) -> bool:
     """True where numeric stamps count from 1970: the first one lies between 2001 and 2100."""
     scale = SECONDS_PER_UNIT[unit]
     return scale <= 1.0 and 1e9 <= float(stamps[0]) * scale < 4.2e9
 
 
-def to_seconds(stamps: NDArray[np.float64], column: TimeColumn) -> tuple[NDArray[np.float64], str]:
+def to_seconds(stamps: Array, column: TimeColumn) -> tuple[Array, str]:
     """Seconds of the stamps, shape (n,), n >= 1, and a sentence that says how they were read.
 
     Calendar and epoch stamps count from the first sample; others, years among them, as the source counts them.
@@ -238,7 +238,7 @@ def to_seconds(stamps: NDArray[np.float64], column: TimeColumn) -> tuple[NDArray
     return _scaled(stamps, scale), f"stamps are {said}"
 
 
-def nominal_period(time: NDArray[np.float64], steps: NDArray[np.float64] | None = None) -> float | None:
+def nominal_period(time: Array, steps: Array | None = None) -> float | None:
     """Median positive step of the stamps in s; None where no step is positive.
 
     `steps`, their differences, may be given to save time and memory; they come back in another order.
@@ -255,7 +255,7 @@ def nominal_period(time: NDArray[np.float64], steps: NDArray[np.float64] | None 
     return float(f"{np.median(positive, overwrite_input=True):.9g}")
 
 
-def _scaled(stamps: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+def _scaled(stamps: Array, scale: float) -> Array:
     # Dividing by 1000 rounds 3 ms to the double nearest 0.003; multiplying by 0.001 may not.
     return stamps / round(1 / scale) if scale < 1 else stamps if scale == 1 else stamps * scale
 
@@ -272,7 +272,7 @@ def _date_text(seconds: float) -> str:
         return f"{seconds:g} s from 1970"
 
 
-def _median_step(stamps: NDArray[np.float64]) -> float:
+def _median_step(stamps: Array) -> float:
     steps = np.diff(stamps)
     positive = steps[steps > 0]
     return float(np.median(positive)) if positive.size else 0.0

@@ -25,7 +25,8 @@ class CommandChannel:
         """Set up the channel; `write` sends bytes to the board."""
         self._write = write
         self._one_at_a_time = threading.Lock()
-        self._replies: list[str] | None = None  # None while no command is pending
+        self._replies: list[str] = []
+        self._is_pending = False
         self._replied = threading.Condition()
 
     def send(self, line: str, timeout: float) -> tuple[str, ...]:
@@ -38,24 +39,23 @@ class CommandChannel:
             )
         with self._one_at_a_time:
             with self._replied:
-                self._replies = []
+                self._replies.clear()
+                self._is_pending = True
             try:
                 self._write(data)
                 return self._reply(timeout)
             finally:
-                with self._replied:
-                    self._replies = None
+                self._is_pending = False
 
     def on_events(self, events: Iterable[LineEvent]) -> None:
         """Collect the comment lines among these while a reply is expected."""
-        if self._replies is None:
+        if not self._is_pending:
             return
         found = [event.text for event in events if event.kind == "comment" and event.text.startswith("#")]
         if found:
             with self._replied:
-                if self._replies is not None:
-                    self._replies += found
-                    self._replied.notify_all()
+                self._replies += found
+                self._replied.notify_all()
 
     def _reply(self, timeout: float) -> tuple[str, ...]:
         with self._replied:
@@ -63,8 +63,8 @@ class CommandChannel:
                 raise BadDevice(
                     f"the board must answer with a line that begins with # (got nothing in {timeout:g} s)"
                 )
-            known = -1
-            while self._replies is not None and len(self._replies) > known:
+            known = 0
+            while len(self._replies) > known:
                 known = len(self._replies)
                 self._replied.wait(_REPLY_PAUSE)
-            return tuple(self._replies or ())
+            return tuple(self._replies)

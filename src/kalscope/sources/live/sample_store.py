@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+
+from kalscope.common.array import Array
 
 _FIRST_SIZE = 1 << 14
 _ROOM = 4
@@ -22,13 +23,13 @@ class SampleStore:
     def __init__(self, channels: int, keep: int) -> None:
         """Begin with no rows; `keep` >= 1."""
         self.keep = keep
-        self.first = 0
+        self.first: int = 0
         """Number of the first row that is kept, counted from the first that ever arrived."""
         self._most = keep + max(keep // _ROOM, 1)
         self._time = np.empty(min(_FIRST_SIZE, self._most))
         # One channel after the other in memory: each is filtered and drawn by itself.
         self._values = np.empty((channels, self._time.size))
-        self._used = 0
+        self._used: int = 0
 
     def __len__(self) -> int:
         return self._used
@@ -56,7 +57,7 @@ class SampleStore:
             self._used += count
             done += count
 
-    def views(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def views(self) -> tuple[Array, Array]:
         """Time, shape (n,), and values, shape (n, channels), of what is kept; neither can be written."""
         time, values = self._time[: self._used], self._values[:, : self._used].T
         time.flags.writeable = values.flags.writeable = False

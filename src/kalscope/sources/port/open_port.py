@@ -21,12 +21,14 @@ _WRITE_TIMEOUT = 2.0
 _WINDOWS_BUFFER = 1 << 20  # the driver's own 4096 bytes are full after 0.36 s at 115200 baud
 
 
-DISCONNECT_ERRORS: tuple[type[BaseException], ...] = (OSError, TypeError)
-"""All that pyserial raises when a board is lost: OSError, of which its SerialException is one, and two more."""
-if sys.platform != "win32":
+if sys.platform == "win32":
+    _TERMINAL_ERRORS: tuple[type[BaseException], ...] = ()
+else:
     import termios
 
-    DISCONNECT_ERRORS += (termios.error,)
+    _TERMINAL_ERRORS = (termios.error,)
+DISCONNECT_ERRORS = (OSError, TypeError, *_TERMINAL_ERRORS)
+"""All that pyserial raises when a board is lost: OSError, of which its SerialException is one, and two more."""
 
 
 class OpenPort(Protocol):

@@ -56,7 +56,7 @@ class PortSpec:
             raise BadSetting(
                 f"an address must be socket://host:port or rfc2217://host:port (got {self.url!r:.100})"
             )
-        if isinstance(self.baud, bool) or not isinstance(self.baud, int) or not 1 <= self.baud <= MAX_BAUD:
+        if type(self.baud) is not int or not 1 <= self.baud <= MAX_BAUD:
             raise BadSetting(f"baud rate must be a whole number from 1 to {MAX_BAUD} (got {self.baud!r})")
 
     @property

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import ReadReport, Recording
 from kalscope.sources.readers.gaps import fill_gaps
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from kalscope.sources.lines.sniffer import Layout
     from kalscope.sources.readers.csv_rows import Tally
 
-Columns = dict[int, NDArray[np.float64]]
+Columns = dict[int, Array]
 """Columns by index, each of shape (n,): the channels and the time."""
 
 
@@ -44,9 +44,11 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
         BadSetting: an option that this file cannot have.
     """
     tally, layout = reading.tally, reading.layout
-    if tally.rows == 0:
+    if not tally.lines["row"]:
         last = tally.issues[-1].reason if tally.issues else "no data lines"
-        raise BadFile(f"{name} must hold a whole line of numbers (got {tally.rejected} rejected lines: {last})")
+        raise BadFile(
+            f"{name} must hold a whole line of numbers (got {tally.lines['rejected']} rejected lines: {last})"
+        )
     channels = layout.channels
     values, taken = _values(reading.columns, channels, options)
     axis = _axis(reading, len(values), options, sample_period)
@@ -64,12 +66,12 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
             time, values, inserted = fill_gaps(time, values, period)
             notes.append(f"{inserted} rows of missing samples were put into the gaps")
     report = ReadReport(
-        lines=tally.lines,
-        rows=tally.rows,
-        rejected=tally.rejected,
-        blank=tally.blank,
-        comments=tally.comments,
-        headers=tally.headers,
+        lines=tally.lines.total(),
+        rows=tally.lines["row"],
+        rejected=tally.lines["rejected"],
+        blank=tally.lines["blank"],
+        comments=tally.lines["comment"] + tally.lines["text"],
+        headers=tally.lines["header"],
         bad_cells=tally.bad_cells,
         clipped_times=axis.backward,
         inserted=inserted,
@@ -81,13 +83,13 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     return Recording(time, names, units, values, period, report, gaps=options.gaps)
 
 
-def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tuple[NDArray[np.float64], list[str]]:
+def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tuple[Array, list[str]]:
     """Samples, shape (n, channels), without the values that the user calls missing; and how many those were."""
     # Column by column in memory: each channel is filtered, drawn and judged by itself.
     values = np.empty((len(columns[channels[0]]), len(channels)), order="F")
     for j, i in enumerate(channels):
         values[:, j] = columns.pop(i)  # no column is held twice
-    notes = []
+    notes: list[str] = []
     for number in options.missing_numbers:
         found = values == number
         notes.append(f"{int(np.count_nonzero(found))} samples of {number:.15g} are missing, as was asked")

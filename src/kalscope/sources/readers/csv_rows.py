@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from kalscope.common.progress import Progress
 from kalscope.sources.lines.cells import is_blank
-from kalscope.sources.lines.line_reader import TAIL_LINES, LineEvent, LineReader
+from kalscope.sources.lines.line_reader import TAIL_LINES, Kind, LineEvent, LineReader
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.readers.plain_block import block_parser
 from kalscope.sources.readers.text_file import open_text
@@ -19,8 +20,7 @@ from kalscope.sources.readers.text_file import open_text
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from kalscope.common.array import Array
     from kalscope.recording import LineIssue
     from kalscope.sources.lines.sniffer import Layout
 
@@ -38,30 +38,20 @@ BLOCK_PARTS = 8
 class Tally:
     """The counts of a ReadReport while they grow."""
 
-    lines: int = 0
-    rows: int = 0
-    rejected: int = 0
-    blank: int = 0
-    comments: int = 0
-    headers: int = 0
+    lines: Counter[Kind] = field(default_factory=Counter["Kind"])
+    """Lines of each kind."""
     bad_cells: int = 0
+    """Cells of rows that are no number."""
     issues: list[LineIssue] = field(default_factory=list["LineIssue"])
+    """The first MAX_ISSUES."""
     ending: str = ""
     """A sentence about a last line without newline; "" where it has one."""
 
     def take(self, event: LineEvent) -> None:
         """Count one line and keep its issues, up to MAX_ISSUES."""
+        self.lines[event.kind] += 1
         if event.kind == "row":
-            self.rows += 1
             self.bad_cells += len(event.issues)
-        elif event.kind == "rejected":
-            self.rejected += 1
-        elif event.kind == "blank":
-            self.blank += 1
-        elif event.kind == "header":
-            self.headers += 1
-        else:
-            self.comments += 1
         self.issues.extend(event.issues[: MAX_ISSUES - len(self.issues)])
 
     def take_last(self, event: LineEvent) -> None:
@@ -78,7 +68,7 @@ class Tally:
 
 def read_rows(
     path: Path, encoding: str, layout: Layout, options: ReadOptions = DEFAULTS, progress: Progress | None = None
-) -> tuple[NDArray[np.float64], Tally]:
+) -> tuple[Array, Tally]:
     """All rows, shape (rows, width), NaN in the columns that are not read, and the account."""
     reader = _TableReader(layout, options)
     size, progress = path.stat().st_size, progress or Progress()
@@ -103,20 +93,19 @@ class _TableReader:
 
     def take(self, lines: list[str]) -> None:
         """Take the next lines, of which only the last of the file may lack its newline."""
-        number = self.tally.lines + 1
-        self.tally.lines += len(lines)
+        number = self.tally.lines.total() + 1
         preamble = min(max(self._layout.first_data - number, 0), len(lines))
         for i in range(preamble):
-            count_preamble(number + i, lines[i], self._layout, self.tally)
+            self.tally.lines[_kind_above_data(number + i, lines[i], self._layout)] += 1
         whole = len(lines) - (not lines[-1].endswith("\n"))
         self._take_rows(lines[preamble:whole], number + preamble)
         self._above = [*self._above, *lines[max(0, whole - TAIL_LINES) : whole]][-TAIL_LINES:]
         if preamble <= whole < len(lines):
-            event = self._reader.read_last(self.tally.lines, lines[-1], self._above)
+            event = self._reader.read_last(number + whole, lines[-1], self._above)
             self.tally.take_last(event)
             self._rows.add(event, last=True)
 
-    def finish(self) -> NDArray[np.float64]:
+    def finish(self) -> Array:
         """The rows, shape (rows, width)."""
         self._rows.finish()
         return np.frombuffer(self._rows.out, dtype=np.float64).reshape(-1, len(self._layout.columns))
@@ -129,7 +118,7 @@ class _TableReader:
             for i, line in enumerate(lines, number):
                 self._take_line(i, line)
         elif (rows := self._parse(lines)) is not None:
-            self.tally.rows += len(lines)
+            self.tally.lines["row"] += len(lines)
             self._rows.out.frombytes(rows.data.cast("B"))
         elif len(lines) == 1:
             self._take_line(number, lines[0])
@@ -192,11 +181,8 @@ class TeleplotRows(Rows):
         self._row = []
 
 
-def count_preamble(number: int, line: str, layout: Layout, tally: Tally) -> None:
-    """Count a line above the first data line."""
+def _kind_above_data(number: int, line: str, layout: Layout) -> Kind:
+    """What a line above the first data line is."""
     if is_blank(line, layout.form.delimiter):
-        tally.blank += 1
-    elif number in layout.headers:
-        tally.headers += 1
-    else:
-        tally.comments += 1  # comments and boot text
+        return "blank"
+    return "header" if number in layout.headers else "text"

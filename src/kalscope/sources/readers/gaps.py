@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.sources.readers.time_axis import GAP_PERIODS
 
@@ -12,9 +12,7 @@ _MAX_INSERTED_PER_ROW = 20
 _ALWAYS_ALLOWED = 1_000_000
 
 
-def fill_gaps(
-    time: NDArray[np.float64], values: NDArray[np.float64], period: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+def fill_gaps(time: Array, values: Array, period: float) -> tuple[Array, Array, int]:
     """Put rows of NaN where a step is longer than 1.5 periods, evenly spaced in time.
 
     Args:

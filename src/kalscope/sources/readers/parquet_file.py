@@ -16,8 +16,7 @@ from kalscope.sources.readers.assemble import Reading
 from kalscope.sources.readers.csv_rows import Tally
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from kalscope.common.array import Array
     from kalscope.sources.lines.read_options import ReadOptions
     from kalscope.sources.readers.text_file import RawFile
 
@@ -91,17 +90,17 @@ def _as_double(name: str, kind: str, index: int) -> str:
     return f"CAST({value} AS DOUBLE) AS c{index}"
 
 
-def _reading(columns: dict[int, NDArray[np.float64]], layout: Layout) -> Reading:
+def _reading(columns: dict[int, Array], layout: Layout) -> Reading:
     """Rows without a stamp are rejected; infinite samples are missing ones, counted as cells that are no number."""
-    tally = Tally(lines=len(next(iter(columns.values()))))
+    tally, rejected, n = Tally(), 0, len(next(iter(columns.values())))
     if layout.time is not None:
         known = np.isfinite(columns[layout.time.index])
-        tally.rejected = int(np.count_nonzero(~known))
-        if tally.rejected:
+        rejected = int(np.count_nonzero(~known))
+        if rejected:
             columns = {i: column[known] for i, column in columns.items()}
     for i in layout.channels:
         infinite = np.isinf(columns[i])
         tally.bad_cells += int(np.count_nonzero(infinite))
         columns[i][infinite] = np.nan
-    tally.rows = tally.lines - tally.rejected
+    tally.lines.update(row=n - rejected, rejected=rejected)
     return Reading(columns, tally, layout)

@@ -12,15 +12,14 @@ from kalscope.sources.lines.cells import is_number
 from kalscope.sources.lines.timestamps import MAX_STAMP
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from kalscope.common.array import Array
     from kalscope.sources.lines.read_options import ReadOptions
     from kalscope.sources.lines.sniffer import Layout
 
 _OPEN_COMMA = re.compile(",(?![0-9])")
 """A decimal comma needs a digit after it; float() takes "5." as a number."""
 
-BlockParser = Callable[[list[str]], "NDArray[np.float64] | None"]
+BlockParser = Callable[[list[str]], "Array | None"]
 """From whole lines, newline included, to their rows of numbers, shape (lines, columns); None where one of the lines
 is not plain. A block is taken exactly where each of its lines would be taken alone."""
 
@@ -44,7 +43,7 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
     delimiter = None if form.delimiter == " " else form.delimiter
     plain = f"0123456789+-eEnaN \t\n{form.delimiter}{form.decimal}".encode()
 
-    def parse(lines: list[str]) -> NDArray[np.float64] | None:
+    def parse(lines: list[str]) -> Array | None:
         text = "".join(lines)
         if not text.isascii() or text.encode().translate(None, plain) or text.isspace():
             return None
@@ -68,7 +67,7 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
     return parse
 
 
-def _loaded(lines: list[str], delimiter: str | None) -> NDArray[np.float64] | None:
+def _loaded(lines: list[str], delimiter: str | None) -> Array | None:
     try:
         return np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2, encoding=None)
     except ValueError:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Extremes = tuple[NDArray[np.float64], NDArray[np.float64]]
+from kalscope.common.array import Array
+
+Extremes = tuple[Array, Array]
 """Smallest and largest sample of each channel, shape (channels,) each; NaN where all are missing."""
 
 _MIN_COUNT = 3
@@ -16,7 +17,7 @@ _MIN_DISTINCT = 3
 _SAMPLE = 20_000
 
 
-def suggest_missing(values: NDArray[np.float64], names: Sequence[str], ends: Extremes) -> list[str]:
+def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list[str]:
     """Questions about values that may be missing samples.
 
     Args:
@@ -32,7 +33,7 @@ def suggest_missing(values: NDArray[np.float64], names: Sequence[str], ends: Ext
     found = dict.fromkeys(
         value for i, (low, high) in enumerate(pairs) for value in _far_extremes(values[:, i], low, high)
     )
-    questions = []
+    questions: list[str] = []
     for value in found:
         # One channel betrays the value; those that merely begin or end with it hold it as well.
         channels = [i for i, ends_of_one in enumerate(pairs) if value in ends_of_one]
@@ -49,7 +50,7 @@ def _listed(channels: list[str]) -> str:
     return shown if len(channels) <= 4 else f"{shown} and {len(channels) - 4} more"
 
 
-def _far_extremes(samples: NDArray[np.float64], low: float, high: float) -> list[float]:
+def _far_extremes(samples: Array, low: float, high: float) -> list[float]:
     """The smallest and the largest sample, where they come often and are far from the rest."""
     return [
         value
@@ -58,7 +59,7 @@ def _far_extremes(samples: NDArray[np.float64], low: float, high: float) -> list
     ]
 
 
-def _is_far(samples: NDArray[np.float64], value: float) -> bool:
+def _is_far(samples: Array, value: float) -> bool:
     least = max(_MIN_COUNT, samples.size // 2000)
     if np.count_nonzero(samples == value) < least:
         return False

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kalscope.common.array import Array
 from kalscope.sources.lines.timestamps import TimeColumn, nominal_period, times, to_seconds
 
 GAP_PERIODS = 1.5
@@ -21,7 +21,7 @@ _FEW_STEPS = 200_000
 class TimeAxis:
     """The time of all samples."""
 
-    time: NDArray[np.float64]
+    time: Array
     """Seconds, shape (n,)."""
     period: float | None
     """Median step in s; None where no step is positive."""
@@ -31,7 +31,7 @@ class TimeAxis:
     """How the stamps were read and how even they are, each a sentence."""
 
 
-def read_time(stamps: NDArray[np.float64], column: TimeColumn, unit: str | None = None) -> TimeAxis:
+def read_time(stamps: Array, column: TimeColumn, unit: str | None = None) -> TimeAxis:
     """Time of the stamps, shape (n,), n >= 1, all finite, in the unit of their column.
 
     Args:
@@ -55,7 +55,7 @@ def read_time(stamps: NDArray[np.float64], column: TimeColumn, unit: str | None 
     return TimeAxis(time, period, backward, tuple(notes))
 
 
-def unwrap(stamps: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[str]]:
+def unwrap(stamps: Array) -> tuple[Array, list[str]]:
     """Whole stamps that fall back by a counter's full range go on counting; and what to say about it.
 
     Only where the step over the wrap is an ordinary one: a device that starts anew falls back to 0 from
@@ -80,9 +80,9 @@ def unwrap(stamps: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[str]]
     return stamps, []
 
 
-def _about_order(time: NDArray[np.float64], steps: NDArray[np.float64], backward: int) -> list[str]:
+def _about_order(time: Array, steps: Array, backward: int) -> list[str]:
     """Steps back, and stamps that come twice: at once, or again after a step back."""
-    notes = []
+    notes: list[str] = []
     if backward:
         first = int(np.argmax(steps < 0))
         notes.append(
@@ -98,11 +98,9 @@ def _about_order(time: NDArray[np.float64], steps: NDArray[np.float64], backward
     return notes
 
 
-def _about_steps(
-    time: NDArray[np.float64], steps: NDArray[np.float64], some: NDArray[np.float64], period: float
-) -> list[str]:
+def _about_steps(time: Array, steps: Array, some: Array, period: float) -> list[str]:
     """Jitter and gaps, in s: `steps` in any order, `some` of them in rising order."""
-    notes = []
+    notes: list[str] = []
     low, high = (float(some[round(share * (some.size - 1))]) for share in (0.05, 0.95))
     if some.size > 1 and high - low > 0.01 * period:
         notes.append(
