@@ -1,4 +1,4 @@
-"""The whole screen: builds the views, hands every frame to all of them, and tells the person what went wrong."""
+"""The whole screen: builds the views, passes every frame to them, and shows errors."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ class Dashboard:
         """Show one sentence in every browser; plain text, so nothing in it can act as markup.
 
         Args:
-            message: the sentence, or a mistake of ours that somebody caught and logged.
+            message: the sentence, or an uncaught exception that was logged.
             good: whether it is no refusal.
         """
         title = "Kalscope" if good else "That cannot be used"

@@ -46,7 +46,7 @@ def test_settings_are_pinned_compared_used_renamed_and_deleted(start, theme):
     screen.tab("Compare")
     page.get_by_role("cell", name=re.compile("^■ B$")).wait_for()
     screen.wait("() => document.querySelectorAll('table').length > 0")
-    assert page.get_by_role("cell", name="now", exact=True).is_visible()
+    assert page.get_by_role("cell", name="current", exact=True).is_visible()
     screen.choose("setting", "A")
     screen.shot(f"compare-{theme}")
     page.get_by_role("button", name="Use", exact=True).click()

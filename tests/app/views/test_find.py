@@ -19,7 +19,7 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.views.tune.checks import correlation_lines, table
-from kalscope_app.views.tune.find import WAYS, answer_text, opinions_text
+from kalscope_app.views.tune.find import SEARCH_METHODS, answer_text, opinions_text
 
 
 def recording(n=2000, q=0.05, r=1.0, period=0.01, seed=0):
@@ -36,7 +36,7 @@ def state():
 
 def search(state, way, *texts):
     rec = state.recording
-    arguments = WAYS[way].arguments(state, list(texts))
+    arguments = SEARCH_METHODS[way].arguments(state, list(texts))
     return find_parameters(rec.channel(state.channel), sample_period=rec.sample_period, **arguments)
 
 
@@ -57,7 +57,7 @@ def test_a_wish_is_met_exactly_and_r_is_kept(state, way, text, field, value):
     assert found.params.r == state.params.r
 
 
-@pytest.mark.parametrize("way", [way for way in WAYS if not WAYS[way].boxes])
+@pytest.mark.parametrize("way", [way for way in SEARCH_METHODS if not SEARCH_METHODS[way].boxes])
 def test_every_way_without_a_box_answers(state, way):
     found = search(state, way)
     assert found.params is not None

@@ -9,7 +9,7 @@ from kalscope_app.dashboard import Dashboard
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.opening import opened
 
-LONGEST = 130
+MAX_LETTERS = 130
 """Letters that fit into a bubble beside the hand."""
 
 
@@ -33,7 +33,7 @@ def test_there_are_controls_of_many_kinds(controls):
 def test_every_control_has_a_short_hint(controls):
     without = [(kind, label) for kind, label, hint in controls if not (hint or "").strip()]
     assert without == []
-    long = [(label, hint) for _, label, hint in controls if len(hint) > LONGEST]
+    long = [(label, hint) for _, label, hint in controls if len(hint) > MAX_LETTERS]
     assert long == []
 
 

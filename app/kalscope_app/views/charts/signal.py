@@ -29,7 +29,7 @@ LIVE_CONTROLS_HEIGHT = 44
 SHARES = (0.57, 0.235, 0.195)
 """Of the height for charts: signal, innovation, gain."""
 
-LONGEST_LABEL = 16
+MAX_LABEL_LETTERS = 16
 """Letters that fit beside the innovation at 720 px of height."""
 
 
@@ -89,7 +89,7 @@ class SignalView:
         ]
         band = {"series": (2, 1), "fill": palette.innovation_band}
         label = scale.label("innovation")
-        label = label if len(label) <= LONGEST_LABEL else "innovation"  # the unit is that of the chart above
+        label = label if len(label) <= MAX_LABEL_LETTERS else "innovation"  # the unit is that of the chart above
         self._draw(self.innovation, frame, clock, scale, lines, label, band)
 
     def _draw(

@@ -165,7 +165,7 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
 
 
 def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str, str]:
-    """The files of a choice for what is on screen, by name; with the test vectors if wished.
+    """The files of a choice for what is on screen, by name; with the test vectors if asked for.
 
     Raises:
         BadSetting: As `export_tuning`, and where a channel has the Khan et al. filter.

@@ -41,7 +41,7 @@ RING = 0.30
 """Width of the mark of the present point, units of the scene."""
 
 PACE = 0.1
-"""Seconds between two moves of the mark at least: each makes the browser draw the scene anew, which may be slow."""
+"""Seconds between two moves of the mark at least: each makes the browser redraw the scene, which may be slow."""
 
 SIZE = (400.0, 800.0)
 """Width and height of the picture, px. Each browser's camera fits it into the canvas."""
@@ -135,7 +135,7 @@ class TuningMapView:
     # What the user sees.
 
     def follow(self, frame: Frame) -> None:
-        """Move the mark, at a slow pace; once the person rests, `show` brings it to its place."""
+        """Move the mark, at a limited rate; `show` puts it in its final place once the values stay."""
         self._state, now = frame.state, time.monotonic()
         self._shown.value = frame.state.view.map_shown
         if now - self._moved >= PACE:
@@ -150,7 +150,7 @@ class TuningMapView:
         self._ring.visible = visible
 
     def show(self, answer: tuple[State, TuningMap]) -> None:
-        """Draw the map of a state that has come to rest."""
+        """Draw the map of a state whose values have stopped changing."""
         with self._lock:
             self._state, self._map = answer
             self._draw()
@@ -187,7 +187,7 @@ class TuningMapView:
         client.camera.on_update(lambda _camera: self._aim(client))
 
     def detach(self, client: viser.ClientHandle) -> None:
-        """Forget a browser that has gone."""
+        """Forget a browser that has disconnected."""
         self._aimed.pop(client, None)
         self._phones.discard(client)
 

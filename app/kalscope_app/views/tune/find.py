@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Way:
+class SearchMethod:
     """One way to find q and r."""
 
     arguments: Callable[[State, list[str]], dict[str, Any]]
@@ -38,24 +38,24 @@ class Way:
     """Label and first content of each text box it needs."""
 
 
-def _method(name: str) -> Way:
-    return Way(lambda _state, _texts: {"method": name})
+def _method(name: str) -> SearchMethod:
+    return SearchMethod(lambda _state, _texts: {"method": name})
 
 
-def _wish(name: str, label: str, content: str, factor: float = 1.0) -> Way:
+def _wish(name: str, label: str, content: str, factor: float = 1.0) -> SearchMethod:
     def arguments(state: State, texts: list[str]) -> dict[str, Any]:
         return {"target": {name: factor * typed_number(label, texts[0])}, "present_r": state.tuning.r}
 
-    return Way(arguments, ((label, content),))
+    return SearchMethod(arguments, ((label, content),))
 
 
-def _noise(*names: tuple[str, str, str]) -> Way:
+def _noise(*names: tuple[str, str, str]) -> SearchMethod:
     def arguments(_state: State, texts: list[str]) -> dict[str, Any]:
         values = {name: typed_number(label, text) for (name, label, _), text in zip(names, texts, strict=False)}
         sigma, density, bandwidth = (values.get(name) for name in ("sigma", "density", "bandwidth_hz"))
         return {"noise": Noise(sigma=sigma, density=density, bandwidth_hz=bandwidth)}
 
-    return Way(arguments, tuple((label, content) for _, label, content in names))
+    return SearchMethod(arguments, tuple((label, content) for _, label, content in names))
 
 
 def _still(state: State, texts: list[str]) -> dict[str, Any]:
@@ -105,18 +105,18 @@ BOX_HINTS = {
 }
 """Hint of each box by its label."""
 
-WAYS: dict[str, Way] = {
+SEARCH_METHODS: dict[str, SearchMethod] = {
     "maximum likelihood": _method("ml"),
     "maximum lag": _wish("lag_s", "lag (ms)", "50", 1e-3),
     "cut-off frequency": _wish("cutoff_hz", "cut-off (Hz)", "1"),
     "noise reduction": _wish("noise_reduction_db", "reduction (dB)", "12"),
     "gain K": _wish("gain", "gain K", "0.1"),
     "lag in samples": _wish("lag_samples", "lag (samples)", "10"),
-    STILL: Way(_still, (("from", ""), ("to", ""))),
+    STILL: SearchMethod(_still, (("from", ""), ("to", ""))),
     "data sheet σ, fit q": _noise(("sigma", "σ, one std", "")),
     "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
-    "keep r, fit q": Way(lambda state, _texts: {"noise": Noise(r=state.tuning.r)}),
-    "r/q = 100, fit r": Way(lambda _state, _texts: {"ratio": 0.01}),
+    "keep r, fit q": SearchMethod(lambda state, _texts: {"noise": Noise(r=state.tuning.r)}),
+    "r/q = 100, fit r": SearchMethod(lambda _state, _texts: {"ratio": 0.01}),
     **{METHOD_NAMES[name]: _method(name) for name in ("em", "moments", "als", "allan")},
 }
 """Ways by the words on screen, the most useful first."""
@@ -129,16 +129,16 @@ class FindView:
 
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
-        self._shown_way = ""
+        self._shown_method = ""
         self._stop = threading.Event()
         with gui.add_folder("Find q and r"):
-            self._way = gui.add_dropdown("tune for", tuple(WAYS), hint=HINT)
+            self._method = gui.add_dropdown("tune for", tuple(SEARCH_METHODS), hint=HINT)
             self._boxes = [gui.add_text("", "", visible=False, hint=BOX_HINTS[""]) for _ in range(2)]
             self._find = gui.add_button("Find and apply", hint="One step; Undo reverts it.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button("Cancel", visible=False, hint="Stop the search and change nothing.")
             self._answer = gui.add_markdown("", visible=False)
-        bind(self._way, session, lambda way: set_search_method(way, WAYS))
+        bind(self._method, session, lambda method: set_search_method(method, SEARCH_METHODS))
         on_user(self._find.on_click, lambda _client: self._find_and_apply())
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
         self._opinions: viser.GuiMarkdownHandle | None = None
@@ -152,14 +152,14 @@ class FindView:
 
     def _find_and_apply(self) -> None:
         texts = [box.value for box in self._boxes]
-        self._start(lambda state, stop: self._search(state, WAYS[state.view.search_method], texts, stop))
+        self._start(lambda state, stop: self._search(state, SEARCH_METHODS[state.view.search_method], texts, stop))
 
     def _start(self, work: Callable[[State, threading.Event], None]) -> None:
         """Queue a job on the state that every earlier request has led to; each job has a stop sign of its own."""
         stop = self._stop = threading.Event()
         self._jobs.run_with_state(self._session, lambda state: work(state, stop))
 
-    def _search(self, state: State, way: Way, texts: list[str], stop: threading.Event) -> None:
+    def _search(self, state: State, method: SearchMethod, texts: list[str], stop: threading.Event) -> None:
         z, period = state.recording.channel(state.channel), state.recording.sample_period
         with SlowJobProgress(self._progress, self._cancel) as shown:
             found = find_parameters(
@@ -168,7 +168,7 @@ class FindView:
                 sample_period=period,
                 progress=shown.report,
                 cancelled=stop.is_set,
-                **way.arguments(state, texts),
+                **method.arguments(state, texts),
             )
         self._session.request(apply_found(state.recording, state.channel, found))
 
@@ -179,25 +179,25 @@ class FindView:
         self._session.request(set_method_comparison(state.recording, state.channel, opinions))
 
     def show(self, frame: Frame) -> None:
-        """Show the boxes of the chosen way, and the last answers."""
-        self._show_way(frame.state)
+        """Show the boxes of the chosen method, and the last answers."""
+        self._show_method(frame.state)
         answer = answer_text(frame.state)
         self._answer.content, self._answer.visible = answer, bool(answer)
         if self._opinions is not None:
             self._opinions.content = opinions_text(frame.state)
 
-    def _show_way(self, state: State) -> None:
-        self._way.value = state.view.search_method
-        wanted = WAYS[state.view.search_method].boxes
+    def _show_method(self, state: State) -> None:
+        self._method.value = state.view.search_method
+        wanted = SEARCH_METHODS[state.view.search_method].boxes
         for i, box in enumerate(self._boxes):
             box.visible = i < len(wanted)
             if i < len(wanted):
                 label, content = wanted[i]
                 box.label = f"{label} ({clock_of(state).unit})" if label in ("from", "to") else label
-                if state.view.search_method != self._shown_way:
+                if state.view.search_method != self._shown_method:
                     box.value = content
                 box.hint = BOX_HINTS.get(label, BOX_HINTS[""])
-        self._shown_way = state.view.search_method
+        self._shown_method = state.view.search_method
 
 
 def answer_text(state: State) -> str:
