@@ -93,12 +93,14 @@ class Dashboard:
     def _build(self, folder: Path) -> None:
         gui = self._server.gui
         tabs = gui.add_tab_group()
+        names = ("Check", "Compare", "Channels", "Spectrum", "Allan")
+        check, compare, channels, spectrum, allan = (self._panels.right.add_tab(name) for name in names)
         with tabs.add_tab("Tune"):
             self.parameters = ParametersView(gui, self.session)
-            self._variants = VariantsView(gui, self.session)
+            self._variants = VariantsView(gui, compare, self.session)
             self._numbers = NumbersView(gui)
-            self._checks = ChecksView(gui)
-            self._find = FindView(gui, self.session, self._jobs)
+            self._checks = ChecksView(gui, check)
+            self._find = FindView(gui, check, self.session, self._jobs)
             self._presets = PresetsView(gui, self.session)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
@@ -124,17 +126,13 @@ class Dashboard:
         with self._panels.charts:
             self._window = WindowView(gui, self.session)
             self.signal = SignalView(gui)
-        with self._panels.right.add_tab("Check"):
-            self._checks.build_tab(gui)
-            self._find.build_opinions(gui)
-        with self._panels.right.add_tab("Compare"):
-            self._variants.build_tab(gui)
+        with compare:
             self._alternatives = AlternativesView(gui, self.session)
-        with self._panels.right.add_tab("Channels"):
+        with channels:
             self._channels = ChannelsView(gui, self.session)
-        with self._panels.right.add_tab("Spectrum"):
+        with spectrum:
             self._spectrum = SpectrumView(gui)
-        with self._panels.right.add_tab("Allan"):
+        with allan:
             self._allan = AllanView(gui)
 
     def start(self) -> None:

@@ -19,7 +19,7 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.views.tune.checks import correlation_lines, table
-from kalscope_app.views.tune.find import SEARCH_METHODS, answer_text, opinions_text
+from kalscope_app.views.tune.find import SEARCH_METHODS, answer_text, comparison_text
 
 
 def recording(n=2000, q=0.05, r=1.0, period=0.01, seed=0):
@@ -131,8 +131,8 @@ def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
 def test_opinions_belong_to_their_channel(state):
     opinions = compare_methods(state.recording.channel("a"))
     asked = set_method_comparison(state.recording, "a", opinions)(state)
-    assert opinions_text(asked).count("\n|") >= 6
-    assert "They agree" in opinions_text(asked)
+    assert comparison_text(asked).count("\n|") >= 6
+    assert "They agree" in comparison_text(asked)
     assert select_channel("b")(asked).answers.method_comparison == ()
     assert set_method_comparison(state.recording, "b", opinions)(state).answers.method_comparison == ()
 
@@ -142,7 +142,7 @@ def test_opinions_on_a_sine_name_the_disagreement():
     z = np.sin(np.arange(n) / 30) + np.random.default_rng(0).normal(0, 0.1, n)
     state = opened(Recording(np.arange(float(n)), ("z",), ("",), z[:, None], 1.0))
     asked = set_method_comparison(state.recording, "z", compare_methods(z))(state)
-    assert "The model does not describe this signal" in opinions_text(asked)
+    assert "The model does not describe this signal" in comparison_text(asked)
 
 
 def test_before_and_after_stand_in_the_answer(state):

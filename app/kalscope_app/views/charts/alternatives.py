@@ -95,19 +95,20 @@ class AlternativesView:
         if compared.drawn.truth is not None:
             truth = {**line("truth", palette.truth, 1.5), "dash": (6, 4)}
             lines.append(ChartLine(compared.drawn.truth[inside], truth))
-        lines.append(ChartLine(compared.curve(compared.found.present), loud("yours", palette.filtered, 2.5)))
+        lines.append(
+            ChartLine(compared.curve(compared.found.present), line("yours", palette.filtered, 2.5, scaled=False))
+        )
         colours = dict(zip(NAMES, COLOURS[state.view.dark], strict=True))
         for one in compared.rivals:
-            lines.append(ChartLine(compared.curve(one), loud(one.name, colours.get(one.name, palette.truth), 1.5)))
+            lines.append(
+                ChartLine(
+                    compared.curve(one), line(one.name, colours.get(one.name, palette.truth), 1.5, scaled=False)
+                )
+            )
         series = ({"label": time_label(clock)}, *(one.style for one in lines))
         gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
         layout = ChartLayout(series, axes(scale.label(short(state.channel, 14))), gaps=gaps)
         self._chart.show(time * clock.factor, [one.y * scale.factor for one in lines], layout, state.view.resets)
-
-
-def loud(label: str, colour: str, width: float) -> dict[str, object]:
-    """A curve that does not decide the range of y: a wild start may leave the picture."""
-    return {**line(label, colour, width), "auto": False}
 
 
 def text_of(compared: Compared) -> str:

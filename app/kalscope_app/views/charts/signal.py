@@ -62,13 +62,13 @@ class SignalView:
         # Only the measurements and the truth decide the y range: a wild start may leave the picture.
         lines: list[ChartLine] = [
             *raw,
-            ChartLine(frame.filtered - frame.spread, {**line("−2√p"), "auto": False}),
-            ChartLine(frame.filtered + frame.spread, {**line("+2√p"), "auto": False}),
+            ChartLine(frame.filtered - frame.spread, line("−2√p", scaled=False)),
+            ChartLine(frame.filtered + frame.spread, line("+2√p", scaled=False)),
         ]
         for variant, curve in zip(state.variants, frame.variants, strict=False):
             colour = css(variant.rgb(dark=state.view.dark))
-            lines.append(ChartLine(curve, {**line(variant.name, colour, 1.5), "auto": False}))
-        lines.append(ChartLine(frame.filtered, {**line("filtered", palette.filtered, 2.5), "auto": False}))
+            lines.append(ChartLine(curve, line(variant.name, colour, 1.5, scaled=False)))
+        lines.append(ChartLine(frame.filtered, line("filtered", palette.filtered, 2.5, scaled=False)))
         if shown.truth is not None:
             lines.append(ChartLine(shown.truth, {**line("truth", palette.truth, 1.5), "dash": (6, 4)}))
         if frame.smoothed is not None:

@@ -110,7 +110,7 @@ class AllanView:
         )
         clock = log_time_scale(found.tau) if found.in_seconds else log_scale_for(found.tau, "samples")
         low, high, ys = floored((found.deviation, found.model))
-        scale = log_scale_for(np.array([low]), plain_unit(allan.state.tuning.unit))
+        scale = log_scale_for(np.array([low]), allan.state.tuning.unit[:16])
         inside = found.size[0] <= found.best_size <= found.size[-1]  # beyond, the model is still falling
         best = np.argmin(found.model) if inside else -1
         mark = np.where(np.arange(len(found.size)) == best, found.model, np.nan)
@@ -143,11 +143,6 @@ class AllanView:
         )
         drawn = [*edges, *ys, mark]
         self._chart.show(x, [y * scale.factor for y in drawn], layout, allan.state.view.resets)
-
-
-def plain_unit(unit: str) -> str:
-    """The unit, cut so that it fits beside an axis; uPlot escapes what it draws."""
-    return unit[:16]
 
 
 def cutoff_words(spectra: Spectra) -> str:

@@ -79,9 +79,9 @@ def short(name: str, limit: int) -> str:
     return name if len(name) <= limit else f"{name[: limit - 1]}…"
 
 
-def line(label: str, colour: str = "transparent", width: float = 1) -> dict[str, object]:
-    """A line without marks; without a colour it is the edge of a band."""
-    return {"label": label, "stroke": colour, "width": width, "points": {"show": False}}
+def line(label: str, colour: str = "transparent", width: float = 1, *, scaled: bool = True) -> dict[str, object]:
+    """A line without marks; without a colour it is the edge of a band; the range of y need not hold it."""
+    return {"label": label, "stroke": colour, "width": width, "points": {"show": False}, "auto": scaled}
 
 
 def axes(y: str) -> tuple[dict[str, object], ...]:

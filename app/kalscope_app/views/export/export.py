@@ -43,10 +43,10 @@ class ExportView:
             )
             self._how = gui.add_markdown("")
         on_user(self._save.on_click, lambda _client: self._ask_to_save())
-        for button, send in ((self._download, _send_tuning), (self._csv, _send_csv)):
+        for button, name in ((self._download, "tuning.toml"), (self._csv, "filtered.csv")):
             on_user(
                 button.on_click,
-                lambda client, send=send: jobs.run_with_state(session, lambda state: send(state, client)),
+                lambda client, name=name: jobs.run_with_state(session, lambda state: _send(state, client, name)),
             )
 
     def _ask_to_save(self) -> None:
@@ -80,16 +80,11 @@ def how_to_use(state: State) -> str:
     return text if source else text + "\n\nReplace FILE with the path of the file you uploaded."
 
 
-def _send_tuning(state: State, client: viser.ClientHandle) -> None:
+def _send(state: State, client: viser.ClientHandle, name: str) -> None:
     state.require_standard_filter(state.recording.names)
-    content = dumps(state.as_tuning()).encode()
-    client.send_file_download("tuning.toml", content, save_immediately=True)
-
-
-def _send_csv(state: State, client: viser.ClientHandle) -> None:
-    state.require_standard_filter(state.recording.names)
-    content = filtered_csv(state.recording, state.as_tuning()).encode()
-    client.send_file_download("filtered.csv", content, save_immediately=True)
+    tuning = state.as_tuning()
+    content = dumps(tuning) if name == "tuning.toml" else filtered_csv(state.recording, tuning)
+    client.send_file_download(name, content.encode(), save_immediately=True)
 
 
 def shell_word(source: str) -> str:

@@ -13,6 +13,8 @@ from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, axes, line
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
     import viser
 
     from kalscope.analysis.diagnostics import Diagnostics
@@ -22,33 +24,24 @@ UNJUDGED = "This filter has no q and r, so these tests do not apply."
 
 
 class ChecksView:
-    """One or two sentences in the control panel, a table in the chart panel."""
+    """One or two sentences in the control panel, table and chart in the Check tab."""
 
-    def __init__(self, gui: viser.GuiApi) -> None:
+    def __init__(self, gui: viser.GuiApi, check_tab: AbstractContextManager[object]) -> None:
         with gui.add_folder("Does it fit?"):
             self._advice = gui.add_markdown("")
-        self._table: viser.GuiMarkdownHandle | None = None
-        self._correlation: Chart | None = None
-
-    def build_tab(self, gui: viser.GuiApi) -> None:
-        """The part that stands in the tab of the chart panel."""
-        self._table = gui.add_markdown("")
-        self._correlation = Chart(gui, 0.26)
+        with check_tab:
+            self._table = gui.add_markdown("")
+            self._correlation = Chart(gui, 0.26)
 
     def show(self, checks: Checks | None) -> None:
         """Write both."""
         if checks is None:
-            self._advice.content = UNJUDGED
-            if self._table is not None:
-                self._table.content = UNJUDGED
-            if self._correlation is not None:
-                self._correlation.hide()
+            self._advice.content = self._table.content = UNJUDGED
+            self._correlation.hide()
             return
         self._advice.content = as_sentences(checks.all_samples.advice)
-        if self._table is not None:
-            self._table.content = table(checks)
-        if self._correlation is not None:
-            self._correlation.show(*correlation_lines(checks))
+        self._table.content = table(checks)
+        self._correlation.show(*correlation_lines(checks))
 
 
 def correlation_lines(checks: Checks) -> tuple[Array, list[Array], ChartLayout]:

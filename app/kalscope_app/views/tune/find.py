@@ -19,6 +19,7 @@ from kalscope_app.views.slow_job import SlowJobProgress
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from contextlib import AbstractContextManager
 
     import viser
 
@@ -127,7 +128,9 @@ HINT = "From the recording, from a goal (lag, cut-off, noise reduction), or from
 class FindView:
     """The folder "Find q and r". A search runs as a job; its answer is filed as one undoable change."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, check_tab: AbstractContextManager[object], session: Session, jobs: Jobs
+    ) -> None:
         self._session, self._jobs = session, jobs
         self._shown_method = ""
         self._stop = threading.Event()
@@ -141,14 +144,11 @@ class FindView:
         bind(self._method, session, lambda method: set_search_method(method, SEARCH_METHODS))
         on_user(self._find.on_click, lambda _client: self._find_and_apply())
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
-        self._opinions: viser.GuiMarkdownHandle | None = None
-
-    def build_opinions(self, gui: viser.GuiApi) -> None:
-        """The part that stands in a tab of the chart panel: five methods side by side."""
-        gui.add_markdown("### Compare estimators")
-        ask = gui.add_button("Run five methods", hint="They agree if the model fits the signal.")
-        on_user(ask.on_click, lambda _client: self._start(self._compare))
-        self._opinions = gui.add_markdown("")
+        with check_tab:
+            gui.add_markdown("### Compare estimators")
+            compare = gui.add_button("Run five methods", hint="They agree if the model fits the signal.")
+            self._comparison = gui.add_markdown("")
+        on_user(compare.on_click, lambda _client: self._start(self._compare))
 
     def _find_and_apply(self) -> None:
         texts = [box.value for box in self._boxes]
@@ -183,8 +183,7 @@ class FindView:
         self._show_method(frame.state)
         answer = answer_text(frame.state)
         self._answer.content, self._answer.visible = answer, bool(answer)
-        if self._opinions is not None:
-            self._opinions.content = opinions_text(frame.state)
+        self._comparison.content = comparison_text(frame.state)
 
     def _show_method(self, state: State) -> None:
         self._method.value = state.view.search_method
@@ -221,7 +220,7 @@ def answer_text(state: State) -> str:
     return f"{table}\n\n{outcome.message}"
 
 
-def opinions_text(state: State) -> str:
+def comparison_text(state: State) -> str:
     """The five methods side by side and their disagreement named, as markdown."""
     if not state.answers.method_comparison:
         return "Five methods estimate q and r from the recording. They agree if the model describes the signal."

@@ -11,6 +11,8 @@ from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
     import viser
 
     from kalscope_app.engine.frame import Frame
@@ -28,28 +30,26 @@ EMPTY = (
 class VariantsView:
     """The button "Pin this setting" and the upper part of the Compare tab."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+    def __init__(self, gui: viser.GuiApi, compare_tab: AbstractContextManager[object], session: Session) -> None:
         self._session = session
         self._pin = gui.add_button(
             "Pin this setting", hint="Keep it as A, B, C …, with a line in the chart and in the Compare tab."
         )
         on_user(self._pin.on_click, lambda _client: session.request(pin_present))
-
-    def build_tab(self, gui: viser.GuiApi) -> None:
-        """The part that stands in a tab of the chart panel."""
-        gui.add_markdown("### Pinned settings")
-        self._table = gui.add_markdown(EMPTY)
-        folder = gui.add_folder("Change a pinned setting", visible=False)
-        with folder as self._folder, gui.add_form(None) as form:
-            self._which = gui.add_dropdown("setting", list[str]([NOTHING]), hint="One of the pinned settings.")
-            self._steps = gui.add_button_group(
-                "",
-                ("Use", "Delete"),
-                hint="Use: tune with its q, r and initial state. Undo reverts both.",
-            )
-            self._name = gui.add_text(
-                "new name", "", hint=f"At most {LONGEST_NAME} letters; press Enter to rename the setting."
-            )
+        with compare_tab:
+            gui.add_markdown("### Pinned settings")
+            self._table = gui.add_markdown(EMPTY)
+            folder = gui.add_folder("Change a pinned setting", visible=False)
+            with folder as self._folder, gui.add_form(None) as form:
+                self._which = gui.add_dropdown("setting", list[str]([NOTHING]), hint="One of the pinned settings.")
+                self._steps = gui.add_button_group(
+                    "",
+                    ("Use", "Delete"),
+                    hint="Use: tune with its q, r and initial state. Undo reverts both.",
+                )
+                self._name = gui.add_text(
+                    "new name", "", hint=f"At most {LONGEST_NAME} letters; press Enter to rename the setting."
+                )
         on_user(self._steps.on_click, lambda _client: self._use_or_delete())
         on_user(form.on_submit, lambda _client: self._rename())
 
