@@ -138,6 +138,13 @@ class Panel:
     """Marked values."""
 
 
+def raw_and_filtered(
+    x: ArrayLike, raw: ArrayLike, filtered: ArrayLike, label: str = "filtered", style: str = "s2"
+) -> tuple[Line, Line]:
+    """The two curves of most panels."""
+    return Line(x, raw, "raw", "raw"), Line(x, filtered, label, style)
+
+
 @contextmanager
 def drawing() -> Generator[None]:
     """Matplotlib with our settings. They hold for the whole process, so one thread draws at a time."""

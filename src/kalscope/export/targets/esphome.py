@@ -13,22 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.errors import BadSetting
-from kalscope.export.header_text import about, about_channel, commented
+from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.names import comment_text, number_text, quoted
 
 if TYPE_CHECKING:
     from kalscope.export.job import ExportJob
     from kalscope.tuning.tuning import ChannelTuning
-
-_TRAPS = (
-    "",
-    "ESPHome wants standard deviations: process_std_dev = sqrt(q / sample period), per square root of a second;",
-    "error = sqrt(r). It computes in float32 and lets the variance grow with the time of its own clock.",
-    "Its start is its own: the first sample sets x = z and p = r but is not published, and the second is met with",
-    "the variance of the whole time since the board started. p0, x0 and an outlier gate it does not have.",
-    "A missing sample (NaN) is skipped while the variance grows: predict only, as here.",
-    "Older versions spell it 'platform: kalman_combinator' and have no 'type'.",
-)
 
 _SENSOR = """\
 {about}  - platform: combination
@@ -52,8 +42,9 @@ def files(job: ExportJob) -> dict[str, str]:
         raise BadSetting(
             "sample_period of the tuning must be known for ESPHome, which counts q per second (got none)"
         )
-    sensors = (_sensor(job, job.sample_period, *pair) for pair in job.named_channels)
-    return {"kalscope_esphome.yaml": commented((*about(job), *_TRAPS), "#") + "sensor:\n" + "".join(sensors)}
+    sensors = "".join(_sensor(job, job.sample_period, *named) for named in job.named_channels)
+    text = fill_template("kalscope_esphome.yaml", about=commented(about(job), "#"), sensors=sensors)
+    return {"kalscope_esphome.yaml": text}
 
 
 def _sensor(job: ExportJob, period: float, word: str, channel: ChannelTuning) -> str:

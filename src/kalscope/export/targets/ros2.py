@@ -10,21 +10,12 @@ import sys
 from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
-from kalscope.export.header_text import about, about_channel, commented
+from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.names import comment_text, number_text, quoted
 
 if TYPE_CHECKING:
     from kalscope.export.job import ExportJob
     from kalscope.tuning.tuning import ChannelTuning
-
-_HEAD = """\
-# ROS 2 parameters: ros2 run PACKAGE NODE --ros-args --params-file kalscope_parameters.yaml
-{about}# "/**" gives them to every node; put the name of yours in its place.
-/**:
-  ros__parameters:
-    kalscope:
-{period}      channels: [{words}]
-"""
 
 _CHANNEL = """\
 {about}      {word}:
@@ -41,11 +32,14 @@ def files(job: ExportJob) -> dict[str, str]:
         BadSetting: A number is too small for the parser.
     """
     period = "" if job.sample_period is None else f"      sample_period: {_number(job.sample_period)}\n"
-    head = _HEAD.format(
-        about=commented(about(job), "#"), period=period, words=", ".join(map(quoted, job.identifiers))
+    text = fill_template(
+        "kalscope_parameters.yaml",
+        about=commented(about(job), "#"),
+        period=period,
+        names=", ".join(map(quoted, job.identifiers)),
+        channels="".join(_channel(job, *named) for named in job.named_channels),
     )
-    channels = (_channel(job, word, c) for word, c in job.named_channels)
-    return {"kalscope_parameters.yaml": head + "".join(channels)}
+    return {"kalscope_parameters.yaml": text}
 
 
 def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> str:

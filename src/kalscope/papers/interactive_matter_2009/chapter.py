@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kalscope.common.charts import Line, Panel, draw_svg
+from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
 from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.papers.appendices import c_listing
 from kalscope.papers.interactive_matter_2009 import document as paper
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from kalscope.common.progress import OnProgress
     from kalscope.papers.interactive_matter_2009.document import WalkRow
-    from kalscope.papers.interactive_matter_2009.questions import EstimateAnswer, ExponentialAnswer, FusionAnswer
+    from kalscope.papers.interactive_matter_2009.questions import ExponentialAnswer
     from kalscope.papers.parts import Chapter, Effort, Figure, ResultTable
 
 PROSE = Prose(Path(__file__).parent / "chapter.toml")
@@ -37,13 +37,14 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
     fused = questions.answer_fusion()
     simple = tuple(questions.answer_exponential(q, r) for _, q, r in paper.WALK)
     listing = listing_difference()
+    verdicts = ", ".join(sorted(set(estimated.resting_verdicts))).replace("_", " ")
     return PROSE.chapter(
         blocks=(
             _walk_figure(),
             _walk_table(walk),
             _axes_figure(),
-            _estimate_table(estimated, effort.estimate_draws),
-            _fusion_table(fused),
+            PROSE.table("estimate", draws=effort.estimate_draws, verdicts=verdicts, **asdict(estimated)),
+            PROSE.table("fusion", gain=100 * (1 - fused.fused / fused.first), **asdict(fused)),
             _exponential_table(simple),
             _exponential_figure(),
         ),
@@ -87,10 +88,7 @@ def _walk_figure() -> Figure:
     for name, q, r in paper.WALK:
         x = denoise(z, paper.walk_params(q, r))
         assumed = " (assumed)" if name.startswith("q_") else ""
-        lines = (
-            Line(board.time[shown], z[shown], "raw", "raw"),
-            Line(board.time[shown], x[shown], "filtered", "s2"),
-        )
+        lines = raw_and_filtered(board.time[shown], z[shown], x[shown])
         panels.append(Panel(f"q = {q:g}, r = {r:g}{assumed}", lines, "time / s", "x / counts", (-15.0, 68.0)))
     return PROSE.figure(
         "walk_figure", draw_svg(panels, "Six settings on a moved accelerometer", columns=3, height=220)
@@ -98,14 +96,13 @@ def _walk_figure() -> Figure:
 
 
 def _walk_table(walk: Sequence[WalkRow]) -> ResultTable:
-    other = {r: paper.try_walk(r) for r in (1.0, 32.0)}
-    rows: list[tuple[str, ...]] = []
+    other = {f"gain_if_{r:g}": paper.try_walk(r) for r in (1.0, 32.0)}
+    rows: list[dict[str, Any]] = []
     for i, row in enumerate(walk):
-        gains = [f"{other[r][i].gain:.3f}" if row.name.startswith("q_") else "" for r in other]
-        cells = (f"{row.q:g}", f"{row.r:g}", f"{row.gain:.3f}", f"{row.lag_samples:.2f}")
-        rows.append((*cells, f"{100 * row.noise_left:.0f} %", f"{row.rmse:.2f}", *gains))
+        gains = {key: f"{other[key][i].gain:.3f}" if row.name.startswith("q_") else "" for key in other}
+        rows.append({**asdict(row), "percent": 100 * row.noise_left, **gains})
     best = min(walk, key=lambda row: row.rmse)
-    return PROSE.table("walk", rows, q=best.q, r=best.r)
+    return PROSE.table("walk", rows, best_q=best.q, best_r=best.r)
 
 
 def _axes_figure() -> Figure:
@@ -113,50 +110,14 @@ def _axes_figure() -> Figure:
     x = denoise(board.values, paper.walk_params(0.125, 4.0))
     panels: list[Panel] = []
     for i, name in enumerate(board.names):
-        lines = (
-            Line(board.time, board.values[:, i], "raw", "raw"),
-            Line(board.time, paper.truth_of(board)[:, i], "truth", "truth"),
-            Line(board.time, x[:, i], "filtered", "s2"),
-        )
+        raw, filtered = raw_and_filtered(board.time, board.values[:, i], x[:, i])
+        lines = (raw, Line(board.time, paper.truth_of(board)[:, i], "truth", "truth"), filtered)
         panels.append(Panel(f"{name} axis", lines, "time / s", "counts", (-60.0, 70.0)))
     return PROSE.figure("axes", draw_svg(panels, "Three axes filtered independently", columns=3, height=260))
 
 
-def _estimate_table(answer: EstimateAnswer, draws: int) -> ResultTable:
-    rows = (
-        ("q / counts²", "0.125", f"{answer.q_median:.3f}", f"{answer.q_low:.3f} to {answer.q_high:.3f}"),
-        ("r / counts²", "9", f"{answer.r_median:.2f}", f"{answer.r_low:.2f} to {answer.r_high:.2f}"),
-        ("RMSE, estimated pair over true pair", "1", f"{answer.loss:.3f}", ""),
-        ("moved board: RMSE / counts with (0.125, 4)", "", f"{answer.by_eye_rmse:.2f}", ""),
-        ("moved board: RMSE / counts, estimated", "", f"{answer.board_rmse:.2f}", ""),
-        ("board at rest, three axes", "", ", ".join(sorted(set(answer.resting_verdicts))).replace("_", " "), ""),
-    )
-    return PROSE.table("estimate", rows, draws=draws)
-
-
-def _fusion_table(answer: FusionAnswer) -> ResultTable:
-    rows = (
-        ("first sensor alone, r = 9", f"{answer.first:.3f}"),
-        ("second sensor alone, r = 25", f"{answer.second:.3f}"),
-        ("both: one predict, two updates", f"{answer.fused:.3f}"),
-        ("promised by the model, √(K r), 1/r = 1/9 + 1/25", f"{answer.fused_theory:.3f}"),
-    )
-    gain = 100 * (1 - answer.fused / answer.first)
-    return PROSE.table("fusion", rows, difference=answer.difference, gain=gain)
-
-
 def _exponential_table(answers: Sequence[ExponentialAnswer]) -> ResultTable:
-    rows = tuple(
-        (
-            f"{q:g}",
-            f"{r:g}",
-            f"{a.gain:.4f}",
-            f"{a.at_start:.2g}",
-            str(a.samples_to_agree),
-            f"{a.at_end:.0e}",
-        )
-        for (_, q, r), a in zip(paper.WALK, answers, strict=True)
-    )
+    rows = ({**asdict(answer), "q": q, "r": r} for (_, q, r), answer in zip(paper.WALK, answers, strict=True))
     return PROSE.table("exponential", rows, samples=max(a.samples_to_agree for a in answers))
 
 
@@ -168,8 +129,7 @@ def _exponential_figure() -> Figure:
     simple = questions.exponential(z, questions.answer_exponential(q, r).gain, paper.X0)
     shown = slice(0, 120)
     lines = (
-        Line(board.time[shown], z[shown], "raw", "raw"),
-        Line(board.time[shown], x[shown], "Kalman filter", "s2"),
+        *raw_and_filtered(board.time[shown], z[shown], x[shown], "Kalman filter"),
         Line(board.time[shown], simple[shown], "exponential smoothing", "s1"),
     )
     panel = Panel("z axis, q = 0.125, r = 32, both started at 0", lines, "time / s", "counts")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kalscope.common.charts import Line, Panel, draw_svg
+from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
 from kalscope.errors import BadSetting
 from kalscope.filtering.batch import denoise
 from kalscope.papers.generalized.filter import GeneralizedParams, generalized_filter, printed_fixed_point
@@ -36,12 +36,14 @@ def chapter(report: OnProgress) -> Chapter:
     return PROSE.chapter(
         blocks=(
             PROSE.figure("figure_1", block_diagram()),
-            _level_table(levels),
+            PROSE.table(
+                "levels", ({**asdict(row), "difference": abs(row.simulated - row.formula)} for row in levels)
+            ),
             _figure_7(recovered),
             _figure_8(),
             _figure_9(smooth, honest),
             _figure_10(),
-            _gain_table(gains),
+            PROSE.table("gains", ({**asdict(row), "jumps": 100 * row.noise} for row in gains)),
             _failure_table(),
         ),
         checks=_checks(gains, levels, recovered, smooth),
@@ -98,39 +100,18 @@ def _samples_to_forget() -> int:
     return paper.samples_to_recover(generalized_filter(z, paper.FLEX).x, started_well, within=3.0)
 
 
-def _level_table(levels: Sequence[LevelRow]) -> ResultTable:
-    rows = tuple(
-        (row.level, f"{row.sigma_m:g}", f"{row.formula:.4f}", f"{abs(row.simulated - row.formula):.0g}")
-        for row in levels
-    )
-    return PROSE.table("levels", rows)
-
-
 def _figure_7(recovered: int) -> Figure:
     z = channel("flex_sensor")
     time = 0.02 * np.arange(len(z))
     frozen = generalized_filter(z, paper.without_slip(paper.FLEX, 12.0)).x
-    first, whole = slice(0, 400), slice(0, 1000)
     printed = generalized_filter(z, paper.FLEX).x
+    shown = (
+        ("Equation (3) as printed, σM = 1500, first estimate 1500", 400, printed, "as printed", "s2"),
+        ("Without the slip: σM and σE are variances, 12² and 1500²", 1000, frozen, "without the slip", "s1"),
+    )
     panels = [
-        Panel(
-            "Equation (3) as printed, σM = 1500, first estimate 1500",
-            (
-                Line(time[first], z[first], "raw", "raw"),
-                Line(time[first], printed[first], "as printed", "s2"),
-            ),
-            "time / s",
-            "counts",
-        ),
-        Panel(
-            "Without the slip: σM and σE are variances, 12² and 1500²",
-            (
-                Line(time[whole], z[whole], "raw", "raw"),
-                Line(time[whole], frozen[whole], "without the slip", "s1"),
-            ),
-            "time / s",
-            "counts",
-        ),
+        Panel(title, raw_and_filtered(time[:n], z[:n], x[:n], label, style), "time / s", "counts")
+        for title, n, x, label, style in shown
     ]
     return PROSE.figure("figure_7", draw_svg(panels, "Flex sensor filtered by both readings"), recovered=recovered)
 
@@ -139,13 +120,9 @@ def _figure_8() -> Figure:
     z = channel("ldr_pwm")
     time = 0.02 * np.arange(len(z))
     result = generalized_filter(z, paper.LDR)
+    lines = raw_and_filtered(time, z, result.x, "as printed")
     panels = [
-        Panel(
-            "LDR under a brightening LED, as printed, σM = 500",
-            (Line(time, z, "raw", "raw"), Line(time, result.x, "as printed", "s2")),
-            "time / s",
-            "counts",
-        ),
+        Panel("LDR under a brightening LED, as printed, σM = 500", lines, "time / s", "counts"),
         Panel("Its gain", (Line(time, result.k, "gain K", "s3"),), "time / s", "K", (0.0, 0.25)),
     ]
     svg = draw_svg(panels, "LDR ramp and the gain of the printed filter", columns=2, height=280)
@@ -157,8 +134,8 @@ def _figure_9(smooth: float, honest: float) -> Figure:
     time = 0.1 * np.arange(len(z))
     panels: list[Panel] = []
     for params, style in ((paper.WATER, "s2"), (paper.WATER_DATASHEET, "s4")):
-        x = generalized_filter(z, params).x
-        lines = (Line(time, z, "raw", "raw"), Line(time, x, f"as printed, σM = {params.sigma_m:g} °C", style))
+        label = f"as printed, σM = {params.sigma_m:g} °C"
+        lines = raw_and_filtered(time, z, generalized_filter(z, params).x, label, style)
         panels.append(Panel(f"σM = {params.sigma_m:g} °C", lines, "time / s", "temperature / °C", (0.0, 70.0)))
     svg = draw_svg(panels, "Temperature filtered with two measured errors", columns=2, height=280)
     return PROSE.figure("figure_9", svg, smooth=100 * smooth, honest=100 * honest)
@@ -177,15 +154,8 @@ def _figure_10() -> Figure:
     return PROSE.figure("figure_10", draw_svg(panels, "LDR ramp under four fixed gains", columns=2, height=340))
 
 
-def _gain_table(gains: Sequence[GainRow]) -> ResultTable:
-    rows = tuple(
-        (f"{row.gain:g}", f"{row.lag:.2f}", f"{row.lag_theory:.2f}", f"{100 * row.noise:.0f} %") for row in gains
-    )
-    return PROSE.table("gains", rows)
-
-
 def _failure_table() -> ResultTable:
-    rows: list[tuple[str, ...]] = []
+    rows: list[dict[str, str]] = []
     cases = (
         ("a reading of −50 after one of 3", np.array([3.0, -50.0]), GeneralizedParams(3.0)),
         ("a first sample of 0", np.array([0.0, 1.0]), GeneralizedParams(4.0)),
@@ -194,5 +164,5 @@ def _failure_table() -> ResultTable:
         try:
             generalized_filter(z, params)
         except BadSetting as error:
-            rows.append((name, str(error)))
+            rows.append({"signal": name, "answer": str(error)})
     return PROSE.table("failures", rows, gain=printed_fixed_point(100.0, 4.0).gain)

@@ -7,7 +7,6 @@ that makes equation (3) as printed look like the picture; it is then far from an
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
@@ -178,10 +177,6 @@ def _sensor(figure: str, key: str, sample: str, words: str, params: GeneralizedP
     return Experiment(name, title, PAPER, figure, summary, partial(_load, name, title, sample, params))
 
 
-def _gains(name: str, title: str) -> Callable[[], tuple[Recording, dict[str, Settings]]]:
-    return partial(_load_gains, name, title)
-
-
 EXPERIMENTS = (
     _sensor(
         "Figure 7",
@@ -221,7 +216,7 @@ EXPERIMENTS = (
         PAPER,
         "Figure 10",
         "K = 0.9, 0.3, 0.05 and 0.01 side by side: the lag is (1 − K)/K samples.",
-        _gains("generalized_figure_10", "Figure 10: LDR under fixed gains"),
+        partial(_load_gains, "generalized_figure_10", "Figure 10: LDR under fixed gains"),
     ),
 )
 """What opens from this paper."""

@@ -59,12 +59,12 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             figure_2(),
             figures_3_to_8(),
             table_1(table, effort.table_draws),
-            _start_table(clue),
+            PROSE.table("start", percent=100 * clue.share, about=round(clue.samples_needed, -2), **asdict(clue)),
             advice_figure(advice),
             _advice_table(advice),
-            _rule_table(rule),
+            PROSE.table("rule", **asdict(rule)),
             figures_9_and_10(),
-            _appendix_table(same),
+            PROSE.table("appendix", [{}], **same),
         ),
         checks=checks(table, clue, advice, rule, same),
         results={
@@ -126,71 +126,21 @@ def compare_appendices() -> dict[str, float]:
 
 def table_1(rows: Sequence[TableRow], draws: int) -> ResultTable:
     """Table 1 with the printed, simulated and theoretical mean error side by side."""
+    off = [100 * (row.simulated / row.printed - 1) for row in rows]
     cells = [
-        (
-            str(i),
-            f"{row.r:g}",
-            f"{row.q:g}",
-            f"{row.r / row.q:g}",
-            f"{row.printed:.4f}",
-            f"{row.simulated:.4f}",
-            f"{row.theoretical:.4f}",
-            f"{100 * (row.simulated / row.printed - 1):+.2f} %".replace("-", "−"),
-            f"{row.simulated_p0_1:.4f}",
-            f"{row.rmse:.2f}",
-            f"{row.rmse_theoretical:.2f}",
-        )
-        for i, row in enumerate(rows, 1)
+        {**asdict(row), "i": i + 1, "ratio": row.r / row.q, "off": f"{off[i]:+.2f}".replace("-", "−")}
+        for i, row in enumerate(rows)
     ]
-    worst = 100 * max(abs(row.simulated / row.printed - 1) for row in rows)
+    worst = max(map(abs, off))
     return PROSE.table("table_1", cells, sigma=paper.SIGMA, samples=paper.SAMPLES, draws=draws, worst=worst)
 
 
-def _start_table(clue: StartClue) -> ResultTable:
-    rows = (
-        ("printed, row 4 − row 3", f"{clue.printed:.4f}"),
-        ("p0 = 0, 100 samples", f"{clue.p0_zero:.1g} at most (rounding)"),
-        ("p0 = 1, 100 samples", f"{clue.p0_one:.2f} ± {clue.p0_one_spread:.2f}"),
-        ("p0 = 1: draws at most as far apart as printed", f"{100 * clue.share:.1f} %"),
-        ("each row on a signal of its own", f"0 ± {clue.own_signals_spread:.1f}"),
-        ("p0 that gives the printed difference over 100 samples", f"{clue.p0_needed:.4f}"),
-        ("samples after which p0 = 1 gives it", f"about {round(clue.samples_needed, -2):,.0f}"),
-    )
-    return PROSE.table("start", rows)
-
-
 def _advice_table(tests: Sequence[AdviceTest]) -> ResultTable:
-    rows = tuple(
-        (
-            test.kind,
-            "≥ 100,000" if test.best_ratio >= RATIOS[-1] else f"{test.best_ratio:.3g}",
-            f"{test.best_rmse:.1f}",
-            f"{test.advised_rmse:.1f}",
-            f"{test.loss:.2f} ×",
-            f"{test.raw_rmse:.1f}",
-        )
-        for test in tests
-    )
+    def best(ratio: float) -> str:
+        return "≥ 100,000" if ratio >= RATIOS[-1] else f"{ratio:.3g}"
+
+    rows = ({**vars(test), "loss": test.loss, "best": best(test.best_ratio)} for test in tests)
     return PROSE.table("advice", rows)
-
-
-def _rule_table(rule: RuleTest) -> ResultTable:
-    rows = (
-        ("R/Q admitted at σ = 72", f"{rule.ratios[0]:.2g} to {rule.ratios[1]:.0f}"),
-        ("mean error of ratio 10, called too aggressive", f"{rule.row_2:.1f}: admitted"),
-        ("σ below which no filter reaches 40", f"{rule.sigma_too_small:.1f}"),
-        ("σ above which even ratio 100 is refused", f"{rule.sigma_too_large:.1f}"),
-    )
-    return PROSE.table("rule", rows)
-
-
-def _appendix_table(same: dict[str, float]) -> ResultTable:
-    rows = (
-        ("a. MATLAB, 100 samples of its own noise", "double", f"{same['matlab']:.1g}"),
-        ("b. Arduino, resting robot", "double", f"{same['arduino_double']:.1g} counts"),
-        ("b. Arduino, resting robot", "float", f"{same['arduino_float']:.1g} counts"),
-    )
-    return PROSE.table("appendix", rows, matlab_mean_error=same["matlab_mean_error"])
 
 
 def _advice_result(test: AdviceTest) -> dict[str, Any]:

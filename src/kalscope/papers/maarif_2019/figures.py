@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kalscope.common.charts import Line, Mark, Panel, draw_svg
+from kalscope.common.charts import Line, Mark, Panel, draw_svg, raw_and_filtered
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.maarif_2019 import paper
@@ -18,7 +18,6 @@ from kalscope.papers.page.prose import Prose
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from kalscope.common.array import Array
     from kalscope.papers.parts import Figure
 
 PROSE = Prose(Path(__file__).parent / "chapter.toml")
@@ -27,7 +26,8 @@ PROSE = Prose(Path(__file__).parent / "chapter.toml")
 def figure_1() -> Figure:
     """Figure 1: the raw resting robot."""
     z = paper.robot_signal()
-    panel = Panel("Resting robot, raw", (_line(z[:600], "raw", "raw"),), "sample", "ADC reading / counts")
+    lines = (Line(np.arange(600), z[:600], "raw", "raw"),)
+    panel = Panel("Resting robot, raw", lines, "sample", "ADC reading / counts")
     numbers = {"low": z.min(), "high": z.max(), "mean": z.mean(), "spread": z.std()}
     return PROSE.figure("figure_1", draw_svg([panel], "Raw accelerometer of a resting robot"), **numbers)
 
@@ -43,8 +43,8 @@ def figures_3_to_8() -> Figure:
     panels: list[Panel] = []
     for figure, r, q in paper.SIMULATED_FIGURES:
         x = denoise(z, FilterParams(q=q, r=r, p0=0.0, x0=0.0))
-        lines = (_line(z, "raw", "raw"), _line(x, "filtered", "s2"))
         title = f"Figure {figure}: R = {r:g}, Q = {q:g} (ratio {r / q:g})"
+        lines = raw_and_filtered(np.arange(len(z)), z, x)
         panels.append(Panel(title, lines, "sample", "value", (-220.0, 220.0)))
     svg = draw_svg(panels, "Six filters on one noise", columns=2, height=230)
     return PROSE.figure("figures_3_to_8", svg, sigma=paper.SIGMA)
@@ -61,8 +61,7 @@ def figures_9_and_10() -> Figure:
         title = f"{source}: R = {r:g}, Q = {q:g}"
         for start, stop, limits in ((0, 500, (0.0, 400.0)), (1000, 1500, (290.0, 390.0))):
             at = np.arange(start, stop)
-            lines = (Line(at, z[start:stop], "raw", "raw"), Line(at, x[start:stop], "filtered", "s2"))
-            panels.append(Panel(title, lines, "sample", "counts", limits))
+            panels.append(Panel(title, raw_and_filtered(at, z[at], x[at]), "sample", "counts", limits))
         late = int(np.flatnonzero(np.abs(x - z.mean()) > 0.05 * z.mean())[-1]) + 1
         less = z[1000:].std() / x[1000:].std()
         words.append(f"{source}: {late} samples until within 5 %, then {less:.1f} times less noise")
@@ -83,7 +82,3 @@ def advice_figure(tests: Sequence[AdviceTest]) -> Figure:
         panels.append(Panel(titles[test.kind], lines, "R/Q", "error", (0.0, 160.0), log_x=True, marks=marks))
     svg = draw_svg(panels, "RMSE and mean error over the ratio for three signals", columns=3, height=290)
     return PROSE.figure("advice_figure", svg, sigma=paper.SIGMA)
-
-
-def _line(values: Array, label: str, style: str) -> Line:
-    return Line(np.arange(len(values)), values, label, style)

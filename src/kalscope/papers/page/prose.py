@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from kalscope.papers.parts import Chapter, Figure, ResultTable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from kalscope.papers.parts import Check
 
@@ -24,16 +24,17 @@ class Prose:
     def __init__(self, file: Path) -> None:
         self._texts: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
 
-    def figure(self, name: str, svg: str, **numbers: float | str) -> Figure:
+    def figure(self, name: str, svg: str, **numbers: Any) -> Figure:
         """The figure of this name with its picture."""
         one = self._texts[name]
         return Figure(one["title"], svg, one["caption"].format(**numbers), one["verdict"].format(**numbers))
 
-    def table(self, name: str, rows: Iterable[tuple[str, ...]], **numbers: float | str) -> ResultTable:
-        """The table of this name with its cells."""
+    def table(self, name: str, rows: Iterable[Mapping[str, Any]] = ({},), **numbers: Any) -> ResultTable:
+        """The table of this name: its rows once for each of `rows`, whose numbers they take beside `numbers`."""
         one = self._texts[name]
         texts = (one["caption"].format(**numbers), one["verdict"].format(**numbers))
-        return ResultTable(one["title"], tuple(one["head"]), tuple(rows), *texts, one.get("words", False))
+        cells = tuple(tuple(cell.format(**row, **numbers) for cell in line) for row in rows for line in one["rows"])
+        return ResultTable(one["title"], tuple(one["head"]), cells, *texts, one.get("words", False))
 
     def chapter(
         self, blocks: tuple[Figure | ResultTable, ...], checks: tuple[Check, ...], results: dict[str, Any]
