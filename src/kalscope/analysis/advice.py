@@ -235,7 +235,8 @@ def _undo(columns: tuple[Array, ...], spikes: Indices) -> tuple[Array, Array]:
 def _refilter(record: Record, q: float, r: float) -> tuple[float, float, int, Array]:
     """Σ ln s, Σ v²/s, their number m, and e with a NaN between stretches, at these q and r."""
     loglik = chi2 = 0.0
-    m, e = 0, []
+    m = 0
+    e: list[Array] = []
     for z, dt in record.stretches:
         result = kalman_filter(z, FilterParams(q, r), dt)
         part = result.innovation / np.sqrt(result.s)
@@ -244,7 +245,7 @@ def _refilter(record: Record, q: float, r: float) -> tuple[float, float, int, Ar
         chi2 += dot(seen, seen)
         loglik += float(result.loglik)
         m += len(seen)
-        e += [part, [math.nan]]
+        e += [part, np.array([math.nan])]
     return -2.0 * loglik - m * math.log(2.0 * math.pi) - chi2, chi2, m, np.concatenate(e)
 
 

@@ -279,6 +279,6 @@ def _start_sentence(first: float) -> str:
     return f"the first sample lies {number(abs(first), 2)} σ from x0: leave x0 and p0 unset, or raise p0"
 
 
-def _check_lags(lags: int | None) -> None:
+def _check_lags(lags: object) -> None:
     if lags is not None and not (isinstance(lags, int) and lags >= 1):
         raise BadSetting(f"lags must be a whole number of at least 1 (got {lags})")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -136,7 +137,7 @@ def _welch(y: Array, piece: int, period: float) -> tuple[Array, Array]:
     """Frequencies above 0 and the one-sided density there."""
     from scipy.signal import welch
 
-    frequency, density = welch(y - y.mean(), fs=1.0 / period, nperseg=piece)
+    frequency, density = cast("tuple[Array, Array]", welch(y - y.mean(), fs=1.0 / period, nperseg=piece))
     return frequency[1:], density[1:]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,5 +88,5 @@ def stack(estimates: Sequence[Estimate]) -> Estimate:
 
 def _pick(value: Any, index: int) -> Any:
     if isinstance(value, tuple):
-        return tuple(_pick(end, index) for end in value)
+        return tuple(_pick(end, index) for end in cast("tuple[Any, ...]", value))
     return value[index].item() if isinstance(value, np.ndarray) else value

@@ -50,7 +50,7 @@ def other_unit() -> str:
 
 def no_noise(data: Differences, gains: tuple[float, float]) -> str:
     """R → 0: the likelihood is highest for a filter that passes everything."""
-    unchanged = float(np.mean(data.d == 0.0))
+    unchanged = np.count_nonzero(data.d == 0.0) / data.m
     steps = (
         f" {percent(unchanged)} of the readings equal the one before: the signal is coarsely quantised."
         if unchanged > _QUANTISED_SHARE

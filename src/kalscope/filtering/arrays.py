@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,13 +20,15 @@ def scalar(value: float | Array | None) -> float:
 
 def samples_of(z: ArrayLike) -> Array:
     """Z as float64, a view where possible; masked samples become NaN, missing."""
-    if isinstance(z, np.ndarray) and np.iscomplexobj(z):  # asarray would drop the imaginary part
+    if isinstance(z, np.ndarray) and np.iscomplexobj(cast("Array", z)):  # asarray would drop the imaginary part
         raise BadSetting("z must be an array of real numbers (got complex ones)")
     try:
         array = np.asarray(z, dtype=np.float64)
     except (TypeError, ValueError):
         raise BadSetting("z must be an array of numbers (got something else)") from None
-    return np.where(np.ma.getmaskarray(z), np.nan, array) if isinstance(z, np.ma.MaskedArray) else array
+    if isinstance(z, np.ma.MaskedArray):
+        return np.where(np.ma.getmaskarray(cast("Array", z)), np.nan, array)
+    return array
 
 
 def one_channel(z: ArrayLike, params: FilterParams) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,9 +106,10 @@ def denoise(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None, out
     return out
 
 
-def _check_out(out: Array, shape: tuple[int, ...]) -> None:
-    if not isinstance(out, np.ndarray) or out.dtype != np.float64 or out.shape != shape:
-        what = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+def _check_out(out: Any, shape: tuple[int, ...]) -> None:
+    kind, size = getattr(out, "dtype", None), getattr(out, "shape", None)
+    if not isinstance(out, np.ndarray) or kind != np.float64 or size != shape:
+        what = f"{kind} {size}" if kind else type(cast("object", out)).__name__
         raise BadSetting(f"out must be a float64 array of z's shape {shape} (got {what})")
     if not out.flags.writeable:
         raise BadSetting("out must be writeable (got a read-only array)")

@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Mapping, MutableMapping
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import tomlkit
 
@@ -17,9 +18,11 @@ from kalscope.errors import BadFile
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping, MutableMapping
 
-    from tomlkit.items import AoT, Item, Table
+    from tomlkit.items import Item, Table
+
+Tables = Mapping[str, Any]
+"""Tables of a TOML text by name."""
 
 FORMAT = 1
 """Number of the file format; a reader refuses the numbers it does not know."""
@@ -122,26 +125,26 @@ def updated(before: str, tables: Mapping[str, Any]) -> str:
     return fresh(tables)
 
 
-def _write(table: MutableMapping[str, Any], values: Mapping[str, Any]) -> None:
+def _write(table: MutableMapping[str, Any], values: Tables) -> None:
     """Put `values` into a tomlkit table, touching only what differs."""
     for key, value in values.items():
         if value is None:
             table.pop(key, None)
-        elif isinstance(value, dict):
+        elif isinstance(value, Mapping):
             if key not in table:
                 table[key] = _new_table()
-            _write(table[key], value)
+            _write(table[key], cast("Tables", value))
         elif isinstance(value, list):
-            _write_channels(table, key, value)
+            _write_channels(table, key, cast("list[Tables]", value))
         elif key not in table:
             table[key] = _commented(key, value)
         elif not _same(table[key], value):
             table[key] = value
 
 
-def _write_channels(table: MutableMapping[str, Any], key: str, channels: list[Mapping[str, Any]]) -> None:
+def _write_channels(table: MutableMapping[str, Any], key: str, channels: list[Tables]) -> None:
     """Put the channels into an array of tables in their order; a channel of the same name is updated."""
-    array: AoT = table.setdefault(key, tomlkit.aot())
+    array: Any = table.setdefault(key, tomlkit.aot())
     there = {str(entry["name"]): entry for entry in array.body}
     if list(there) != [channel["name"] for channel in channels]:
         del array[:]
@@ -157,7 +160,7 @@ def _new_table() -> Table:
     return table
 
 
-def _commented(key: str, value: Any) -> Item:
+def _commented(key: str, value: object) -> Item:
     item = tomlkit.item(value)
     return item.comment(_COMMENTS[key]) if key in _COMMENTS else item
 
@@ -169,10 +172,11 @@ def _holds(document: Mapping[str, Any], tables: Mapping[str, Any]) -> bool:
 
 def _same(found: Any, value: Any) -> bool:
     """Equal as the reader sees it: 1 and 1.0 are the same number, 0.0 and -0.0 are not."""
-    if isinstance(value, dict):
-        return isinstance(found, dict) and _holds(found, value)
+    if isinstance(value, Mapping):
+        return isinstance(found, Mapping) and _holds(cast("Tables", found), cast("Tables", value))
     if isinstance(value, list):
-        return isinstance(found, list) and len(found) == len(value) and all(map(_same, found, value))
+        a, b = cast("list[Any]", found), cast("list[Any]", value)
+        return isinstance(found, list) and len(a) == len(b) and all(map(_same, a, b))
     if isinstance(value, float):
         number = isinstance(found, int | float) and not isinstance(found, bool)
         return number and float(found).hex() == value.hex()
@@ -181,9 +185,9 @@ def _same(found: Any, value: Any) -> bool:
 
 def table_of(value: object, where: str) -> Mapping[str, Any]:
     """`value` as a table; `where` names it in the BadFile otherwise."""
-    if not isinstance(value, dict):
+    if not isinstance(value, Mapping):
         raise BadFile(f"{where} must be a table (got {shown(value)})")
-    return value
+    return cast("Tables", value)
 
 
 def text_of(table: Mapping[str, Any], key: str, where: str) -> str:

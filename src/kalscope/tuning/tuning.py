@@ -11,7 +11,7 @@ import os
 from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -217,10 +217,10 @@ def loads(text: str) -> Tuning:
         BadFile: As `load_tuning`.
     """
     document = parse(text)
-    if isinstance(document.get("date"), date):  # without quotes TOML has dates of its own
-        document["date"] = document["date"].isoformat()
+    if isinstance(made := document.get("date"), date):  # TOML has dates, without quotes
+        document["date"] = made.isoformat()
     source = table_of(document.get("source", {}), "[source]")
-    channels = document.get("channel")
+    channels = cast("list[object] | None", document.get("channel"))
     if not isinstance(channels, list) or not channels:
         raise BadFile(f"there must be at least one [[channel]] (got {shown(channels)})")
     try:

@@ -21,17 +21,14 @@ class Errors:
 
     def squared(self, curve: Array) -> Array:
         """Against the truth if it is known, else against the next sample, which no causal filter has seen."""
-        return (self._true(curve) if self._truth is not None else self._ahead(curve))[self._begun :]
+        return (self._ahead(curve) if self._truth is None else (curve - self._truth) ** 2)[self._begun :]
 
     def _ahead(self, curve: Array) -> Array:
         return np.append((self.z[1:] - curve[:-1]) ** 2, np.nan)
 
-    def _true(self, curve: Array) -> Array:
-        return (curve - self._truth) ** 2  # pyright: ignore[reportOperatorIssue]
-
     def rmse(self, curve: Array) -> float | None:
         """RMS error against the truth; None where it is not known."""
-        return None if self._truth is None else root_mean(self._true(curve)[self._begun :])
+        return None if self._truth is None else root_mean(self.squared(curve))
 
     def prediction(self, curve: Array) -> float:
         """RMS error against the next sample."""

@@ -7,6 +7,7 @@ as a loop on a device does.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def exponential(z: Array, alpha: float) -> Array:
     from scipy.signal import lfilter
 
     def smooth(seen: Array) -> Array:
-        return lfilter([alpha], [1.0, alpha - 1.0], seen - seen[0]) + seen[0]
+        return cast("Array", lfilter([alpha], [1.0, alpha - 1.0], seen - seen[0])) + seen[0]
 
     return _skipping(z, smooth)
 
@@ -52,7 +53,7 @@ def butterworth(z: Array, cutoff: float) -> Array:
     from scipy.signal import butter, sosfilt
 
     sections = butter(2, 2.0 * cutoff, output="sos")
-    return _skipping(z, lambda seen: sosfilt(sections, seen - seen[0]) + seen[0])
+    return _skipping(z, lambda seen: cast("Array", sosfilt(sections, seen - seen[0])) + seen[0])
 
 
 def savitzky_golay(z: Array, window: int) -> Array:

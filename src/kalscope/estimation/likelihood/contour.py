@@ -88,11 +88,13 @@ def _edge(best: Estimate) -> float:
 
 def _first_reach(best: Estimate) -> tuple[float, float]:
     """First range of ln λ: the interval of λ alone, 1.5 times as wide, because q and r vary together."""
-    low, high = (math.log(end) if 0.0 < end < math.inf else None for end in best.ratio_interval)
-    if low is None and high is None:
+    low, high = (math.log(end) if 0.0 < end < math.inf else math.nan for end in best.ratio_interval)
+    if math.isnan(low) and math.isnan(high):
         return -_OPEN_REACH, _OPEN_REACH
-    if low is None or high is None:
-        return (high - _OPEN_REACH, high + 1.0) if high is not None else (low - 1.0, low + _OPEN_REACH)  # pyright: ignore[reportOptionalOperand]
+    if math.isnan(low):
+        return high - _OPEN_REACH, high + 1.0
+    if math.isnan(high):
+        return low - 1.0, low + _OPEN_REACH
     half = max(0.75 * (high - low), 1e-6)
     middle = 0.5 * (low + high)
     return max(middle - half, -MAX_LOG_RATIO), min(middle + half, MAX_LOG_RATIO)

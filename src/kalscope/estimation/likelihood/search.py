@@ -127,12 +127,12 @@ def _interval(
     if len(inside) == 0:  # the maximum is an edge so sharp that no point of the grid comes near
         return (-math.inf, float(grid[0])) if top < 0 else (float(grid[-1]), math.inf)
     first, last = inside[0], inside[-1]
-    crossings = []
+    crossings: list[tuple[float, float]] = []
     if edges[0] < cut and first > 0:
-        crossings.append((grid[first - 1], grid[first]))
+        crossings.append((float(grid[first - 1]), float(grid[first])))
     has_low = len(crossings) == 1
     if edges[1] < cut and last < len(grid) - 1:
-        crossings.append((grid[last], grid[last + 1]))
+        crossings.append((float(grid[last]), float(grid[last + 1])))
     has_high = len(crossings) > has_low
     places = [_roots(curve - cut) for curve in _curves(loglik, crossings)] if crossings else []
     low = float(min(places[0], default=crossings[0][0])) if has_low else -math.inf

@@ -62,7 +62,7 @@ def allan_variances(
     if sizes is None:
         sizes = 2 ** np.arange(max(len(row) // 4, 0).bit_length())
     found: list[tuple[float, float, float]] = []
-    for size in sizes.tolist():
+    for size in map(int, sizes):
         end = len(sums) - 2 * size
         full = counts[2 * size :] - counts[:end] == 2 * size
         jumps = (sums[2 * size :] - 2.0 * sums[size : size + end] + sums[:end])[full] / size
