@@ -147,13 +147,13 @@ def measure(seconds: float, rate: float, channels: int) -> Figures:
 def _watch_reads(live: LiveSource) -> list[float]:
     """The times between the reads, noted as the reader hands over."""
     gaps: list[float] = []
-    taken = live._reader.taken
+    release = live._reader.release
 
-    def note(came):
-        gaps.append(came.end - came.begin)
-        taken(came)
+    def note(received):
+        gaps.append(received.end - received.begin)
+        release(received)
 
-    live._reader.taken = note
+    live._reader.release = note
     return gaps
 
 

@@ -7,19 +7,19 @@ import functools
 import logging
 import os
 import secrets
-import signal
 import sys
 import tempfile
 import threading
 import webbrowser
 from collections.abc import Callable, Generator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from kalscope.cli.app import app, run
-from kalscope.cli.options import Delimiter, GapsChoice, Missing, TimeColumnChoice, TimeUnit
+from kalscope.cli.console import stop_signals
+from kalscope.cli.options import Delimiter, GapsChoice, Missing, SamplePeriod, TimeColumnChoice, TimeUnit
 from kalscope.sources.lines.read_options import ReadOptions, options_from_text
 
 if TYPE_CHECKING:
@@ -39,9 +39,7 @@ def open_dashboard(
     allow_host: Annotated[
         list[str] | None, typer.Option(help="Name by which a browser may call this machine, for --host 0.0.0.0.")
     ] = None,
-    sample_period: Annotated[
-        float | None, typer.Option(help="Time between two samples in s; overrides that of the file.")
-    ] = None,
+    sample_period: SamplePeriod = None,
     delimiter: Delimiter = None,
     time_column: TimeColumnChoice = None,
     time_unit: TimeUnit = None,
@@ -76,7 +74,7 @@ def open_dashboard(
         state = apply_options(first_state(source, options, config, sample_period), channel, q, r, p0, x0, gate)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), label="Kalscope")
-        with end_requested() as end:
+        with stop_signals() as end:
             serve(state, start, end, running_log, browser=browser)
 
 
@@ -155,23 +153,6 @@ def first_state(
         )
     state = opened_with(open_source(spec, options, sample_period=sample_period), tuning)
     return state.with_open(options=options, typed_period=sample_period or state.open.typed_period)
-
-
-@contextlib.contextmanager
-def end_requested() -> Generator[threading.Event]:
-    """An event that is set by Ctrl+C, SIGTERM or the closing of the terminal, while the block runs."""
-    end = threading.Event()
-
-    def on_signal(_number: int, _frame: object) -> None:
-        end.set()
-
-    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before: dict[int, Any] = {number: signal.signal(number, on_signal) for number in numbers}
-    try:
-        yield end
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextlib.contextmanager

@@ -36,14 +36,14 @@ def export_command(
     """Export the tuned filter for the device or the program that will run it."""
     from kalscope.catalogue import open_source
     from kalscope.cli.console import say, write_output
-    from kalscope.export.registry import carried_over, export_tuning
+    from kalscope.export.registry import export_tuning, rescaled_to_period
     from kalscope.tuning.tuning import load_tuning
 
     if vectors is not None and output is None:
         raise BadSetting("--vectors needs -o, the folder to write to (got none)")
     tuned = load_tuning(tuning)
     if sample_period is not None:
-        tuned = carried_over(tuned, sample_period)
+        tuned = rescaled_to_period(tuned, sample_period)
     recording = None if vectors is None else open_source(vectors)
     files = export_tuning(tuned, target, channel=channel, vectors=recording)
     for message in [*_other_rate(recording, tuned), *limits_of(tuned, channel, target)]:

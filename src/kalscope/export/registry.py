@@ -112,7 +112,7 @@ def export_tuning(
     """
     if target not in TARGETS:
         raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
-    job = job_of(tuning if sample_period is None else carried_over(tuning, sample_period), channel)
+    job = job_of(tuning if sample_period is None else rescaled_to_period(tuning, sample_period), channel)
     files = TARGETS[target].files(job)
     if vectors is not None:
         from kalscope.export.vectors import vector_files
@@ -121,7 +121,7 @@ def export_tuning(
     return files
 
 
-def carried_over(tuning: Tuning, sample_period: float) -> Tuning:
+def rescaled_to_period(tuning: Tuning, sample_period: float) -> Tuning:
     """The tuning for a device that samples every `sample_period` s; where q changes, `how` says from what."""
     old, moved = tuning.sample_period, tuning.rescaled(sample_period)
     if old is None or same_period(old, sample_period):

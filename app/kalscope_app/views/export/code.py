@@ -14,7 +14,7 @@ import numpy as np
 from kalscope.common.files import check_inside
 from kalscope.common.text import typed_number
 from kalscope.errors import BadSetting
-from kalscope.export.registry import TARGETS, carried_over, export_tuning
+from kalscope.export.registry import TARGETS, rescaled_to_period, export_tuning
 from kalscope.export.write import limits_of, write_files
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.export.files import show_files, show_refusal
@@ -183,7 +183,7 @@ def chosen(state: State, choice: Choice) -> tuple[Tuning, str | None]:
     state.require_standard_filter(state.recording.names if choice.all_channels else [state.channel])
     tuning = state.as_tuning()
     if choice.period.strip():
-        tuning = carried_over(tuning, typed_number("period", choice.period))
+        tuning = rescaled_to_period(tuning, typed_number("period", choice.period))
     return tuning, None if choice.all_channels else state.channel
 
 
