@@ -41,7 +41,7 @@ def open_source(
 
     Args:
         spec: "demo", "sample:NAME", "synthetic:SHAPE?…", "experiment:NAME" or a path.
-        options: What is decided about a file; the others need no such decisions and ignore them.
+        options: How to read a file; other sources ignore it.
         sample_period: Nominal sample period in s for a file, see `read_recording`; for a synthetic signal
             the setting of that name.
         progress: See `read_recording`.

@@ -16,12 +16,12 @@ Gaps = Literal["rows", "missing", "dt"]
 
 @dataclass(frozen=True)
 class LineIssue:
-    """One line, or one cell of a line, that could not be taken as it stands."""
+    """One line, or one cell of a line, that could not be read as it is."""
 
     line: int
     """Line number in the decoded text, counted from 1."""
     reason: str
-    """What must hold and what came, in a few words."""
+    """What must hold and what was found, in a few words."""
     text: str
     """The offending line or cell, cut at 200 characters."""
     column: str | None = None
@@ -49,7 +49,7 @@ class ReadReport:
     clipped_times: int = 0
     """Time stamps that step backward; the step counts as 0 (dt = 0)."""
     inserted: int = 0
-    """Rows of missing samples put into the gaps of time; 0 unless they were asked for."""
+    """Rows of missing samples inserted into gaps in time; 0 unless requested."""
     issues: tuple[LineIssue, ...] = ()
     """The first 100 rejected lines and bad cells, in file order."""
     notes: tuple[str, ...] = ()
@@ -77,7 +77,7 @@ class Recording:
     source: str = ""
     """What reopens it: a path, "sample:NAME", "synthetic:SHAPE?…"."""
     title: str = ""
-    """Name to show a person."""
+    """Name to display."""
     sha256: str = ""
     """SHA-256 of the bytes it was read from; "" where there are none."""
     gaps: Gaps = "rows"

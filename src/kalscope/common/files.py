@@ -1,7 +1,7 @@
 """Files that are whole or untouched, and paths that stay where they may be.
 
-A rewrite in place leaves a torn file when the program is killed half-way, and shows one to everybody who
-reads meanwhile. A temporary file in the same folder that is renamed over the old one does neither.
+A rewrite in place leaves a torn file when the program is killed half-way, and shows one to concurrent readers. A
+temporary file in the same folder that is renamed over the old one does neither.
 """
 
 from __future__ import annotations
@@ -85,14 +85,14 @@ def atomic_file(path: str | os.PathLike[str]) -> Generator[BinaryIO]:
             with open(target, "wb") as file:  # a folder raises IsADirectoryError here
                 yield file
     except OSError as error:
-        # The caller knows this name only. A filename2 of None would be told as "-> None".
+        # The caller knows this name only. A filename2 of None would be shown as "-> None".
         if error.errno is None:
             raise
         raise OSError(error.errno, error.strerror, os.fspath(path)) from None
 
 
 def check_inside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -> Path:
-    """Resolve a path that came from the browser, and refuse it unless it lies in `folder`.
+    """Resolve a path from the browser, and refuse it unless it is inside `folder`.
 
     Args:
         path: As typed; a relative path starts in `folder`.
@@ -155,7 +155,7 @@ def _prefix(target: Path) -> str:
 
 
 def _create(temporary: Path, permissions: int) -> BinaryIO:
-    """Open a file that nobody had; the umask narrows its permissions as it does in open()."""
+    """Create a new file; the umask narrows its permissions as it does in open()."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     return os.fdopen(os.open(temporary, flags, permissions), "wb")
 

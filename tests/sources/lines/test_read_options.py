@@ -67,7 +67,7 @@ def test_missing_numbers_are_compared_as_numbers_and_texts_as_cells(read):
     recording = read(text, missing=(-200.0, "ERR"))
     np.testing.assert_array_equal(recording.values, [[NAN, 1], [NAN, NAN], [5, NAN], [6, NAN], [7, 0]])
     assert recording.report.bad_cells == 0
-    assert any("3 samples of -200 are missing, as was asked" in note for note in recording.report.notes)
+    assert any("3 samples of -200 are missing, as requested" in note for note in recording.report.notes)
 
 
 def test_a_number_typed_as_text_is_compared_as_a_cell(read):

@@ -83,7 +83,7 @@ def test_what_is_said_about_the_messy_files():
     assert read_messy("04_boot_text.csv").report.comments == 4
     assert any("torn" in note for note in read_messy("05_truncated_last.csv").report.notes)
     assert len(set(read_messy("09_dup_header.csv").names)) == 2
-    assert any("comes again" in note for note in read_messy("09_dup_header.csv").report.notes)
+    assert any("is repeated" in note for note in read_messy("09_dup_header.csv").report.notes)
     assert read_messy("16_plotter_single.txt").sample_period is None
     assert read_messy("25_units_row.csv").units == ("degC", "m")
     repeated = read_messy("21_repeat_header.csv").report

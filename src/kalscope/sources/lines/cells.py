@@ -29,7 +29,7 @@ def is_comment(line: str) -> bool:
 
 
 def is_blank(line: str, delimiter: str = "") -> bool:
-    """True where nothing but blanks and delimiters (a spreadsheet's empty row) stands on the line."""
+    """True where nothing but blanks and delimiters (a spreadsheet's empty row) is on the line."""
     return not line.strip(" \t\r\n" + delimiter)
 
 
@@ -43,7 +43,7 @@ def split_fields(line: str, delimiter: str) -> list[str]:
     if '"' in text and text.count('"') % 2 == 0:
         try:
             text = _RUN_OF_SPACES.sub(" ", text) if delimiter == " " else text
-            # strict: else `" 3"25` would be glued to 325, a number that nobody wrote.
+            # strict: else `" 3"25` would be glued to 325, a number that is not in the file.
             reader = csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=True)
             return [cell.strip(" \t") for row in reader for cell in row]
         except csv.Error:  # a stray quote, or a cell above the module's limit

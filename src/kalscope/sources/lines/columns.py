@@ -128,7 +128,7 @@ def role_of(column: Column, rows: list[Cells], index: int, decimal: str) -> Role
 
 
 def _is_row_number(name: str, cells: list[str]) -> bool:
-    """True for our own column of row numbers, and for another's that is named like one and counts without a gap."""
+    """True for Kalscope's own column of row numbers, and for another column named so that counts without a gap."""
     if name == ROW_NUMBER_NAME:
         return _counts(cells)
     if name.lower() not in _ROW_NUMBER_NAMES or len(cells) < _MIN_COUNTED or not _counts(cells):
@@ -168,7 +168,7 @@ def find_time(columns: list[Column], rows: list[Cells], decimal: str, *, named: 
         beside = [j for j in (i + 1, i - 1) if j in clocks] if kind[0] in ("calendar", "yyyymmdd") else []
         clock = beside[0] if beside else None
         if len(rows) > 1 and len({(row[i], row[clock] if clock is not None else "") for row in rows}) == 1:
-            continue  # a stamp that stands still is no time
+            continue  # a stamp that never changes is no time
         unit = _base(columns[i])[1] if kind[0] == "number" else ""
         return TimeColumn(i, kind[0], unit, kind[1], clock)
     if not named and len(columns) > 1 and _rises_steadily([row[0] for row in rows], decimal):
@@ -179,7 +179,7 @@ def find_time(columns: list[Column], rows: list[Cells], decimal: str, *, named: 
 def chosen_time(
     columns: list[Column], rows: list[Cells], decimal: str, choice: str | int, labels: Cells = ()
 ) -> TimeColumn | None:
-    """The time column that a person chose, by name or by index from 0; None for "none".
+    """The time column that the user chose, by name or by index from 0; None for "none".
 
     Raises:
         BadSetting: there is no such column, or it holds neither numbers nor stamps.
@@ -254,7 +254,7 @@ def _rises_steadily(cells: list[str], decimal: str) -> bool:
 def settle_roles(
     columns: list[Column], time: TimeColumn | None
 ) -> tuple[list[Column], TimeColumn | None, tuple[str, ...]]:
-    """Columns with their last role and distinct channel names, the time column, and what to say about both.
+    """Columns with their final role and distinct channel names, the time column, and remarks about both.
 
     A time that stands alone is the channel: a file of rising numbers is a signal.
     """
@@ -272,7 +272,7 @@ def settle_roles(
     columns = list(columns)
     for i, name in zip(channels, distinct_names([columns[i].name for i in channels]), strict=True):
         if columns[i].name and columns[i].name != name:
-            notes.append(f'"{columns[i].name}" comes again and is called "{name}"')
+            notes.append(f'"{columns[i].name}" is repeated and is renamed "{name}"')
         columns[i] = replace(columns[i], name=name)
     return columns, time, tuple(notes)
 

@@ -21,7 +21,7 @@ _MARKS = {"\t": "tabs", " ": "blanks"}
 
 @dataclass(frozen=True)
 class Header:
-    """What stands above the data."""
+    """What is above the data."""
 
     columns: tuple[Column, ...]
     """One per field of a data line, with name and unit where the file says them."""
@@ -38,7 +38,7 @@ def read_header(head: Sequence[str], lines: list[HeadLine], table: HeadTable, wa
     form, width = table.form, table.width
     first = _first_row(lines, table)
     if wanted is False:
-        return Header(_unnamed(width), (), first, (table_note(form), "no header line, as was asked"))
+        return Header(_unnamed(width), (), first, (table_note(form), "no header line, as requested"))
     above = [line for line in lines if line.number < first]
     rows = [(line.number, tuple(split_fields(line.text, form.delimiter))) for line in reversed(above[-2:])]
     fits = [are_names(cells, table.rows[0][1], form.decimal) and _names_fit(cells, width) for _, cells in rows]

@@ -65,7 +65,7 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     """The pairs of a line, and the bare numbers among them that no label claims: `a:1 5`.
 
     Returns:
-        None where anything else stands on the line. Between commas a bare number could be the decimals of
+        None if anything else is on the line. Between commas a bare number could be the decimals of
         the value before it, so there it is refused as well.
     """
     text = line.strip().removeprefix(">")

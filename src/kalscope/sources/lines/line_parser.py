@@ -1,11 +1,11 @@
-"""Bytes in, lines of a log out, as they come: for the live port, for stdin, for replays. No file, no port.
+"""From a stream of bytes to the lines of a log: for live ports, stdin and replays.
 
     parser = LineParser()
     parser.feed(port.read())
     while (event := parser.next_line()) is not None:
         ...
 
-The layout is found by looking, as for a file: at the first line with data, and again while the head of the
+The layout is detected as for a file: at the first line with data, and again while the head of the
 stream shows lines that do not fit. From then on each line is read by the `LineReader` of the file reader, so
 the same bytes mean the same everywhere.
 """
@@ -26,13 +26,13 @@ MAX_LINE_BYTES = 65_536
 """Bytes of one line, ten times the widest table; a longer one is no line of numbers and is dropped as it comes."""
 
 HEAD_BYTES = 65_536
-"""How much of the stream may still change the layout, as much as is looked at of a file."""
+"""Bytes of the stream that may still change the layout, as many as are sniffed of a file."""
 
 _MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
 """Different lines with words beside numbers, or any, that it takes to believe that these are rows."""
 
 _SHORT_HEAD = 64
-"""Lines of a head without data that is looked at again at every line; a longer one must grow by a quarter."""
+"""A head without data is sniffed at every line up to this length, then whenever it has grown by a quarter."""
 
 _NEWLINE = re.compile(rb"[\r\n]")
 
@@ -49,7 +49,7 @@ class LineParser:
         """Begin a stream.
 
         Args:
-            options: What is decided already; everything else is found by looking.
+            options: What is decided already; everything else is detected.
             layout: How the lines are written, where that is known; it then never changes.
             skip_first: Drop the first line: a port that was just opened may begin inside it.
         """
@@ -83,11 +83,11 @@ class LineParser:
         return len(self._buffer)
 
     def feed(self, data: bytes) -> None:
-        """Store what has come; any number of bytes, cut anywhere."""
+        """Add bytes from the stream, any number, cut anywhere."""
         self._buffer += data
 
     def restart(self) -> bool:
-        """The stream was broken off and begins anew; the layout stays known.
+        """The stream was interrupted and starts again; the layout stays known.
 
         Returns:
             True where the beginning of a line was thrown away.
@@ -98,11 +98,11 @@ class LineParser:
         return torn
 
     def adopt_layout(self, head: Sequence[str]) -> LineEvent | None:
-        """Take the layout of these lines, of which the last is the one that `next_line` gave last.
+        """Adopt the layout of these lines, the last of which is the last line of `next_line`.
 
         Returns:
-            That line, read anew; None, and nothing is changed, where they show no other layout, or one in which
-            it is no row.
+            That line, read again; None, and nothing changes, if they show no other layout, or one in which it is
+            no row.
         """
         layout, known = sniff(head, self._options), self.layout
         if layout is None or (known and (layout.form, layout.columns) == (known.form, known.columns)):
@@ -187,7 +187,7 @@ class LineParser:
         return event
 
     def _look_again(self, line: str, event: LineEvent | None) -> LineEvent:
-        """Sniff the head again where that is due, for data, new labels or a new header."""
+        """Sniff the head again if that is due, for data, new labels or a new header."""
         self._misfits += 1
         if self._is_look_due(line):
             layout = sniff(self._head, self._options)
@@ -200,7 +200,7 @@ class LineParser:
         return event or _without_layout(self._number, line)
 
     def _is_look_due(self, line: str) -> bool:
-        """Whether to sniff the head again at a line that does not fit; all looks together stay linear in the head.
+        """Whether to sniff the head again at a line that does not fit; the total cost stays linear in the head.
 
         With a known layout that is at the 1st, 2nd, 4th, 8th, … such line.
         """
@@ -229,7 +229,7 @@ class LineParser:
 def comma_line(parser: LineParser, line: bytes) -> str:
     """One line as numbers with commas between them, in the order of the channels.
 
-    What is written so already, or is no data, comes back as it is: whoever filters it says what is wrong.
+    A line that is written so already, or is no data, is returned as it is: the filter reports what is wrong.
     """
     parser.feed(line if line.endswith(b"\n") else line + b"\n")
     events, layout = list(parser), parser.layout

@@ -1,4 +1,4 @@
-"""What a person may decide about a file, where the reader would otherwise decide by looking."""
+"""Choices of the user that override what the reader detects."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _DELIMITER_WORDS = {
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How a file is to be read. Every field left alone is found by looking at the file."""
+    """How to read a file. Every field left at its default is detected."""
 
     delimiter: str | None = None
     """Between cells: one of `, ; TAB |`, or a space for any run of blanks."""
@@ -78,7 +78,7 @@ class ReadOptions:
 
 
 DEFAULTS = ReadOptions()
-"""Everything is found by looking."""
+"""Everything is detected."""
 
 
 def options_from_text(
@@ -88,7 +88,7 @@ def options_from_text(
     missing: Sequence[str] = (),
     gaps: str | None = None,
 ) -> ReadOptions:
-    r"""Options as a person types them, on the command line or into a form.
+    r"""Options as the user types them, on the command line or into a form.
 
     Args:
         delimiter: The mark itself, or comma, semicolon, tab, bar, space.

@@ -187,14 +187,14 @@ def time_kind(
 
 
 def unit_by_magnitude(stamps: Array) -> str:
-    """Unit of numeric stamps that say none: epoch stamps by their size, integer counters by their step.
+    """Unit of numeric stamps that name none: epoch stamps by their size, integer counters by their step.
 
     A sensor samples between once a second and a thousand times a second: integer steps of thousands are
     then microseconds, of millions nanoseconds. Whole minutes stay seconds, and so do all fractions.
     """
     low, high = float(stamps.min()), float(stamps.max())
     step = _median_step(stamps[:100_000])
-    # The head alone is looked at first: most stamps with fractions show them there.
+    # The head is checked first: most stamps with fractions show them there.
     whole = all(bool(np.all(part == np.floor(part))) for part in (stamps[:1000], stamps))
     for size, unit in ((1e9, "s"), (1e12, "ms"), (1e15, "us"), (1e18, "ns")):
         # 2001 to 2100; whole seconds that step by thousands but not by minutes are a counter of µs.
@@ -228,7 +228,7 @@ def to_seconds(stamps: Array, column: TimeColumn) -> tuple[Array, str]:
         passed = f"; the clock passes midnight {times(int(days[-1]))}" if days[-1] else ""
         return seconds, f"time counts from the first stamp, {start} on the clock{passed}"
     unit = column.unit or unit_by_magnitude(stamps)
-    said = f"read as {unit}" if column.unit else f"read as {unit} by their size, no unit is said"
+    said = f"read as {unit}" if column.unit else f"read as {unit} (assumed from their size; no unit given)"
     scale = SECONDS_PER_UNIT[unit]
     if unit == "year":
         return stamps * scale, f"stamps are {said}"

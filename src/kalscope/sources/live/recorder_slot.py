@@ -1,4 +1,4 @@
-"""The recorder of a live source: it comes and goes while lines arrive, and never while one is handed over."""
+"""The recorder of a live source: it starts and stops while lines arrive, never during a write."""
 
 from __future__ import annotations
 
@@ -25,45 +25,45 @@ class RecorderSlot:
 
     @property
     def recorder(self) -> Recorder | None:
-        """The recorder that runs; None where none does."""
+        """The active recorder; None if there is none."""
         return self._recorder
 
     def begin(self, path: Path, *, source: str, started: float, wall: float, resume: bool) -> Recorder:
         """Record from now on; the arguments are those of `Recorder`.
 
         Raises:
-            BadSetting: a recording runs already.
+            BadSetting: a recording is active already.
             BadFile: as the recorder says.
         """
         from kalscope.sources.recorder.recorder import Recorder
 
         with self._lock:
             if self._recorder is not None:
-                raise BadSetting("a recording must be stopped before the next begins (got one that runs)")
+                raise BadSetting("a recording must be stopped before the next begins (got one that is running)")
             self._recorder = Recorder(path, source=source, started=started, wall=wall, resume=resume)
             return self._recorder
 
     def end(self) -> None:
-        """End the recording and close its file; does nothing where none runs."""
+        """End the recording and close its file; does nothing if none is active."""
         with self._lock:
             recorder, self._recorder = self._recorder, None
             if recorder is not None:
                 recorder.close()
 
     def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
-        """Hand over lines of one layout, each with its monotonic moment in s."""
+        """Write lines of one layout, each with its monotonic moment in s."""
         with self._lock:
             if self._recorder is not None:
                 self._recorder.write(stamped, layout)
 
     def gap(self, kind: str, seconds: float) -> None:
-        """Say that nothing came for so long, and why."""
+        """Note how long nothing was received, and why."""
         with self._lock:
             if self._recorder is not None:
                 self._recorder.gap(kind, seconds)
 
     def drop(self, count: int) -> None:
-        """Count lines that were lost on the way here."""
+        """Count lines that were lost before they arrived here."""
         with self._lock:
             if self._recorder is not None:
                 self._recorder.drop(count)

@@ -10,11 +10,11 @@ from kalscope.common.array import Array
 
 _FIRST_SIZE = 1 << 14
 _ROOM = 4
-"""Old samples leave memory all at once, when `keep / _ROOM` new ones have come beyond `keep`."""
+"""Old samples leave memory all at once, when `keep / _ROOM` more than `keep` have arrived."""
 
 
 class SampleStore:
-    """Time and values of the last samples, at least `keep` of them where so many have come.
+    """Time and values of the last samples, at least `keep` of them once that many have arrived.
 
     Rows are only ever written behind the last one. When the room is used up, or old ones leave, the rows go
     to new arrays: views of the old ones stay as they are. One writer at a time.

@@ -15,7 +15,7 @@ import numpy as np
 from kalscope.sources.lines.timestamps import SECONDS_PER_UNIT, TimeColumn
 
 _LOOK = 0.2
-"""Seconds of the host by which the unit of a stamp is judged, where the board does not say it."""
+"""Seconds of the host by which the unit of a stamp is judged, if the board does not name it."""
 _SOON = 64
 """Rows after which it is judged anyway: a replay may come much faster than it was sampled."""
 _TICK = 1e-6
@@ -159,7 +159,7 @@ class LiveTime:
         if 0 <= step <= 30 * waited + 10 and alike:
             self._offset += turn
         elif self._broken or self._doubted:
-            # From here on the stamps count from this row, whatever they said before.
+            # From here on the stamps count from this row, whatever they were before.
             self._offset = last + max(waited, _TICK) - stamp
         else:
             self._doubted = True  # damaged, unless the next one agrees
@@ -182,7 +182,7 @@ class LiveTime:
 
 
 def _scale_of(column: TimeColumn | None) -> float | None:
-    """Seconds in one unit of the stamps as they are parsed; None where the board does not say it."""
+    """Seconds in one unit of the stamps as they are parsed; None if the board does not name it."""
     if column is None:
         return None
     if column.kind != "number":

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 def _asleep() -> float:
     """Seconds that the machine has slept since it started, as far as the system tells.
 
-    Linux and macOS stop `time.monotonic` while the machine sleeps and have a second clock that goes on; Windows
+    Linux and macOS stop `time.monotonic` while the machine sleeps and have a second clock that continues; Windows
     does not stop it. To compare with the wall clock would take every correction of that clock for a sleep.
     """
     boot = getattr(time, "CLOCK_BOOTTIME", None)  # Linux
-    if boot is None and hasattr(time, "CLOCK_UPTIME_RAW"):  # macOS, whose CLOCK_MONOTONIC goes on
+    if boot is None and hasattr(time, "CLOCK_UPTIME_RAW"):  # macOS, whose CLOCK_MONOTONIC continues
         boot = time.CLOCK_MONOTONIC
     return 0.0 if boot is None else time.clock_gettime(boot) - time.monotonic()
 

@@ -46,7 +46,7 @@ class PortSpec:
     baud: int = DEFAULT_BAUD
     """Bits a second, 1 … 20,000,000; a pseudo-terminal and a network port do not care."""
     reset: bool = True
-    """True lets DTR rise, as every terminal does: most Arduinos then start anew. False keeps DTR and RTS low,
+    """True lets DTR rise, as every terminal does: most Arduinos then restart. False keeps DTR and RTS low,
     as far as the driver obeys; boards with USB of their own (Leonardo, RP2040, ESP32-S3) then send nothing."""
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""How a recording was read, in words: the decisions, the counts, the first lines that could not be taken."""
+"""How a recording was read, as text: the decisions, the counts, the first lines that could not be read."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def account(recording: Recording) -> str:
     if report.lines:  # a made-up signal has none
         lines.append(f"  {report.lines} lines = {counts}")
     for count, what in (
-        (report.bad_cells, "cells are no numbers: missing samples"),
+        (report.bad_cells, "cells are not numbers: missing samples"),
         (report.clipped_times, "steps back in time, each filtered as dt = 0"),
         (report.inserted, "rows of missing samples put into gaps of time"),
     ):

@@ -64,7 +64,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
             raise BadSetting(f"gaps must be rows where a file has no time (got {options.gaps!r})")
         if options.gaps == "missing":
             time, values, inserted = fill_gaps(time, values, period)
-            notes.append(f"{inserted} rows of missing samples were put into the gaps")
+            notes.append(f"{inserted} rows of missing samples were inserted into the gaps")
     report = ReadReport(
         lines=tally.lines.total(),
         rows=tally.lines["row"],
@@ -92,7 +92,7 @@ def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tupl
     notes: list[str] = []
     for number in options.missing_numbers:
         found = values == number
-        notes.append(f"{int(np.count_nonzero(found))} samples of {number:.15g} are missing, as was asked")
+        notes.append(f"{int(np.count_nonzero(found))} samples of {number:.15g} are missing, as requested")
         values[found] = np.nan
     return values, notes
 
@@ -107,14 +107,14 @@ def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float |
 
 
 def _about_columns(layout: Layout, ends: Extremes, n: int, name: str) -> list[str]:
-    """What to say about columns; BadFile where no sample is left."""
+    """Remarks about the columns; BadFile if no sample is left."""
     low, high = ends
     if not np.isfinite(low).any():
         raise BadFile(f"{name} must hold at least one number in a channel (got only missing samples)")
     names = [column.name or f"column {i + 1}" for i, column in enumerate(layout.columns)]
     what = {"text": "text", "row name": "row names", "row number": "row numbers"}
     notes = [
-        f'"{names[i]}" holds {what[column.role]}, it is not a channel'
+        f'"{names[i]}" holds {what[column.role]} and is not a channel'
         for i, column in enumerate(layout.columns)
         if column.role in what
     ]

@@ -43,7 +43,7 @@ def read_recording(
     """Read a CSV log or a Parquet file.
 
     Delimiter (`, ; TAB |` or blanks), decimal mark, header, units, comment lines (# % //) and time column are
-    found by looking; UTF-8 with or without BOM, UTF-16 with BOM and Latin-1; any line ends; .gz and .zst as
+    detected; UTF-8 with or without BOM, UTF-16 with BOM and Latin-1; any line ends; .gz and .zst as
     well. Lines of `name:value` pairs, Teleplot, the Arduino IDE's `12:00:00.023 -> ` stamps and checksums
     `*XX` are understood.
 

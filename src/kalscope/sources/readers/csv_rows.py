@@ -28,7 +28,7 @@ MAX_ISSUES = 100
 """Issues kept word for word; all are counted."""
 
 BLOCK_SIZE = 1 << 18
-"""Characters read at once, and between two looks at progress and cancel."""
+"""Characters read at once, between two progress reports."""
 
 BLOCK_PARTS = 8
 """A block that is not plain is tried again in so many parts, and these in parts, down to single lines."""
@@ -55,10 +55,10 @@ class Tally:
         self.issues.extend(event.issues[: MAX_ISSUES - len(self.issues)])
 
     def take_last(self, event: LineEvent) -> None:
-        """Count a last line that has no newline, and say what became of it."""
+        """Count a last line that has no newline, and note what became of it."""
         self.take(event)
         if event.kind == "rejected":
-            self.ending = f"line {event.number}, the last, is torn: it has no newline, and was left out"
+            self.ending = f"line {event.number}, the last, is torn: it has no newline and was left out"
         elif event.kind == "row":
             self.ending = (
                 f"line {event.number}, the last, has no newline; it was kept, because its last number has as many"

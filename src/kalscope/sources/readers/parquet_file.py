@@ -1,4 +1,4 @@
-"""Parquet files, read by DuckDB: one row a sample, the types of the columns said by the file."""
+"""Parquet files, read by DuckDB: one row a sample, the file gives the column types."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def _read(connection: Any, raw: RawFile, options: ReadOptions) -> Reading:
     if not layout.channels or not rows:
         raise BadFile(f"{raw.name} must hold a column of numbers (got {len(columns)} columns, {len(rows)} rows)")
     wanted = [*layout.channels, *(time.indices if time else ())]
-    told = [_as_double(str(described[i][0]), kinds[i], i) for i in wanted]
-    answer = connection.execute(f"SELECT {', '.join(told)} {source}", path).fetchnumpy()
+    expressions = [_as_double(str(described[i][0]), kinds[i], i) for i in wanted]
+    answer = connection.execute(f"SELECT {', '.join(expressions)} {source}", path).fetchnumpy()
     return _reading({i: np.ma.filled(answer[f"c{i}"], np.nan) for i in wanted}, layout)
 
 

@@ -1,4 +1,4 @@
-"""Values that may stand for "no sample", such as −200 or 400: found, asked about, never taken away unasked."""
+"""Values that may stand for "no sample", such as −200 or 400: found and asked about, never removed unasked."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
         channels = [i for i, ends_of_one in enumerate(pairs) if value in ends_of_one]
         count = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
         questions.append(
-            f"is {value:.15g} a missing value? It comes {count} times in {_listed([names[i] for i in channels])},"
+            f"is {value:.15g} a missing value? It occurs {count} times in {_listed([names[i] for i in channels])},"
             f" far from the rest; if so, read with --missing {value:.15g}"
         )
     return questions

@@ -17,7 +17,7 @@ from kalscope.errors import BadFile
 from kalscope.sources.readers.archives import is_packed, unpacked
 
 HEAD_BYTES = 1 << 20
-"""How much of a file may be looked at to find how it is written."""
+"""Bytes from which the form of a file is detected."""
 
 PARQUET = b"PAR1"
 

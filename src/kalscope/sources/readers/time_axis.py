@@ -1,4 +1,4 @@
-"""Stamps as they were read into the time of the samples: wraps undone, steps judged, everything said."""
+"""From stamps to the time of the samples: wraps are undone, steps are judged, every decision is noted."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ def read_time(stamps: Array, column: TimeColumn, unit: str | None = None) -> Tim
 
 
 def unwrap(stamps: Array) -> tuple[Array, list[str]]:
-    """Whole stamps that fall back by a counter's full range go on counting; and what to say about it.
+    """Whole stamps that fall back by a counter's full range are unwrapped; and remarks about it.
 
-    Only where the step over the wrap is an ordinary one: a device that starts anew falls back to 0 from
+    Only where the step over the wrap is an ordinary one: a device that restarts falls back to 0 from
     anywhere, and stays a step back.
     """
     back = np.flatnonzero(stamps[1:] < stamps[:-1])
@@ -75,7 +75,7 @@ def unwrap(stamps: Array) -> tuple[Array, list[str]]:
         if wraps.size:
             turns = np.zeros(len(stamps))
             turns[wraps + 1] = 1
-            said = f"the stamps wrap {times(wraps.size)}, as a {name} does, and were counted on"
+            said = f"the stamps wrap {times(wraps.size)}, like a {name}, and were unwrapped"
             return stamps + size * np.cumsum(turns), [said]
     return stamps, []
 
@@ -113,7 +113,7 @@ def _about_steps(time: Array, steps: Array, some: Array, period: float) -> list[
         first = int(np.argmax(np.diff(time) > GAP_PERIODS * period))
         gaps = "a gap" if count == 1 else f"{count} gaps"
         notes.append(
-            f"time has {gaps}, first after sample {first + 1}, the longest {longest:.6g} s: to be read as missing"
-            " samples (--gaps missing) or filtered in true time (--gaps dt)"
+            f"time has {gaps}, first after sample {first + 1}, the longest {longest:.6g} s; read it with"
+            " --gaps missing (missing samples) or --gaps dt (elapsed time)"
         )
     return notes

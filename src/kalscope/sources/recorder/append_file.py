@@ -20,7 +20,7 @@ from kalscope.errors import BadFile
 RETRY_S = 1.0
 """Pause between two attempts to write to a disk that refuses, s."""
 MAX_WAIT_S = 60.0
-"""Seconds of entries that wait in memory for such a disk; what comes later is lost, and counted."""
+"""Seconds of entries that wait in memory for such a disk; later ones are lost, and counted."""
 MAX_WAIT_BYTES = 32_000_000
 """Memory that these may take: 60 s of 1,000 lines/s are 11 MB, and of 10,000 lines/s some 18 s fit."""
 _OVERHEAD = 150  # bytes of memory that an entry takes besides its text
@@ -42,7 +42,7 @@ class _Entry:
     at: float
     """Monotonic moment of the line, s."""
     lines: int
-    """1 for a line of the board, 0 for what we say ourselves."""
+    """1 for a line of the board, 0 for a comment."""
 
 
 class AppendFile:
@@ -54,7 +54,7 @@ class AppendFile:
         self.error = ""
         """What keeps entries from reaching the file; "" while they do."""
         self.sync_error = ""
-        """What the disk said when it was last asked to keep what it has; "" if nothing."""
+        """The error of the last sync; "" if it succeeded."""
         self.waiting = 0
         """Lines in memory that have not reached the file."""
         self._fd: int | None = None
@@ -80,7 +80,7 @@ class AppendFile:
         return not self._waiting
 
     def open(self, *, new: bool) -> None:
-        """Open the file, as a new one that nobody had (FileExistsError), or to go on with it.
+        """Open the file, as a new one (FileExistsError if it exists), or to append to it.
 
         Raises:
             OSError: It cannot be opened.
@@ -109,7 +109,7 @@ class AppendFile:
         """Write what waits; never raises for the disk.
 
         Args:
-            now: Monotonic moment, s: a disk that refused is asked again after RETRY_S.
+            now: Monotonic moment, s: a disk that refused is tried again after RETRY_S.
             at_once: Do not wait for that.
 
         Returns:
@@ -130,18 +130,18 @@ class AppendFile:
         return lines
 
     def put_note(self, text: str, at: float) -> None:
-        """Queue what we say ourselves, even while lines are being lost."""
+        """Queue a comment, even while lines are being lost."""
         self._queue(text.encode("utf-8", "backslashreplace"), at, 0)
 
     def give_up(self) -> int:
-        """Forget what waits: the file is about to be closed. How many lines that were."""
+        """Discard the waiting entries before the file is closed; returns how many lines those were."""
         lost = self.waiting
         self._waiting.clear()
         self._bytes = self.waiting = 0
         return lost
 
     def sync(self) -> None:
-        """Ask the disk to keep what was written; from any thread."""
+        """Sync the file to the disk; from any thread."""
         with self._fd_lock:
             if self._fd is None or not self._dirty:
                 return
@@ -151,7 +151,7 @@ class AppendFile:
                 gone = os.fstat(self._fd).st_nlink == 0
                 self.sync_error = f"{self.path.name} was deleted while it is recorded" if gone else ""
             except OSError as error:
-                self._dirty = True  # ask once more
+                self._dirty = True  # sync once more
                 self.sync_error = f"the disk did not confirm what was written ({error.strerror or error})"
 
     def close(self) -> None:
@@ -185,7 +185,7 @@ class AppendFile:
                 done += self._write_some(data[done:])
         except OSError as failure:
             error = failure
-        except BadFile as failure:  # somebody else's file by now
+        except BadFile as failure:  # another program records it by now
             error = OSError(errno.EBUSY, str(failure))
         lines, whole = 0, 0
         while self._waiting and whole + len(self._waiting[0].data) <= done:
@@ -226,7 +226,7 @@ class AppendFile:
 
 
 class SyncThread:
-    """Asks the disk once a second to keep what the files were given.
+    """Syncs the files to the disk once a second.
 
     On a laptop that takes 0.1 ms, on a memory card seconds: in the thread that writes it would let lines pile up
     in memory, where a crash loses them.
@@ -241,7 +241,7 @@ class SyncThread:
         self._thread.start()
 
     def watch(self, files: tuple[AppendFile, ...]) -> None:
-        """From now on these files."""
+        """Sync these files from now on."""
         self._files = files
 
     def close(self) -> None:

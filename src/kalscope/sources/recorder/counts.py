@@ -10,27 +10,27 @@ class RecorderCounts:
     """The account of a recording: received = written + rejected + dropped, always. Recorders hand out copies."""
 
     received: int = 0
-    """Lines with data, or that tried to be, whose fate is known."""
+    """Lines with data, or that tried to be, that were written, rejected or dropped."""
     written: int = 0
     """Lines whose rows are in NAME.csv."""
     rejected: int = 0
     """Lines that are in NAME.rejects because they are no row."""
     dropped: int = 0
-    """Lines that are in neither: lost before they were handed over, or while the disk was full for too long."""
+    """Lines that are in neither: lost before they reached the recorder, or while the disk was full for too long."""
     unwritable: int = 0
     """Of the dropped lines, those that the disk refused for too long."""
     waiting: int = 0
-    """Lines in memory, because the disk refuses them just now; received when they reach it or are dropped."""
+    """Lines in memory, because the disk refuses them; they count as received once written or dropped."""
     other: int = 0
     """Blank lines, comments, headers and text such as a boot message; the text is in NAME.rejects."""
 
     def __str__(self) -> str:
         """The account in words."""
-        told = (
+        text = (
             f"received {self.received} lines = {self.written} written + {self.rejected} rejected"
             f" + {self.dropped} dropped"
         )
-        return told + (f"; {self.other} other{'s' * (self.other != 1)}" if self.other else "")
+        return text + (f"; {self.other} other{'s' * (self.other != 1)}" if self.other else "")
 
     def add_unwritable(self, lines: int) -> None:
         """Count lines that the disk did not take."""

@@ -60,7 +60,7 @@ def preamble(source: str, wall: float, *, rejects: bool = False) -> str:
 
 
 def restart_note(source: str, wall: float, since: float, host: float) -> str:
-    """The comment lines where a recording goes on.
+    """The comment lines where a recording is resumed.
 
     Args:
         source: What is recorded from here on.
@@ -112,7 +112,7 @@ def row_encoder(layout: Layout) -> RowEncoder:
 
 
 def rejects_lines(host: float, number: int, text: str, issues: Iterable[LineIssue]) -> str:
-    """The lines that say why a line, or cells of it, were not taken."""
+    """The lines that give the reasons why a line, or cells of it, were rejected."""
     shown = quoted(escaped(text))
     return "".join(
         f"{host:.6f},{number},{quoted(escaped(issue.column or ''))},{quoted(escaped(issue.reason))},{shown}\n"

@@ -33,13 +33,13 @@ def free_part(path: Path, number: int) -> tuple[int, Path]:
 
 
 def free_path(path: Path) -> Path:
-    """A name near `path` under which nothing was recorded yet."""
+    """A name similar to `path` that no recording has."""
     candidates = (path.with_name(f"{path.stem}_{n}{path.suffix}") for n in count(2))
     return next(p for p in candidates if not _is_taken(p))
 
 
 def first_free(path: Path) -> Path:
-    """`path`, or a name near it where something was recorded under that."""
+    """`path`, or a similar name if a recording has it."""
     return free_path(path) if _is_taken(path) else path
 
 
@@ -51,7 +51,7 @@ def check_free(path: Path) -> None:
     """Refuse a name that is taken.
 
     Raises:
-        BadFile: Nothing could be recorded under this name; a free one is proposed.
+        BadFile: The name cannot be used; a free one is proposed.
     """
     if not path.name or path.is_dir():
         raise BadFile(f"a recording must be a file (got {str(path)!r})")
@@ -87,7 +87,7 @@ def existing_parts(path: Path) -> list[Path]:
         BadFile: not even the first does, or one cannot be read.
     """
     if not path.is_file():
-        raise BadFile(f"a recording to go on with must exist (got {str(path)!r})")
+        raise BadFile(f"a recording to resume must exist (got {str(path)!r})")
     parts = [path]
     for n in count(2):
         part = part_path(path, n)

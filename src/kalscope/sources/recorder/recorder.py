@@ -1,11 +1,11 @@
-"""The recorder of a live source: every line that the board sends, as it came, never filtered.
+"""The recorder of a live source: every line that the board sends, as received, never filtered.
 
     NAME.csv      host time, device time if sent, the values; gaps and the final account as comment lines
     NAME-2.csv    the same again, where the board began to send other columns
     NAME.rejects  the lines that are no data, with their numbers and reasons
     NAME.torn     what a crash left behind the last whole line, moved there when the recording is resumed
 
-Written as received, in one `os.write` a hand-over: a program that is killed loses what it was not yet handed.
+Each call writes with one `os.write`: a program that is killed loses only lines that it was not yet given.
 All clocks are given: host time is the difference of two monotonic moments, so that no step of the wall clock
 changes a row.
 """
@@ -92,7 +92,7 @@ class Recorder:
         self.warning = ""
         """That the disk will soon be full; "" if it will not."""
         self.counts = RecorderCounts()
-        """The account up to the last hand-over."""
+        """The account up to the last call."""
         self._source, self._started, self._wall, self._clock = source, started, wall, clock
         self._offset = 0.0
         self._csv = AppendFile(parts[-1])
@@ -152,12 +152,12 @@ class Recorder:
         return (*self._older_paths, self._csv.path)
 
     def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
-        """Take lines and write them; called often, with no lines too, and never raises for the disk.
+        """Write lines; called often, also without lines, and never raises for the disk.
 
         Args:
             stamped: (monotonic moment in s, line), in order of time.
             layout: Of all these rows: lines before and after a new layout are two hand-overs. None as long as
-                nothing is known, then no line is a row.
+                no layout is known; then no line is a row.
         """
         with self._lock:
             if self._closed:
@@ -169,7 +169,7 @@ class Recorder:
             self._flush()
 
     def gap(self, kind: str, seconds: float) -> None:
-        """Say in the file that nothing came for so long, and why: "unplugged", "suspend"."""
+        """Note in the file how long nothing was received, and why: "unplug", "suspend"."""
         with self._lock:
             if not self._closed:
                 self._csv.put(f"# gap {escaped(kind)} {seconds:.3f} s\n".encode(), self._clock())
@@ -206,7 +206,7 @@ class Recorder:
         return (*self._older, self._csv, self._rejects.file)
 
     def _use(self, layout: Layout) -> None:
-        """From now on rows of this layout; a new part where their columns are others."""
+        """Write rows of this layout from now on, in a new part if the columns differ."""
         header = header_line(layout)
         if not self._header:
             self._csv.put_note(header, self._started)

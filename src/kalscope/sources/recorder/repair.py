@@ -1,4 +1,4 @@
-"""A recording whose last line was cut short: the whole lines stay, the rest is moved aside, nothing is invented.
+"""A recording whose last line was cut short: whole lines stay, the rest is moved aside.
 
 A program that is killed may leave half a line; a power cut may leave zeros behind it, or zeros with old bytes of
 the disk behind them. So the file ends with the last newline before the first zero byte. What follows is appended
@@ -36,7 +36,7 @@ class RepairReport:
 
 @dataclass(frozen=True)
 class RecordingEnds:
-    """What the first and the last lines of a recording say."""
+    """The times and the header in the first and last lines of a recording."""
 
     wall: float | None
     """Unix time at host time 0, s; None where the file ends above that line."""
@@ -50,13 +50,13 @@ def repair(path: Path) -> RepairReport:
     """Cut a recording, or its file of rejected lines, at its last whole line.
 
     Args:
-        path: NAME.csv or NAME.rejects. Nobody may be writing to it.
+        path: NAME.csv or NAME.rejects. No program may be writing to it.
 
     Returns:
         What was kept and what was moved to NAME.torn (NAME.rejects.torn for the rejected lines).
 
     Raises:
-        BadFile: The file is no recording of ours, or there is no room to move the torn tail to; the recording
+        BadFile: The file is no Kalscope recording, or there is no room to move the torn tail to; the recording
             is then as it was.
     """
     path = Path(path)
