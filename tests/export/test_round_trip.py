@@ -1,4 +1,4 @@
-"""A thousand random doubles (25,000 in `make soak`) through each format and its own reader come back bit for bit."""
+"""A thousand random doubles (25,000 in `make soak`) come back bit for bit through each format and its reader."""
 
 from __future__ import annotations
 
@@ -192,7 +192,8 @@ def test_matlab_numbers_read_back_through_octave(tuning, numbers, tmp_path):
     assert len(assignments) == len(NAMES) * CHANNELS
     body = "\n".join(f"{line}\nv({i}) = {line.split()[0]};" for i, line in enumerate(assignments, 1))
     (tmp_path / "values.m").write_text(
-        f"v = zeros({len(assignments)}, 1);\n{body}\nf = fopen('out.bin', 'w'); fwrite(f, v, 'double');\nfclose(f);\n"
+        f"v = zeros({len(assignments)}, 1);\n{body}\n"
+        "f = fopen('out.bin', 'w'); fwrite(f, v, 'double');\nfclose(f);\n"
     )
     subprocess.run(["octave-cli", "--norc", "--quiet", "values.m"], check=True, cwd=tmp_path, timeout=PATIENCE)
     identical(np.fromfile(tmp_path / "out.bin", "<f8").tolist(), numbers)

@@ -1,4 +1,4 @@
-"""What a small board cannot do, told before the export: float32 that rounds to a stop, time, another rate."""
+"""What a small board cannot do, reported before the export: float32 that stops changing, time, another rate."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class DeviceLimit:
     """"refused": float32 cannot hold a value; "gain": the export uses a constant gain once settled; "estimate":
     the filtered value stops short of the signal; "time": an Uno is too slow."""
     message: str
-    """One or two sentences for a person: what happens, and what helps."""
+    """One or two sentences: what happens, and what helps."""
 
 
 def device_limits(
@@ -47,15 +47,15 @@ def device_limits(
     channels: int = 1,
     constant_gain: bool = True,
 ) -> tuple[DeviceLimit, ...]:
-    """What is to be said before this filter goes to a board that computes in float32.
+    """The limits of this filter on a board that computes in float32.
 
     Args:
         params: The parameters of one channel.
         level: Largest size of the signal, unit, > 0: 1023 for counts of an Uno.
-        sample_period: s; None = not known, then nothing is said of time.
+        sample_period: s; None = unknown, then time is not checked.
         channels: How many such filters the board runs.
-        constant_gain: Whether the target goes on with a constant gain where float32 does not settle, as our own
-            code for boards does.
+        constant_gain: Whether the target goes on with a constant gain where float32 does not settle, as the
+            exported Arduino code does.
 
     Returns:
         The limits that apply, none where the board runs the filter as shown.

@@ -19,7 +19,7 @@ from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
-SMALLEST = float(np.finfo(np.float32).tiny)
+MIN_NORMAL = float(np.finfo(np.float32).tiny)
 """Smallest float32 that keeps its 24 bits."""
 
 STALLING_GAIN = 3e-6
@@ -106,7 +106,7 @@ def filter_float32(z: ArrayLike, params: FilterParams | Float32Params) -> Floats
 def _rounded(name: str, value: float) -> np.float32:
     with np.errstate(over="ignore", under="ignore"):
         rounded = np.float32(value)
-    if math.isinf(rounded) or (value != 0.0 and abs(float(rounded)) < SMALLEST):
+    if math.isinf(rounded) or (value != 0.0 and abs(float(rounded)) < MIN_NORMAL):
         raise BadSetting(f"{name} must fit float32: 0, or a size from 1.2e-38 to 3.4e38 (got {value:.6g})")
     return rounded
 

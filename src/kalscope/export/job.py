@@ -26,7 +26,7 @@ class ExportJob:
     sample_period: float | None = None
     """Sample period that q belongs to, s; None where unknown."""
     source_name: str = ""
-    """Name of the recording it was tuned on, for a person; from outside: only through `comment_text`."""
+    """Name of the recording it was tuned on, for display; from outside: only through `comment_text`."""
     sha256: str = ""
     """SHA-256 of that recording, "" where unknown; from outside as well."""
     tool: str = ""

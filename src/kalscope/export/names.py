@@ -11,9 +11,9 @@ import re
 import unicodedata
 from collections.abc import Iterable
 
-IDENTIFIER_LENGTH = 32
+MAX_IDENTIFIER_LENGTH = 32
 """Longest identifier: C99 promises 31 significant characters and more, MATLAB 63."""
-COMMENT_LENGTH = 60
+MAX_COMMENT_LENGTH = 60
 """Longest piece of a comment that comes from outside, characters."""
 
 _SPELT = {
@@ -27,7 +27,7 @@ _SPELT = {
     "√": "sqrt ",
     "\u2212": "-",
 }
-"""What a person means by the characters that units are made of."""
+"""The usual spelling of characters in units."""
 _NOT_IN_COMMENTS = re.compile(r"[^A-Za-z0-9 _.,:;()+=@%^/<>-]")
 _RESERVED = frozenset(keyword.kwlist).union(
     re.findall(
@@ -50,11 +50,11 @@ _RESERVED = frozenset(keyword.kwlist).union(
 def identifier(name: str) -> str:
     """A name that every language takes: a lower-case letter, then [a-z0-9_], at most 32 characters."""
     spelt = _ascii(name).lower().replace("^", "")
-    word = re.sub(r"[^a-z0-9]+", "_", spelt).strip("_")[:IDENTIFIER_LENGTH].strip("_")
+    word = re.sub(r"[^a-z0-9]+", "_", spelt).strip("_")[:MAX_IDENTIFIER_LENGTH].strip("_")
     if not word:
         return "channel"
     if not word[0].isalpha() or word in _RESERVED:
-        word = f"ch_{word}"[:IDENTIFIER_LENGTH].strip("_")
+        word = f"ch_{word}"[:MAX_IDENTIFIER_LENGTH].strip("_")
     return word
 
 
@@ -71,14 +71,14 @@ def identifiers(names: Iterable[str]) -> tuple[str, ...]:
         while not taken.isdisjoint((candidate, f"{candidate}_filtered")):
             number += 1
             ending = f"_{number}"
-            candidate = word[: IDENTIFIER_LENGTH - len(ending)].rstrip("_") + ending
+            candidate = word[: MAX_IDENTIFIER_LENGTH - len(ending)].rstrip("_") + ending
         last[word] = number
         taken.update((candidate, f"{candidate}_filtered"))
         chosen.append(candidate)
     return tuple(chosen)
 
 
-def comment_text(text: str, length: int = COMMENT_LENGTH) -> str:
+def comment_text(text: str, length: int = MAX_COMMENT_LENGTH) -> str:
     """`text` as it may stand inside a comment of any language: one line of harmless ASCII.
 
     Line ends, quotes, backslashes, braces, "*", "#", "$" and "?" (trigraphs) become "_"; what is longer than
@@ -116,7 +116,7 @@ def _escaped(character: str) -> str:
 
 
 def _ascii(text: str) -> str:
-    """`text` in ASCII as a person would spell it; "_" for what has no spelling."""
+    """`text` in ASCII in its usual spelling; "_" for what has no spelling."""
     plain = _spelt(unicodedata.normalize("NFKD", _spelt(text)))
     return "".join(c if c.isascii() else "_" for c in plain if not unicodedata.combining(c))
 

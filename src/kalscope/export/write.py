@@ -19,12 +19,12 @@ UNO_COUNTS = 1023.0
 def limits_of(
     tuning: Tuning, channel: str | None, target: str, level: Callable[[str], float] = lambda _: UNO_COUNTS
 ) -> list[str]:
-    """What differs where a target computes in float32, a sentence each.
+    """What differs on a target that computes in float32, one sentence each.
 
     Args:
         tuning: What is exported.
-        channel: Of it only this one; None = all.
-        target: A name of `kalscope.export.TARGETS`.
+        channel: Only this channel; None = all.
+        target: A name of `TARGETS`.
         level: Largest size of the signal of a channel, unit, by its name.
     """
     from kalscope.export.device_limits import FLOAT32_TARGETS, device_limits

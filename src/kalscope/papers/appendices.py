@@ -1,6 +1,6 @@
-"""The programs of the documents, line for line in Python: what our filter is held against.
+"""The programs of the documents, line for line in Python: the reference for our filter.
 
-They share no code with it. The tests hold these transcripts against Octave and gcc running the originals.
+They share no code with it. The tests compare these transcripts with the originals, run by Octave and gcc.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from kalscope import FilterParams
 from kalscope.export.board.commands import BoardAnswer, commands, is_refusal, read_answer
 from kalscope.export.float32 import Float32Params, float32_params
 
-LONGEST_LINE = 30
+MAX_LINE = 30
 """Letters that the exported sketch takes in a line."""
 
 
@@ -18,7 +18,7 @@ def test_a_command_says_the_float32_exactly_and_fits_the_line_of_a_board():
     values = rng.integers(0x00800000, 0x7E000000, (500, 3), dtype=np.uint32).view(np.float32)
     for q, r, p0 in values:
         lines = commands(Float32Params(q, r, p0), channel=6)
-        assert max(map(len, lines)) <= LONGEST_LINE
+        assert max(map(len, lines)) <= MAX_LINE
         said = {line.split()[1]: np.float32(line.split()[2]) for line in lines}
         assert said == {"q": q, "r": r, "p": p0}
 

@@ -14,7 +14,7 @@ from PIL import Image
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, open_source, steady_state
 from kalscope.cli.app import run
 from kalscope.common.text import decibels, frequency, lag_in_full, number, trimmed
-from kalscope.export.report.content import DRAWN, make_report
+from kalscope.export.report.content import MAX_DRAWN_POINTS, make_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import SIZE, as_png
 from kalscope.tuning.tuning import ChannelTuning, Tuning
@@ -116,7 +116,7 @@ def test_the_curves_keep_every_extreme_and_few_points():
     rec.values[77_777] = 1e3
     whole, detail = make_report(rec, tuned(rec)).charts
     raw, _ = whole.lines
-    assert len(raw.x) <= DRAWN + 2
+    assert len(raw.x) <= MAX_DRAWN_POINTS + 2
     assert np.nanmax(raw.y) == 1e3
     assert np.nanmin(raw.y) == np.nanmin(rec.values)
     assert np.isnan(raw.y[(raw.x > 400.3) & (raw.x < 409.7)]).all()

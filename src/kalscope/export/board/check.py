@@ -1,4 +1,4 @@
-"""Whether a board that runs the exported filter computes what we compute: its rows against ours, bit by bit."""
+"""Whether a board that runs the exported filter computes what Kalscope computes, compared bit by bit."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.export.float32 import Float32Params, filter_float32
 
-LONGEST_WAIT = 2000
-"""Rows in which a restart is looked for: a board obeys within a few."""
+MAX_ROWS_TO_RESTART = 2000
+"""Rows in which a restart is searched for: a board obeys within a few."""
 
-MOST_TRIED = 256
-"""Rows that look like a restart and are tried at most: while the input rests and the old filter has come to rest
-on it, every row looks like one."""
+MAX_RESTARTS_TRIED = 256
+"""Candidate rows that are tried: while the input is constant and the old filter has settled on it, every row looks
+like a restart."""
 
 
 @dataclass(frozen=True)
@@ -37,15 +37,15 @@ def check_board(raw: ArrayLike, board: ArrayLike, params: Float32Params) -> Boar
     Args:
         raw: What the board measured, shape (n,), unit; NaN where missing.
         board: What its filter made of it, shape (n,), unit.
-        params: The values that it answered to have in use. Its filter was started anew: the comparison begins at
-            a row whose filtered value is that of a start, of several the one with the fewest differences after it.
+        params: The values that it reported. Its filter was restarted: the comparison begins at a row whose
+            filtered value is that of a start, of several the one with the fewest differences after it.
 
     Returns:
         None where no restart is among the rows.
     """
     z, x = np.asarray(raw, dtype=np.float32), np.asarray(board, dtype=np.float32)
     best: BoardCheck | None = None
-    for first in find_restarts(z, x, params)[:MOST_TRIED]:
+    for first in find_restarts(z, x, params)[:MAX_RESTARTS_TRIED]:
         check = _compared(z[first:], x[first:], params)
         if best is None or check.different < best.different:
             best = check
@@ -74,10 +74,10 @@ def find_restarts(raw: NDArray[np.float32], board: NDArray[np.float32], params: 
     if np.isnan(params.x0):
         begins = raw == board
     else:
-        for i in range(min(len(raw), LONGEST_WAIT)):
+        for i in range(min(len(raw), MAX_ROWS_TO_RESTART)):
             begins[i] = filter_float32(raw[i : i + 1], params)[0] == board[i]
     same = np.flatnonzero(begins)
-    return same[: np.searchsorted(same, same[0] + LONGEST_WAIT)].tolist() if len(same) else []
+    return same[: np.searchsorted(same, same[0] + MAX_ROWS_TO_RESTART)].tolist() if len(same) else []
 
 
 def _ordered(values: NDArray[np.float32]) -> NDArray[np.int64]:

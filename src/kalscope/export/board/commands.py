@@ -1,4 +1,4 @@
-"""What is said to a board that runs the exported sketch, and what it answers: texts only, no port.
+"""The commands to a board that runs the exported sketch, and its answers: texts only, no port.
 
 Send one command, wait for its answer, then send the next: a small board keeps 64 letters.
 """
@@ -32,7 +32,7 @@ class BoardAnswer:
 
 
 def commands(params: Float32Params, channel: int | None = None) -> tuple[str, ...]:
-    r"""The lines, without \n, that bring q, r and p0 onto a board and start its filter anew.
+    r"""The lines, without \n, that set q, r and p0 on a board and restart its filter.
 
     Args:
         params: The values; gate, x0 and the settled gain stay those of the export.
@@ -54,5 +54,5 @@ def read_answer(line: str) -> BoardAnswer | None:
 
 
 def is_refusal(line: str) -> bool:
-    """True for what a board says to a command that it does not understand or take."""
+    """Whether a line is the answer to a command that the board does not understand or accept."""
     return line.startswith("# not understood")

@@ -1,4 +1,4 @@
-"""What the page says, whatever it is drawn on: computed once from a recording and a tuning."""
+"""The content of a report, computed once from a recording and a tuning, for HTML and PNG."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ if TYPE_CHECKING:
 
 Rows = tuple[tuple[str, ...], ...]
 
-DRAWN = 1500
-"""Points that a curve of the page is drawn with, at most about."""
+MAX_DRAWN_POINTS = 1500
+"""Points of a curve, approximately."""
 
-DETAIL = 240
-"""Samples of the detail, at most; a recording of fewer needs none."""
+MAX_DETAIL_SAMPLES = 240
+"""Samples of the detail; a recording of fewer has none."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +54,14 @@ class ReportTable:
     heading: str
     """Above it."""
     rows: Rows
-    """Equally long rows, the name first; none = there is nothing to say."""
+    """Equally long rows, the name first; none = the table is left out."""
     columns: tuple[str, ...] = ()
     """What stands above the columns; () = names and values, which need no words."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """Everything on the page, as text and curves. Texts from outside are raw: whoever draws escapes them."""
+    """Everything on the page, as text and curves. Texts from outside are raw: escape them when drawing."""
 
     title: str
     """Recording and channel."""
@@ -74,7 +74,7 @@ class Report:
     texts: tuple[tuple[str, str], ...]
     """Headings with a few sentences: does it fit, is there a simpler filter."""
     command: str
-    """What reopens this very state."""
+    """Reopens this state."""
     origin: Rows
     """File, SHA-256, versions, date."""
 
@@ -94,7 +94,7 @@ def make_report(
         tuning: its filters, at the recording's sample period.
         channel: which one; None = the selected, else the first.
         config: name of the tuning file in the command.
-        now: moment to print; None = now. All the rest is the same at every run.
+        now: time to print; None = now. Everything else is the same in every run.
 
     Raises:
         BadSetting: the recording or the tuning has no such channel.
@@ -118,7 +118,7 @@ def make_report(
         charts=_charts(recording, own, z, result, truth),
         tables=(
             ReportTable("Parameters", _parameters(own)),
-            ReportTable("What they do", _meaning(steady, result, recording.sample_period)),
+            ReportTable("Resulting filter", _meaning(steady, result, recording.sample_period)),
             ReportTable("Residuals", _tests(checks)),
             _filters(found),
         ),
@@ -146,8 +146,8 @@ def _parameters(own: ChannelTuning) -> Rows:
     rows = [
         ("process noise q", f"{trimmed(own.q, 4)} {unit} per sample"),
         ("measurement noise r", f"{trimmed(own.r, 4)} {unit}"),
-        ("start variance p0", "automatic (diffuse)" if own.p0 is None else f"{trimmed(own.p0, 4)} {unit}"),
-        ("start value x0", "first sample" if own.x0 is None else f"{trimmed(own.x0, 4)} {own.unit}".strip()),
+        ("initial variance p0", "automatic (diffuse)" if own.p0 is None else f"{trimmed(own.p0, 4)} {unit}"),
+        ("initial estimate x0", "first sample" if own.x0 is None else f"{trimmed(own.x0, 4)} {own.unit}".strip()),
     ]
     if own.gate is not None:
         rows.append(("outlier gate on v²/s", trimmed(own.gate)))
@@ -157,10 +157,10 @@ def _parameters(own: ChannelTuning) -> Rows:
 def _meaning(steady: SteadyState, result: FilterResult, period: float | None) -> Rows:
     lag, settle = float(steady.lag_samples), float(steady.settle_samples)
     rows = [
-        ("lag on a ramp", lag_in_full(lag, period)),
+        ("lag", lag_in_full(lag, period)),
         ("noise reduction", decibels(float(steady.noise_reduction_db))),
         ("gain K", number(float(steady.gain))),
-        ("follows a step in", lag_in_full(settle, period)),
+        ("settling time (to 1 %)", lag_in_full(settle, period)),
         ("log-likelihood", f"{number(float(result.loglik), 6)} of {count(int(result.m))} samples"),
     ]
     if steady.cutoff_hz is not None and math.isfinite(float(steady.cutoff_hz)):
@@ -170,14 +170,14 @@ def _meaning(steady: SteadyState, result: FilterResult, period: float | None) ->
 
 def _tests(d: Diagnostics) -> Rows:
     return (
-        ("size (NIS)", f"{number(d.nis)}, fitting: {number(d.nis_low)} to {number(d.nis_high)}"),
-        ("memory (lag-1 correlation)", f"{correlation(d.r1)}, fitting: within ±{correlation(d.r1_bound)}"),
-        ("memory (Ljung-Box)", f"{p_value(d.ljung_box_p)}, fitting: above 0.05"),
+        ("mean NIS", f"{number(d.nis)}, expected: {number(d.nis_low)} to {number(d.nis_high)}"),
+        ("lag-1 autocorrelation", f"{correlation(d.r1)}, expected: within ±{correlation(d.r1_bound)}"),
+        ("Ljung-Box test", f"{p_value(d.ljung_box_p)}, expected: above 0.05"),
         (
             "beyond 4 σ",
-            f"{count(d.spikes)}, {count(d.jumps)} of them jumps; by chance {number(d.spikes_expected, 2)}",
+            f"{count(d.spikes)}, {count(d.jumps)} of them jumps; expected {number(d.spikes_expected, 2)}",
         ),
-        ("last third against first", f"variance × {number(d.variance_ratio)}, {p_value(d.variance_ratio_p)}"),
+        ("last third over first third", f"variance × {number(d.variance_ratio)}, {p_value(d.variance_ratio_p)}"),
     )
 
 
@@ -225,10 +225,12 @@ def _charts(
         return Panel(title, lines, "time (s)" if timed else "sample", _label(own.name, own.unit), low_high)
 
     whole = panel("The whole recording", 0, n)
-    if n < 2 * DETAIL:
+    if n < 2 * MAX_DETAIL_SAMPLES:
         return (whole,)
-    first = (n - DETAIL) // 2
-    return whole, panel(f"Detail: samples {first} to {first + DETAIL - 1}", first, first + DETAIL)
+    first = (n - MAX_DETAIL_SAMPLES) // 2
+    return whole, panel(
+        f"Detail: samples {first} to {first + MAX_DETAIL_SAMPLES - 1}", first, first + MAX_DETAIL_SAMPLES
+    )
 
 
 def _y_range(curves: list[Array]) -> tuple[float, float]:
@@ -247,10 +249,10 @@ def _label(name: str, unit: str) -> str:
 
 
 def _chosen(z: Array) -> NDArray[np.intp]:
-    """Indices of the lowest and the highest sample of each of DRAWN/2 equal pieces."""
-    if len(z) <= DRAWN:
+    """Indices of the lowest and the highest sample of each of MAX_DRAWN_POINTS/2 equal pieces."""
+    if len(z) <= MAX_DRAWN_POINTS:
         return np.arange(len(z))
-    edges = np.linspace(0, len(z), DRAWN // 2 + 1).astype(int)
+    edges = np.linspace(0, len(z), MAX_DRAWN_POINTS // 2 + 1).astype(int)
     kept = {0, len(z) - 1}
     for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         piece = z[first:last]

@@ -25,7 +25,7 @@ def as_html(report: Report) -> str:
     body = (
         f'<h1>{escape(report.title)}</h1><p class="quiet">{escape(report.subtitle)}</p>\n'
         f'{draw_svg(report.charts, report.title, height=height)}\n<div class="tables">{tables}</div>\n{texts}\n'
-        f"<h2>To open this again</h2><code>{escape(report.command)}</code>\n"
+        f"<h2>Reopen this session</h2><code>{escape(report.command)}</code>\n"
         f'<div class="origin">{table((), report.origin)}</div>\n'
     )
     return document(report.title, (Path(__file__).parent / "page.css").read_text(encoding="utf-8"), body)

@@ -56,7 +56,7 @@ class _Sheet:
             self._y += height + 118
         self._y -= 30
         self._tables([table for table in report.tables if table.rows])
-        for head, text in (*report.texts, ("To open this again", report.command)):
+        for head, text in (*report.texts, ("Reopen this session", report.command)):
             self._line(head, 25)
             self._paragraph(text, 22)
         for name, value in report.origin:

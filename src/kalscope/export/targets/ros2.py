@@ -43,7 +43,7 @@ def files(job: ExportJob) -> dict[str, str]:
 
 
 def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> str:
-    """A parameter cannot be null or unset: what is automatic is said by a bool, and the number left out."""
+    """A parameter cannot be null or unset: a bool says what is automatic, and the number is left out."""
     known = {
         "start_variance_known": ("start_variance_p0", channel.p0),
         "start_value_known": ("start_value_x0", channel.x0),

@@ -89,7 +89,7 @@ def walk_params(q: float, r: float) -> FilterParams:
 
 
 def try_walk(r_of_q_pictures: float = ASSUMED_R) -> tuple[WalkRow, ...]:
-    """The six pictures in numbers, with another r for the first three if wished."""
+    """The six pictures in numbers, with another r for the first three if given."""
     board = moved_board()
     rows: list[WalkRow] = []
     for name, q, r in WALK:

@@ -52,7 +52,7 @@ class EstimateAnswer:
     by_eye_rmse: float
     """The same with q = 0.125, r = 4, found by eye."""
     resting_verdicts: tuple[str, ...]
-    """What is answered for the three axes of the board at rest, where there is no q to find."""
+    """What is answered for the three axes of the stationary board, where there is no q to find."""
 
 
 @dataclass(frozen=True)

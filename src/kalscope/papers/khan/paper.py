@@ -1,7 +1,7 @@
 """Khan et al., "Single Dimensional Generalized Kalman Filter": its three sensors, figures 7–10.
 
 The recordings are re-creations (sample_data/*.md). The paper states none of its σM. For each figure one is chosen
-that makes equation (3) as printed look like the picture; it is then far from any data sheet, and that is told.
+that makes equation (3) as printed look like the picture; it is then far from any data sheet, and the page says so.
 """
 
 from __future__ import annotations

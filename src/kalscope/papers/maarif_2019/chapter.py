@@ -97,12 +97,12 @@ def checks(
         *rows,
         Check("Rows 3 and 4 from p0 = 0: difference", clue.p0_zero, 0.0, 1e-9),
         Check("Rows 3 and 4 from p0 = 1, 100 samples: difference", clue.p0_one, 0.45, 0.03),
-        Check("Signal at rest: best ratio is the largest tried", still.best_ratio, 1e5, 0.0),
+        Check("Stationary signal: best ratio is the largest tried", still.best_ratio, 1e5, 0.0),
         Check("Signal that wanders with r/q = 100: RMSE at 100 over the best", wander.loss, 1.0, 0.01),
         Check(
             "Signal that swings: RMSE at ratio 100", swing.advised_rmse, swinging_rmse(ADVISED), 0.02, relative=True
         ),
-        Check("Signal at rest: RMSE at ratio 100", still.advised_rmse, theoretical_rmse, 0.03, relative=True),
+        Check("Stationary signal: RMSE at ratio 100", still.advised_rmse, theoretical_rmse, 0.03, relative=True),
         Check("Rule 40 to 55 admits ratio 10: its mean error", rule.row_2, sum(RULE) / 2, (RULE[1] - RULE[0]) / 2),
         Check("MATLAB appendix, largest difference", same["matlab"], 0.0, 1e-12),
         Check("Arduino appendix in double, largest difference / 338", same["arduino_double"] / 338.0, 0.0, 1e-12),

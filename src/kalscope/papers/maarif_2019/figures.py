@@ -71,7 +71,11 @@ def figures_9_and_10() -> Figure:
 
 def advice_figure(tests: Sequence[AdviceTest]) -> Figure:
     """RMSE and mean error over the ratio for the three kinds of signal."""
-    titles = {"at rest": "at rest", "wandering": "wandering, true r/q = 100", "swinging": "swinging, 60 samples"}
+    titles = {
+        "stationary": "stationary",
+        "wandering": "wandering, true r/q = 100",
+        "swinging": "swinging, 60 samples",
+    }
     panels: list[Panel] = []
     for test in tests:
         lines = (

@@ -1,6 +1,6 @@
 """The advice of Ma'arif et al. (2019), tested: "ratio 100", and "a mean error of 40 to 55".
 
-Three kinds of signal under the table's noise, σ = 72: one at rest, one that wanders with a true r/q of 100, one
+Three kinds of signal under the table's noise, σ = 72: one stationary, one that wanders with a true r/q of 100, one
 that swings fast. Each is filtered with ratios from 1 to 100,000; its RMSE against the known truth says what a
 ratio is worth, the paper's mean error against the raw signal does not.
 """
@@ -36,7 +36,7 @@ class AdviceTest:
     """One kind of signal, filtered with each of RATIOS; errors in u, averages over draws."""
 
     kind: str
-    """"at rest", "wandering" or "swinging"."""
+    """"stationary", "wandering" or "swinging"."""
     rmse: Array
     """Root mean square of x − truth, shape (41,)."""
     mean_error: Array
@@ -72,12 +72,12 @@ class RuleTest:
 
 def try_advice(draws: int) -> tuple[AdviceTest, ...]:
     """The three kinds of signal over `draws` draws each (the noise, and the walk)."""
-    return tuple(_test_one(kind, draws) for kind in ("at rest", "wandering", "swinging"))
+    return tuple(_test_one(kind, draws) for kind in ("stationary", "wandering", "swinging"))
 
 
 def truth_of(kind: str, draws: int, rng: np.random.Generator) -> Array:
     """The noise-free signals of a kind, shape (SAMPLES, draws)."""
-    if kind == "at rest":
+    if kind == "stationary":
         return np.zeros((SAMPLES, draws))
     if kind == "wandering":  # q_true = σ²/100
         return np.cumsum(SIGMA / math.sqrt(ADVISED) * rng.standard_normal((SAMPLES, draws)), axis=0)

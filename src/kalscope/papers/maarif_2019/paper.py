@@ -231,7 +231,7 @@ def _robot(label: str, r: float, q: float) -> Experiment:
     figure = label.removesuffix("_text")
     source = {"10": ", as captioned", "10_text": ", as in the text"}.get(label, "")
     name, title = f"noise_reducer_figure_{label}", f"Figure {figure}: resting robot, R = {r:g}, Q = {q:g}{source}"
-    summary = f"10-bit accelerometer at rest, ratio {r / q:g}, started at 0 as on the Arduino."
+    summary = f"10-bit accelerometer on a stationary robot, ratio {r / q:g}, started at 0 as on the Arduino."
     return Experiment(name, title, PAPER, f"Figure {figure}", summary, partial(_load_robot, name, title, r, q))
 
 
