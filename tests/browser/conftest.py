@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,15 +34,10 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture
 def start(browser: Browser, tmp_path: Path) -> Iterator[Callable[..., Screen]]:
     """Start the program with arguments and open a page on it."""
-    running: list[Program | Screen] = []
+    with contextlib.ExitStack() as running:
 
-    def begin(*arguments: object, **size: int) -> Screen:
-        program = Program(*arguments, cwd=tmp_path)
-        running.append(program)
-        screen = Screen(browser, program.url, **size)
-        running.append(screen)
-        return screen
+        def begin(*arguments: object, **page: int) -> Screen:
+            program = running.enter_context(Program(*arguments, cwd=tmp_path))
+            return running.enter_context(Screen(browser, program.url, **page))
 
-    yield begin
-    for thing in reversed(running):
-        thing.close() if isinstance(thing, Screen) else thing.stop()
+        yield begin

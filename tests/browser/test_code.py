@@ -22,14 +22,12 @@ def screen(browser, tmp_path):
     z = 512 + np.cumsum(np.random.default_rng(3).normal(0, 0.5, 600))
     rows = "".join(f"{i * 0.005:.3f},{value:.3f},{value / 100:.3f}\n" for i, value in enumerate(z))
     (tmp_path / "log.csv").write_text(f"t,{HOSTILE},volts\n{rows}")
-    program = Program("log.csv", cwd=tmp_path)
-    try:
-        screen = Screen(browser, program.url, width=1280, height=720)
+    with (
+        Program("log.csv", cwd=tmp_path) as program,
+        Screen(browser, program.url, width=1280, height=720) as screen,
+    ):
         screen.tab("Export")
         yield screen
-        screen.close()
-    finally:
-        program.stop()
 
 
 def button(screen, name):

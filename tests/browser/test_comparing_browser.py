@@ -18,11 +18,8 @@ pytestmark = pytest.mark.browser
 
 @pytest.fixture
 def screen(browser, tmp_path):
-    program = Program("demo", cwd=tmp_path)
-    shown = Screen(browser, program.url)
-    yield shown
-    shown.close()
-    program.stop()
+    with Program("demo", cwd=tmp_path) as program, Screen(browser, program.url) as shown:
+        yield shown
 
 
 def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(screen):

@@ -76,28 +76,28 @@ def show_right(screen, name):
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_every_tab_fits_its_panel_and_has_something_to_show(browser, tmp_path, width, height):
-    program = Program(RECORDING, cwd=tmp_path)
-    screen = Screen(browser, program.url, width=width, height=height)
-    screen.page.set_default_timeout(30_000)
-    screen.wait_for_fit()
-    screen.page.get_by_role("button", name="Pin this setting").click()
-    screen.wait(f"() => !!({FIND})('A')")
-    screen.type("process noise q", "0.00001")
-    for tab, folders in CLOSED_FOLDERS.items():
-        screen.tab(tab)
-        for folder in folders:
-            screen.page.get_by_text(folder, exact=True).click()
-    wrong = []
-    for theme in ("light", "dark"):
-        if theme == "dark":
-            screen.tab("View")
-            screen.page.get_by_text("dark theme").click()
-            screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
-        for side, tabs in (("right", RIGHT_TABS), ("left", LEFT_TABS)):
-            for tab in tabs:
-                screen.tab(tab) if side == "left" else show_right(screen, tab)
-                wrong += look(screen, side, f"tab-{width}x{height}-{theme}-{tab.lower()}")
-            screen.tab(tabs[0])
-    screen.close()
-    program.stop()
-    assert wrong == []
+    with (
+        Program(RECORDING, cwd=tmp_path) as program,
+        Screen(browser, program.url, width=width, height=height, canvas=True) as screen,
+    ):
+        screen.wait_for_fit()
+        screen.page.get_by_role("button", name="Pin this setting").click()
+        screen.wait(f"() => !!({FIND})('A')")
+        screen.type("process noise q", "0.00001")
+        for tab, folders in CLOSED_FOLDERS.items():
+            screen.tab(tab)
+            for folder in folders:
+                screen.page.get_by_text(folder, exact=True).click()
+        wrong = []
+        for theme in ("light", "dark") if width == 1600 else ("light",):
+            if theme == "dark":
+                screen.tab("View")
+                screen.page.get_by_text("dark theme").click()
+                screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+            for side, tabs in (("right", RIGHT_TABS), ("left", LEFT_TABS)):
+                for tab in tabs:
+                    screen.tab(tab) if side == "left" else show_right(screen, tab)
+                    wrong += look(screen, side, f"tab-{width}x{height}-{theme}-{tab.lower()}")
+                screen.tab(tabs[0])
+        assert screen.page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
+        assert wrong == []

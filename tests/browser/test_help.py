@@ -18,9 +18,10 @@ def button(screen, name):
 
 
 def test_the_tour_is_shown_on_the_first_run_and_never_again_once_it_is_done(browser, tmp_path):
-    program = Program("demo", cwd=tmp_path, first_run=True)
-    try:
-        screen = Screen(browser, program.url, width=1280, height=720)
+    with (
+        Program("demo", cwd=tmp_path, first_run=True) as program,
+        Screen(browser, program.url, width=1280, height=720) as screen,
+    ):
         for number, (title, _) in enumerate(STEPS, 1):
             screen.page.get_by_text(f"{title} ({number} of {len(STEPS)})").wait_for()
             screen.shot(f"tour-{number}")
@@ -29,13 +30,8 @@ def test_the_tour_is_shown_on_the_first_run_and_never_again_once_it_is_done(brow
         screen.page.reload()
         screen.ready()
         assert screen.page.get_by_role("dialog").count() == 0
-        screen.close()
-    finally:
-        program.stop()
     assert UserSettings(tmp_path / "config").tour_seen
-    again = Program("demo", cwd=tmp_path, first_run=True)
-    try:
-        screen = Screen(browser, again.url)
+    with Program("demo", cwd=tmp_path, first_run=True) as again, Screen(browser, again.url) as screen:
         screen.tab("Help")
         screen.page.get_by_text("Ctrl+Shift+Z, Ctrl+Y").wait_for()
         assert screen.page.get_by_role("dialog").count() == 0
@@ -48,6 +44,3 @@ def test_the_tour_is_shown_on_the_first_run_and_never_again_once_it_is_done(brow
         screen.slider("q").hover()
         screen.page.get_by_text("Drag, or click and use the arrow keys").wait_for()
         screen.page.screenshot(path=ARTEFACTS / "hint.png")
-        screen.close()
-    finally:
-        again.stop()

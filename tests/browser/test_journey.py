@@ -16,11 +16,11 @@ PERIOD = open_source("demo").sample_period
 
 @pytest.fixture
 def screen(browser, tmp_path):
-    program = Program("demo", cwd=tmp_path, first_run=True)
-    screen = Screen(browser, program.url, width=1280, height=720)
-    yield screen
-    screen.close()
-    program.stop()
+    with (
+        Program("demo", cwd=tmp_path, first_run=True) as program,
+        Screen(browser, program.url, width=1280, height=720) as screen,
+    ):
+        yield screen
 
 
 def shown_lag(screen):

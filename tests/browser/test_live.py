@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 import pytest
 from board import SKETCHES
@@ -18,16 +20,13 @@ STREAM = SKETCHES / "kalscope_stream/kalscope_stream.ino"
 @pytest.fixture
 def open_live(browser, tmp_path):
     """Open the dashboard on a port."""
-    running = []
+    with contextlib.ExitStack() as running:
 
-    def begin(port):
-        running.append(Program(f"serial:{port}@115200", cwd=tmp_path))
-        running.append(Screen(browser, running[-1].url))
-        return running[-1]
+        def begin(port):
+            program = running.enter_context(Program(f"serial:{port}@115200", cwd=tmp_path))
+            return running.enter_context(Screen(browser, program.url))
 
-    yield begin
-    for thing in reversed(running):
-        thing.close() if isinstance(thing, Screen) else thing.stop()
+        yield begin
 
 
 def wait_for_samples(screen, count):

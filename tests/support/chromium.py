@@ -18,3 +18,7 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
 )
+
+NO_CANVAS = """for (const name of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"])
+    WebGL2RenderingContext.prototype[name] = () => {};"""
+"""Leaves viser's 3-D canvas empty. Drawing it in software takes more time than all the rest of a page."""

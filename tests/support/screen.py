@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from chromium import NO_CANVAS
 from PIL import Image
 from waiting import PATIENCE, wait_until
 
@@ -54,17 +55,28 @@ class Program:
         assert line.startswith("Kalscope: http://127.0.0.1:"), (line, self.log.read_text())
         self.url = line.split()[1]
 
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.stop()
+
     def stop(self):
         self.process.send_signal(signal.SIGTERM)
-        assert self.process.wait(timeout=PATIENCE) == 0, self.log.read_text()
-        self.process.stdout.close()
+        try:
+            assert self.process.wait(timeout=PATIENCE) == 0, self.log.read_text()
+        finally:
+            self.process.kill()
+            self.process.stdout.close()
 
 
 class Screen:
-    """One page on the program."""
+    """One page on the program; the map is drawn only where `canvas` says so."""
 
-    def __init__(self, browser, url, width=1600, height=900):
+    def __init__(self, browser, url, width=1600, height=900, canvas=False):
         self.context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
+        if not canvas:
+            self.context.add_init_script(NO_CANVAS)
         self.page = self.context.new_page()
         self.page.set_default_timeout(1000 * PATIENCE)
         self.page_errors = []
@@ -72,6 +84,12 @@ class Screen:
         self.url = url
         self.page.goto(url)
         self.ready()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
 
     def ready(self):
         """Charts are drawn, the browser is known to the server, and viser's own notice is closed."""
