@@ -172,7 +172,7 @@ def _two_variances(params: FilterParams) -> FilterParams:
 
 
 def _fit_q(z: Array, dt: Array | None, r: float, said: str, origin: str) -> Found:
-    """Q where r is known; with a special message where that r explains all changes."""
+    """The pair where r is known; with a special message where that r explains all changes."""
     answer = estimate_fixed_r(z, r, dt)
     message = str(answer.message)
     if answer.verdict == "no_movement":
@@ -195,7 +195,7 @@ def _noise_for_target(
     progress: Callable[[float, str], None] | None,
     cancelled: Callable[[], bool] | None,
 ) -> tuple[float, str]:
-    """R and its origin where only λ is given: the present r, the likelihood's, or var(Δz)/2."""
+    """A value for r and its origin where only λ is given: the present r, the likelihood's, or var(Δz)/2."""
     band = "it sets the width of the band, not the curve."
     if present_r is not None and present_r > 0.0:
         return present_r, f"r is kept: {band}"

@@ -169,7 +169,7 @@ def estimate_fixed_r(z: ArrayLike, r: float, dt: ArrayLike | None = None) -> Est
     def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
         scaled = noise / data.scale / data.scale
         if not _MAX_FACTOR**-1 < scaled < _MAX_FACTOR:
-            return Pair(0.0, 0.0, math.inf, math.inf, verdict="bad_unit", text=words.other_unit()), NOWHERE
+            return Pair(0.0, 0.0, math.inf, math.inf, verdict="bad_unit", text=words.OTHER_UNIT), NOWHERE
         constant = data.m * (math.log(2.0 * math.pi) + math.log(noise))
 
         def loglik(log_ratios: Array) -> Array:

@@ -59,7 +59,7 @@ def conclude(method: str, data: Differences, pair: Pair, peak: Peak) -> Estimate
     verdict = pair.verdict or _judge(pair, peak)
     sizes = [size for size, found in ((q, pair.q), (r, pair.r)) if found > 0.0]
     if not all(_MIN_VARIANCE < size <= MAX_VARIANCE for size in sizes):
-        return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), "bad_unit", words.bad_unit())
+        return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), "bad_unit", words.BAD_UNIT)
     message = pair.text or _message(verdict, data, pair, peak)
     if pair.note:
         message = f"{message} {pair.note}"
@@ -111,9 +111,9 @@ def _message(verdict: str, data: Differences, pair: Pair, peak: Peak) -> str:
     if verdict == "no_movement":
         return words.blind("movement", low, high) if low > 0.0 else words.no_movement(lag_of(high))
     if verdict == "flat":
-        return words.flat()
+        return words.FLAT
     if verdict == "not_converged":
-        return words.unsettled()
+        return words.NOT_CONVERGED
     return words.ok(gain_of(pair.q / pair.r), (lag_of(high), lag_of(low)), (low, high))
 
 

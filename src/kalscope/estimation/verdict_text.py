@@ -16,6 +16,21 @@ INSTEAD = (
     "Instead: take r from a still stretch or the data sheet, or choose the lag or the cut-off that you can accept."
 )
 
+BAD_UNIT = "The variances of these readings are outside 1e-300 to 1e300. Choose a unit in which they are near 1."
+"""The variances leave 1e-300 … 1e300."""
+
+OTHER_UNIT = "The given r is far too large or too small for these readings: give a variance, in their unit squared."
+"""A given r is far too large or too small for the readings."""
+
+FLAT = (
+    "Noise and movement cannot be separated: every ratio q/r explains the record almost as well as this one. "
+    "Treat the pair as a guess. Record longer, or take r from a still stretch or the data sheet."
+)
+"""Every λ from 0 to ∞ explains the record almost equally well."""
+
+NOT_CONVERGED = "EM had not converged when it reached its limit of passes: use the maximum-likelihood pair instead."
+"""EM reached its limit of passes."""
+
 MIN_SAMPLES = 8
 """Finite samples that an estimate needs."""
 
@@ -38,18 +53,8 @@ def constant(n: int) -> str:
     )
 
 
-def bad_unit() -> str:
-    """The variances leave 1e-300 … 1e300."""
-    return "The variances of these readings are outside 1e-300 to 1e300. Choose a unit in which they are near 1."
-
-
-def other_unit() -> str:
-    """A given r is far too large or too small for the readings."""
-    return "The given r is far too large or too small for these readings: give a variance, in their unit squared."
-
-
 def no_noise(data: Differences, gains: tuple[float, float]) -> str:
-    """R → 0: the likelihood is highest for a filter that passes everything."""
+    """For r → 0: the likelihood is highest for a filter that passes everything."""
     unchanged = np.count_nonzero(data.d == 0.0) / data.m
     steps = (
         f" {percent(unchanged)} of the readings equal the one before: the signal is coarsely quantised."
@@ -65,7 +70,7 @@ def no_noise(data: Differences, gains: tuple[float, float]) -> str:
 
 
 def no_movement(lag_low: float) -> str:
-    """Q → 0: a constant plus noise explains the record best."""
+    """For q → 0: a constant plus noise explains the record best."""
     allowed = f"a lag of {number(lag_low)} samples or more" if lag_low > 0.0 else "any lag"
     return (
         "No movement can be identified: a constant plus noise of variance r explains this record best. The r found "
@@ -84,14 +89,6 @@ def blind(kind: str, low: float, high: float) -> str:
     )
 
 
-def flat() -> str:
-    """Every λ from 0 to ∞ explains the record almost equally well."""
-    return (
-        "Noise and movement cannot be separated: every ratio q/r explains the record almost as well as this one. "
-        "Treat the pair as a guess. Record longer, or take r from a still stretch or the data sheet."
-    )
-
-
 def ok(gain: float, lag: tuple[float, float], interval: tuple[float, float]) -> str:
     """Both variances are found; `lag` and `interval` are the ends of the 95 % intervals of lag and ratio."""
     reduction = 10.0 * math.log10((2.0 - gain) / gain)
@@ -105,11 +102,6 @@ def ok(gain: float, lag: tuple[float, float], interval: tuple[float, float]) -> 
     elif interval[0] == 0.0:
         text += " The record does not exclude q = 0: record longer to be sure of q."
     return text
-
-
-def unsettled() -> str:
-    """EM reached its limit of passes."""
-    return "EM had not converged when it reached its limit of passes: use the maximum-likelihood pair instead."
 
 
 def chosen_ratio(low: float, high: float, ratio: float) -> str:

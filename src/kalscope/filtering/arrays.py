@@ -19,7 +19,7 @@ def scalar(value: float | Array | None) -> float:
 
 
 def samples_of(z: ArrayLike) -> Array:
-    """Z as float64, a view where possible; masked samples become NaN, missing."""
+    """The samples z as float64, a view where possible; masked samples become NaN, missing."""
     if isinstance(z, np.ndarray) and np.iscomplexobj(cast("Array", z)):  # asarray would drop the imaginary part
         raise BadSetting("z must be an array of real numbers (got complex ones)")
     try:
@@ -32,7 +32,7 @@ def samples_of(z: ArrayLike) -> Array:
 
 
 def one_channel(z: ArrayLike, params: FilterParams) -> Array:
-    """Z as float64, shape (n,), for functions of one signal with scalar parameters."""
+    """The samples z as float64, shape (n,), for functions of one signal with scalar parameters."""
     samples = samples_of(z)
     if samples.ndim != 1 or params.channels is not None:
         raise BadSetting(f"z must be one channel, shape (n,), with scalar parameters (got {samples.shape})")
@@ -40,7 +40,7 @@ def one_channel(z: ArrayLike, params: FilterParams) -> Array:
 
 
 def columns_of(z: ArrayLike) -> tuple[Array, tuple[int, ...]]:
-    """Z as contiguous rows, one a channel (a view where possible), and z's own shape."""
+    """The samples z as contiguous rows, one a channel (a view where possible), and z's own shape."""
     array = samples_of(z)
     if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
         raise BadSetting(f"z must have shape (n,) or (n, channels) (got {array.shape})")
@@ -74,7 +74,7 @@ def kernel_values(params: FilterParams, channels: int) -> list[tuple[float, floa
 
 
 def steps_of(dt: ArrayLike | None, n: int) -> Array:
-    """Dt as the kernels need it: empty for regular sampling."""
+    """The steps dt as the kernels need it: empty for regular sampling."""
     if dt is None:
         return np.empty(0)
     steps = np.ascontiguousarray(dt, dtype=np.float64)

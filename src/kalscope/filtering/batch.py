@@ -11,14 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering import kernels
-from kalscope.filtering.arrays import (
-    columns_of,
-    infinite,
-    kernel_values,
-    refuse_infinite,
-    shaped_like,
-    steps_of,
-)
+from kalscope.filtering.arrays import columns_of, infinite, kernel_values, refuse_infinite, shaped_like, steps_of
 from kalscope.filtering.params import FilterParams
 
 

@@ -17,9 +17,18 @@ from kalscope.errors import BadSetting
 MAX_VARIANCE = 1e300
 """Largest variance accepted: sums of two of them still fit a double."""
 
-
 Parameter = float | Array
 """One number for every channel, or an array of shape (channels,)."""
+
+_VARIANCE = "a finite variance from 0 to 1e300"
+_MUST = {
+    "q": _VARIANCE,
+    "r": _VARIANCE,
+    "p0": _VARIANCE,
+    "x0": "a finite number in the unit of the signal",
+    "gate": "a finite threshold on v²/s above 0, such as 9",
+}
+"""What each parameter must be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +52,10 @@ class FilterParams:
     """Outlier gate: a sample whose v²/s exceeds it is not used (9 = three sigma), > 0; None = off."""
 
     def __post_init__(self) -> None:
+        given = {name: getattr(self, name) for name in _MUST}
         checked = {
-            "q": _variance("q", self.q),
-            "r": _variance("r", self.r),
-            "p0": None if self.p0 is None else _variance("p0", self.p0),
-            "x0": None if self.x0 is None else _estimate(self.x0),
-            "gate": None if self.gate is None else _gate(self.gate),
+            name: None if value is None and name not in ("q", "r") else _checked(name, value)
+            for name, value in given.items()
         }
         if self.x0 is not None and self.p0 is None:
             raise BadSetting(f"x0 needs p0, the variance of that first estimate (got x0 = {self.x0} alone)")
@@ -84,38 +91,25 @@ class FilterParams:
         return self.q, self.r, self.p0, self.x0, self.gate
 
 
-def _number(name: str, must: str, value: Any) -> Parameter:
-    """`value` as a float or a read-only (channels,) array of finite numbers."""
+def _checked(name: str, value: Any) -> Parameter:
+    """`value` as a float or a read-only array of shape (channels,), in the range that _MUST states."""
+    wrong = f"{name} must be {_MUST[name]}"
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise BadSetting(f"{name} must be {must} (got {value!r})") from None
-    if array.ndim > 1 or array.size == 0 or not np.all(np.isfinite(array)):
-        raise BadSetting(f"{name} must be {must} (got {value})")
+        raise BadSetting(f"{wrong} (got {value!r})") from None
+    if array.ndim > 1 or array.size == 0 or not np.all(np.isfinite(array) & _in_range(name, array)):
+        raise BadSetting(f"{wrong} (got {value})")
     if array.ndim == 0:
         return float(array)
     array.setflags(write=False)
     return array
 
 
-def _variance(name: str, value: Any) -> Parameter:
-    must = "a finite variance from 0 to 1e300"
-    number = _number(name, must, value)
-    if np.any(np.asarray(number) < 0.0) or np.any(np.asarray(number) > MAX_VARIANCE):
-        raise BadSetting(f"{name} must be {must} (got {value})")
-    return number
-
-
-def _estimate(value: Any) -> Parameter:
-    return _number("x0", "a finite number in the unit of the signal", value)
-
-
-def _gate(value: Any) -> Parameter:
-    must = "a finite threshold on v²/s above 0, such as 9"
-    number = _number("gate", must, value)
-    if np.any(np.asarray(number) <= 0.0):
-        raise BadSetting(f"gate must be {must} (got {value})")
-    return number
+def _in_range(name: str, array: Array) -> Any:
+    if name == "x0":
+        return True
+    return array > 0.0 if name == "gate" else (array >= 0.0) & (array <= MAX_VARIANCE)
 
 
 def _same(a: Parameter | None, b: Parameter | None) -> bool:

@@ -10,10 +10,7 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering import kernels
-from kalscope.filtering.arrays import (
-    kernel_values,
-    samples_of,
-)
+from kalscope.filtering.arrays import kernel_values, samples_of
 from kalscope.filtering.params import FilterParams
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from kalscope.analysis.alternatives.candidates import Candidate, Description, at_lag, at_noise
 from kalscope.analysis.alternatives.error_measures import Errors
 from kalscope.analysis.alternatives.filters import exponential
-from kalscope.analysis.alternatives.measured_response import Bench, bench_of
+from kalscope.analysis.alternatives.measured_response import bench_of
 from kalscope.analysis.alternatives.verdict import Difference, difference, refusal, verdict
 from kalscope.analysis.alternatives.versus_smoothing import identity_words
 from kalscope.common.array import Array
@@ -118,7 +118,10 @@ def compare_alternatives(
     steady = steady_state(params)
     lag, gain = float(steady.lag_samples), float(steady.gain)
     refused = refusal(piece, lag, gain)
-    chosen = () if refused is not None else _chosen(match, lag, gain, bench_of(piece, result.x, lag))
+    chosen: tuple[Candidate, ...] = ()
+    if refused is None:
+        bench = bench_of(piece, result.x, lag)
+        chosen = at_lag(lag, bench) if match == "lag" else at_noise(gain / (2.0 - gain), bench)
     begun = _begun(piece, [one for one in chosen if one.causal])
     errors = Errors(piece, true, begun)
     present = _present(result, steady, errors)
@@ -138,10 +141,6 @@ def compare_alternatives(
         identity=identity_words(piece, result, params, exponential(piece, gain)),
         note=_note(first, last, len(samples), errors.judged, true),
     )
-
-
-def _chosen(match: Match, lag: float, gain: float, bench: Bench) -> tuple[Candidate, ...]:
-    return at_lag(lag, bench) if match == "lag" else at_noise(gain / (2.0 - gain), bench)
 
 
 def stretch_of(n: int, window: tuple[int, int] | None) -> tuple[int, int]:

@@ -113,7 +113,7 @@ def _skipping(z: Array, run: Callable[[Array], Array]) -> Array:
 
 
 def _bridged(z: Array) -> tuple[Array, int]:
-    """Z from its first sample on, a straight line across each gap; and the number of samples before it."""
+    """The samples z from the first finite one on, gaps interpolated; and the number of samples before it."""
     seen = np.flatnonzero(np.isfinite(z))
     if len(seen) == 0:
         return np.empty(0), len(z)

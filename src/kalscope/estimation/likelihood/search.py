@@ -47,7 +47,7 @@ class Peak:
 
 
 def grid_for(m: int, highest: float = 24.0) -> Array:
-    """Ln λ to try first, rising: down to a lag far beyond m samples, up to `highest`."""
+    """First values of ln λ, rising: from a lag far beyond m samples to `highest`."""
     lowest = min(-24.0, -2.0 * math.log(m) - 6.0)
     return lowest + STEP * np.arange(math.ceil((highest - lowest) / STEP) + 1, dtype=np.float64)
 
