@@ -29,9 +29,11 @@ from kalscope.sources.live.live_samples import Snapshot
 from kalscope.sources.live.live_source import LiveSource
 from kalscope.sources.live.live_status import LiveStatus
 from kalscope.sources.live.sample_store import SampleStore
+from kalscope.sources.port.port_spec import port_of
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.live import opened_live, set_span
+from kalscope_app.session.live_state import BoardId
 
 RATE = 1000.0
 NAMES = ("wave", "number", "noise")
@@ -43,6 +45,8 @@ WINDOWS = ("10 s", "all")
 
 class FullFeed:
     """A live source that has kept so many samples already."""
+
+    recorder, spec = None, port_of("serial:/dev/null")
 
     def __init__(self, samples: int, status: LiveStatus) -> None:
         self._rng, self._status, self._version = np.random.default_rng(1), status, count()
@@ -117,7 +121,7 @@ def measure(samples: list[int], frames: int, profile: cProfile.Profile | None) -
 def bench(server, n: int, status: LiveStatus, folder: Path, window: str) -> Bench:
     """A dashboard whose board has sent `n` samples, after its first frames."""
     feed = FullFeed(n, status)
-    dashboard = Dashboard(server, opened_live(feed, "x"), folder)
+    dashboard = Dashboard(server, opened_live(BoardId(), "x"), folder, source=feed)
     dashboard.engine._studies = None
     dashboard.session.request(set_span(window))
     one = Bench(feed, dashboard)

@@ -8,10 +8,11 @@ from weakref import WeakKeyDictionary
 
 import viser
 
-from kalscope.sources.live.live_source import LiveSource
 from kalscope_app.engine.engine import Engine
 from kalscope_app.engine.idle_studies import Studies, Study
 from kalscope_app.engine.jobs import Jobs
+from kalscope_app.live.connection import BoardConnection
+from kalscope_app.live.recording import BoardRecording
 from kalscope_app.program.error_reporting import sentence_for
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.changes.view import set_dark, set_smoother
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from kalscope.sources.live.live_source import LiveSource
     from kalscope_app.engine.frame import Frame
     from kalscope_app.session.state import State
 
@@ -61,11 +63,29 @@ log = logging.getLogger(__name__)
 class Dashboard:
     """Views, session and engine on one server."""
 
-    def __init__(self, server: viser.ViserServer, state: State, folder: Path, log_file: Path | None = None) -> None:
-        """Args: the guarded server; what to show first; the folder that exports stay in; the log, to be named."""
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        state: State,
+        folder: Path,
+        log_file: Path | None = None,
+        source: LiveSource | None = None,
+    ) -> None:
+        """Build every view; nothing is shown yet.
+
+        Args:
+            server: the guarded server.
+            state: what to show first.
+            folder: the folder that exports and recordings stay in.
+            log_file: the log, named in notifications.
+            source: the live board that `state` shows; `start` connects it.
+        """
         self._server, self._log_file = server, log_file
-        self._first = state
-        self.session = Session(state)
+        self._port_jobs = Jobs(self.tell)  # a port must not wait for a long search
+        self._connection = BoardConnection(self._port_jobs)
+        if state.live is not None and source is not None:
+            self._connection.adopt(state.live.board, source)
+        self.session = Session(state, self._connection)
         self._jobs = Jobs(self.tell)
         self._panels = Panels(server)
         self._tour = Tour(UserSettings(), self._jobs)
@@ -104,11 +124,12 @@ class Dashboard:
             self._presets = PresetsView(gui, self.session)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
-            self._live = LiveView(gui, self.session, Jobs(self.tell), self.tell, folder)
+            recording = BoardRecording(self._connection, folder, self.tell)
+            self._live = LiveView(gui, self.session, self._port_jobs, self._connection, recording)
             self._source.build_rest(gui)
         with tabs.add_tab("Export"):
             self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
-            self._board = BoardView(gui, self.session, self._jobs, self.tell, lambda: self._live.connected)
+            self._board = BoardView(gui, self.session, self._jobs, self.tell, self._connection)
             self._share = ShareView(gui)
             self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
             self._report = ReportView(gui, self.session, self._jobs)
@@ -137,15 +158,13 @@ class Dashboard:
 
     def start(self) -> None:
         """Connect the board if there is one and show the first frame; returns when it is on its way."""
-        feed = self._first.live.feed if self._first.live is not None else None
-        if isinstance(feed, LiveSource):
-            self._live.adopt(feed)
+        self._connection.start()
         self.engine.start()
         self.engine.first_frame.wait(timeout=60.0)
 
     def stop(self) -> None:
         """Finish a recording and free the port, then end the engine: a frame may take longer than is left."""
-        self._live.close(timeout=0.3)
+        self._connection.close(timeout=0.3)
         self.engine.stop()
 
     def show(self, frame: Frame) -> None:

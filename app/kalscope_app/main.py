@@ -23,6 +23,7 @@ from kalscope.cli.options import Delimiter, GapsChoice, Missing, SamplePeriod, T
 from kalscope.sources.lines.read_options import ReadOptions, options_from_text
 
 if TYPE_CHECKING:
+    from kalscope.sources.live.live_source import LiveSource
     from kalscope_app.guard.server import GuardedServer
     from kalscope_app.program.log_file import Log
     from kalscope_app.session.state import State
@@ -71,17 +72,24 @@ def open_dashboard(
 
     options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
     with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
-        state = apply_options(first_state(source, options, config, sample_period), channel, q, r, p0, x0, gate)
+        state, board = first_state(source, options, config, sample_period)
+        state = apply_options(state, channel, q, r, p0, x0, gate)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), label="Kalscope")
         with stop_signals() as end:
-            serve(state, start, end, running_log, browser=browser)
+            serve(state, board, start, end, running_log, browser=browser)
 
 
 def serve(
-    state: State, start_server: Callable[..., GuardedServer], end: threading.Event, log: Log, *, browser: bool
+    state: State,
+    board: LiveSource | None,
+    start_server: Callable[..., GuardedServer],
+    end: threading.Event,
+    log: Log,
+    *,
+    browser: bool,
 ) -> None:
-    """Show `state` in a dashboard until `end` is set; `start_server` lacks only its argument `on_refused`."""
+    """Show `state` and its board in a dashboard until `end` is set; `start_server` lacks only `on_refused`."""
     from kalscope_app.dashboard import Dashboard
     from kalscope_app.guard.token_file import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
@@ -99,7 +107,7 @@ def serve(
         try:
             log.hidden.append(guarded.token)
             errors.watch_server(guarded.server.get_event_loop(), thread_pool(guarded.server))
-            dashboard = Dashboard(guarded.server, state, Path.cwd(), log.file)
+            dashboard = Dashboard(guarded.server, state, Path.cwd(), log.file, board)
             errors.notify_with(dashboard.tell)
             dashboard.start()
             print(f"Kalscope: {guarded.url}", flush=True)
@@ -125,20 +133,28 @@ def end_within(seconds: float, name: str, stop: Callable[[], None]) -> None:
 
 def first_state(
     source: str, options: ReadOptions, config: Path | None, sample_period: float | None = None
-) -> State:
-    """The state that is shown first: the source, with the values of the tuning file if there is one."""
-    from kalscope.catalogue import open_source
-    from kalscope.errors import BadSetting
+) -> tuple[State, LiveSource | None]:
+    """The state that is shown first, and its live board, not connected yet; None for a finished recording."""
     from kalscope.sources.live.live_source import LiveSource
     from kalscope.sources.port.port_spec import is_live
     from kalscope.tuning.tuning import load_tuning
     from kalscope_app.session.live import opened_live
+    from kalscope_app.session.live_state import BoardId
+
+    if not is_live(source):
+        return recorded_state(source, options, config, sample_period), None
+    board = LiveSource(source, options)
+    state = opened_live(BoardId(), board.spec.url, tuning=None if config is None else load_tuning(config))
+    return state.with_open(options=options), board
+
+
+def recorded_state(source: str, options: ReadOptions, config: Path | None, sample_period: float | None) -> State:
+    """A recording, with the values of the tuning file if there is one."""
+    from kalscope.catalogue import open_source
+    from kalscope.errors import BadSetting
+    from kalscope.tuning.tuning import load_tuning
     from kalscope_app.session.opening import opened, opened_experiment, opened_with
 
-    if is_live(source):
-        live = LiveSource(source, options)
-        state = opened_live(live, live.spec.url, tuning=None if config is None else load_tuning(config))
-        return state.with_open(options=options)
     if source.startswith("experiment:") and config is None:
         return opened_experiment(source)
     if config is None:

@@ -14,18 +14,20 @@ from kalscope.export.board.check import check_board
 from kalscope.export.float32 import float32_params
 from kalscope.sources.live.live_source import LiveSource
 from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope_app.live.sending import send_setting
 from kalscope_app.session.live import opened_live, refreshed, set_sent
-from kalscope_app.studies.board import compare_with_board, send_setting
+from kalscope_app.session.live_state import BoardId
+from kalscope_app.studies.board import compare_with_board
 
 pytestmark = pytest.mark.device
 
 
-def grown(state, condition):
-    """The state once enough has come."""
+def grown(source, state, condition):
+    """The state once enough samples have arrived."""
 
     def enough():
         nonlocal state
-        state = refreshed(state)
+        state = refreshed(state, source.snapshot())
         return condition(state)
 
     wait_until(enough, pause=0.05)
@@ -40,13 +42,13 @@ def test_a_board_that_runs_already_can_be_sent_to_though_it_has_told_no_names(st
     board = start_board(firmware, np.random.default_rng(8).integers(300, 700, 4000))
     time.sleep(1.0)  # its header has gone before anybody listens
     with LiveSource(board.port) as source:
-        state = grown(opened_live(source, "board"), lambda state: len(state.recording) > 150)
+        state = grown(source, opened_live(BoardId(), "board"), lambda state: len(state.recording) > 150)
         assert state.recording.names == ("value 1", "value 2")
         state = state.with_tuning(q=0.037, r=11.3)
         state = set_sent(send_setting(state, source))(state)
         assert state.board == "value 2"
         rows = state.sent.row + 200
-        state = grown(state, lambda state: len(state.recording) > rows)
+        state = grown(source, state, lambda state: len(state.recording) > rows)
     check = compare_with_board(state)
     assert check.rows > 150
     assert check.different == 0
@@ -60,12 +62,12 @@ def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(star
     counts = np.random.default_rng(8).integers(300, 700, (4000, 2))
     board = start_board(firmware, counts, "--wait-open")
     with LiveSource(board.port) as source:
-        state = grown(opened_live(source, "board"), lambda state: len(state.recording) > 150)
+        state = grown(source, opened_live(BoardId(), "board"), lambda state: len(state.recording) > 150)
         assert state.recording.names == ("light", "light_filtered", "temp", "temp_filtered")
         state = state.with_open(channel="temp").with_tuning(q=0.037, r=11.3)
         state = replace(state, sent=send_setting(state, source))
         rows = state.sent.row + 200
-        state = grown(state, lambda state: len(state.recording) > rows)
+        state = grown(source, state, lambda state: len(state.recording) > rows)
     check = compare_with_board(state)
     assert check.rows > 150
     assert check.different == 0

@@ -1,4 +1,4 @@
-"""A live feed whose samples the test sends."""
+"""A live board whose samples the test sends."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import numpy as np
 
 from kalscope import Recording
 from kalscope.sources.live.live_samples import Snapshot
+from kalscope_app.session.live_state import BoardId, ConnectionState
 
 
 class Board:
-    """A feed whose samples the test sends."""
+    """A board whose samples the test sends, and the only one that a session knows."""
 
     def __init__(self, names=("a", "b"), period=0.01):
-        self.names, self.period, self.generation = names, period, 0
+        self.names, self.period, self.generation, self.id = names, period, 0, BoardId()
+        self.looked_at = []
         self.values = np.empty((0, len(names)))
         self.first = 0
         self.lock = threading.Lock()
@@ -26,7 +28,7 @@ class Board:
             self.values = np.concatenate([self.values, new])
         return self
 
-    def snapshot(self):
+    def snapshot(self, _board=None):
         with self.lock:
             values = self.values[self.first :]
             if not len(values):
@@ -36,5 +38,8 @@ class Board:
             recording = Recording(time, self.names, units, values, self.period, source="serial:x", title="x")
             return Snapshot(recording, self.first, self.generation, len(self.values))
 
-    def status(self):
-        return SimpleNamespace(word="connected", hint="", recording=None)
+    def state(self, _board=None):
+        return ConnectionState(True, False, SimpleNamespace(word="connected", hint="", recording=None))
+
+    def look_at(self, board):
+        self.looked_at.append(board)

@@ -130,7 +130,7 @@ class Engine:
         chosen_from = state.recording, state.channel, live_window(state), limit
         drawn = self._samples.once(lambda: choose_samples(*chosen_from, self._facts.of(state)), *chosen_from)
         variants = self._curves.of(state, drawn) if state.live is None else None
-        frame = compute_frame(state, serial, drawn, self._runs, variants)
+        frame = compute_frame(state, serial, drawn, self._runs, variants, self._session.connection())
         asked = self._frame is None or serial != self._frame.serial
         self._frame, self._frame_at = frame, time.monotonic()
         self._show(frame)

@@ -13,6 +13,7 @@ from kalscope.common.array import Array
 from kalscope.filtering.protocol import StandardFilter
 from kalscope.filtering.smoothing import smooth
 from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.session.live_state import NO_CONNECTION, ConnectionState
 
 if TYPE_CHECKING:
     from kalscope.filtering.batch import FilterResult
@@ -62,10 +63,15 @@ class Frame:
     """What the board's own filter sent, unit; None where no channel is that."""
     board_difference: float = math.nan
     """Largest |board's − ours| in the window, unit; NaN where there is none."""
-    status: LiveStatus | None = None
-    """How the connection is; None for a finished recording."""
+    connection: ConnectionState = NO_CONNECTION
+    """How the connection of the live board is."""
     variants: tuple[Array, ...] = ()
     """The filtered signal of each pinned setting, in the order of `state.variants`, unit."""
+
+    @property
+    def status(self) -> LiveStatus | None:
+        """How the board on screen is; None for a finished recording."""
+        return None if self.state.live is None else self.connection.status
 
 
 def compute_frame(
@@ -74,6 +80,7 @@ def compute_frame(
     drawn: DrawnSamples,
     runs: FilterRuns | None = None,
     variants: tuple[Array, ...] | None = None,
+    connection: ConnectionState = NO_CONNECTION,
 ) -> Frame:
     """Filter the channel on screen over the whole recording and pick what is drawn.
 
@@ -83,6 +90,7 @@ def compute_frame(
         drawn: the samples to draw.
         runs: the runs of earlier frames; None = filter anew.
         variants: the curves of the pinned settings, where they are known already (`VariantCurves`).
+        connection: how the connection of the live board is.
     """
     recording = state.recording
     runs = runs or FilterRuns()
@@ -109,7 +117,7 @@ def compute_frame(
         gain_samples=gain_samples.astype(np.float64),
         board=None if board is None else board[at],
         board_difference=math.nan if board is None else _largest_difference(board, result.x, drawn),
-        status=None if state.live is None else state.live.feed.status(),
+        connection=connection,
         variants=tuple(runs.of(state, StandardFilter(variant.tuning.params)).x[at] for variant in state.variants)
         if variants is None
         else variants,
@@ -150,5 +158,4 @@ def gain_axis(start_up: int, n: int) -> NDArray[np.intp]:
     decade = 10 ** math.floor(math.log10(wanted))
     count = next(step * decade for step in (1, 2, 5, 10) if step * decade >= wanted)
     count = min(count, n)
-    numbers: Array = np.linspace(0, count - 1, min(count, GAIN_POINTS))
-    return np.unique(numbers.astype(np.intp))
+    return np.unique(np.asarray(np.linspace(0, count - 1, min(count, GAIN_POINTS)), dtype=np.intp))

@@ -15,7 +15,7 @@ import numpy as np
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 from kalscope_app.session.changes.channels import channel_named, select_channel
-from kalscope_app.session.live_state import Deferred, Feed, Live, Sent
+from kalscope_app.session.live_state import BoardId, Deferred, Live, Sent
 from kalscope_app.session.opening import adapted, opened, reopened
 
 if TYPE_CHECKING:
@@ -50,17 +50,17 @@ MAX_STUDIED = 100_000
 """Newest samples that the checks, spectra and maps of a live record are computed from."""
 
 
-def opened_live(feed: Feed, title: str, before: State | None = None, tuning: Tuning | None = None) -> State:
+def opened_live(board: BoardId, title: str, before: State | None = None, tuning: Tuning | None = None) -> State:
     """A state that waits for the first samples of a board and then shows them.
 
     Args:
-        feed: the board.
+        board: which one.
         title: how it was named.
         before: what was on screen.
         tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
     """
-    live = Live(feed, deferred=None if tuning is None else Deferred(tuning))
-    return refreshed(replace(opened(waiting(title), before), live=live))
+    live = Live(board, deferred=None if tuning is None else Deferred(tuning))
+    return replace(opened(waiting(title), before), live=live)
 
 
 def waiting(title: str) -> Recording:
@@ -119,13 +119,10 @@ def _apply_deferred(state: State) -> State:
     return state.with_answers(note=" ".join(notes)).with_reset_view()
 
 
-def refreshed(state: State) -> State:
-    """The state with the samples that have arrived since; the same object where there are none."""
+def refreshed(state: State, snapshot: Snapshot | None) -> State:
+    """The state with the samples that its board has now; the same object where there are no new ones."""
     live = state.live
-    if live is None or live.paused:
-        return state
-    snapshot = live.feed.snapshot()
-    if snapshot is None or len(snapshot.recording) < MIN_SAMPLES:
+    if live is None or live.paused or snapshot is None or len(snapshot.recording) < MIN_SAMPLES:
         return state
     if live.snapshot is not None and same_samples(snapshot, live.snapshot):
         return state
@@ -136,7 +133,7 @@ def refreshed(state: State) -> State:
 
 
 def same_samples(one: Snapshot, other: Snapshot) -> bool:
-    """Whether no sample lies between two snapshots of a feed."""
+    """Whether no sample lies between two snapshots of a board."""
     return (one.generation, one.version) == (other.generation, other.version)
 
 
@@ -158,7 +155,7 @@ def _begun(state: State, snapshot: Snapshot) -> State:
 
 
 def without_samples(state: State) -> State:
-    """The state as the history keeps it: without the samples, which the feed keeps."""
+    """The state as the history keeps it: without the samples, which the connection keeps."""
     if state.live is None or state.live.snapshot is None:
         return state
     few = _part(state.recording, 0, 2)
@@ -167,13 +164,12 @@ def without_samples(state: State) -> State:
 
 
 def with_current_samples(kept: State, present: State) -> State:
-    """A state from the history with the samples of now: those on screen if it is the same board."""
-    if kept.live is None:
+    """A state from the history with the samples on screen, if it is the same board."""
+    if kept.live is None or present.live is None or present.live.board is not kept.live.board:
         return kept
-    same_names = tuple(tuning.name for tuning in kept.settings.tunings) == present.recording.names
-    if present.live is not None and present.live.feed is kept.live.feed and same_names:
-        kept = replace(kept.with_open(recording=present.recording), live=present.live)
-    return refreshed(kept)
+    if tuple(tuning.name for tuning in kept.settings.tunings) != present.recording.names:
+        return kept
+    return replace(kept.with_open(recording=present.recording), live=present.live)
 
 
 def studied(state: State) -> State:
@@ -203,7 +199,7 @@ def follow(state: State) -> State:
     if state.live is None:
         return state
     live = replace(state.live, following=True, paused=False)
-    return refreshed(replace(state, live=live).with_reset_view(window=None))
+    return replace(state, live=live).with_reset_view(window=None)
 
 
 def set_paused(paused: bool) -> Change:
@@ -224,7 +220,7 @@ def set_span(words: str) -> Change:
         if state.live is None:
             return state
         live = replace(state.live, span=SPANS[words], following=True)  # a paused screen stays so
-        return refreshed(replace(state, live=live).with_reset_view(window=None))
+        return replace(state, live=live).with_reset_view(window=None)
 
     return change
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from kalscope.export.float32 import Float32Params
@@ -16,16 +16,25 @@ FIRST_SPAN = 10.0
 """Length of the live window at first, s."""
 
 
-class Feed(Protocol):
-    """What a live source offers to the dashboard; `LiveSource` is one."""
+@dataclass(frozen=True, eq=False)
+class BoardId:
+    """Names a board in the State; only the connection knows its running source. Compared by identity."""
 
-    def snapshot(self) -> Snapshot | None:
-        """What is kept, or None before the first sample."""
-        ...
 
-    def status(self) -> LiveStatus:
-        """How the connection is."""
-        ...
+@dataclass(frozen=True)
+class ConnectionState:
+    """How the connection of the board is."""
+
+    connected: bool = False
+    """Whether a board is connected, or is being waited for."""
+    recording: bool = False
+    """Whether that board is being recorded."""
+    status: LiveStatus | None = None
+    """Of the board on screen, or of one that is recorded in the background; None where there is none."""
+
+
+NO_CONNECTION = ConnectionState()
+"""No board was ever connected."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +53,7 @@ class Deferred:
 class Live:
     """The live part of a State."""
 
-    feed: Feed
+    board: BoardId
     """Where the samples come from."""
     snapshot: Snapshot | None = None
     """The record as of the last refresh; None before the first samples."""
@@ -61,8 +70,8 @@ class Live:
 
     @property
     def key(self) -> tuple[int, int]:
-        """What stays the same while the record only grows: the feed and its layout."""
-        return id(self.feed), -1 if self.snapshot is None else self.snapshot.generation
+        """What stays the same while the record only grows: the board and its layout."""
+        return id(self.board), -1 if self.snapshot is None else self.snapshot.generation
 
 
 @dataclass(frozen=True)

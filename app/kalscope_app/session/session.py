@@ -8,14 +8,17 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from kalscope_app.session.history import History, record, step_back, step_forward
 from kalscope_app.session.live import refreshed, with_current_samples, without_samples
+from kalscope_app.session.live_state import NO_CONNECTION
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from kalscope.sources.live.live_samples import Snapshot
+    from kalscope_app.session.live_state import BoardId, ConnectionState
     from kalscope_app.session.state import Change, State
 
 
@@ -29,6 +32,22 @@ def redo(state: State) -> State:
     return state
 
 
+class Boards(Protocol):
+    """Where the samples of live boards come from; `BoardConnection` is one. No call may wait for a port."""
+
+    def snapshot(self, board: BoardId) -> Snapshot | None:
+        """The samples of a board; None before the first."""
+        ...
+
+    def state(self, board: BoardId | None) -> ConnectionState:
+        """How the connection of the board on screen is; None: no board is on screen."""
+        ...
+
+    def look_at(self, board: BoardId | None) -> None:
+        """This board is on screen now; None: none is."""
+        ...
+
+
 @dataclass(frozen=True)
 class _Request:
     serial: int
@@ -40,8 +59,9 @@ class _Request:
 class Session:
     """The State and the changes that wait for the engine. `wakeup` is set when a request is waiting."""
 
-    def __init__(self, state: State) -> None:
-        self._state = state
+    def __init__(self, state: State, boards: Boards | None = None) -> None:
+        """Args: what is shown first; where the samples of live boards come from."""
+        self._state, self._boards = state, boards
         self._history = History()
         self._lock = threading.Lock()
         self._waiting: list[_Request] = []
@@ -95,13 +115,29 @@ class Session:
             self._waiting = [waiting for waiting in self._waiting if waiting.due > now]
             serial = min((waiting.serial for waiting in self._waiting), default=self._serial + 1) - 1
         failures: list[Exception] = []
-        self._state = refreshed(self._state)
+        self._refresh()
         for waiting in due:
             try:
                 self._apply(waiting, now)
             except Exception as error:  # whatever it was, the dashboard goes on and says so
                 failures.append(error)
+        if due:  # another board may be on screen now, or no longer be paused
+            self._refresh()
+        if self._boards is not None:
+            self._boards.look_at(self._board)
         return self._state, serial, failures
+
+    def _refresh(self) -> None:
+        if self._boards is not None and self._board is not None:
+            self._state = refreshed(self._state, self._boards.snapshot(self._board))
+
+    @property
+    def _board(self) -> BoardId | None:
+        return None if self._state.live is None else self._state.live.board
+
+    def connection(self) -> ConnectionState:
+        """How the connection of the board on screen is now."""
+        return NO_CONNECTION if self._boards is None else self._boards.state(self._board)
 
     def _apply(self, request: _Request, now: float) -> None:
         if request.change is undo and not self.can_undo:

@@ -40,7 +40,7 @@ def test_what_was_seen_before_and_what_came_make_the_whole(seen):
 
 def test_a_board_that_sends_on_loses_old_samples_or_begins_anew_is_known_as_if_seen_whole():
     board, facts = Board(), RecordFacts()
-    state = opened_live(board.send(50), "x")
+    state = refreshed(opened_live(board.id, "x"), board.send(50).snapshot())
 
     def check(state):
         assert facts.of(state) == facts_of(state.recording, state.channel)
@@ -50,11 +50,11 @@ def test_a_board_that_sends_on_loses_old_samples_or_begins_anew_is_known_as_if_s
         board.send(20 * turn, seed=turn)
         board.values[len(board.values) - turn :] = np.nan
         board.first = 15 * (turn // 2)
-        state = check(refreshed(state))
+        state = check(refreshed(state, board.snapshot()))
     assert facts.of(state).missing > 0
     state = check(select_channel("b")(state))
     board.generation, board.values, board.first = 1, board.values[:30], 0
-    check(refreshed(state))
+    check(refreshed(state, board.snapshot()))
 
 
 def test_another_recording_is_looked_at_afresh():

@@ -37,6 +37,7 @@ from kalscope_app.session.live import (
     studied,
     without_samples,
 )
+from kalscope_app.session.live_state import ConnectionState
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.share import apply_options
@@ -50,37 +51,41 @@ def board():
 
 
 def frame_of(state, runs=None):
-    return compute_frame(state, 0, choose_samples(state.recording, state.channel, live_window(state)), runs)
+    drawn = choose_samples(state.recording, state.channel, live_window(state))
+    return compute_frame(state, 0, drawn, runs, connection=Board().state())
+
+
+def opened_board(board, title, tuning=None):
+    return refreshed(opened_live(board.id, title, tuning=tuning), board.snapshot())
+
+
+def grown(board, count, state):
+    return refreshed(state, board.send(count).snapshot())
 
 
 def test_before_the_first_sample_the_screen_waits(board):
-    state = opened_live(board, "x")
+    state = opened_board(board, "x")
     assert np.isnan(state.recording.values).all()
     frame = frame_of(state)
     assert frame.status.word == "connected"
-    assert refreshed(state) is state
+    assert refreshed(state, board.snapshot()) is state
 
 
 def test_the_record_grows_and_what_was_tuned_stays(board):
-    state = refreshed(opened_live(board.send(500), "x"))
+    state = opened_board(board.send(500), "x")
     assert len(state.recording) == 500
     state = set_text("q", "7")(select_channel("b")(state))
-    state = refreshed(replace_sent(board, 300, state))
+    state = grown(board, 300, state)
     assert (len(state.recording), state.channel, state.tuning.q) == (800, "b", 7.0)
 
 
-def replace_sent(board, count, state):
-    board.send(count)
-    return state
-
-
 def test_starting_values_are_measured_on_the_first_samples_and_then_stay(board):
-    state = opened_live(board.send(20), "x")
+    state = opened_board(board.send(20), "x")
     early = state.settings.starts
-    state = refreshed(replace_sent(board, START_SAMPLES - 20, state))
+    state = grown(board, START_SAMPLES - 20, state)
     assert state.settings.starts != early
     settled = state.settings.starts
-    state = refreshed(replace_sent(board, 5000, state))
+    state = grown(board, 5000, state)
     assert state.settings.starts == settled
     assert reset_parameters(set_text("q", "7")(state)).settings.tunings == settled
     head = board.values[:START_SAMPLES, 0]
@@ -88,10 +93,10 @@ def test_starting_values_are_measured_on_the_first_samples_and_then_stay(board):
 
 
 def test_new_channels_keep_what_was_tuned_by_name(board):
-    state = set_text("r", "9")(opened_live(board.send(500), "x"))
+    state = set_text("r", "9")(opened_board(board.send(500), "x"))
     other = Board(("b", "a", "c"))
     board.names, board.values, board.generation = other.names, other.send(500).values, 1
-    state = refreshed(state)
+    state = refreshed(state, board.snapshot())
     assert state.recording.names == ("b", "a", "c")
     assert [t.r == 9.0 for t in state.settings.tunings] == [False, True, False]
     assert state.channel == "a"
@@ -99,53 +104,53 @@ def test_new_channels_keep_what_was_tuned_by_name(board):
 
 def test_a_tuning_file_decides_the_channels_that_it_names(board):
     tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),))
-    state = opened_live(board, "x", tuning=tuning)
-    state = refreshed(replace_sent(board, 500, state))
+    state = opened_board(board, "x", tuning=tuning)
+    state = grown(board, 500, state)
     assert (state.settings.tunings[1].q, state.settings.tunings[1].r) == (3.0, 4.0)
     assert state.channel == "b"
 
 
 def test_the_window_follows_until_the_person_looks_back(board):
-    state = set_span("1 s")(opened_live(board.send(1000), "x"))
+    state = set_span("1 s")(opened_board(board.send(1000), "x"))
     assert live_window(state) == (pytest.approx(8.99), pytest.approx(9.99))
-    state = refreshed(replace_sent(board, 100, state))
+    state = grown(board, 100, state)
     assert live_window(state) == (pytest.approx(9.99), pytest.approx(10.99))
     back = set_window(2.0, 4.0)(state)
     assert not back.live.following
-    back = refreshed(replace_sent(board, 100, back))
+    back = grown(board, 100, back)
     assert live_window(back) == (2.0, 4.0)
     assert len(back.recording) == 1200
-    again = follow(back)
+    again = refreshed(follow(back), board.snapshot())
     assert again.live.following
     assert live_window(again) == (pytest.approx(10.99), pytest.approx(11.99))
 
 
 def test_all_shows_all(board):
-    assert live_window(set_span("all")(opened_live(board.send(100), "x"))) is None
+    assert live_window(set_span("all")(opened_board(board.send(100), "x"))) is None
     assert math.inf in SPANS.values()
     with pytest.raises(BadSetting, match="live window"):
         set_span("3 h")
 
 
 def test_pause_stands_still_while_samples_come_in(board):
-    state = set_paused(True)(opened_live(board.send(100), "x"))
+    state = set_paused(True)(opened_board(board.send(100), "x"))
     board.send(100)
-    assert refreshed(state) is state
+    assert refreshed(state, board.snapshot()) is state
     tuned = set_text("q", "5")(state)
     assert (len(tuned.recording), tuned.tuning.q) == (100, 5.0)
-    assert len(refreshed(set_paused(False)(tuned)).recording) == 200
-    assert len(follow(tuned).recording) == 200
+    assert len(refreshed(set_paused(False)(tuned), board.snapshot()).recording) == 200
+    assert len(refreshed(follow(tuned), board.snapshot()).recording) == 200
 
 
 def test_the_filter_of_a_growing_record_equals_the_filter_of_the_whole(board):
-    state, runs = opened_live(board.send(200), "x"), FilterRuns()
+    state, runs = opened_board(board.send(200), "x"), FilterRuns()
     for count in (1, 50, 3000, 7):
-        state = refreshed(replace_sent(board, count, state))
+        state = grown(board, count, state)
         frame = frame_of(set_span("all")(state), runs)
         whole = kalman_filter(state.recording.channel("a"), state.params)
         np.testing.assert_array_equal(frame.filtered, whole.x[frame.drawn.indices])
     board.first = 1000  # older samples leave memory: the filter goes on from what it knew
-    state = refreshed(replace_sent(board, 10, state))
+    state = grown(board, 10, state)
     frame = frame_of(set_span("all")(state), runs)
     whole = kalman_filter(board.values[:, 0], state.params)
     np.testing.assert_array_equal(frame.filtered, whole.x[1000:][frame.drawn.indices])
@@ -153,7 +158,7 @@ def test_the_filter_of_a_growing_record_equals_the_filter_of_the_whole(board):
 
 def test_new_parameters_filter_all_that_is_kept(board):
     runs = FilterRuns()
-    state = set_span("all")(opened_live(board.send(3000), "x"))
+    state = set_span("all")(opened_board(board.send(3000), "x"))
     frame_of(state, runs)
     tuned = set_text("q", "0.5")(state)
     frame = frame_of(tuned, runs)
@@ -162,7 +167,7 @@ def test_new_parameters_filter_all_that_is_kept(board):
 
 
 def test_undo_takes_back_the_tuning_and_leaves_the_samples(board):
-    session = Session(opened_live(board.send(500), "x"))
+    session = Session(opened_board(board.send(500), "x"), board)
     before = session.apply_due_requests()[0].tuning.q
     for text in ("2", "3"):
         session.request(set_text("q", text))
@@ -179,7 +184,7 @@ def test_undo_takes_back_the_tuning_and_leaves_the_samples(board):
 
 
 def test_undo_on_a_paused_screen_keeps_it_paused(board):
-    session = Session(opened_live(board.send(500), "x"))
+    session = Session(opened_board(board.send(500), "x"), board)
     session.request(set_text("q", "2"))
     session.request(set_paused(True))
     session.apply_due_requests()
@@ -190,7 +195,7 @@ def test_undo_on_a_paused_screen_keeps_it_paused(board):
 
 
 def test_undo_comes_back_from_another_recording_to_the_board(board):
-    session = Session(opened_live(board.send(500), "x"))
+    session = Session(opened_board(board.send(500), "x"), board)
     session.apply_due_requests()
     other = Recording(np.arange(50.0), ("z",), ("",), np.random.default_rng(0).normal(size=(50, 1)), 1.0)
     session.request(lambda state: opened(other, state))
@@ -200,14 +205,14 @@ def test_undo_comes_back_from_another_recording_to_the_board(board):
 
 
 def test_at_rest_holds_no_samples_of_a_board(board):
-    state = opened_live(board.send(500), "x")
+    state = opened_board(board.send(500), "x")
     assert len(without_samples(state).recording) == 2
     plain = opened(Recording(np.arange(50.0), ("z",), ("",), np.zeros((50, 1)), 1.0))
     assert without_samples(plain) is plain
 
 
 def test_at_rest_keeps_no_array_of_a_board_alive(board):
-    state = opened_live(board.send(200), "x")
+    state = opened_board(board.send(200), "x")
     rested = without_samples(state)
     for kept, of in (
         (rested.recording.time, state.recording.time),
@@ -218,14 +223,14 @@ def test_at_rest_keeps_no_array_of_a_board_alive(board):
 
 
 def test_studies_of_a_board_look_at_its_newest_samples(board):
-    state = opened_live(board.send(MAX_STUDIED + 500), "x")
+    state = opened_board(board.send(MAX_STUDIED + 500), "x")
     assert studied(state).recording.values[-1, 0] == board.values[-1, 0]
     assert len(studied(state).recording) == MAX_STUDIED
 
 
 def test_the_boards_own_filter_is_drawn_and_compared():
     board = Board(("raw", "filtered"))
-    state = opened_live(board.send(300), "x")
+    state = opened_board(board.send(300), "x")
     assert (state.channel, state.board) == ("raw", "filtered")
     state = set_span("all")(state)
     own = kalman_filter(board.values[:, 0], state.params).x
@@ -259,7 +264,7 @@ def test_the_engine_draws_what_comes_without_being_asked(board):
             frames.append(frame)
             news.notify_all()
 
-    session = Session(opened_live(board.send(500), "x"))
+    session = Session(opened_board(board.send(500), "x"), board)
     engine = Engine(session, show, pytest.fail)
     engine.start()
     try:
@@ -278,21 +283,19 @@ def test_the_engine_draws_what_comes_without_being_asked(board):
 
 
 def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(board):
-    state = apply_options(opened_live(board, "x"), "b", "1", "2", None, None, "9")
+    state = apply_options(opened_board(board, "x"), "b", "1", "2", None, None, "9")
     assert state.recording.names == ("signal",)
-    state = refreshed(replace_sent(board, 20, state))
+    state = grown(board, 20, state)
     assert state.channel == "a"
-    state = refreshed(replace_sent(board, 500, state))
+    state = grown(board, 500, state)
     tuning = state.tuning
     assert (state.channel, tuning.q, tuning.r, tuning.gate) == ("b", 1.0, 2.0, 9.0)
     assert state.settings.starts[1].r != 2.0
-    assert refreshed(replace_sent(board, 500, set_text("q", "5")(state))).tuning.q == 5.0
+    assert grown(board, 500, set_text("q", "5")(state)).tuning.q == 5.0
 
 
 def test_a_channel_that_the_board_does_not_have_is_said_and_the_rest_goes_on(board):
-    state = refreshed(
-        replace_sent(board, 500, apply_options(opened_live(board, "x"), "c", "1", None, None, None, None))
-    )
+    state = grown(board, 500, apply_options(opened_board(board, "x"), "c", "1", None, None, None, None))
     assert "c" in state.answers.note
     assert state.channel == "a"
     assert len(state.recording) == 500
@@ -300,18 +303,18 @@ def test_a_channel_that_the_board_does_not_have_is_said_and_the_rest_goes_on(boa
 
 def test_a_setting_that_no_channel_could_have_is_refused_at_once(board):
     with pytest.raises(BadSetting):
-        apply_options(opened_live(board, "x"), "b", "-1", None, None, None, None)
+        apply_options(opened_board(board, "x"), "b", "-1", None, None, None, None)
 
 
 @pytest.mark.parametrize(("period", "q"), [(0.01, 3.0), (0.0102, 3.0), (0.02, 1.5)])
 def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_percent(board, period, q):
     tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)
-    state = refreshed(replace_sent(board, 500, opened_live(board, "x", tuning=tuning)))
+    state = grown(board, 500, opened_board(board, "x", tuning=tuning))
     assert state.settings.tunings[1].q == pytest.approx(q)
 
 
 def test_another_window_leaves_a_paused_screen_paused(board):
-    state = set_paused(True)(opened_live(board.send(500), "x"))
+    state = set_paused(True)(opened_board(board.send(500), "x"))
     board.send(100)
     state = set_span("2 s")(state)
     assert (state.live.paused, len(state.recording), state.live.span) == (True, 500, 2.0)
@@ -321,7 +324,7 @@ def test_the_heading_says_what_is_wrong_and_how_a_recording_stands_with_names_es
     counts = RecorderCounts(received=1200, written=1199, rejected=1)
     running = RecordingStatus("<b>run.csv", counts, "the disk is full", "")
     status = SimpleNamespace(word="connected", hint="wrong *baud* rate?", recording=running)
-    frame = replace(frame_of(opened_live(board, "x")), status=status)
+    frame = replace(frame_of(opened_board(board, "x")), connection=ConnectionState(True, True, status))
     heading = heading_of(frame)
     assert "no sample yet" in heading
     assert "missing" not in heading

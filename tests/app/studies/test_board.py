@@ -13,11 +13,12 @@ from kalscope import BadSetting, Recording
 from kalscope.errors import BadDevice
 from kalscope.export.float32 import Float32Params, filter_float32
 from kalscope.sources.live.live_samples import Snapshot
-from kalscope_app.session.live_state import Live, Sent
+from kalscope_app.live.connection import BoardConnection
+from kalscope_app.live.sending import BoardFilter, board_filter, send_setting
+from kalscope_app.session.live_state import BoardId, Live, Sent
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
-from kalscope_app.studies.board import BoardFilter, board_filter, send_setting
 from kalscope_app.views.export.board import BoardView, compared
 from kalscope_app.views.export.export import how_to_use
 
@@ -51,7 +52,7 @@ def state() -> State:
     both = np.column_stack([raw, filter_float32(raw, used)])
     recording = Recording(np.arange(ROWS) * 0.005, ("raw", "filtered"), ("", ""), both, 0.005)
     snapshot = Snapshot(recording=recording, generation=1, version=1, first=0)
-    live = Live(feed=Board(), snapshot=snapshot, settled=True)  # pyright: ignore[reportArgumentType]
+    live = Live(BoardId(), snapshot, settled=True)
     state = replace(opened(recording), live=live).with_tuning(q=0.037, r=11.3)
     return replace(state, sent=Sent(state.record_key, "raw", "filtered", state.params, used, 0))
 
@@ -94,9 +95,9 @@ def test_what_the_board_says_it_uses_is_what_counts(state):
 @pytest.mark.parametrize("at", ["q", "r", "p"])
 def test_a_command_that_fails_leaves_no_claim_of_what_the_board_uses(state, at, answer):
     board = Board({at: answer})
-    state = replace(state, live=replace(state.live, feed=board))
-    session, told = Session(state), []
-    view = BoardView(MagicMock(), session, MagicMock(), told.append, lambda: board)
+    session, told, connection = Session(state), [], BoardConnection(MagicMock())
+    connection.adopt(state.live.board, board)
+    view = BoardView(MagicMock(), session, MagicMock(), told.append, connection)
     with pytest.raises(BadDevice, match=f"the board must .* '{at} "):
         view._send(state)
     after, _, failures = session.apply_due_requests()
@@ -132,6 +133,6 @@ def test_a_live_board_is_no_file_to_filter(state):
 
 
 def test_nobody_connected_is_said():
-    view = BoardView(MagicMock(), MagicMock(), MagicMock(), MagicMock(), lambda: None)
+    view = BoardView(MagicMock(), MagicMock(), MagicMock(), MagicMock(), BoardConnection(MagicMock()))
     with pytest.raises(BadSetting, match="must be connected"):
         view._send(SimpleNamespace(live=None))

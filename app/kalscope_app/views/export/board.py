@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from kalscope.common.text import count, number
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import float32_params
+from kalscope_app.live.sending import send_setting
 from kalscope_app.session.live import set_sent
-from kalscope_app.studies.board import compare_with_board, send_setting
+from kalscope_app.studies.board import compare_with_board
 from kalscope_app.views.binding import on_user
 
 if TYPE_CHECKING:
@@ -16,9 +17,9 @@ if TYPE_CHECKING:
 
     import viser
 
-    from kalscope.sources.live.live_source import LiveSource
     from kalscope_app.engine.frame import Frame
     from kalscope_app.engine.jobs import Jobs
+    from kalscope_app.live.connection import BoardConnection
     from kalscope_app.session.live_state import Sent
     from kalscope_app.session.session import Session
     from kalscope_app.session.state import State
@@ -38,10 +39,9 @@ class BoardView:
         session: Session,
         jobs: Jobs,
         tell: Callable[..., None],
-        connected: Callable[[], LiveSource | None],
+        connection: BoardConnection,
     ) -> None:
-        """Args: the usual, and who knows the board that is connected."""
-        self._session, self._jobs, self._tell, self._connected = session, jobs, tell, connected
+        self._session, self._tell, self._connection = session, tell, connection
         with gui.add_folder("Send to the board", visible=False) as self._folder:
             gui.add_markdown(HOW)
             send = gui.add_button("Send q, r and p0", hint="One value at a time; the board confirms each.")
@@ -49,8 +49,8 @@ class BoardView:
         on_user(send.on_click, lambda _client: jobs.run_with_state(session, self._send))
 
     def _send(self, state: State) -> None:
-        source = self._connected()
-        if source is None or state.live is None or state.live.feed is not source:
+        source = self._connection.source
+        if source is None or state.live is None or not self._connection.is_connected(state.live.board):
             raise BadSetting("a board must be connected before values are sent to it (got none)")
         self._session.request(set_sent(None))  # of three values some may arrive and some not
         sent = send_setting(state, source)

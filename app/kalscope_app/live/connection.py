@@ -1,0 +1,116 @@
+"""The connection of the live board. The State names a board by its `BoardId`; the running source is kept here."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
+
+from kalscope.errors import BadSetting
+from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.port.port_spec import PortSpec, port_of
+from kalscope_app.session.live import opened_live
+from kalscope_app.session.live_state import BoardId, ConnectionState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kalscope.sources.live.live_samples import Snapshot
+    from kalscope_app.engine.jobs import Jobs
+    from kalscope_app.session.session import Session
+
+
+class BoardConnection:
+    """The board that is connected, or is being waited for, and those that Undo may return to."""
+
+    def __init__(self, jobs: Jobs) -> None:
+        """Args: jobs of its own, because a port must not wait for a long search."""
+        self._jobs = jobs
+        self._lock = threading.Lock()  # of all that follows: the engine and jobs change it
+        self._sources = WeakKeyDictionary[BoardId, LiveSource]()  # forgotten with the last State that names them
+        self._connected: BoardId | None = None
+        self._left: BoardId | None = None  # closed only because something else was opened
+        self._awaited = False  # connected, but the session does not show it yet
+
+    def adopt(self, board: BoardId, source: LiveSource) -> None:
+        """Take over a source that the first State shows; `start` connects it."""
+        self._sources[board], self._connected = source, board
+
+    def start(self) -> None:
+        """Connect the source, if there is one; does nothing where it is connected."""
+        source = self.source
+        if source is not None:
+            source.start()
+
+    @property
+    def source(self) -> LiveSource | None:
+        """The board that is connected, or is being waited for."""
+        with self._lock:
+            return None if self._connected is None else self._sources[self._connected]
+
+    def is_connected(self, board: BoardId) -> bool:
+        """Whether this is the board that is connected."""
+        return self._connected is board
+
+    def open(self, session: Session, port: PortSpec, *, reconnect: bool) -> None:
+        """Connect another board and show it; waits for the port, so run it as a job."""
+        self.close()
+        source, board = LiveSource(port, reconnect=reconnect), BoardId()
+        source.start()
+        with self._lock:
+            self._sources[board] = source
+            self._connected, self._awaited = board, True
+        session.request(lambda state: opened_live(board, source.spec.url, state))
+
+    def close(self, timeout: float = 3.0) -> None:
+        """Free the port and finish a recording; returns when that is done.
+
+        Args:
+            timeout: Seconds to wait at most for an attempt to connect over the network.
+        """
+        source = self.source
+        with self._lock:
+            self._connected = self._left = None
+        if source is not None:
+            source.close(timeout)
+
+    def snapshot(self, board: BoardId) -> Snapshot | None:
+        """The samples of a board; None before the first."""
+        source = self._sources.get(board)
+        return None if source is None else source.snapshot()
+
+    def state(self, board: BoardId | None) -> ConnectionState:
+        """How the connection of the board on screen is, or that of a board recorded in the background."""
+        connected = self.source
+        shown = connected if board is None else self._sources.get(board)
+        recording = connected is not None and connected.recorder is not None
+        return ConnectionState(connected is not None, recording, None if shown is None else shown.status())
+
+    def look_at(self, board: BoardId | None) -> None:
+        """This board is on screen now: close any other one that is not recorded, reconnect one that was left."""
+        work: Callable[[], None] | None = None
+        with self._lock:
+            connected = self._connected
+            source = None if connected is None else self._sources[connected]
+            if connected is board:
+                self._awaited = False
+            elif source is not None and source.recorder is None and not self._awaited:
+                self._connected, self._left, work = None, connected, source.close
+            elif source is None and board is self._left:
+                self._connected, self._left, work = board, None, self.start
+        if work is not None:
+            self._jobs.run(work)
+
+
+def port_named(spec: str, rate: str, *, reset: bool) -> PortSpec:
+    """The port of a device or an address as it was typed, and of its baud rate.
+
+    Raises:
+        BadSetting: it is no port.
+    """
+    if not spec:
+        raise BadSetting("the port must be named, such as /dev/ttyACM0 or COM3 (got nothing)")
+    if "://" in spec and not spec.lower().startswith(("socket://", "rfc2217://")):
+        raise BadSetting(f"an address must begin with socket:// or rfc2217:// (got {spec!r:.100})")
+    complete = "@" in spec or spec.lower().startswith("socket://")
+    return port_of(spec if complete else f"{spec}@{rate}", reset=reset)

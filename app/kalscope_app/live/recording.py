@@ -1,0 +1,96 @@
+"""Records what the connected board sends, and reports on it while it runs."""
+
+from __future__ import annotations
+
+import re
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kalscope.common.files import check_inside
+from kalscope.common.text import count
+from kalscope.errors import BadFile, BadSetting
+from kalscope.sources.recorder.paths import first_free
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kalscope.sources.live.live_source import LiveSource
+    from kalscope.sources.live.live_status import RecordingStatus
+    from kalscope.sources.recorder.counts import RecorderCounts
+    from kalscope.sources.recorder.recorder import Recorder
+    from kalscope_app.live.connection import BoardConnection
+
+CHECK_EVERY = 0.5
+"""Seconds between two checks of a recording: a full disk must be announced within 2 s."""
+
+
+class BoardRecording:
+    """Starts and stops the recording; both wait for the disk, so run them as jobs."""
+
+    def __init__(self, connection: BoardConnection, folder: Path, tell: Callable[..., None]) -> None:
+        """Args: the connection; the folder to record into; how to notify the user."""
+        self._connection, self._folder, self._tell = connection, folder, tell
+        self.name = first_free(folder / "recording.csv").name
+        """Name of a file that does not exist yet."""
+        self.on_change: Callable[[RecordingStatus | None], None] = lambda _status: None
+        """Called with the status of the recording that runs, or with None when it has ended or `name` changed."""
+
+    def start(self, name: str) -> None:
+        """Record to a new file.
+
+        Raises:
+            BadSetting: no board is connected, or this is no name for a recording.
+            BadFile: the file exists already or cannot be written.
+        """
+        path = check_inside(name, self._folder)
+        if path.suffix != ".csv" or any(part.startswith(".") for part in Path(name).parts if part != "."):
+            raise BadSetting(f"the recording must be named like recording.csv (got {name!r:.200})")
+        source = self._connection.source
+        if source is None:
+            raise BadSetting("a board must be connected before its lines are recorded (got none)")
+        try:
+            recorder = source.record(path)
+        except BadFile:
+            self._propose(path)
+            raise
+        self._tell(f"Recording to {path}", good=True)
+        watch = threading.Thread(
+            target=self._watch, args=(source, recorder), name="kalscope-recording", daemon=True
+        )
+        watch.start()
+
+    def stop(self) -> None:
+        """End and close the file; does nothing where no recording runs."""
+        source = self._connection.source
+        if source is not None:
+            source.stop_recording()
+
+    def _watch(self, source: LiveSource, recorder: Recorder) -> None:
+        """Report at once what keeps lines from the disk, and at the end what was recorded."""
+        told, pause = "", threading.Event()
+        while source.recorder is recorder:
+            problem = recorder.error or recorder.warning
+            if problem and problem != told:
+                self._tell(f"{recorder.path.name}: {problem}")
+            told = problem
+            self.on_change(source.status().recording)
+            pause.wait(CHECK_EVERY)
+        done = recorder.close()  # waits until the file is closed
+        self._tell(f"Recorded {recorder.path.name}: {account(done)}", good=not recorder.error)
+        self._propose(recorder.path)
+
+    def _propose(self, path: Path) -> None:
+        """A name near this one that is free."""
+        stem = re.sub(r"_[0-9]+$", "", path.stem)
+        free = first_free(path.with_name(f"{stem}{path.suffix}"))
+        self.name = str(free.relative_to(self._folder.resolve()) if free.is_absolute() else free)
+        self.on_change(None)
+
+
+def account(counts: RecorderCounts) -> str:
+    """The account of a recording; it always adds up."""
+    return (
+        f"{count(counts.received)} lines = {count(counts.written)} written + {count(counts.rejected)} rejected"
+        f" + {count(counts.dropped)} dropped"
+    )

@@ -1,0 +1,118 @@
+"""The connection beside the session: what is on screen stays connected, or is recorded; Undo reconnects."""
+
+from __future__ import annotations
+
+import gc
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, Recording
+from kalscope_app.live.connection import BoardConnection, port_named
+from kalscope_app.session.live import opened_live
+from kalscope_app.session.live_state import NO_CONNECTION, BoardId
+from kalscope_app.session.opening import opened
+from kalscope_app.session.session import Session, undo
+
+
+class Source:
+    """A source that only notes what is asked of it."""
+
+    def __init__(self, _port=None, *, reconnect=True):
+        self.calls, self.recorder, self.reconnect = [], None, reconnect
+        self.spec = SimpleNamespace(url="x")
+
+    def start(self):
+        self.calls.append("start")
+
+    def close(self, _timeout=3.0):
+        self.calls.append("close")
+
+    def snapshot(self):
+        return None
+
+    def status(self):
+        return "status"
+
+
+@pytest.fixture
+def connection():
+    return BoardConnection(SimpleNamespace(run=lambda work: work()))
+
+
+@pytest.fixture
+def board(connection):
+    """A board of the command line, connected and on screen."""
+    board = SimpleNamespace(id=BoardId(), source=Source())
+    connection.adopt(board.id, board.source)
+    connection.start()
+    return board
+
+
+FILE = Recording(np.arange(50.0), ("z",), ("",), np.random.default_rng(0).normal(size=(50, 1)), 1.0)
+
+
+def test_a_board_is_closed_once_a_file_is_on_screen_and_undo_reconnects_it(connection, board):
+    session = Session(opened_live(board.id, "x"), connection)
+    session.apply_due_requests()
+    assert board.source.calls == ["start"]
+    session.request(lambda state: opened(FILE, state))
+    session.apply_due_requests()
+    assert (board.source.calls[1:], connection.source) == (["close"], None)
+    assert not session.connection().connected
+    session.request(undo)
+    session.apply_due_requests()
+    assert (board.source.calls[2:], connection.source) == (["start"], board.source)
+    assert session.connection().status == "status"
+
+
+def test_a_board_that_is_recorded_stays_connected_behind_a_file(connection, board):
+    board.source.recorder = object()
+    connection.look_at(None)
+    state = connection.state(None)
+    assert (state.connected, state.recording, state.status) == (True, True, "status")
+    board.source.recorder = None
+    connection.look_at(None)
+    assert board.source.calls == ["start", "close"]
+
+
+def test_another_board_is_not_closed_before_the_session_shows_it(connection, board, monkeypatch):
+    monkeypatch.setattr("kalscope_app.live.connection.LiveSource", Source)
+    session = Session(opened_live(board.id, "x"), connection)
+    connection.open(session, None, reconnect=False)
+    other = connection.source
+    connection.look_at(board.id)
+    assert (board.source.calls, other.calls, other.reconnect) == (["start", "close"], ["start"], False)
+    state = session.apply_due_requests()[0]
+    assert connection.is_connected(state.live.board)
+    connection.look_at(None)
+    assert other.calls == ["start", "close"]
+
+
+def test_a_board_that_was_disconnected_stays_so(connection, board):
+    connection.close()
+    connection.look_at(board.id)
+    assert board.source.calls == ["start", "close"]
+    assert connection.state(board.id).status == "status"
+    connection.close()
+    assert board.source.calls == ["start", "close"]
+
+
+def test_a_source_is_forgotten_with_the_last_state_that_names_it(connection, board):
+    connection.close()
+    board.id = None
+    gc.collect()
+    assert not connection._sources
+    assert Session(opened(FILE)).connection() == NO_CONNECTION
+
+
+@pytest.mark.parametrize(("spec", "says"), [("", "must be named"), ("ftp://x", "must begin with socket://")])
+def test_what_is_no_port_is_refused(spec, says):
+    with pytest.raises(BadSetting, match=says):
+        port_named(spec, "9600", reset=True)
+
+
+@pytest.mark.parametrize(("spec", "baud"), [("/dev/ttyACM0", 9600), ("/dev/ttyACM0@1200", 1200)])
+def test_a_baud_rate_in_the_address_wins(spec, baud):
+    assert port_named(spec, "9600", reset=True).baud == baud
