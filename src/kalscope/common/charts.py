@@ -191,6 +191,14 @@ def new_figure(height: float) -> Figure:
     return Figure((WIDTH / 72, height / 72), facecolor="none")
 
 
+def blank_axes(figure: Figure, width: float, height: float) -> Axes:
+    """Axes without lines over a whole figure, in px from the upper left corner."""
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0.0, width), ylim=(height, 0.0))
+    axes.set_axis_off()
+    return axes
+
+
 def draw_panel(axes: Axes, panel: Panel) -> None:
     """Curves, marks and labels. Nothing is clipped, so a curve is interrupted where it leaves its axes."""
     low, high = panel.y_range or (-math.inf, math.inf)
@@ -209,6 +217,9 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     axes.set(xlim=(min(ends), max(ends)), ylim=panel.y_range)
     axes.grid(clip_on=False)
+    for axis in (axes.xaxis, axes.yaxis):
+        if not 1e-5 <= np.abs(axis.get_view_interval()).max() < 1e12:  # all digits would be too long
+            axis.set_major_formatter("{x:g}")
     for mark in panel.marks:
         _draw_mark(axes, mark)
 

@@ -9,7 +9,7 @@ import io
 import math
 from typing import TYPE_CHECKING
 
-from kalscope.common.charts import COLOURS, LEFT, add_legend, draw_panel, drawing
+from kalscope.common.charts import COLOURS, LEFT, add_legend, blank_axes, draw_panel, drawing
 
 if TYPE_CHECKING:
     from kalscope.export.report.content import Report, ReportTable
@@ -19,6 +19,9 @@ SIZE = (1654, 2339)
 
 MARGIN = 90
 """Left and right, px."""
+
+WIDTH = SIZE[0] - 2 * MARGIN
+"""Between the margins, px."""
 
 DOTS_PER_INCH = 110
 """Of the drawing, so that a chart has the proportions of one on the page; the picture says 200."""
@@ -39,6 +42,7 @@ class _Sheet:
 
         size = (SIZE[0] / DOTS_PER_INCH, SIZE[1] / DOTS_PER_INCH)
         self._figure = Figure(size, DOTS_PER_INCH, facecolor="#ffffff")
+        self._paper = blank_axes(self._figure, *SIZE)
         self._renderer = FigureCanvasAgg(self._figure).get_renderer()
         self._y = 65.0
 
@@ -46,12 +50,13 @@ class _Sheet:
         """Everything, from the top."""
         self._line(report.title, 38)
         self._line(report.subtitle, 24, "quiet")
-        add_legend(self._figure, report.charts, (self._across(MARGIN + LEFT), self._up(self._y)))
+        left = MARGIN + LEFT
+        add_legend(self._figure, report.charts, (left / SIZE[0], 1.0 - self._y / SIZE[1]))
         self._y += 62
+        height = 520.0 if len(report.charts) == 1 else 290.0
         for panel in report.charts:
-            height = 520.0 if len(report.charts) == 1 else 290.0
-            ends = self._across(MARGIN + LEFT), self._across(SIZE[0] - MARGIN)
-            bounds = (ends[0], self._up(self._y + height), ends[1] - ends[0], height / SIZE[1])
+            bottom, width = SIZE[1] - self._y - height, SIZE[0] - MARGIN - left
+            bounds = (left / SIZE[0], bottom / SIZE[1], width / SIZE[0], height / SIZE[1])
             draw_panel(self._figure.add_axes(bounds), panel)
             self._y += height + 118
         self._y -= 30
@@ -61,25 +66,25 @@ class _Sheet:
             self._paragraph(text, 22)
         for name, value in report.origin:
             self._write(MARGIN, name, 19, "quiet")
-            self._write(MARGIN + 150, value, 19, room=SIZE[0] - 2 * MARGIN - 150)
+            self._write(MARGIN + 150, value, 19, room=WIDTH - 150)
             self._y += 26
         file = io.BytesIO()
         self._figure.savefig(file, format="png", pil_kwargs={"dpi": (200, 200)}, metadata={"Software": None})
         return file.getvalue()
 
     def _line(self, text: str, size: int, colour: str = "ink") -> None:
-        self._write(MARGIN, text, size, colour, SIZE[0] - 2 * MARGIN)
+        self._write(MARGIN, text, size, colour, WIDTH)
         self._y += round(1.38 * size)
 
     def _paragraph(self, text: str, size: int) -> None:
-        for line in self._wrapped(_one_line(text), size, SIZE[0] - 2 * MARGIN):
+        for line in self._wrapped(_one_line(text), size, WIDTH):
             self._write(MARGIN, line, size)
             self._y += round(1.3 * size)
         self._y += 14
 
     def _tables(self, tables: list[ReportTable]) -> None:
         """Two beside each other."""
-        width = SIZE[0] / 2 - MARGIN - 30.0
+        width = WIDTH / 2 - 30.0
         for pair in (tables[:2], tables[2:4]):
             top, ends = self._y, [self._y]
             for table, x in zip(pair, (MARGIN, MARGIN + width + 60.0), strict=False):
@@ -89,9 +94,7 @@ class _Sheet:
             self._y = max(ends) + 16
 
     def _table(self, table: ReportTable, x: float, width: float) -> None:
-        """The first column takes half of the room, the others share the rest."""
-        from matplotlib.lines import Line2D
-
+        """The first column takes half of the width, the others share the rest."""
         self._write(x, table.heading, 25)
         self._y += 36
         for row in (*((table.columns,) if table.columns else ()), *table.rows):
@@ -100,12 +103,8 @@ class _Sheet:
             for i, value in enumerate(row[:0:-1]):
                 colour = "quiet" if row is table.columns else "ink"
                 self._write(x + width - i * share, value, 20, colour, share - 8, align="right")
-            level = self._up(self._y + 27)
-            self._figure.add_artist(
-                Line2D(
-                    [self._across(x), self._across(x + width)], [level, level], color=COLOURS["edge"], linewidth=1
-                )
-            )
+            level = self._y + 27
+            self._paper.plot((x, x + width), (level, level), color=COLOURS["edge"], linewidth=1)
             self._y += 31
 
     def _write(
@@ -115,8 +114,7 @@ class _Sheet:
         line = _one_line(text)
         while len(line) > 1 and self._width(line, size) > room:
             line = line[:-4].rstrip() + "..."
-        at = (self._across(x), self._up(self._y))
-        self._figure.text(*at, line, size=_points(size), color=COLOURS[colour], ha=align, va="top")
+        self._paper.text(x, self._y, line, size=_points(size), color=COLOURS[colour], ha=align, va="top")
 
     def _wrapped(self, text: str, size: int, width: float) -> list[str]:
         """Lines no longer than `width` px; a word that is longer is cut into pieces."""
@@ -141,12 +139,6 @@ class _Sheet:
         return self._renderer.get_text_width_height_descent(text, FontProperties(size=_points(size)), ismath=False)[
             0
         ]
-
-    def _across(self, x: float) -> float:
-        return x / SIZE[0]
-
-    def _up(self, y: float) -> float:
-        return 1.0 - y / SIZE[1]
 
 
 def _points(size: float) -> float:

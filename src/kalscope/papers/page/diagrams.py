@@ -8,11 +8,10 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from kalscope.common.charts import COLOURS, WIDTH, drawing, new_figure, svg_text
+from kalscope.common.charts import COLOURS, WIDTH, blank_axes, drawing, new_figure, svg_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LINE_HEIGHT = 22.0
 """Distance of two lines of text in a box, px."""
@@ -28,7 +27,8 @@ def flow_chart() -> str:
         (769.0, 175.0, "show", "x, the filtered value", "keep x and p"),
     )
     with drawing():
-        figure, axes = _sheet(190.0)
+        figure = new_figure(190.0)
+        axes = blank_axes(figure, WIDTH, 190.0)
         for left, width, *words in boxes:
             _box(axes, (left, 40.0), (width, 104.0), *words)
         for (left, width, *_), (following, *_) in pairwise(boxes):
@@ -43,7 +43,8 @@ def block_diagram() -> str:
     """Figure 1 of Khan et al.: what flows where; the dashed arrow is the slip of equation (3)."""
     slip = COLOURS["s2"]
     with drawing():
-        figure, axes = _sheet(360.0)
+        figure = new_figure(360.0)
+        axes = blank_axes(figure, WIDTH, 360.0)
         _box(axes, (250.0, 70.0), (190.0, 70.0), "gain (1)", "K = σE / (σE + σM)")
         _box(axes, (530.0, 70.0), (230.0, 70.0), "estimate (2)", "E ← E + K (M − E)")
         _box(axes, (390.0, 240.0), (230.0, 70.0), "error (3)", "σE ← (1 − K) · ?")
@@ -64,15 +65,6 @@ def block_diagram() -> str:
         axes.text(515.0, 344.0, "σE, as the words of the text ask")
         axes.text(700.0, 215.0, "E(t−1), as printed", color=slip, weight=600)
         return svg_text(figure, "Block diagram: gain, estimate, error, and what equation (3) feeds back")
-
-
-def _sheet(height: float) -> tuple[Figure, Axes]:
-    """A figure of this height with axes in px from the upper left corner."""
-    figure = new_figure(height)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set(xlim=(0.0, WIDTH), ylim=(height, 0.0))
-    axes.set_axis_off()
-    return figure, axes
 
 
 def _box(axes: Axes, corner: tuple[float, float], size: tuple[float, float], title: str, *lines: str) -> None:
