@@ -50,7 +50,7 @@ class Choice:
     """What the user chose to export."""
 
     target: str = "arduino"
-    """A name of `kalscope.export.TARGETS`."""
+    """A name of `TARGETS`."""
     all_channels: bool = False
     """Not only the channel on screen."""
     period: str = ""
