@@ -181,9 +181,9 @@ def edge_sentence(correction: Correction, ratio: float) -> str | None:
         return None
     if ratio < 1.0:
         what = "q = 0" if ratio == 0.0 else "so small a q"
-        return f"{what} cannot follow this signal: q about {_rounded(best)} × r fits best"
+        return f"{what} cannot follow this signal: q about {number(best, 1)} × r fits best"
     what = "r = 0" if math.isinf(ratio) else "so small an r"
-    return f"{what} lets all noise through: r about {_rounded(1.0 / best)} × q fits best"
+    return f"{what} lets all noise through: r about {number(1.0 / best, 1)} × q fits best"
 
 
 def model_sentence(e: Array, lags: int) -> str | None:
@@ -265,12 +265,7 @@ def _times(factor: float) -> str:
     size = factor if factor > 1.0 else 1.0 / factor
     if size >= 900.0:
         return "1000 × or more"
-    return f"{number(size, 2)} ×" if size < 3.0 else f"{_rounded(size)} ×"
-
-
-def _rounded(value: float) -> str:
-    """One digit, without an exponent where possible: 0.02, 100."""
-    return number(value, 1)
+    return f"{number(size, 2 if size < 3.0 else 1)} ×"
 
 
 def as_sentences(said: str) -> str:

@@ -213,8 +213,9 @@ def _advise(
     outliers = lone if spiky and len(lone) <= advice.MAX_OUTLIERS * n else lone[:0]
     record = advice.Record.of(columns, seen, seen[outliers])
     correction = advice.find_correction(record)
+    start = f"the first sample lies {number(abs(scored[0]), 2)} σ from x0: leave x0 and p0 unset, or raise p0"
     said = [
-        _start_sentence(scored[0]) if spikes.start_is_off else None,
+        start if spikes.start_is_off else None,
         advice.spike_sentence(len(lone), n) if spiky else None,
         advice.edge_sentence(correction, record.ratio),
         advice.noise_sentence(correction),
@@ -273,10 +274,6 @@ def _prior_was_given(columns: Columns) -> bool:
     _, _, k, v, _ = columns
     met = (k > 0.0) | np.isfinite(v)
     return bool(met.any()) and bool(np.isfinite(v[np.argmax(met)]))
-
-
-def _start_sentence(first: float) -> str:
-    return f"the first sample lies {number(abs(first), 2)} σ from x0: leave x0 and p0 unset, or raise p0"
 
 
 def _check_lags(lags: object) -> None:

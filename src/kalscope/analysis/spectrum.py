@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
-from kalscope.filtering.arrays import one_channel
+from kalscope.filtering.arrays import one_channel, scalar
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
@@ -89,7 +89,8 @@ def spectrum(
     part, note = whole_stretch(samples)
     length = part.stop - part.start
     if length < MIN_SAMPLES:
-        return _nothing(sample_period is not None, f"A spectrum needs {MIN_SAMPLES} samples (got {length}).")
+        none, needed = np.empty(0), f"A spectrum needs {MIN_SAMPLES} samples (got {length})."
+        return Spectrum(none, none, none, none, none, math.nan, sample_period is not None, 0, 0, needed)
     raw, filtered = _bridged(samples[part]), _bridged(curve[part])
     piece = min(max(2 ** int(math.log2(length / 4)), MIN_SAMPLES), MAX_SEGMENT, length)
     frequency, raw_density = _welch(raw, piece, period)
@@ -100,7 +101,7 @@ def spectrum(
         filtered=_welch(filtered, piece, period)[1],
         residual=_welch(raw - filtered, piece, period)[1],
         response=magnitude_response(float(steady.gain), frequency * period),
-        cutoff=_cutoff(params, period),
+        cutoff=scalar(steady_state(params, period).cutoff_hz),
         in_hertz=sample_period is not None,
         samples=length,
         segments=segments,
@@ -139,13 +140,3 @@ def _welch(y: Array, piece: int, period: float) -> tuple[Array, Array]:
 
     frequency, density = cast("tuple[Array, Array]", welch(y - y.mean(), fs=1.0 / period, nperseg=piece))
     return frequency[1:], density[1:]
-
-
-def _cutoff(params: FilterParams, period: float) -> float:
-    hertz = steady_state(params, period).cutoff_hz
-    return math.nan if hertz is None else float(hertz)
-
-
-def _nothing(in_hertz: bool, note: str) -> Spectrum:
-    none = np.empty(0)
-    return Spectrum(none, none, none, none, none, math.nan, in_hertz, 0, 0, note)

@@ -155,13 +155,13 @@ def _pair(method: str, data: Differences, peak: Peak, progress: Progress) -> Pai
         top = ml.fit(data, peak)
         if math.isfinite(peak.log_ratio):
             return replace(pair, q_se=top.q_se, r_se=top.r_se)  # the same likelihood has the same curvature
-        return replace(top, note=_edge_note(pair))  # EM approaches an edge but never reaches it
+        # EM approaches an edge but never reaches it.
+        stopped = (
+            f"EM approaches this edge slowly and stopped at q/r = {number(pair.q / pair.r)}." if pair.r else ""
+        )
+        return replace(top, note=stopped)
     progress(0.0, method)
     return {"moments": moments, "als": innovation_correlations, "allan": allan}[method].fit(data)
-
-
-def _edge_note(pair: Pair) -> str:
-    return f"EM approaches this edge slowly and stopped at q/r = {number(pair.q / pair.r)}." if pair.r > 0.0 else ""
 
 
 def _differ(a: Estimate, b: Estimate) -> bool:

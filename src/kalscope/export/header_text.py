@@ -48,7 +48,7 @@ def about(job: ExportJob) -> tuple[str, ...]:
 
 def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
     """What the filter of one channel is: the three variances with their unit, gain, lag and start."""
-    square = squared(channel.unit) or "the square of the signal's unit"
+    square = ascii_squared(channel.unit) or "the square of the signal's unit"
     steady = job.steady(channel)
     lag = f"{steady.lag_samples:.4g} samples"
     if steady.lag_s is not None:
@@ -69,7 +69,7 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
     )
 
 
-def squared(unit: str) -> str:
+def ascii_squared(unit: str) -> str:
     """The unit of a variance: counts^2, (m/s)^2; "" where the unit is not known."""
     word = comment_text(unit, 20)
     if not word:

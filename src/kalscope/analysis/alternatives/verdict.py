@@ -117,7 +117,8 @@ def verdict(names: Sequence[str], found: Sequence[Difference], what: str, equal:
     parts: list[str] = []
     if better:
         ratio, name, d = better[0]
-        others = f" (so {_are(better)} {_listed([name for _, name, _ in better[1:]])})" if better[1:] else ""
+        rest = [name for _, name, _ in better[1:]]
+        others = f" (so {'does' if len(rest) == 1 else 'do'} {_listed(rest)})" if rest else ""
         parts.append(
             f"At equal {equal}, {_lower(name)} does better than your filter here: its {what} is "
             f"{_percent(ratio)} smaller ({_interval(d)}){others}. The difference is significant."
@@ -134,10 +135,6 @@ def verdict(names: Sequence[str], found: Sequence[Difference], what: str, equal:
 def _worst(judged: Sequence[tuple[Difference, str]]) -> str:
     d, name = max((pair for pair in judged if pair[0].worse), key=lambda pair: pair[0].ratio)
     return f"{_lower(name)}, by {_percent(d.ratio)} ({_interval(d)})"
-
-
-def _are(better: Sequence[object]) -> str:
-    return "does" if len(better) == 2 else "do"
 
 
 def _percent(ratio: float) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from kalscope.export.header_text import about, about_channel, squared
+from kalscope.export.header_text import about, about_channel, ascii_squared
 
 if TYPE_CHECKING:
     from kalscope.export.job import ExportJob
@@ -36,7 +36,7 @@ def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> dict[str, Any
         "name": _clean(channel.name),
         "identifier": word,
         "unit": _clean(channel.unit),
-        "unit_of_variances": squared(channel.unit),
+        "unit_of_variances": ascii_squared(channel.unit),
         "process_noise_q": channel.q,
         "measurement_noise_r": channel.r,
         "start_variance_p0": channel.p0,
