@@ -14,7 +14,7 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
 run: .venv/run.stamp
 	$(BIN)/kalscope
 
-# Two workers unless told otherwise (WORKERS=4): a browser and the program it looks at fill a core.
+# Two workers by default (WORKERS=4 for four): a browser and the program it looks at fill a core.
 WORKERS ?= 2
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 

@@ -45,7 +45,7 @@ class Drag:
     right: bool
     """Slider, text box and curve all agree with the value at release, and stayed so."""
     settle_ms: float
-    """From release to the right curve, ms; as long as we waited where it never came."""
+    """From release to the right curve, ms; the time limit if it never appeared."""
     moves: int
     """Mouse moves of the drag."""
     left_at: float

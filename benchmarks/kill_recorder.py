@@ -32,7 +32,7 @@ from starved import Probe, waited
 from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.recorder.repair import repair
 
-MOST_S = 0.25
+MAX_LOST_S = 0.25
 """The promise: seconds of received lines that a kill may cost."""
 LAST_S = 0.5
 """Seconds before the kill in which waits for a processor count."""
@@ -84,7 +84,7 @@ class Board:
         begin, sent = time.monotonic(), 0
         while not self._end.wait(0.002):
             due = int((time.monotonic() - begin) * self._rate)
-            with suppress(BlockingIOError):  # nobody reads between two runs
+            with suppress(BlockingIOError):  # nothing reads between two runs
                 os.write(self.master, b"".join(b"%d,%.1f\n" % (i, i / 2) for i in range(sent, due)))
             sent = due
 
@@ -135,8 +135,8 @@ def main() -> None:
     board.close()
     lost, wrong = [kill.lost for kill in kills], sum(kill.wrong for kill in kills)
     own = [kill.lost / options.rate - kill.starved for kill in kills]
-    good = max(own) <= MOST_S and wrong == 0
-    over = [kill for kill in kills if kill.lost > MOST_S * options.rate]
+    good = max(own) <= MAX_LOST_S and wrong == 0
+    over = [kill for kill in kills if kill.lost > MAX_LOST_S * options.rate]
     if options.json:
         print(
             json.dumps(
@@ -155,7 +155,7 @@ def main() -> None:
         print(
             f"lost lines: median {statistics.median(lost):g}, most {max(lost)} ({max(lost) / options.rate:.3f} s)"
         )
-        print(f"more than {MOST_S:g} s: {len(over)} kills, the recorder's own part at most {max(own):.3f} s")
+        print(f"more than {MAX_LOST_S:g} s: {len(over)} kills, the recorder's own part at most {max(own):.3f} s")
         for kill in over:
             print(f"  {kill.lost} lines lost; {kill.starved:.3f} s without a processor in the last {LAST_S:g} s")
         starved = sorted(kill.starved for kill in kills)

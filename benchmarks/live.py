@@ -93,7 +93,7 @@ def measure(seconds: float, rate: float, channels: int) -> Figures:
 
     master, slave = os.openpty()
     tty.setraw(slave)
-    ours, theirs = multiprocessing.Pipe()
+    own, other = multiprocessing.Pipe()
     latencies: list[float] = []
     looks: list[float] = []
     done = threading.Event()
@@ -101,19 +101,19 @@ def measure(seconds: float, rate: float, channels: int) -> Figures:
         while live.status().word != "connected":
             time.sleep(0.01)
         gaps = _watch_reads(live)
-        process = multiprocessing.Process(target=board, args=(master, rate, seconds, channels, theirs))
+        process = multiprocessing.Process(target=board, args=(master, rate, seconds, channels, other))
         cpu = time.process_time()
         process.start()
         watcher = threading.Thread(target=_watch_latency, args=(live, latencies, done))
         watcher.start()
         rss = 0.0
-        while not ours.poll(1.0 / LOOKS):
+        while not own.poll(1.0 / LOOKS):
             begin = time.perf_counter()
             snapshot = live.snapshot()
             looks.append(time.perf_counter() - begin)
             if snapshot is not None and not rss:
                 rss = _rss()
-        sent = ours.recv()
+        sent = own.recv()
         end = time.monotonic() + 10.0
         while live.status().accepted < sent and time.monotonic() < end:
             time.sleep(0.01)
@@ -122,7 +122,7 @@ def measure(seconds: float, rate: float, channels: int) -> Figures:
         done.set()
         watcher.join()
         snapshot, status = live.snapshot(), live.status()
-        ours.send("done")
+        own.send("done")
         process.join()
     os.close(slave)
     os.close(master)

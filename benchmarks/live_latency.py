@@ -1,4 +1,4 @@
-"""A live board in a real Chromium: from a byte written to the chart drawn, and how often it is drawn anew.
+"""A live board in a real Chromium: from a byte written to the chart drawn, and how often it is redrawn.
 
 The board's lines bear their number, and the drawn value of the newest one tells it back (`numbered_board.py`). The
 lag is that of every line: from its writing into the pseudo-terminal to the end of the first draw that shows it or

@@ -1,4 +1,4 @@
-"""What the live benchmarks share: a board on a pseudo-terminal whose lines tell their number and when they came.
+"""What the live benchmarks share: a board on a pseudo-terminal whose lines carry their number and time.
 
     1st channel   a noisy wave of 0 ... 1000; its last five decimals are the line's number modulo 60,000
     2nd channel   the line's number
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 TICK = 0.002
 """Seconds between two writes, about as a USB chip hands over."""
 MARKS = 60_000
-"""Numbers after which the mark begins again: a lag is told from one of a minute more by `number_of`."""
+"""Numbers after which the mark repeats: `number_of` distinguishes a lag from one that is a minute longer."""
 _NOISE = [random.Random(1).gauss(0.0, 20_000.0) for _ in range(997)]
 
 
@@ -89,7 +89,7 @@ class NumberedBoard:
 
     @property
     def longest_write(self) -> float:
-        """Longest time in s for which a write waited, because nobody read; a real board would have lost lines."""
+        """Longest wait of a write, because nothing was read, s; a real board would have lost lines."""
         return float(self._longest_write.value)
 
     def written(self) -> NDArray[np.float64]:

@@ -243,7 +243,7 @@ def memory_of(looks: list[Look]) -> dict[str, float]:
     """Growth of the resident memory in MB, and what of it the kept samples do not explain.
 
     Once old samples leave, the medians of the two halves since then are compared; before, the settled look and the
-    last one, less the samples that came between them.
+    last one, less the samples received between them.
     """
     leave = next((i for i in range(1, len(looks)) if looks[i].kept_mb < looks[i - 1].kept_mb), len(looks))
     full = looks[leave:]

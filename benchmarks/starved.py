@@ -47,9 +47,9 @@ class Probe:
 
 
 def waited(pid: int) -> dict[str, float]:
-    """Seconds that each thread of a process was ready to run and had no processor; {} where that is not told.
+    """Seconds that each thread of a process was ready to run and had no processor; {} on other systems than Linux.
 
-    Linux tells it. A wait that has not ended is not in it.
+    A wait that has not ended is not in it.
     """
     found = {}
     with suppress(OSError):

@@ -22,7 +22,7 @@ WATCH = f"""() => {{
             window.__draws.push([performance.now(), chart.data[raw].at(-1)]);
         }});
     }};
-    setInterval(arm, 50);  // a chart that viser builds anew has no hook yet
+    setInterval(arm, 50);  // a chart that viser rebuilds has no hook yet
 }}"""
 LOOKS_AT_CLOCK = 50
 
@@ -47,7 +47,7 @@ class Draws:
 
 
 class DrawWatch:
-    """Notes every draw on a page; the browser's clock is set against ours, which the board's stamps have too."""
+    """Notes every draw on a page, in the time of this process, which also stamps the board's lines."""
 
     def __init__(self, page: Page) -> None:
         self._page = page
@@ -56,9 +56,9 @@ class DrawWatch:
 
     def _compare_clocks(self) -> tuple[float, float]:
         before = time.monotonic()
-        theirs = self._page.evaluate("() => performance.now()") / 1000.0
+        browser = self._page.evaluate("() => performance.now()") / 1000.0
         after = time.monotonic()
-        return (after - before) / 2.0, (before + after) / 2.0 - theirs
+        return (after - before) / 2.0, (before + after) / 2.0 - browser
 
     def take(self, board: NumberedBoard) -> Draws:
         """The draws since the last call."""

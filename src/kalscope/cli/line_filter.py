@@ -14,7 +14,7 @@ class LineFilter:
     """Answers each line of comma-separated channels with the filtered values, in the same order.
 
     A cell without a number (empty, "nan") is a missing sample: its channel predicts, its answer is empty. A
-    line that cannot be read is a missing sample of all channels; a remark (# % //) is no sample, and its
+    line that cannot be read is a missing sample of all channels; a comment (# % //) is no sample, and its
     answer is empty.
     """
 
@@ -26,7 +26,7 @@ class LineFilter:
         """
         self._params = params
         self._filters: list[KalmanFilter] = []
-        self._before = 0  # lines that came while the number of channels was unknown
+        self._before = 0  # lines received while the number of channels was unknown
         self._line = 0
         if not isinstance(params, FilterParams):
             self._filters = [KalmanFilter(each) for each in params]

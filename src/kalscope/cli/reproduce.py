@@ -29,7 +29,7 @@ def reproduce_command(
 
     if output.exists() and not output.is_dir():
         raise BadSetting(f"-o must name a folder (got {str(output)!r}, a file)")
-    output.mkdir(parents=True, exist_ok=True)  # before the work: a folder that cannot be made is told at once
+    output.mkdir(parents=True, exist_ok=True)  # before the work, so that a failure is immediate
     with progress_line() as progress:
         done = reproduce(quick, progress=progress)
     write_atomic(output / "results.json", done.json.encode())
