@@ -141,3 +141,12 @@ def typed_number(name: str, text: str) -> float:
     if not math.isfinite(value):
         raise BadSetting(f"{name} must be a finite number (got {text[:40]!r})")
     return value
+
+
+def unused_name(name: str, taken: set[str], joint: str) -> str:
+    """`name`, or with a joint of " " `name 2`, `name 3`, … if it is taken; taken from now on."""
+    candidate, count = name, 2
+    while candidate in taken:
+        candidate, count = f"{name}{joint}{count}", count + 1
+    taken.add(candidate)
+    return candidate

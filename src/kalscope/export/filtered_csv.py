@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.text import unused_name
 from kalscope.filtering.batch import kalman_filter
 from kalscope.sources.lines.cells import MISSING, is_number
 from kalscope.sources.lines.columns import ROW_NUMBER_NAME
@@ -77,8 +78,8 @@ def csv_header(names: list[str], *, time_name: str = "time") -> str:
     cells = [time_name]
     for i, name in enumerate(raw):
         first = name not in raw[:i] and name != time_name
-        cells.append(name if first else _distinct(name, taken))
-        cells.extend(_distinct(f"{name}_{what}", taken) for what in ("filtered", "variance"))
+        cells.append(name if first else unused_name(name, taken, "_"))
+        cells.extend(unused_name(f"{name}_{what}", taken, "_") for what in ("filtered", "variance"))
     line = io.StringIO()
     csv.writer(line, lineterminator="\n").writerow(cells)
     return line.getvalue()
@@ -115,12 +116,3 @@ def _harmless(name: str) -> str:
     if is_number(name, ".") or name.lower() in MISSING:
         return f"channel {name}".rstrip()
     return name
-
-
-def _distinct(name: str, taken: set[str]) -> str:
-    """`name`, or `name_2`, `name_3`, … where it is taken; taken from now on."""
-    candidate, count = name, 2
-    while candidate in taken:
-        candidate, count = f"{name}_{count}", count + 1
-    taken.add(candidate)
-    return candidate

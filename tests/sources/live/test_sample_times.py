@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from kalscope.sources.lines.timestamps import TimeColumn
-from kalscope.sources.live.sample_times import LiveTime, Row
+from kalscope.sources.live.sample_times import ArrivedRow, LiveTime
 
 
 def rows(hosts, stamps):
-    return [Row(host, stamp, (float(i),)) for i, (host, stamp) in enumerate(zip(hosts, stamps, strict=True))]
+    return [ArrivedRow(host, stamp, (float(i),)) for i, (host, stamp) in enumerate(zip(hosts, stamps, strict=True))]
 
 
 def times_of(clock, hosts, stamps=None):

@@ -211,7 +211,7 @@ def test_close_frees_the_port_at_once_even_while_it_reads(board, reader):
 
 
 def test_a_port_that_another_program_holds_is_refused_with_both_named(board, reader):
-    with serial.Serial(board.link, exclusive=True), pytest.raises(BadDevice, match="another program holds"):
+    with serial.Serial(board.link, exclusive=True), pytest.raises(BadDevice, match="in use by another program"):
         reader.start(require=True)
     assert reader.state.word == "closed"
     assert not reader.running
@@ -246,9 +246,9 @@ def test_the_words_of_both_causes_name_both(tmp_path):
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (FileNotFoundError(errno.ENOENT, "No such file"), "must be plugged in"),
+        (FileNotFoundError(errno.ENOENT, "No such file"), "is not plugged in"),
         (PermissionError(errno.EACCES, "Permission denied"), "dialout"),
-        (OSError(errno.EBUSY, "Device or resource busy"), "another program holds"),
+        (OSError(errno.EBUSY, "Device or resource busy"), "in use by another program"),
         (ValueError("Invalid baud rate: 3"), "takes 115200 baud"),
     ],
 )
@@ -264,7 +264,7 @@ def test_a_file_is_no_port(tmp_path):
 
 def test_a_network_port_that_nobody_serves_says_so():
     spec = PortSpec("socket://127.0.0.1:1")
-    with pytest.raises(BadDevice, match="must answer"):
+    with pytest.raises(BadDevice, match="does not answer"):
         SerialPort(spec, spec.url)
 
 

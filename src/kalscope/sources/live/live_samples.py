@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from kalscope.recording import ReadReport, Recording
 from kalscope.sources.live.sample_store import SampleStore
-from kalscope.sources.live.sample_times import LiveTime, Row
+from kalscope.sources.live.sample_times import ArrivedRow, LiveTime
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,7 +89,7 @@ class LiveSamples:
             self._adopt(layout)
         at, channels = (layout.time.index if layout.time else -1), layout.channels
         rows = [
-            Row(host, row[at] if at >= 0 else float("nan"), tuple(row[i] for i in channels))
+            ArrivedRow(host, row[at] if at >= 0 else float("nan"), tuple(row[i] for i in channels))
             for host, event in stamped
             if event.kind == "row"
             for row in event.rows

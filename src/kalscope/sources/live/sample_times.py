@@ -29,7 +29,7 @@ _PAUSE = 0.5
 
 
 @dataclass(frozen=True)
-class Row:
+class ArrivedRow:
     """A row whose time is to be found."""
 
     host: float
@@ -48,7 +48,7 @@ class LiveTime:
         self._column = column
         self._scale = _scale_of(column)
         self._decided = column is None or self._scale is not None
-        self._pending: list[Row] = []
+        self._pending: list[ArrivedRow] = []
         self._time: float | None = None  # of the last row
         self._host = 0.0
         self._stamp = math.nan  # in s, of the last row whose stamp was believed
@@ -67,7 +67,7 @@ class LiveTime:
         """Note an interruption; the `slept` s for which the machine slept are missing in monotonic time."""
         self._broken += max(slept, _TICK)
 
-    def place(self, rows: Sequence[Row]) -> tuple[list[float], list[tuple[float, ...]]]:
+    def place(self, rows: Sequence[ArrivedRow]) -> tuple[list[float], list[tuple[float, ...]]]:
         """Times and values of the rows, with one row of NaN for each interruption.
 
         The first rows are held back until the unit of their stamps is known.
@@ -132,7 +132,7 @@ class LiveTime:
             self._scale = min(units, key=lambda scale: abs(math.log(stamp * scale / host)))
         return True
 
-    def _next(self, row: Row) -> float:
+    def _next(self, row: ArrivedRow) -> float:
         """Time of the next row."""
         if self._time is None:
             self._time, self._host = 0.0, row.host
@@ -146,7 +146,7 @@ class LiveTime:
         self._time = max(time, self._time)
         return self._time
 
-    def _by_stamp(self, row: Row, waited: float) -> float:
+    def _by_stamp(self, row: ArrivedRow, waited: float) -> float:
         """Time by the stamp where it can be believed, else by the host's time since the last row."""
         last = self._time or 0.0
         if not math.isfinite(row.stamp):

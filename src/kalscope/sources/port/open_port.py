@@ -118,24 +118,24 @@ def open_failure_reason(spec: PortSpec, device: str, error: BaseException) -> st
     """The error message for a port that cannot be opened."""
     number, text = getattr(error, "errno", None), str(error)
     if spec.is_url:
-        return f"{device} must answer (got {_short(text)})"
+        return f"{device} does not answer ({_short(text)})"
     if number == errno.ENOENT or "FileNotFoundError" in text:
         known = ", ".join(port.device for port in list_ports()) or "no serial port at all"
-        return f"port must be plugged in (got {device!r}; the system lists {known})"
+        return f"port {device} is not plugged in (the system lists {known})"
     if number in (errno.EACCES, errno.EPERM) or "PermissionError" in text:
-        return _why_refused(device)
+        return _refusal_reason(device)
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
-        return f"port {device} must be free (got a port that another program holds{_held_by(device)})"
+        return f"port {device} is in use by another program{_held_by(device)}"
     return f"port {device} must be a serial port that takes {spec.baud} baud (got {_short(text)})"
 
 
-def _why_refused(device: str) -> str:
+def _refusal_reason(device: str) -> str:
     if sys.platform == "win32":
-        return f"port {device} must be free (got no access: another program has it open)"
+        return f"port {device} is in use by another program"
     if held := _held_by(device):
-        return f"port {device} must be free (got no access{held})"
+        return f"port {device} is in use by another program{held}"
     cure = "on Linux: sudo usermod -aG dialout $USER, then log in again"
-    return f"port {device} must be open to you (got no permission; {cure})"
+    return f"no permission to open port {device} ({cure})"
 
 
 def disconnect_reason(spec: PortSpec, device: str, error: BaseException, *, again: bool) -> str:

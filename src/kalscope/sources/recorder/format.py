@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
+from kalscope.common.text import unused_name
 from kalscope.sources.lines.columns import Column, named_column
 from kalscope.sources.lines.tables import only_text
 
@@ -87,7 +88,7 @@ def header_line(layout: Layout) -> str:
     taken = {"host time", DEVICE_TIME}
     for i in layout.channels:
         column = layout.columns[i]
-        name = _distinct(_harmless(column.name), taken)
+        name = unused_name(_harmless(column.name), taken, " ")
         cells.append(_cell(name, column.unit))
     return ",".join(map(quoted, cells)) + "\n"
 
@@ -161,15 +162,6 @@ def _harmless(name: str) -> str:
     """A name on one line that no spreadsheet runs."""
     name = " ".join("".join(c if c.isprintable() else " " for c in name).split())[: _MAX_CELL_LENGTH - 40].rstrip()
     return f"'{name}" if name.startswith(_FORMULA) else name or "channel"
-
-
-def _distinct(name: str, taken: set[str]) -> str:
-    """`name`, or `name 2`, `name 3`, … where it is taken; taken from now on."""
-    candidate, count = name, 2
-    while candidate in taken:
-        candidate, count = f"{name} {count}", count + 1
-    taken.add(candidate)
-    return candidate
 
 
 def _version() -> str:
