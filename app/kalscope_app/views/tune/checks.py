@@ -86,7 +86,7 @@ def table(checks: Checks) -> str:
     head = (
         f"**{as_sentences(d.advice)}**\n\n"
         f"If q and r fit, the innovation is white noise of the expected size. Tested on {count(d.n)} samples.\n\n"
-        "| test | measured | expected (95 %) |\n|---|---|---|\n"
+        "| test | measured | expected (95\u00a0%) |\n|---|---|---|\n"
     )
     return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)
 
