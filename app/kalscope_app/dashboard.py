@@ -36,7 +36,7 @@ from kalscope_app.views.export.export import ExportView
 from kalscope_app.views.export.report import ReportView
 from kalscope_app.views.export.share import ShareView
 from kalscope_app.views.help import HelpView
-from kalscope_app.views.map.view import TuningMapView, study
+from kalscope_app.views.map.view import TuningMapView
 from kalscope_app.views.source.live import LiveView
 from kalscope_app.views.source.source import SourceView
 from kalscope_app.views.tour import Tour
@@ -94,9 +94,10 @@ class Dashboard:
         self._map = TuningMapView(server, self.session)
         self._phones = PhonePictures(self._map.set_phone)
         self._build(folder)
+        make_map = MapMaker()
         rounds = [
             self._study(VariantTable().compute, self._variants.show_table),
-            Study(study(MapMaker()), self._map.show),
+            Study(lambda state: (state, make_map(state)), self._map.show),
             self._study(compared, self._board.show_check),
             self._study(compute_checks, self._checks.show),
             self._study(lambda state: limits_text(state, self._code.choice), self._code.show_limits),

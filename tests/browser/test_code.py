@@ -70,6 +70,8 @@ def test_the_code_that_is_looked_at_is_the_code_that_is_saved_and_downloaded(scr
     screen.notification("KalscopeFilter.h").wait_for()
     saved = {path.name: without_date(path.read_text()) for path in (tmp_path / "firmware").iterdir()}
     assert saved == expected
+    button(screen, "Save to the folder").click()
+    screen.notification("The folder firmware already holds").wait_for()
     with screen.page.expect_download() as download:
         button(screen, "Download").click()
     assert download.value.suggested_filename == "kalscope-arduino.zip"

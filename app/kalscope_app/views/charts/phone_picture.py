@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
 from kalscope.common.array import Array
 from kalscope.common.text import decibels, lag_text, number
 from kalscope_app.views.charts.chart import drawable
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette
 from kalscope_app.views.charts.time_axis import time_axis
+from kalscope_app.views.pen import Pen
 from kalscope_app.views.scales import scale_for
 from kalscope_app.views.window.layout import gutter, shape_of
 from kalscope_app.views.window.page_script import PHONE_CHECKBOX
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     import viser
     from numpy.typing import NDArray
+    from PIL import ImageDraw
 
     from kalscope_app.engine.frame import Frame
 
@@ -86,23 +88,22 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
     background, ink = ("#1e2024", "#c9ced6") if frame.state.view.dark else ("#ffffff", "#495057")
     image = Image.new("RGB", (WIDTH, round(WIDTH / shape)), background)
     margin = round(MARGIN * WIDTH)
-    text = ImageFont.load_default(size=24)
     top, bottom = margin + 36, round(VISIBLE * image.height) - 44
-    pen = ImageDraw.Draw(image, "RGBA")
-    low, high = _draw_curves(pen, frame, palette, (margin, top, WIDTH - margin, bottom))
+    pen = Pen(image, 1)
+    low, high = _draw_curves(pen.draw, frame, palette, (margin, top, WIDTH - margin, bottom))
     scale, clock = scale_for(frame.drawn.raw, frame.state.tuning.unit), time_axis(frame)
     first, last = (frame.drawn.time[i] * clock.factor if len(frame.drawn.time) else 0.0 for i in (0, -1))
     reach = f"{number(low * scale.factor)} to {number(high * scale.factor)} {scale.unit}"
-    pen.text((margin, margin), printable(f"{frame.state.channel[:24]}: {reach}"), fill=ink, font=text)
+    pen.text((margin, margin), f"{frame.state.channel[:24]}: {reach}", ink, 24, "la")
     span = f"{number(first, 4)} to {number(last, 4)} {clock.unit}"
-    pen.text((margin, bottom + 10), printable(span), fill=ink, font=text)
-    pen.text((WIDTH - margin - 110, bottom + 10), "raw", fill=palette.raw, font=text, anchor="ra")
-    pen.text((WIDTH - margin, bottom + 10), "filtered", fill=palette.filtered, font=text, anchor="ra")
+    pen.text((margin, bottom + 10), span, ink, 24, "la")
+    pen.text((WIDTH - margin - 110, bottom + 10), "raw", palette.raw, 24, "ra")
+    pen.text((WIDTH - margin, bottom + 10), "filtered", palette.filtered, 24, "ra")
     _write_numbers(pen, frame, ink, (margin, round(VISIBLE * image.height) + 2 * margin))
     return np.asarray(image)
 
 
-def _write_numbers(pen: ImageDraw.ImageDraw, frame: Frame, ink: str, corner: tuple[int, int]) -> None:
+def _write_numbers(pen: Pen, frame: Frame, ink: str, corner: tuple[int, int]) -> None:
     """The three numbers that matter, in the strip that viser's sheet leaves free at the left."""
     steady, period = frame.steady, frame.state.recording.sample_period
     rows = (
@@ -111,9 +112,9 @@ def _write_numbers(pen: ImageDraw.ImageDraw, frame: Frame, ink: str, corner: tup
         ("gain K", number(float(steady.gain))),
     )
     for i, (name, value) in enumerate(rows):
-        at = corner[0], corner[1] + 130 * i
-        pen.text(at, name, fill=ink, font=ImageFont.load_default(size=24))
-        pen.text((at[0], at[1] + 34), printable(value), fill=ink, font=ImageFont.load_default(size=36))
+        x, y = corner[0], corner[1] + 130 * i
+        pen.text((x, y), name, ink, 24, "la")
+        pen.text((x, y + 34), value, ink, 36, "la")
 
 
 def _draw_curves(
@@ -144,8 +145,3 @@ def _draw_curves(
             pen.line(points(drawable(shown.time, [extra])[1]), fill=colour, width=2)
     pen.line(points(filtered), fill=palette.filtered, width=5, joint="curve")
     return low, high
-
-
-def printable(text: str) -> str:
-    """Text in the letters that the built-in font has; it draws a box for a minus sign."""
-    return text.translate({ord("−"): "-", ord("∞"): "inf", ord("…"): "...", 0x202F: " "})

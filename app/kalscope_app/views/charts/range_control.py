@@ -60,17 +60,11 @@ class WindowView:
         self._serial = self._session.request(set_window(first, last), key="view")
 
     def _show_live(self, live: Live | None) -> None:
-        for part in (self._live, self._span):
-            if part.visible != (live is not None):
-                part.visible = live is not None
+        self._live.visible = self._span.visible = live is not None
         self._buttons.visible = live is None
         if live is not None:
-            words = next(words for words, span in SPANS.items() if span == live.span)
-            if self._span.value != words:
-                self._span.value = words
-            label = "live, paused" if live.paused else "live" if live.following else "looking back"
-            if self._live.label != label:
-                self._live.label = label
+            self._span.value = next(words for words, span in SPANS.items() if span == live.span)
+            self._live.label = "live, paused" if live.paused else "live" if live.following else "looking back"
 
     def show(self, frame: Frame) -> None:
         """Follow the frame unless the range has moved since."""
@@ -87,13 +81,9 @@ class WindowView:
             return
         window = live_window(frame.state) or (begin, end)
         value = tuple(min(max(moment * self._scale.factor, low), high) for moment in window)
-        label = f"{number(value[0], 4)} to {number(value[1], 4)} {self._scale.unit}"
-        if self._range.label != label:
-            self._range.label = label
-        if (self._range.min, self._range.max) != (low, high):
-            self._range.min, self._range.max, self._range.step = low, high, (high - low) / 1000.0
-        if self._range.value != value:
-            self._range.value = value
+        self._range.label = f"{number(value[0], 4)} to {number(value[1], 4)} {self._scale.unit}"
+        self._range.min, self._range.max, self._range.step = low, high, (high - low) / 1000.0
+        self._range.value = value
 
 
 def moves_too_often(frame: Frame, seconds: float) -> bool:

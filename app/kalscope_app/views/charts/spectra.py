@@ -10,7 +10,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.common.text import frequency, number, squared
 from kalscope_app.views.charts.chart import Chart, ChartLayout
-from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
+from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, dots, line
 from kalscope_app.views.scales import Scale, log_rate_scale, log_scale_for, log_ticks, log_time_scale
 
 if TYPE_CHECKING:
@@ -70,13 +70,12 @@ class SpectrumView:
     def _draw_response(self, spectra: Spectra, palette: Palette, hertz: Scale) -> None:
         x = spectra.fine * hertz.factor
         cut = np.where(spectra.fine == spectra.found.cutoff, spectra.response_db, np.nan)
-        marks = {"show": True, "size": 11, "space": 0, "fill": palette.truth, "stroke": palette.truth}
         lowest = float(spectra.response_db.min())
         layout = ChartLayout(
             (
                 {"label": f"frequency ({hertz.unit})"},
                 line("response (dB)", palette.filtered, 2),
-                {"label": "−3 dB", "stroke": palette.truth, "width": 0, "points": marks, "auto": False},
+                dots("−3 dB", palette.truth, 11),
             ),
             log_axes(x, None, "response (dB)"),
             gaps=frozenset({1}),
@@ -117,22 +116,15 @@ class AllanView:
         edges = [np.clip(found.deviation + sign * 2.0 * found.spread, low, high) for sign in (-1.0, 1.0)]
         x = found.tau * clock.factor
         reach = (low * scale.factor, high * scale.factor)
-        dots = {"show": True, "size": 6, "space": 0, "fill": palette.truth}
-        spot = {"show": True, "size": 13, "space": 0, "fill": palette.filtered, "stroke": palette.filtered}
+        marks = {"show": True, "size": 6, "space": 0, "fill": palette.truth}
         layout = ChartLayout(
             (
                 {"label": f"averaging time ({clock.unit})"},
                 line("−2 σ"),
                 line("+2 σ"),
-                {**line("recording", palette.truth, 2), "points": dots},
+                {**line("recording", palette.truth, 2), "points": marks},
                 line("model", palette.filtered, 2),
-                {
-                    "label": "minimum of the model",
-                    "stroke": palette.filtered,
-                    "width": 0,
-                    "points": spot,
-                    "auto": False,
-                },
+                dots("minimum of the model", palette.filtered, 13),
             ),
             log_axes(x, reach, scale.label("Allan deviation")),
             ({"series": (2, 1), "fill": "rgba(86, 180, 233, 0.22)"},),

@@ -69,14 +69,18 @@ def gappy(label: str, y: Array, colour: str, quiet: int = 0) -> tuple[ChartLine,
     """
     if not np.isnan(y[quiet:]).any():
         return (ChartLine(y, line(label, colour)),)
-    marks = {"show": True, "size": 3, "space": 0, "fill": colour, "stroke": colour}
-    points: dict[str, object] = {"label": label, "stroke": colour, "width": 0, "points": marks, "auto": False}
-    return ChartLine(y, points, gaps=True), ChartLine(y, line(f"last {label}"))
+    return ChartLine(y, dots(label, colour, 3), gaps=True), ChartLine(y, line(f"last {label}"))
 
 
 def short(name: str, limit: int) -> str:
     """A name cut to a length that fits beside an axis."""
     return name if len(name) <= limit else f"{name[: limit - 1]}…"
+
+
+def dots(label: str, colour: str, size: float) -> dict[str, object]:
+    """Dots without a line between them; the range of y need not hold them."""
+    marks = {"show": True, "size": size, "space": 0, "fill": colour, "stroke": colour}
+    return {"label": label, "stroke": colour, "width": 0, "points": marks, "auto": False}
 
 
 def line(label: str, colour: str = "transparent", width: float = 1, *, scaled: bool = True) -> dict[str, object]:

@@ -14,7 +14,7 @@ import numpy as np
 from kalscope.common.files import check_inside
 from kalscope.common.text import typed_number
 from kalscope.errors import BadSetting
-from kalscope.export.registry import TARGETS, rescaled_to_period, export_tuning
+from kalscope.export.registry import TARGETS, export_tuning, rescaled_to_period
 from kalscope.export.write import limits_of, write_files
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.export.files import show_files, show_refusal
@@ -117,6 +117,9 @@ class CodeView:
             folder = check_inside(name, self._folder)
             if folder == self._folder.resolve() or any(part.startswith(".") for part in Path(name).parts):
                 raise BadSetting(f"the folder must be named like export (got {name!r})")
+            there = ", ".join(file for file in files if (folder / file).exists())
+            if there:
+                raise BadSetting(f"The folder {name} already holds {there}. Choose another folder.")
             written = write_files(files, folder)
             self._tell(f"Saved {', '.join(path.name for path in written)} in {folder}", good=True)
 

@@ -29,8 +29,6 @@ from kalscope_app.views.map.picture import MapPictureInput, chips, draw_map_pict
 from kalscope_app.views.window.layout import shape_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from kalscope_app.engine.frame import Frame
     from kalscope_app.session.session import Session
 
@@ -229,8 +227,3 @@ def same_picture(one: MapPictureInput, other: MapPictureInput) -> bool:
     """Whether two inputs give the same picture; maps hold arrays, which have no plain equality."""
     rest = [(p.frame, p.unit, p.period, p.dark, p.truth, p.pinned) for p in (one, other)]
     return one.map is other.map and rest[0] == rest[1]
-
-
-def study(make: Callable[[State], TuningMap]) -> Callable[[State], tuple[State, TuningMap]]:
-    """The map of a state together with the state, as `show` wants it."""
-    return lambda state: (state, make(state))

@@ -118,15 +118,16 @@ class ParametersView:
             name for name, value in FILTERS.items() if value == (paper.reading if paper else None)
         )
         for control in self._controls:
-            control.visible = standard
+            control.set_visible(standard)
             control.show(frame)
-        self._start.visible = self._gate.visible = standard
+        self._start.visible = standard
+        self._gate.set_visible(standard)
         self._start.value = AUTOMATIC if tuning.p0 is None else BY_VALUE
-        self._x0.visible = tuning.p0 is not None and standard
+        self._x0.set_visible(tuning.p0 is not None and standard)
         self._x0.show(frame, tuning.x0, "first")
         self._gate.show(frame, tuning.gate, "off")
         for box, (name, _, _) in zip(self._paper_boxes, PAPER_BOXES, strict=True):
-            box.visible = paper is not None
+            box.set_visible(paper is not None)
             box.show(frame, None if paper is None else getattr(paper, name), "automatic")
 
 
@@ -162,14 +163,10 @@ class VarianceControl:
         self._serial = 0
         on_user(self._slider.on_update, lambda _client: self._file())
 
-    @property
-    def visible(self) -> bool:
-        """Whether it is on screen."""
-        return self._slider.visible
-
-    @visible.setter
-    def visible(self, visible: bool) -> None:
-        self._slider.visible = self.typed.visible = visible
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide it."""
+        self._slider.visible = visible
+        self.typed.set_visible(visible)
 
     def _file(self) -> None:
         change = set_exponent(self._name, float(self._slider.value))
@@ -209,13 +206,8 @@ class TypedNumber:
         self._serial = 0
         on_user(self._text.on_update, lambda _client: self._on_key())
 
-    @property
-    def visible(self) -> bool:
-        """Whether the box is on screen."""
-        return self._text.visible
-
-    @visible.setter
-    def visible(self, visible: bool) -> None:
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide the box."""
         self._text.visible = visible
 
     def _on_key(self) -> None:
