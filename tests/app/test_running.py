@@ -109,22 +109,30 @@ from kalscope_app.views.map.view import TuningMapView
 def raising(*_):
     raise LookupError("no such " + threading.current_thread().name)
 
-async def on_the_loop(self, event):
+def on_the_loop(self):
     raise LookupError("no such save")
 
-def in_the_pool(self, event):
+def in_the_pool(event):
     raise LookupError("no such download")
 
-async def in_a_thread(self, event):
+def in_a_thread(self, client):
     threading.Thread(target=raising, name="reader").start()
 
 async def in_the_scene(self, event):
     raise LookupError("no such node")
 
-export.ExportView._on_save = on_the_loop
-export.ExportView._on_download = in_the_pool
-export._send_csv = raising
-CodeView._on_save = in_a_thread
+on_user = export.on_user
+
+def on_user_or_in_the_pool(subscribe, act):
+    if subscribe.__self__.label == "Download tuning file":
+        subscribe(in_the_pool)
+    else:
+        on_user(subscribe, act)
+
+export.ExportView._ask_to_save = on_the_loop
+export.on_user = on_user_or_in_the_pool
+export._send = raising
+CodeView._save = in_a_thread
 TuningMapView._on_click = in_the_scene
 """
 BUTTONS = {
