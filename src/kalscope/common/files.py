@@ -77,7 +77,7 @@ def atomic_file(path: str | os.PathLike[str]) -> Generator[BinaryIO]:
         mode = _mode(target)
         if mode is None or stat.S_ISREG(mode):
             if mode is not None and not os.access(target, os.W_OK):
-                # The rename would succeed all the same, and undo what the owner wanted.
+                # The rename would succeed all the same, and override the read-only mode.
                 raise PermissionError(errno.EACCES, "Permission denied: the file is write-protected")
             with _replacement(target, mode) as file:
                 yield file

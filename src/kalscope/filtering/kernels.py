@@ -26,7 +26,7 @@ CHUNK = 256
 MIN_BLOCK_GAIN = 1e-3
 """Below this gain the settled filter stays sample by sample: rounding grows like 1/gain (limit 1e-12)."""
 
-LARGEST = float(np.finfo(np.float64).max)
+MAX_DOUBLE = float(np.finfo(np.float64).max)
 
 Step = tuple[float, float, float, float, float, int]
 
@@ -141,8 +141,8 @@ def advance_settled(z: Array, k: float, x: float, i: int, out: Array) -> tuple[i
     """
     while i + CHUNK <= z.shape[0]:
         end = advance_chunk(z[i : i + CHUNK], k, x, out[i : i + CHUNK])
-        if not abs(end) <= LARGEST:
-            while abs(out[i]) <= LARGEST:
+        if not abs(end) <= MAX_DOUBLE:
+            while abs(out[i]) <= MAX_DOUBLE:
                 x = out[i]
                 i += 1
             return i, x

@@ -20,20 +20,7 @@ from kalscope.common.files import write_atomic
 from kalscope.common.version import program
 from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering.params import FilterParams
-from kalscope.tuning.toml_text import (
-    FORMAT,
-    MAX_BYTES,
-    clean,
-    fresh,
-    number_of,
-    optional_number_of,
-    parse,
-    read_text,
-    shown,
-    table_of,
-    text_of,
-    updated,
-)
+from kalscope.tuning import toml_text as toml
 
 SAME_PERIOD = 1e-3
 """Sample periods whose relative difference is smaller are equal: a median of time stamps is no more exact."""
@@ -113,9 +100,9 @@ class Tuning:
         if not names:
             raise BadSetting("tuning must hold at least one channel (got none)")
         if len(set(names)) < len(names):
-            raise BadSetting(f"channels must have distinct names (got {shown(names)})")
+            raise BadSetting(f"channels must have distinct names (got {toml.shown(names)})")
         if self.selected and self.selected not in names:
-            raise BadSetting(f"selected must be one of {shown(names)} (got {self.selected!r})")
+            raise BadSetting(f"selected must be one of {toml.shown(names)} (got {self.selected!r})")
         if self.sample_period is not None:
             object.__setattr__(self, "sample_period", above_zero("sample_period", self.sample_period))
 
@@ -162,7 +149,7 @@ class Tuning:
         values = [getattr(channel, name) for channel in self.channels]
         given = [value for value in values if value is not None]
         if given and len(given) < len(values):
-            raise BadSetting(f"{name} must be given for all channels or for none (got {shown(values)})")
+            raise BadSetting(f"{name} must be given for all channels or for none (got {toml.shown(values)})")
         return np.array(given) if given else None
 
 
@@ -183,13 +170,13 @@ def save_tuning(tuning: Tuning, path: str | os.PathLike[str]) -> None:
     before = ""
     if Path(path).is_file() and Path(path).stat().st_size:
         try:
-            before = read_text(path)
-            parse(before)
+            before = toml.read_text(path)
+            toml.parse(before)
         except BadFile as error:
             raise BadFile(f"{os.fspath(path)!r} must be a tuning file to be saved over (got: {error})") from None
-    data = updated(before, _plain(tuning)).encode()
-    if len(data) > MAX_BYTES:
-        raise BadSetting(f"a tuning file must hold at most {MAX_BYTES} bytes (got {len(data)})")
+    data = toml.updated(before, _plain(tuning)).encode()
+    if len(data) > toml.MAX_BYTES:
+        raise BadSetting(f"a tuning file must hold at most {toml.MAX_BYTES} bytes (got {len(data)})")
     write_atomic(path, data)
 
 
@@ -200,14 +187,14 @@ def load_tuning(path: str | os.PathLike[str]) -> Tuning:
         BadFile: The file cannot be read or is not a tuning file.
     """
     try:
-        return loads(read_text(path))
+        return loads(toml.read_text(path))
     except BadFile as error:
         raise BadFile(f"{os.fspath(path)!r}: {error}") from None
 
 
 def dumps(tuning: Tuning) -> str:
     """The text of a new tuning file. Every float is read back bit for bit."""
-    return fresh(_plain(tuning))
+    return toml.fresh(_plain(tuning))
 
 
 def loads(text: str) -> Tuning:
@@ -216,23 +203,23 @@ def loads(text: str) -> Tuning:
     Raises:
         BadFile: As `load_tuning`.
     """
-    document = parse(text)
+    document = toml.parse(text)
     if isinstance(made := document.get("date"), date):  # TOML has dates, without quotes
         document["date"] = made.isoformat()
-    source = table_of(document.get("source", {}), "[source]")
+    source = toml.table_of(document.get("source", {}), "[source]")
     channels = cast("list[object] | None", document.get("channel"))
     if not isinstance(channels, list) or not channels:
-        raise BadFile(f"there must be at least one [[channel]] (got {shown(channels)})")
+        raise BadFile(f"there must be at least one [[channel]] (got {toml.shown(channels)})")
     try:
         return Tuning(
             channels=tuple(_channel(entry, i) for i, entry in enumerate(channels, 1)),
-            source=text_of(source, "spec", "[source]"),
-            source_name=text_of(source, "name", "[source]"),
-            sha256=text_of(source, "sha256", "[source]"),
-            sample_period=optional_number_of(source, "sample_period", "[source]"),
-            selected=text_of(document, "selected", "the file"),
-            tool=text_of(document, "tool", "the file"),
-            date=text_of(document, "date", "the file"),
+            source=toml.text_of(source, "spec", "[source]"),
+            source_name=toml.text_of(source, "name", "[source]"),
+            sha256=toml.text_of(source, "sha256", "[source]"),
+            sample_period=toml.optional_number_of(source, "sample_period", "[source]"),
+            selected=toml.text_of(document, "selected", "the file"),
+            tool=toml.text_of(document, "tool", "the file"),
+            date=toml.text_of(document, "date", "the file"),
         )
     except BadSetting as error:
         raise BadFile(str(error)) from None
@@ -240,42 +227,42 @@ def loads(text: str) -> Tuning:
 
 def _plain(tuning: Tuning) -> dict[str, Any]:
     """The tuning as the tables of the file; None = the key is absent."""
-    name, spec, sha256 = (clean(text) for text in (tuning.source_name, tuning.source, tuning.sha256))
+    name, spec, sha256 = (toml.clean(text) for text in (tuning.source_name, tuning.source, tuning.sha256))
     source = {"name": name, "spec": spec, "sha256": sha256, "sample_period": tuning.sample_period}
     channels = [
         {
-            "name": clean(channel.name),
-            "unit": clean(channel.unit),
+            "name": toml.clean(channel.name),
+            "unit": toml.clean(channel.unit),
             "q": channel.q,
             "r": channel.r,
             "p0": "diffuse" if channel.p0 is None else channel.p0,
             "x0": "first" if channel.x0 is None else channel.x0,
             "gate": channel.gate,
-            "how": clean(channel.how),
+            "how": toml.clean(channel.how),
         }
         for channel in tuning.channels
     ]
-    head = {"format": FORMAT, "tool": clean(tuning.tool), "date": clean(tuning.date)}
-    return {**head, "selected": clean(tuning.selected), "source": source, "channel": channels}
+    head = {"format": toml.FORMAT, "tool": toml.clean(tuning.tool), "date": toml.clean(tuning.date)}
+    return {**head, "selected": toml.clean(tuning.selected), "source": source, "channel": channels}
 
 
 def _channel(entry: object, number: int) -> ChannelTuning:
     where = f"[[channel]] {number}"
-    table = table_of(entry, where)
+    table = toml.table_of(entry, where)
     if "name" not in table:
         raise BadFile(f"name of {where} must be given (got nothing)")
-    name = text_of(table, "name", where)
-    where = f"channel {shown(name)}"
+    name = toml.text_of(table, "name", where)
+    where = f"channel {toml.shown(name)}"
     try:
         return ChannelTuning(
             name=name,
-            unit=text_of(table, "unit", where),
-            q=number_of(table, "q", where),
-            r=number_of(table, "r", where),
-            p0=optional_number_of(table, "p0", where, "diffuse"),
-            x0=optional_number_of(table, "x0", where, "first"),
-            how=text_of(table, "how", where),
-            gate=optional_number_of(table, "gate", where),
+            unit=toml.text_of(table, "unit", where),
+            q=toml.number_of(table, "q", where),
+            r=toml.number_of(table, "r", where),
+            p0=toml.optional_number_of(table, "p0", where, "diffuse"),
+            x0=toml.optional_number_of(table, "x0", where, "first"),
+            how=toml.text_of(table, "how", where),
+            gate=toml.optional_number_of(table, "gate", where),
         )
     except BadSetting as error:
         raise BadFile(f"{where}: {error}") from None

@@ -31,7 +31,7 @@ MIN_CUTOFF, MAX_CUTOFF = 1e-6, 0.499
 
 @dataclass(frozen=True, kw_only=True)
 class Description:
-    """What a user is told about a filter at one setting."""
+    """What a user reads about a filter at one setting."""
 
     name: str
     """Its usual name."""

@@ -26,7 +26,7 @@ BLOCK = 8
 LANES = 8
 """Lanes settle, and are filled up, in groups of this many: one AVX-512 register of doubles."""
 
-LARGEST_FACTOR = 1e18
+MAX_FACTOR = 1e18
 """Where no f exceeds this, BLOCK of them times FULL stay far from overflow."""
 
 STRETCH = 4
@@ -50,7 +50,7 @@ def scan_ratios(d: Array, gap: Array, ratio: Array, chi2: Array, logdet: Array) 
     chi2[:] = 0.0
     logdet[:] = 0.0
     ones = np.ones(BLOCK)
-    bounded = ratio[0] * (1.0 if regular else gap.max()) < LARGEST_FACTOR
+    bounded = ratio[0] * (1.0 if regular else gap.max()) < MAX_FACTOR
     i = settled = 0
     while i < n:
         if not bounded or (i == 0 and n % BLOCK > 0):
