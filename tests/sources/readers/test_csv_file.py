@@ -7,9 +7,9 @@ from datetime import datetime
 
 import numpy as np
 import pytest
-from decoding import decoded
 from hypothesis import given
 from hypothesis import strategies as st
+from raw_bytes import damaged, decoded
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.readers.csv_file import read_recording
@@ -311,19 +311,6 @@ mutation = st.one_of(
 )
 
 
-def _mutate(data, changes):
-    data = bytearray(data)
-    for kind, place, what in changes:
-        at = min(place, len(data))
-        if kind == "flip" and at < len(data):
-            data[at] = what
-        elif kind == "cut":
-            del data[at : at + what]
-        elif kind == "insert":
-            data[at:at] = what
-    return bytes(data)
-
-
 _WRITTEN = re.compile(r"[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 
@@ -354,7 +341,7 @@ def _check_any_bytes(path, data):
 @given(st.sampled_from(SEEDS), st.sampled_from(["utf-8", "utf-16"]), st.lists(mutation, max_size=6))
 def test_any_damage_is_accounted_for_and_invents_nothing(tmp_path_factory, seed, encoding, changes):
     path = tmp_path_factory.getbasetemp() / "mutated.csv"
-    _check_any_bytes(path, _mutate(seed.encode(encoding), changes))
+    _check_any_bytes(path, damaged(seed.encode(encoding), changes))
 
 
 @given(st.binary(max_size=300) | st.text(alphabet='0123456789.,;:-+eE \t\n"#naT/', max_size=200).map(str.encode))

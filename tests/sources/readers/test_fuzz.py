@@ -8,8 +8,8 @@ import re
 
 import numpy as np
 import pytest
-from decoding import decoded
 from effort import FUZZ
+from raw_bytes import decoded
 
 from kalscope.errors import KalscopeError
 from kalscope.sources.lines.line_parser import LineParser

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from raw_bytes import damaged
 
 from kalscope.errors import BadFile, Cancelled, KalscopeError
 from kalscope.sources.lines.cells import parse_number, split_fields
@@ -155,22 +156,6 @@ change = st.one_of(
     st.tuples(st.just("insert"), st.integers(0, 900), st.sampled_from(DAMAGE)),
     st.tuples(st.just("line"), st.integers(0, 900), st.sampled_from(DAMAGE)),
 )
-
-
-def damaged(data, changes):
-    data = bytearray(data)
-    for kind, place, what in changes:
-        at = min(place, len(data))
-        if kind == "flip" and at < len(data):
-            data[at] = what
-        elif kind == "cut":
-            del data[at : at + what]
-        elif kind == "end":
-            del data[at:]
-        elif kind in ("insert", "line"):
-            at = data.rfind(b"\n", 0, at) + 1 if kind == "line" else at
-            data[at:at] = what
-    return bytes(data)
 
 
 @given(st.sampled_from(sorted(SEEDS)), st.lists(change, min_size=1, max_size=4))

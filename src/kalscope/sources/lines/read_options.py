@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 from kalscope.errors import BadSetting
 from kalscope.recording import Gaps
@@ -107,4 +108,4 @@ def options_from_text(
     if number.isascii() and number.isdecimal() and number != "0":
         column = int(number) - 1
     values = tuple(float(text) if is_number(text.strip()) else text for text in missing)
-    return ReadOptions(mark, None, column, unit, values, gaps=gaps or "rows")  # type: ignore[arg-type]
+    return ReadOptions(mark, None, column, unit, values, gaps=cast("Gaps", gaps or "rows"))

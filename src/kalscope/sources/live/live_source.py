@@ -205,7 +205,7 @@ class LiveSource:
 
         Raises:
             BadSetting: `line` is too long or holds a newline.
-            BadDevice: the port is not connected, or no answer came.
+            BadDevice: the port is not connected, or no reply arrived.
         """
         return self._commands.send(line, timeout)
 
