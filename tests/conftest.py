@@ -10,6 +10,7 @@ import pytest
 from board_fixtures import start_board, stream_sketch, workshop
 from effort import EXAMPLES, FUZZ
 from hypothesis import settings
+from markers import mark
 
 __all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every folder
 
@@ -28,11 +29,9 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what needs a browser or a simulated board by the fixtures that provide them."""
+    """Mark what needs a browser, a simulated board, a server or another process."""
     for item in items:
-        for fixture, marker in (("browser", "browser"), ("workshop", "device")):
-            if fixture in getattr(item, "fixturenames", ()):
-                item.add_marker(marker)
+        mark(item)
 
 
 @pytest.fixture(scope="session")
