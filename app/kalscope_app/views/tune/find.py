@@ -43,7 +43,7 @@ def _method(name: str) -> SearchMethod:
     return SearchMethod(lambda _state, _texts: {"method": name})
 
 
-def _wish(name: str, label: str, content: str, factor: float = 1.0) -> SearchMethod:
+def _target(name: str, label: str, content: str, factor: float = 1.0) -> SearchMethod:
     def arguments(state: State, texts: list[str]) -> dict[str, Any]:
         return {"target": {name: factor * typed_number(label, texts[0])}, "present_r": state.tuning.r}
 
@@ -108,11 +108,11 @@ BOX_HINTS = {
 
 SEARCH_METHODS: dict[str, SearchMethod] = {
     "maximum likelihood": _method("ml"),
-    "maximum lag": _wish("lag_s", "lag (ms)", "50", 1e-3),
-    "cut-off frequency": _wish("cutoff_hz", "cut-off (Hz)", "1"),
-    "noise reduction": _wish("noise_reduction_db", "reduction (dB)", "12"),
-    "gain K": _wish("gain", "gain K", "0.1"),
-    "lag in samples": _wish("lag_samples", "lag (samples)", "10"),
+    "maximum lag": _target("lag_s", "lag (ms)", "50", 1e-3),
+    "cut-off frequency": _target("cutoff_hz", "cut-off (Hz)", "1"),
+    "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12"),
+    "gain K": _target("gain", "gain K", "0.1"),
+    "lag in samples": _target("lag_samples", "lag (samples)", "10"),
     STILL: SearchMethod(_still, (("from", ""), ("to", ""))),
     "data sheet σ, fit q": _noise(("sigma", "σ, one std", "")),
     "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
