@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import signal
 import stat
-import time
 from pathlib import Path
 
 import pytest
 from attack_table import UPGRADE, exchange, status
 from program import end, free_port, is_free, labels, next_line, port_of, running, start, token_of
-from wire import PATIENCE, Guest
+from waiting import PATIENCE, wait_until
+from wire import Guest
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and modes as POSIX has them")
 
@@ -40,9 +40,7 @@ def test_the_browser_is_started_without_the_token_on_its_command_line(tmp_path):
     browser.write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" > {seen}.new\nmv {seen}.new {seen}\n')
     browser.chmod(0o700)
     with running(tmp_path, env={"BROWSER": f"{browser} %s"}) as (program, url):
-        deadline = time.monotonic() + PATIENCE
-        while not seen.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
+        wait_until(seen.exists, "the browser's start")
         (argument,) = seen.read_text().splitlines()
         page = Path(argument.removeprefix("file://"))
         assert token_of(url) not in argument
@@ -84,7 +82,7 @@ def test_the_log_tells_who_was_refused_and_never_the_token(tmp_path):
         port, token = port_of(url), token_of(url)
         assert status(exchange(port, f"GET /?token={token} HTTP/1.1\r\nHost: evil.example\r\n\r\n")) == "403"
         assert status(exchange(port, f"GET /{token} HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n")) == "403"
-        code, _, err, _ = end(program)
+        code, _, err = end(program)
     text = (tmp_path / "kalscope.log").read_text()
     assert code == 0
     for said in (text, err):
@@ -105,6 +103,7 @@ import threading
 from kalscope_app.views.export import export
 from kalscope_app.views.export.code import CodeView
 from kalscope_app.views.map.view import TuningMapView
+from kalscope_app.views.source.source import SourceView
 
 def raising(*_):
     raise LookupError("no such " + threading.current_thread().name)
@@ -112,8 +111,8 @@ def raising(*_):
 def on_the_loop(self):
     raise LookupError("no such save")
 
-def in_the_pool(event):
-    raise LookupError("no such download")
+def in_the_pool(self, *_):
+    raise LookupError("no such upload")
 
 def in_a_thread(self, client):
     threading.Thread(target=raising, name="reader").start()
@@ -121,23 +120,14 @@ def in_a_thread(self, client):
 async def in_the_scene(self, event):
     raise LookupError("no such node")
 
-on_user = export.on_user
-
-def on_user_or_in_the_pool(subscribe, act):
-    if subscribe.__self__.label == "Download tuning file":
-        subscribe(in_the_pool)
-    else:
-        on_user(subscribe, act)
-
 export.ExportView._ask_to_save = on_the_loop
-export.on_user = on_user_or_in_the_pool
+SourceView._upload = in_the_pool
 export._send = raising
 CodeView._save = in_a_thread
 TuningMapView._on_click = in_the_scene
 """
 BUTTONS = {
     "Save tuning file": "no such save",
-    "Download tuning file": "no such download",
     "Download filtered CSV": "no such kalscope-jobs",
     "Save to the folder": "no such reader",
 }
@@ -148,27 +138,32 @@ def test_an_error_nobody_caught_is_told_and_logged_and_the_dashboard_goes_on(tmp
     """On the event loop, in viser's pool, in a job, in a thread of its own, and on the map."""
     with running(tmp_path, "--log", "kalscope.log", change=RAISING) as (program, url):
         with Guest(port_of(url), token_of(url)) as guest:
-            guest.read_until(lambda: set(BUTTONS) <= labels(guest))
+            guest.read_until(lambda: {*BUTTONS, "Upload a file …"} <= labels(guest))
             for button, said in BUTTONS.items():
                 guest.set(guest.find(button), True)
                 guest.read_until(lambda said=said: said in "".join(guest.notices))
+            transfer = {"source_component_uuid": guest.find("Upload a file …"), "transfer_uuid": "t"}
+            size = {"part_count": 1, "size_bytes": 1}
+            guest.send("FileTransferStartUpload", **transfer, **size, filename="x.csv", mime_type="text/csv")
+            guest.send("FileTransferPart", **transfer, part_index=0, content=b"1")
+            guest.read_until(lambda: "no such upload" in "".join(guest.notices))
             ray = {"ray_origin": (0.0, 0.0, 60.0), "ray_direction": (0.0, 0.0, -1.0)}
             guest.send("SceneNodeClickMessage", name="/map/glass", **ray, **CLICK)
             guest.read_until(lambda: "no such node" in "".join(guest.notices))
             told = "".join(guest.notices)
-            assert told.count("Something went wrong") >= len(BUTTONS) + 1
+            assert told.count("Something went wrong") >= len(BUTTONS) + 2
             assert "That cannot be used" not in told
             assert "Details are in kalscope.log" in told
             slider = guest.find("log₁₀ q")
             guest.set(slider, guest.values[slider] + 0.5)
             with Guest(port_of(url), token_of(url)) as other:
                 other.read_until(lambda: other.values.get(slider) == pytest.approx(guest.values[slider]))
-        code, _, err, _ = end(program)
+        code, _, err = end(program)
     assert code == 0
     log = (tmp_path / "kalscope.log").read_text()
     assert "Traceback" in log
     assert "Traceback" not in err
-    assert [said for said in (*BUTTONS.values(), "no such node") if said not in log] == []
+    assert [said for said in (*BUTTONS.values(), "no such upload", "no such node") if said not in log] == []
 
 
 # --- the end ----------------------------------------------------------------------------------------------
@@ -185,8 +180,7 @@ def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path):
             guest.set(guest.find("Generate"), True)
             guest.read(timeout=0.3)
             children = Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text()
-            code, out, err, seconds = end(program, signal.SIGINT)
-    print(f"ended in {seconds:.2f} s")
+            code, out, err = end(program, signal.SIGINT)
     assert (code, out, err, children) == (0, "", "", "")
     assert is_free(port)
     assert os.listdir(tmp_path / "tmp") == []
@@ -218,8 +212,7 @@ threading.Thread(target=time.sleep, args=(600,)).start()
 def test_a_part_that_hangs_does_not_keep_the_program(tmp_path):
     """A device, or a file on a network that has gone: nothing can interrupt those."""
     with running(tmp_path, change=HANGING) as (program, url):
-        code, out, err, seconds = end(program)
-    print(f"ended in {seconds:.2f} s")
+        code, out, err = end(program)
     assert (code, out, err) == (0, "", "")
     assert is_free(port_of(url))
     assert os.listdir(tmp_path / "tmp") == []

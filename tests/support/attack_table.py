@@ -155,7 +155,7 @@ def sets_value(value: float) -> Callable[[Victim], str]:
             uuid = next(u for u, made in hostile.widgets.items() if made["type"] == "GuiSliderMessage")
             limits = hostile.widgets[uuid]["props"]
             hostile.set(uuid, value)
-            time.sleep(0.3)  # nothing is sent back to the sender that could be waited for
+            hostile.connection.ping(ack_on_close=True).wait(PATIENCE)  # by then the value has been handled
         with Guest(victim.port, victim.token) as honest:
             honest.read_until(lambda: uuid in honest.values)
             seen = honest.values[uuid]

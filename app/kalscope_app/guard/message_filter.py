@@ -13,13 +13,13 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import viser
+
 from kalscope_app.guard.message_schema import BROWSER_MESSAGES, Misbehaviour, check_fields, fitting_value
 from kalscope_app.guard.upload_limits import UploadLimits
 from kalscope_app.guard.viser_private import Channel, connections_of, messages, on_clients, socket_of
-from kalscope_app.guard.widget_sync import WidgetSync
 
 if TYPE_CHECKING:
-    import viser
     from viser.infra import WebsockClientConnection
 
     from kalscope_app.guard.viser_private import Dispatch
@@ -30,6 +30,8 @@ MAX_PER_SECOND = 300.0
 """Messages that one client may send over time; a hand on a slider makes 20."""
 MAX_BURST = 1000.0
 """Messages that it may send at once; an upload of 64 MiB has 128 parts."""
+SETTLED_S = 0.3
+"""Seconds without a change after which a widget's value is final; shorter than a pause of the hand."""
 
 
 class RateLimit:
@@ -43,6 +45,30 @@ class RateLimit:
         self._left = min(MAX_BURST, self._left + (now - self._at) * MAX_PER_SECOND) - 1.0
         self._at = now
         return self._left >= 0.0
+
+
+class WidgetSync:
+    """Rebroadcasts a widget's final value so that all browsers agree. Runs on the event loop.
+
+    viser sends a new value to all browsers but its sender. When two users move the same slider, each may receive
+    the other's value after sending their own, and keep it: the screens then differ for good.
+    """
+
+    def __init__(self, shared: Channel) -> None:
+        self._shared = shared
+        self._due: dict[str, asyncio.TimerHandle] = {}
+
+    def changed(self, uuid: str) -> None:
+        """A client has changed this widget of the shared panels."""
+        if uuid in self._due:
+            self._due[uuid].cancel()
+        self._due[uuid] = asyncio.get_running_loop().call_later(SETTLED_S, self._rebroadcast, uuid)
+
+    def _rebroadcast(self, uuid: str) -> None:
+        del self._due[uuid]
+        widget = self._shared.widget(uuid)
+        if isinstance(widget, viser.GuiInputHandle):  # buttons have no value to agree on
+            self._shared.send(messages.GuiUpdateMessage(uuid, {"value": widget.value}))
 
 
 class MessageFilter:

@@ -107,6 +107,9 @@ def inline_script_hashes(page: str) -> tuple[str, ...]:
     return tuple(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
 
 
+_NO_FRAMES = "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+
+
 def page_headers(csp: str) -> dict[str, str]:
     """The security headers of every answer that is not a websocket."""
     return {
@@ -122,10 +125,7 @@ def page_headers(csp: str) -> dict[str, str]:
 def small_page_csp() -> str:
     """The content policy of our own two small pages."""
     scripts = " ".join(inline_script_hashes(link_page()))
-    return (
-        f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}; "
-        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-    )
+    return f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}; {_NO_FRAMES}"
 
 
 def dashboard_csp(script_hashes: tuple[str, ...], own_origin: str | None = None) -> str:
@@ -142,6 +142,5 @@ def dashboard_csp(script_hashes: tuple[str, ...], own_origin: str | None = None)
     return (
         f"default-src 'none'; script-src {scripts} 'strict-dynamic' 'wasm-unsafe-eval' blob:; "
         "worker-src blob:; style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
-        f"media-src data: blob:; connect-src 'self'{socket} data: blob:; "
-        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        f"media-src data: blob:; connect-src 'self'{socket} data: blob:; {_NO_FRAMES}"
     )

@@ -57,13 +57,13 @@ def guest(shared):
         yield guest
         assert_disarmed(guest.texts)
         html = [made["props"]["content"] for made in guest.widgets.values() if made["type"] == "GuiHtmlMessage"]
-        assert set(html) <= {RULES, WIDE}  # constants of ours: nothing from outside comes into them
+        assert set(html) <= {RULES, WIDE}  # constants: no text from outside is in them
 
 
 def assert_disarmed(texts):
-    """Nothing of ours in the markdown is an image, a link or a tag, so whatever is came from outside."""
+    """No markdown of the dashboard is an image, a link or a tag, so any such is from outside."""
     for text in texts:
-        # Inside a code span of ours nothing acts; the view puts no name with a backtick there.
+        # Inside a code span nothing acts; the view puts no name with a backtick there.
         foreign = re.sub(r"`kalscope [^`]*`", "", text.replace(HEADING, ""))
         assert [found.group() for found in ALIVE.finditer(foreign)] == [], text
 
@@ -138,7 +138,7 @@ def talking(lines):
         with suppress(OSError):
             other, _ = listener.accept()
             with other:
-                other.settimeout(0.5)  # nobody may read any more
+                other.settimeout(0.5)  # the other side may have stopped reading
                 while not over.is_set():
                     for line in lines:
                         other.sendall(line)

@@ -41,13 +41,13 @@ class Program:
         return 1024 * int(status.split("VmRSS:")[1].split()[0])
 
     def mistakes(self):
-        """What the log says of errors of ours."""
+        """What the log says of Kalscope's own errors."""
         logs = self.log.parent.glob("kalscope.log*")
         return [line for log in logs for line in log.read_text().splitlines() if "ERROR kalscope" in line]
 
     def stop(self):
         """End it; returns its status and what it said on standard error."""
-        status, _, errors, _ = end(self.process)
+        status, _, errors = end(self.process)
         return status, errors
 
 

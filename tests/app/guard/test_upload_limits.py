@@ -250,7 +250,7 @@ def test_another_client_cannot_add_to_an_upload(bench):
         intruder.part(uuid, 0, b"!", "big enough")
         intruder.start(uuid, 1, 1, "own")
         intruder.part(uuid, 0, b"2", "own")
-        # No camera was sent, so viser stores the intruder's own file and calls nobody: wait for the file.
+        # No camera was sent, so viser stores the intruder's own file without a callback: wait for the file.
         wait_for(lambda: getattr(bench.buttons["shared"].value, "content", b"") == b"2", bench)
     bench.part(uuid, 0, b"ok", "big enough")
     assert bench.uploaded.get(timeout=PATIENCE).content == b"ok"
@@ -287,7 +287,7 @@ def wait_for(is_so: Callable[[], bool], bench: Bench) -> None:
     raise AssertionError("it never became so")
 
 
-# --- who misbehaves is disconnected, and nobody else -------------------------------------------------------
+# --- an offender is disconnected, and no other client ------------------------------------------------------
 
 
 UPLOAD = {"source_component_uuid": "u", "transfer_uuid": "t", "filename": "x", "mime_type": "", "size_bytes": 1}

@@ -1,4 +1,4 @@
-"""Whatever nobody caught: the user reads one sentence, the log has the details, and the program goes on."""
+"""Uncaught exceptions: the user reads one sentence, the log has the details, the program keeps running."""
 
 from __future__ import annotations
 

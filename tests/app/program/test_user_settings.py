@@ -1,4 +1,4 @@
-"""What is remembered between two starts, where it lies, and that a broken file harms nobody."""
+"""What is kept between two starts and where, and that a broken file does no harm."""
 
 from __future__ import annotations
 
