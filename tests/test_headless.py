@@ -26,6 +26,10 @@ def test_importing_the_core_imports_neither_the_dashboard_nor_the_serial_port():
     assert not heavy & set(loaded)
 
 
+def test_importing_the_dashboard_does_not_import_matplotlib():
+    assert "matplotlib" not in python("import sys, kalscope_app.dashboard; print(*sys.modules)").split()
+
+
 def test_the_core_never_names_the_dashboard():
     for path in (ROOT / "src").rglob("*.py"):
         assert not re.search(r"^\s*(import|from)\s+(viser|kalscope_app)\b", path.read_text(), re.M), path

@@ -125,6 +125,11 @@ def squared(unit: str) -> str:
     return f"{unit}²" if re.fullmatch(r"[^\W\d_]+|°C|°F|%", unit) else f"({unit})²"
 
 
+def one_line(text: str) -> str:
+    """Text from outside on one line, every unprintable character a space."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
 def typed_number(name: str, text: str) -> float:
     """The number that a user typed for `name`; a decimal comma, "−" and thin spaces are allowed.
 

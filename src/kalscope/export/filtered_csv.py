@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kalscope.common.text import unused_name
+from kalscope.common.text import one_line, unused_name
 from kalscope.filtering.batch import kalman_filter
 from kalscope.sources.lines.cells import MISSING, is_number
 from kalscope.sources.lines.columns import ROW_NUMBER_NAME
@@ -110,7 +110,7 @@ def _time_name(time: NDArray[np.float64]) -> str:
 
 def _harmless(name: str) -> str:
     """A channel's name without line ends, formulas and numbers."""
-    name = " ".join("".join(c if c.isprintable() else " " for c in name).split())
+    name = one_line(name)
     if name.startswith(_FORMULA):
         return f"'{name}"
     if is_number(name, ".") or name.lower() in MISSING:

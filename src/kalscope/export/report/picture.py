@@ -10,6 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from kalscope.common.charts import COLOURS, LEFT, add_legend, blank_axes, draw_panel, drawing
+from kalscope.common.text import one_line
 
 if TYPE_CHECKING:
     from kalscope.export.report.content import Report, ReportTable
@@ -77,7 +78,7 @@ class _Sheet:
         self._y += round(1.38 * size)
 
     def _paragraph(self, text: str, size: int) -> None:
-        for line in self._wrapped(_one_line(text), size, WIDTH):
+        for line in self._wrapped(one_line(text), size, WIDTH):
             self._write(MARGIN, line, size)
             self._y += round(1.3 * size)
         self._y += 14
@@ -111,7 +112,7 @@ class _Sheet:
         self, x: float, text: str, size: int, colour: str = "ink", room: float = math.inf, align: str = "left"
     ) -> None:
         """Text with its top at the height of the pen, cut where it is wider than `room`."""
-        line = _one_line(text)
+        line = one_line(text)
         while len(line) > 1 and self._width(line, size) > room:
             line = line[:-4].rstrip() + "..."
         self._paper.text(x, self._y, line, size=_points(size), color=COLOURS[colour], ha=align, va="top")
@@ -143,7 +144,3 @@ class _Sheet:
 
 def _points(size: float) -> float:
     return 0.9 * 72.0 / DOTS_PER_INCH * size
-
-
-def _one_line(text: str) -> str:
-    return " ".join("".join(c if c.isprintable() else " " for c in text).split())

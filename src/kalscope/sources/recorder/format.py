@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
-from kalscope.common.text import unused_name
+from kalscope.common.text import one_line, unused_name
 from kalscope.sources.lines.columns import Column, named_column
 from kalscope.sources.lines.tables import only_text
 
@@ -160,7 +160,7 @@ def _cell(name: str, unit: str) -> str:
 
 def _harmless(name: str) -> str:
     """A name on one line that no spreadsheet runs."""
-    name = " ".join("".join(c if c.isprintable() else " " for c in name).split())[: _MAX_CELL_LENGTH - 40].rstrip()
+    name = one_line(name)[: _MAX_CELL_LENGTH - 40].rstrip()
     return f"'{name}" if name.startswith(_FORMULA) else name or "channel"
 
 
