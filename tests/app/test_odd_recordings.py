@@ -112,7 +112,7 @@ class Bench:
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, guarded_server(port=0) as guarded:
-        patch.setattr(studies, "REST", 0.0)
+        patch.setattr(studies, "IDLE_DELAY", 0.0)
         dashboard = Dashboard(guarded.server, opened(RECORDINGS["truth"]), tmp_path_factory.mktemp("out"))
         dashboard.start()
         yield Bench(dashboard)

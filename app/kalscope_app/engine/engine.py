@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from kalscope_app.session.state import State
 
 MIN_INTERVAL = 0.04
-"""Seconds between two frames at least: a browser that is slower builds a backlog that nothing drops."""
+"""Seconds between two frames, at least: in a slower browser frames would pile up."""
 
 LIVE_INTERVAL = 0.055
 """Seconds between two frames of a live record: 18 a second; a browser without a graphics card draws no more."""
@@ -37,10 +37,10 @@ MAX_LIVE_POINTS = 2000
 """Points that a line is drawn with while a board sends, at most: every frame draws all of them again."""
 
 STATUS_INTERVAL = 0.5
-"""Seconds after which a live record without news is shown all the same, because its status may be news."""
+"""Seconds after which a live record without new samples is drawn anyway, because its status may have changed."""
 
 STUDY_INTERVAL = 3.0
-"""Seconds between two studies of a live record that nobody tunes."""
+"""Seconds between two rounds of idle-time computations for a live record that is not being tuned."""
 
 log = logging.getLogger(__name__)
 
@@ -67,7 +67,7 @@ class Engine:
         tell: Callable[[str | Exception], None],
         studies: Studies | None = None,
     ) -> None:
-        """Args: the session; who draws a frame; who tells of a refused request; what to study at rest."""
+        """Args: the session; draws a frame; notifies the user of a failure; what to compute while idle."""
         self._session = session
         self._show = show
         self._tell = tell

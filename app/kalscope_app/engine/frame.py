@@ -88,7 +88,7 @@ def compute_frame(
         state: what to show.
         serial: the requests that are in it.
         drawn: the samples to draw.
-        runs: the runs of earlier frames; None = filter anew.
+        runs: the runs of earlier frames; None = filter again.
         variants: the curves of the pinned settings, where they are known already (`VariantCurves`).
         connection: how the connection of the live board is.
     """

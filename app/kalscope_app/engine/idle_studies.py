@@ -1,7 +1,8 @@
-"""What is slower than a frame, computed on a thread of its own once the person rests: checks, map, spectra.
+"""Idle-time computations: checks, map, spectra.
 
-A study is a pure function of the State and a view that draws its answer. They run in the order given; a newer state
-ends the round after the study that is under way, so that the last state is always studied and no old one is shown.
+A study is a pure function of the State and a view that draws its answer. Studies run in the order given, on their
+own thread; a newer state ends the round after the study that is running, so that the last state is always studied
+and no old one is shown.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from kalscope_app.session.state import State
 
-REST = 0.2
+IDLE_DELAY = 0.2
 """Seconds without a new state after which the studies are computed."""
 
 log = logging.getLogger(__name__)
@@ -24,7 +25,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Study:
-    """One thing to compute at rest."""
+    """One idle-time computation."""
 
     compute: Callable[[State], Any]
     """State -> answer; pure, any time it takes."""
@@ -33,10 +34,10 @@ class Study:
 
 
 class Studies:
-    """Computes every study of the latest state once it has rested, so that no frame waits for them."""
+    """Computes every study of the latest state once it has stopped changing, so that no frame waits for them."""
 
     def __init__(self, studies: Sequence[Study], tell: Callable[[str | Exception], None]) -> None:
-        """Args: what to compute, in this order; who tells of a failure."""
+        """Args: what to compute, in this order; notifies the user of a failure."""
         self._studies = tuple(studies)
         self._tell = tell
         self._state: State | None = None
@@ -53,7 +54,7 @@ class Studies:
         while True:
             self._news.wait()
             self._news.clear()
-            if self._news.wait(timeout=REST):
+            if self._news.wait(timeout=IDLE_DELAY):
                 continue
             if self._state is not None:
                 self._round(self._state)

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-MOST_WAITING = 8
-"""Jobs that may wait: each may hold a whole uploaded file."""
+MAX_WAITING = 8
+"""Jobs that may wait, at most: each may hold a whole uploaded file."""
 
 
 class Jobs:
-    """One worker thread for slow work; whatever fails becomes one sentence for the person."""
+    """One worker thread for slow work; a failure becomes one sentence for the user."""
 
     def __init__(self, tell: Callable[..., None]) -> None:
         """Args: who shows a sentence, or an exception that is our mistake; `good=True` marks no refusal."""
@@ -33,7 +33,7 @@ class Jobs:
 
     def run(self, work: Callable[[], None]) -> None:
         """Queue `work`, unless too much waits already."""
-        if self._waiting.qsize() < MOST_WAITING:
+        if self._waiting.qsize() < MAX_WAITING:
             self._waiting.put(work)
         else:
             self._tell("Too much is waiting already. Try again when what runs has ended.")

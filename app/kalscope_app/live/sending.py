@@ -25,7 +25,7 @@ class BoardFilter:
     number: int | None
     """Its place among the board's, from 1; None = the only one."""
     filtered: str
-    """The channel in which the board sends what it makes of the measured one."""
+    """The channel in which the board sends the filtered values of the measured one."""
 
 
 def board_filter(names: tuple[str, ...], channel: str, filters: int = 0) -> BoardFilter:
@@ -34,8 +34,8 @@ def board_filter(names: tuple[str, ...], channel: str, filters: int = 0) -> Boar
     Args:
         names: All that the board sends.
         channel: What is on screen.
-        filters: How many filters the board says it has. It tells names only when it starts: of one that ran already
-            the columns have none, and are measured, filtered, measured, filtered …
+        filters: How many filters the board says it has. It sends names only when it starts: otherwise the columns
+            have none, and are measured, filtered, measured, filtered …
 
     Raises:
         BadSetting: the board sends no filtered value beside this channel.
@@ -49,7 +49,7 @@ def board_filter(names: tuple[str, ...], channel: str, filters: int = 0) -> Boar
         at = names.index(channel)
         return BoardFilter(None if filters == 1 else at // 2 + 1, names[at + 1])
     raise BadSetting(
-        "the board must run the exported sketch, which sends raw,filtered or NAME,NAME_filtered "
+        "the board must run the exported sketch, which sends raw,filtered or NAME,NAME_filtered: flash it first "
         f"(got {', '.join(names)[:100]} with {channel[:40]} on screen)"
     )
 
@@ -63,7 +63,7 @@ def send_setting(state: State, source: LiveSource) -> Sent:
     """Bring q, r and p0 of the channel on screen onto the board, one command at a time, each answered.
 
     Raises:
-        BadSetting: the values do not fit float32, this board has no such filter, or another one is on screen.
+        BadSetting: the values do not fit float32, the board has no such filter, or no standard filter is on screen.
         BadDevice: the board did not answer, or did not take a value.
     """
     state.require_standard_filter([state.channel])

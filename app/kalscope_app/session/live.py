@@ -124,17 +124,13 @@ def refreshed(state: State, snapshot: Snapshot | None) -> State:
     live = state.live
     if live is None or live.paused or snapshot is None or len(snapshot.recording) < MIN_SAMPLES:
         return state
-    if live.snapshot is not None and same_samples(snapshot, live.snapshot):
+    last = live.snapshot
+    if last is not None and (last.generation, last.version) == (snapshot.generation, snapshot.version):
         return state
-    if live.snapshot is None or snapshot.generation != live.snapshot.generation or not live.settled:
+    if last is None or last.generation != snapshot.generation or not live.settled:
         state = _begun(state, snapshot)
     grown = replace(state.live or live, snapshot=snapshot)
     return replace(state.with_open(recording=snapshot.recording), live=grown)
-
-
-def same_samples(one: Snapshot, other: Snapshot) -> bool:
-    """Whether no sample lies between two snapshots of a board."""
-    return (one.generation, one.version) == (other.generation, other.version)
 
 
 def _begun(state: State, snapshot: Snapshot) -> State:

@@ -19,7 +19,7 @@ AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
 """What stands for no number."""
 
 WORDS_OF_NOTHING = ("", "automatic", "diffuse", "first", "off")
-"""What a person may write for that."""
+"""What a user may type for that."""
 
 DELIMITER_WORDS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 
@@ -43,7 +43,7 @@ def share_line(state: State) -> ShareLine:
     else:
         remarks.append("The second paper's filter reopens as its experiment has it.")
     if len(state.recording.names) > 1:
-        remarks.append("The other channels begin afresh; the tuning file above keeps them all.")
+        remarks.append("The other channels open at their starting values; the tuning file above keeps them all.")
     join = subprocess.list2cmdline if os.name == "nt" else shlex.join
     return ShareLine(join(words), tuple(remarks))
 
@@ -51,9 +51,11 @@ def share_line(state: State) -> ShareLine:
 def _source(recording: Recording) -> tuple[str, list[str]]:
     source = recording.source
     if not source:
-        return "FILE", ["FILE is the file that you uploaded: a browser does not tell where it lies."]
+        return "FILE", ["Replace FILE with the path of the file you uploaded."]
     if not source.isprintable():
-        return "FILE", ["FILE is the file that is open: its name has signs that no line can show."]
+        return "FILE", [
+            "Replace FILE with the path of the open file: its name cannot be shown."
+        ]
     return (f"./{source}" if source.startswith("-") else source), []
 
 
@@ -65,7 +67,7 @@ def _channel_words(recording: Recording, channel: str) -> list[str]:
 
 
 def setting_words(state: State) -> list[str]:
-    """Q and r always, the rest where it is not what the recording begins with."""
+    """Q and r always, the rest where it differs from the starting values."""
     tuning, start = state.tuning, state.start
     words = [*_option("q", repr(tuning.q)), *_option("r", repr(tuning.r))]
     by_value = tuning.p0 is not None

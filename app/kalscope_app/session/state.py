@@ -69,7 +69,7 @@ class View:
     dark: bool = False
     """Dark theme."""
     map_shown: bool = True
-    """Whether the tuning map is shown where the window has room for it."""
+    """Whether the tuning map is shown where the window is wide enough."""
     map_colour: str = "likelihood"
     """What the tuning map is coloured by, one of MAP_COLOURS."""
     smoother: bool = False

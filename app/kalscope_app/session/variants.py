@@ -1,4 +1,4 @@
-"""Settings kept beside the present one: pinned as A, B, C … with a colour, at most eight a channel. Pure."""
+"""Settings kept beside the current one: pinned as A, B, C … with a colour, at most eight a channel."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
     from kalscope.tuning.tuning import ChannelTuning
 
-LIMIT = 8
-"""Variants of one channel: more lines than that nobody tells apart."""
+MAX_VARIANTS = 8
+"""Variants of one channel: more lines cannot be told apart."""
 
-LONGEST_NAME = 20
+MAX_NAME_LENGTH = 20
 """Letters of a name that fit into a legend."""
 
 DRAWN_NAMES = frozenset({"now", "raw", "filtered", "truth", "best offline", "board's own", "−2√p", "+2√p"})
@@ -24,29 +24,12 @@ DRAWN_NAMES = frozenset({"now", "raw", "filtered", "truth", "best offline", "boa
 
 RGB = tuple[int, int, int]
 
-LIGHT: tuple[RGB, ...] = (
-    (51, 34, 136),
-    (68, 170, 153),
-    (170, 68, 153),
-    (140, 140, 40),
-    (86, 180, 233),
-    (17, 119, 51),
-    (136, 34, 85),
-    (122, 92, 0),
-)
-"""Colours on a light ground: the muted scheme of P. Tol, which colour-blind people tell apart, darkened twice."""
+LIGHT = ("#332288", "#44aa99", "#aa4499", "#8c8c28", "#56b4e9", "#117733", "#882255", "#7a5c00")
+"""Colours on a light background: the muted scheme of P. Tol, which colour-blind people can distinguish, two of them
+darkened."""
 
-DARK: tuple[RGB, ...] = (
-    (150, 135, 240),
-    (95, 208, 188),
-    (224, 127, 208),
-    (204, 204, 85),
-    (136, 204, 238),
-    (79, 183, 106),
-    (212, 96, 143),
-    (201, 162, 74),
-)
-"""The same hues on a dark ground."""
+DARK = ("#9687f0", "#5fd0bc", "#e07fd0", "#cccc55", "#88ccee", "#4fb76a", "#d4608f", "#c9a24a")
+"""The same hues on a dark background."""
 
 
 @dataclass(frozen=True)
@@ -54,20 +37,20 @@ class Variant:
     """A setting of one channel that was pinned."""
 
     name: str
-    """What it is called: a letter, or what the person made of it; distinct among those of its channel."""
+    """What it is called: a letter, or the name that the user gave it; distinct among those of its channel."""
     colour: int
     """Number of its colour, 0 … 7."""
     tuning: ChannelTuning
     """The setting; `tuning.name` is the channel it belongs to."""
 
+    def css(self, *, dark: bool = False) -> str:
+        """Its colour in a theme, #rrggbb."""
+        return (DARK if dark else LIGHT)[self.colour % MAX_VARIANTS]
+
     def rgb(self, *, dark: bool = False) -> RGB:
-        """Its colour in a theme, 0 … 255 each."""
-        return (DARK if dark else LIGHT)[self.colour % LIMIT]
-
-
-def css(rgb: RGB) -> str:
-    """A colour as charts and pages take it: #rrggbb."""
-    return "#" + "".join(f"{part:02x}" for part in rgb)
+        """The same, 0 … 255 each."""
+        red, green, blue = bytes.fromhex(self.css(dark=dark)[1:])
+        return red, green, blue
 
 
 def next_name(taken: Iterable[str]) -> str:
@@ -89,10 +72,12 @@ def pinned(tuning: ChannelTuning, variants: tuple[Variant, ...]) -> Variant:
     Raises:
         BadSetting: there are as many as can be told apart.
     """
-    if len(variants) >= LIMIT:
-        raise BadSetting(f"a channel must have at most {LIMIT} pinned settings: delete one first (got {LIMIT})")
+    if len(variants) >= MAX_VARIANTS:
+        raise BadSetting(
+            f"a channel must have at most {MAX_VARIANTS} pinned settings: delete one first (got {MAX_VARIANTS})"
+        )
     used = {variant.colour for variant in variants}
-    colour = next(number for number in range(LIMIT) if number not in used)
+    colour = next(number for number in range(MAX_VARIANTS) if number not in used)
     return Variant(next_name(variant.name for variant in variants), colour, tuning)
 
 
@@ -103,8 +88,8 @@ def checked_name(name: str, others: Iterable[str]) -> str:
         BadSetting: it is empty, too long, not printable, that of a line drawn anyway, or one of the others'.
     """
     bare = " ".join(name.split())
-    if not bare or len(bare) > LONGEST_NAME or not bare.isprintable():
-        raise BadSetting(f"a variant's name must have 1 to {LONGEST_NAME} letters (got {name[:40]!r})")
+    if not bare or len(bare) > MAX_NAME_LENGTH or not bare.isprintable():
+        raise BadSetting(f"a variant's name must have 1 to {MAX_NAME_LENGTH} letters (got {name[:40]!r})")
     if bare in DRAWN_NAMES:
         raise BadSetting(f"a variant's name must not be one of the chart's own lines (got {bare!r})")
     if bare in set(others):

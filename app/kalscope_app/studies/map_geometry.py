@@ -28,7 +28,7 @@ NO_FILTERING = 0.7
 """Samples of lag under which lines of equal lag are not drawn: there is nothing left to choose."""
 
 
-MOST_DECADES = 12
+MAX_DECADES = 12
 """Decades of lag up to which each has lines of its own."""
 
 
@@ -79,7 +79,7 @@ class MapFrame:
 
 
 def frame_for(width: float, height: float, q: Range, r: Range) -> MapFrame:
-    """The map in a canvas: room for names and numbers around it, for the legend below; not taller than it needs."""
+    """The map in a canvas: space for names and numbers around it and for the legend below."""
     left, right, top = 62.0, width - 54.0, 88.0
     bottom = min(height - LEGEND_HEIGHT, top + 1.5 * (right - left))
     return MapFrame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r)
@@ -145,7 +145,7 @@ def lag_lines(frame: MapFrame, sample: float) -> list[Diagonal]:
     """
     lowest = math.floor(math.log10(NO_FILTERING * sample))
     highest = math.ceil(0.5 * (frame.r[1] - frame.q[0]) + math.log10(sample))
-    step = max(1, math.ceil((highest - lowest) / MOST_DECADES))
+    step = max(1, math.ceil((highest - lowest) / MAX_DECADES))
     lines: list[Diagonal] = []
     for decade in range(lowest, highest + 1, step):
         for lead in (1.0, 3.0) if step == 1 else (1.0,):

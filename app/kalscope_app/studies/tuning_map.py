@@ -41,7 +41,7 @@ LN10 = math.log(10.0)
 
 @dataclass(frozen=True)
 class Scan:
-    """All that a recording tells of its pairs, whatever the map's colours and range."""
+    """What a recording says about every pair (q, r), whatever the map's colours and range."""
 
     best: Estimate
     """Maximum likelihood."""
@@ -79,7 +79,7 @@ class TuningMap:
     marks: tuple[tuple[float, float], ...]
     """(shade, value) to write at the colour bar; for the likelihood the value is how far below the best."""
     optimum: Point | None
-    """Exponents of the most likely pair, −inf where q or r is 0; None where the record tells nothing."""
+    """Exponents of the most likely pair, −inf where q or r is 0; None where the record has no information."""
     contour: Array | None
     """Exponents (q, r) around the 95 % region, shape (k, 2)."""
     note: str
@@ -235,9 +235,9 @@ def shade_of_loglik(values: Array, best: float) -> tuple[Array, tuple[tuple[floa
     return 1.0 - np.clip(np.log1p(short / 3.0) / depth, 0.0, 1.0), tuple(m for m in marks if m[0] >= 0.0)
 
 
-def shade_of_excess(values: Array, least: float) -> tuple[Array, tuple[tuple[float, float], ...]]:
-    """Shades by the logarithm of the error over the least one."""
-    floor = max(least, float(values.max()) * 1e-6, 1e-300)
+def shade_of_excess(values: Array, smallest: float) -> tuple[Array, tuple[tuple[float, float], ...]]:
+    """Shades by the logarithm of the error over the smallest one."""
+    floor = max(smallest, float(values.max()) * 1e-6, 1e-300)
     excess = np.log(np.maximum(values, floor) / floor)
     depth = max(float(excess.max()), 1e-3)
     marks = tuple((1.0 - part, floor * math.exp(depth * part)) for part in (0.0, 0.33, 0.67, 1.0))

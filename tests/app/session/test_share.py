@@ -124,7 +124,7 @@ def test_an_upload_says_that_its_place_is_not_known():
     state = opened(replace(open_source("demo"), source="", title="my log.csv"))
     shared = share_line(state)
     assert shared.line.startswith("kalscope open FILE --q ")
-    assert "a browser does not tell" in " ".join(shared.remarks)
+    assert "path of the file you uploaded" in " ".join(shared.remarks)
 
 
 def test_names_that_no_line_can_show_become_numbers():

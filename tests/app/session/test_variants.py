@@ -17,7 +17,7 @@ from kalscope_app.session.changes.variants import delete_variant, pin_present, r
 from kalscope_app.session.changes.view import set_dark
 from kalscope_app.session.opening import opened, reopened
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.variants import DARK, LIGHT, LIMIT, checked_name, css, next_name
+from kalscope_app.session.variants import DARK, LIGHT, MAX_VARIANTS, checked_name, next_name
 from kalscope_app.studies.variant_table import VariantTable
 from kalscope_app.views.tune.variants import EMPTY, NOTHING, _follow, table_text
 
@@ -78,8 +78,8 @@ def test_letters_and_colours_that_were_freed_come_again(state):
 
 
 def test_no_more_than_can_be_told_apart_are_pinned_and_that_is_said(state):
-    full = pin(state, *range(1, LIMIT + 1))
-    assert len({variant.colour for variant in full.variants}) == LIMIT
+    full = pin(state, *range(1, MAX_VARIANTS + 1))
+    assert len({variant.colour for variant in full.variants}) == MAX_VARIANTS
     with pytest.raises(BadSetting, match="at most 8 pinned settings: delete one first"):
         pin(full, 99)
     assert names(pin(select_channel("b")(full), 1)) == ["A"]  # the limit is one of each channel
@@ -201,8 +201,8 @@ def test_the_table_marks_the_best_and_escapes_names(state):
     text = table_text(VariantTable().compute(tuned))
     assert "<b>" not in text
     assert text.count("\n| ") == 1 + 2  # the present setting and two variants, no cell broken by the bar
-    assert css(LIGHT[0]) in text
-    assert css(DARK[0]) in table_text(VariantTable().compute(set_dark(True)(tuned)))
+    assert LIGHT[0] in text
+    assert DARK[0] in table_text(VariantTable().compute(set_dark(True)(tuned)))
     best = max(VariantTable().compute(tuned).rows, key=lambda row: row.measures.loglik)
     assert best.params.q == 0.01
     assert table_text(VariantTable().compute(state)) == EMPTY

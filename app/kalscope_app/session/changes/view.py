@@ -24,9 +24,9 @@ def set_window(first: float, last: float) -> Change:
         if not (math.isfinite(first) and math.isfinite(last)):
             return state
         low, high = sorted((min(max(first, begin), end), min(max(last, begin), end)))
-        least = 10.0 * (state.recording.sample_period or 1.0)
-        if high - low < least:
-            low, high = max(begin, min(low, end - least)), min(end, max(high, low + least))
+        shortest = 10.0 * (state.recording.sample_period or 1.0)
+        if high - low < shortest:
+            low, high = max(begin, min(low, end - shortest)), min(end, max(high, low + shortest))
         window = None if low <= begin and high >= end else (low, high)
         live = replace(state.live, following=False) if state.live else None  # the user looks back
         same = window == state.view.window and live == state.live

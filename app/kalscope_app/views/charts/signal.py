@@ -9,7 +9,6 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.text import count, number, sample_rate
-from kalscope_app.session.variants import css
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, Palette, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
@@ -66,7 +65,7 @@ class SignalView:
             ChartLine(frame.filtered + frame.spread, line("+2√p", scaled=False)),
         ]
         for variant, curve in zip(state.variants, frame.variants, strict=False):
-            colour = css(variant.rgb(dark=state.view.dark))
+            colour = variant.css(dark=state.view.dark)
             lines.append(ChartLine(curve, line(variant.name, colour, 1.5, scaled=False)))
         lines.append(ChartLine(frame.filtered, line("filtered", palette.filtered, 2.5, scaled=False)))
         if shown.truth is not None:

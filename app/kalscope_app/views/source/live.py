@@ -126,7 +126,7 @@ class LiveView:
 
 
 def status_text(status: LiveStatus) -> str:
-    """How the connection is, as markdown; what came from outside is escaped."""
+    """How the connection is, as markdown; what the board or the system sent is escaped."""
     lines = [f"**{escape_markdown(status.word, 200)}**: {escape_markdown(status.port, 200)}"]
     spread = "" if status.jitter is None else f" ± {duration(status.jitter)}"
     if status.hint:

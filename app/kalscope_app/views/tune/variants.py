@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from kalscope.common.text import correlation, count, decibels, lag_text, number
 from kalscope_app.session.changes.variants import delete_variant, pin_present, rename_variant, use_variant
-from kalscope_app.session.variants import LIMIT, LONGEST_NAME, Variant, css
+from kalscope_app.session.variants import MAX_NAME_LENGTH, MAX_VARIANTS, Variant
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import escape_markdown
 
@@ -23,7 +23,7 @@ NOTHING = "–"
 
 EMPTY = (
     "Nothing is pinned on this channel yet. **Pin this setting**, below the sliders, keeps the current q, r and "
-    f"initial state as A, so that you can compare later settings with it. Up to {LIMIT} can be pinned."
+    f"initial state as A, so that you can compare later settings with it. Up to {MAX_VARIANTS} can be pinned."
 )
 
 
@@ -48,7 +48,7 @@ class VariantsView:
                     hint="Use: tune with its q, r and initial state. Undo reverts both.",
                 )
                 self._name = gui.add_text(
-                    "new name", "", hint=f"At most {LONGEST_NAME} letters; press Enter to rename the setting."
+                    "new name", "", hint=f"At most {MAX_NAME_LENGTH} letters; press Enter to rename the setting."
                 )
         on_user(self._steps.on_click, lambda _client: self._use_or_delete())
         on_user(form.on_submit, lambda _client: self._rename())
@@ -132,7 +132,7 @@ def _cells(
 
 def mark(variant: Variant, *, dark: bool) -> str:
     """A spot of its colour and its name."""
-    return f'<span style="color:{css(variant.rgb(dark=dark))}">■</span> **{escape_markdown(variant.name, 20)}**'
+    return f'<span style="color:{variant.css(dark=dark)}">■</span> **{escape_markdown(variant.name, 20)}**'
 
 
 def _bold(text: str, chosen: bool) -> str:
