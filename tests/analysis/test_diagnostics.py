@@ -144,6 +144,7 @@ def test_low_frequency_share_tells_its_share_and_its_scale():
 # --- false alarms ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "ratio", "missing"), [(100, 0.1, 0.0), (300, 0.001, 0.0), (300, 5.0, 0.3)])
 def test_false_alarm_rates_are_near_their_nominal_levels(n, ratio, missing):
     """400 well-specified records, each test at 5 %: the rate's own standard error is 1.1 %."""

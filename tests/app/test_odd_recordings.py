@@ -144,6 +144,7 @@ def test_a_tab_without_an_answer_shows_no_chart_of_an_earlier_one(bench):
     assert [chart.handle.visible for chart in charts[:3]] == [False] * 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in RECORDINGS if name not in ("huge", "tiny")])
 def test_every_odd_recording_has_its_report(name):
     state = opened(RECORDINGS[name])

@@ -438,6 +438,7 @@ def one_of_each_folder() -> list[Path]:
     return sorted({path.parent: path for path in longest_first}.values())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the folder of real recordings is absent")
 @pytest.mark.parametrize("path", one_of_each_folder(), ids=lambda path: path.name)
 def test_a_real_recording_gets_an_estimate_or_a_verdict_in_words(path: Path, capsys: Captured) -> None:

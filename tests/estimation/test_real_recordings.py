@@ -11,6 +11,8 @@ import pytest
 from kalscope import KalscopeError, read_recording
 from kalscope.estimation.estimate import METHODS, estimate
 
+pytestmark = pytest.mark.slow
+
 DATA = Path(__file__).parents[3] / "shared" / "data"
 FILES = sorted(p for p in DATA.rglob("*") if p.is_file() and p.name != "README.md")
 

@@ -26,6 +26,8 @@ from kalscope import ChannelTuning, Tuning, export_tuning
 from kalscope.export.names import number_text
 from kalscope.tuning.tuning import dumps
 
+pytestmark = pytest.mark.slow
+
 CHANNELS = 200 * FUZZ
 NAMES = ("q", "r", "p0", "x0", "gate")
 

@@ -34,6 +34,7 @@ def same(piecewise, whole):
     assert piecewise.loglik == pytest.approx(whole.loglik, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("params", PARAMS, ids=repr)
 @given(cuts=st.lists(st.integers(0, 3000), max_size=8), timed=st.booleans())
 def test_pieces_equal_the_whole(params, cuts, timed):

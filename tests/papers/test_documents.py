@@ -20,6 +20,8 @@ from kalscope.papers.maarif_2019 import limits
 from kalscope.papers.maarif_2019 import paper as noise_reducer
 from kalscope.papers.page.prose import list_disagreements
 
+pytestmark = pytest.mark.slow
+
 TABLE_TOLERANCE = 0.02
 """Share of the printed number."""
 

@@ -298,6 +298,7 @@ def test_a_failing_change_leaves_the_state_and_is_reported(state):
     assert [str(f)[:9] for f in failures] == ["q must be"]
 
 
+@pytest.mark.slow
 def test_requests_of_many_threads_are_all_applied(state):
     session, hits = Session(state), []
 

@@ -19,6 +19,8 @@ from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import SIZE, as_png
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
+pytestmark = pytest.mark.slow
+
 RNG = np.random.default_rng(22)
 NOON = datetime(2024, 5, 6, 12, 0, tzinfo=UTC)
 HOSTILE = "\"><script>alert(1)</script><img src=x onerror=alert(2)>'`$(x)"

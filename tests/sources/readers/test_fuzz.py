@@ -15,6 +15,8 @@ from kalscope.errors import KalscopeError
 from kalscope.sources.lines.line_parser import LineParser
 from kalscope.sources.readers.csv_file import read_recording
 
+pytestmark = pytest.mark.slow
+
 COUNT = 400 * FUZZ
 
 CLEAN = "t,a,b\n" + "".join(f"{0.01 * i:.2f},{20 + 0.37 * i:.4f},{-3 + 0.01 * i * i:.3f}\n" for i in range(25))

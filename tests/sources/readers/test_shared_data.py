@@ -10,7 +10,10 @@ from kalscope.sources.lines.read_options import ReadOptions
 from kalscope.sources.readers.csv_file import read_recording
 
 SHARED = Path(__file__).parents[3] / "../shared/data"
-pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason="shared/data is not beside the repository")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not SHARED.is_dir(), reason="shared/data is not beside the repository"),
+]
 
 SAME = (40, [], [])
 MESSY = {  # rows, rejected lines, bad cells
