@@ -90,6 +90,7 @@ class Dashboard:
         self._panels = Panels(server)
         self._tour = Tour(UserSettings(), self._jobs)
         self._note = ""
+        self._last: Frame | None = None
         self._toasts = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
         self._map = TuningMapView(server, self.session)
         self._phones = PhonePictures(self._map.set_phone)
@@ -175,22 +176,13 @@ class Dashboard:
             self._panels.set_map_shown(frame.state.view.map_shown)
             self._dark.value, self._smoother.value = frame.state.view.dark, frame.state.view.smoother
             self.signal.show(frame)
-            for view in (
-                self.parameters,
-                self._variants,
-                self._channels,
-                self._numbers,
-                self._find,
-                self._presets,
-                self._window,
-                self._source,
-                self._live,
-                self._export,
-                self._share,
-                self._code,
-                self._board,
-            ):
+            for view in (self._numbers, self._find, self._presets, self._window, self._source, self._live):
                 view.show(frame)
+            if self._last is None or not only_grown(self._last, frame):
+                chosen = self.parameters, self._variants, self._channels
+                for view in (*chosen, self._export, self._share, self._code, self._board):
+                    view.show(frame)
+        self._last = frame
         self._phones.show(frame)
         self._server.flush()
         self._map.follow(frame)  # after the charts: a browser draws the scene at leisure
@@ -244,3 +236,10 @@ class Dashboard:
         self._phones.detach(client)
         self._toasts.pop(client, None)
         self._map.detach(client)
+
+
+def only_grown(last: Frame, frame: Frame) -> bool:
+    """Whether a live record has new samples and nothing else is new, not even a request that was refused."""
+    old, new = last.state, frame.state
+    same = old.settings is new.settings and old.view is new.view and old.answers is new.answers
+    return same and last.serial == frame.serial and old.live is not None and new.live is not None

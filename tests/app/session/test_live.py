@@ -17,6 +17,7 @@ from kalscope import BadSetting, Recording, kalman_filter
 from kalscope.sources.live.live_status import RecordingStatus
 from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope_app.dashboard import only_grown
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.engine import LIVE_INTERVAL, Engine, wait_for_request
 from kalscope_app.engine.filter_runs import FilterRuns
@@ -333,3 +334,13 @@ def test_the_heading_says_what_is_wrong_and_how_a_recording_stands_with_names_es
     text = recording_text(running)
     assert r"\<b\>run\.csv" in text
     assert "1\u202f200 lines = 1\u202f199 written + 1 rejected + 0 dropped" in text
+
+
+def test_controls_are_drawn_again_only_where_more_than_the_record_changed(board):
+    state = opened_board(board.send(500), "x")
+    frame, later = frame_of(state), frame_of(grown(board, 20, state))
+    assert len(later.state.recording) == 520
+    assert only_grown(frame, later)
+    assert not only_grown(frame, replace(later, serial=1))
+    assert not only_grown(frame, frame_of(set_text("q", "5")(later.state)))
+    assert not only_grown(frame, frame_of(set_span("2 s")(later.state)))
