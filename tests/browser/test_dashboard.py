@@ -285,7 +285,7 @@ def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
     screen.page.get_by_role("button", name="Find and apply").click()
     best = estimate(DEMO).params
     screen.wait_for_line("filtered", filtered(DEMO, q=best.q, r=best.r))
-    screen.page.get_by_text("Noise and movement can be told apart").first.wait_for()
+    screen.page.get_by_text("Noise and movement can be separated").first.wait_for()
     assert screen.page.get_by_role("row", name="lag 190 ms 11 ms").is_visible()
     screen.shot("found")
     screen.page.get_by_role("button", name="Undo").click()
