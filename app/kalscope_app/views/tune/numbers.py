@@ -30,7 +30,7 @@ def table(frame: Frame) -> str:
     lag, settle = float(steady.lag_samples), float(steady.settle_samples)
     period = frame.state.recording.sample_period
     rows = [
-        ("lag (delay)", f"**{lag_in_full(lag, period)}**"),
+        ("lag (delay)", _time_in_bold(lag_in_full(lag, period))),
         ("noise reduction", f"**{decibels(float(steady.noise_reduction_db))}**"),
     ]
     if period is not None:
@@ -38,8 +38,13 @@ def table(frame: Frame) -> str:
     rows += [
         ("gain K", f"**{number(float(steady.gain))}**"),
         ("q / r", f"**{number(float(params.ratio))}**" if frame.state.filter.is_standard else "–"),
-        ("settling time (to 1 %)", f"**{lag_in_full(settle, period)}**"),
+        ("settling time (1\u00a0%)", _time_in_bold(lag_in_full(settle, period))),
     ]
     if params.gate is not None:
         rows.append(("rejected by the gate", f"**{count(frame.rejected)} samples**"))
     return "| | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows)
+
+
+def _time_in_bold(text: str) -> str:
+    time, bracket, samples = text.partition(" (")
+    return f"**{time}**{bracket}{samples}"
