@@ -21,6 +21,7 @@ import time
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -121,7 +122,7 @@ def measure(samples: list[int], frames: int, profile: cProfile.Profile | None) -
 def bench(server, n: int, status: LiveStatus, folder: Path, window: str) -> Bench:
     """A dashboard whose board has sent `n` samples, after its first frames."""
     feed = FullFeed(n, status)
-    dashboard = Dashboard(server, opened_live(BoardId(), "x"), folder, source=feed)
+    dashboard = Dashboard(server, opened_live(BoardId(), "x"), folder, source=cast("LiveSource", feed))
     dashboard.engine._studies = None
     dashboard.session.request(set_span(window))
     one = Bench(feed, dashboard)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +99,6 @@ def _downsample(y: Array, points: int) -> NDArray[np.intp]:
     if np.isnan(y).any():
         known = np.where(np.isnan(y), 0, np.arange(len(y)))
         y = np.nan_to_num(y[np.maximum.accumulate(known)])
-    downsample = cast("Callable[..., NDArray[np.uint64]]", MinMaxLTTBDownsampler().downsample)
-    chosen = downsample(np.ascontiguousarray(y), n_out=points)
+    downsampler = cast("Any", MinMaxLTTBDownsampler())  # its stubs leave the types of the arguments open
+    chosen: NDArray[np.uint64] = downsampler.downsample(np.ascontiguousarray(y), n_out=points)
     return np.unique(chosen).astype(np.intp)

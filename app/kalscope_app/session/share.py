@@ -53,9 +53,7 @@ def _source(recording: Recording) -> tuple[str, list[str]]:
     if not source:
         return "FILE", ["Replace FILE with the path of the file you uploaded."]
     if not source.isprintable():
-        return "FILE", [
-            "Replace FILE with the path of the open file: its name cannot be shown."
-        ]
+        return "FILE", ["Replace FILE with the path of the open file: its name cannot be shown."]
     return (f"./{source}" if source.startswith("-") else source), []
 
 

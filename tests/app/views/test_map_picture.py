@@ -12,6 +12,7 @@ from kalscope import synthesize
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.map_geometry import frame_for
 from kalscope_app.studies.tuning_map import MapMaker, nothing
+from kalscope_app.views.charts.pen import printable
 from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP
 from kalscope_app.views.map.picture import (
     SHARPNESS,
@@ -23,7 +24,6 @@ from kalscope_app.views.map.picture import (
     lag_words,
     tick,
 )
-from kalscope_app.views.pen import printable
 
 SIZES = [(520, 1080), (452, 900), (380, 720)]
 

@@ -11,8 +11,8 @@ from kalscope.common.text import number
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
+from kalscope_app.views.charts.pen import printable
 from kalscope_app.views.charts.phone_picture import VISIBLE, WIDTH, draw_picture
-from kalscope_app.views.pen import printable
 
 
 def frame_of(values, dark=False):

@@ -10,9 +10,9 @@ from PIL import Image
 from kalscope.common.array import Array
 from kalscope.common.text import decibels, lag_text, number
 from kalscope_app.views.charts.chart import drawable
+from kalscope_app.views.charts.pen import Pen
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette
 from kalscope_app.views.charts.time_axis import time_axis
-from kalscope_app.views.pen import Pen
 from kalscope_app.views.scales import scale_for
 from kalscope_app.views.window.layout import gutter, shape_of
 from kalscope_app.views.window.page_script import PHONE_CHECKBOX

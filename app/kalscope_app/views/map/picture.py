@@ -11,8 +11,8 @@ from PIL import Image, ImageDraw
 
 from kalscope.common.text import DURATIONS, duration, squared, trimmed
 from kalscope_app.studies.map_geometry import MapFrame, Point, decades, diagonal, lag_lines
+from kalscope_app.views.charts.pen import Pen
 from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP, MapPalette
-from kalscope_app.views.pen import Pen
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
