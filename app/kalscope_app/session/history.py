@@ -37,7 +37,7 @@ class History:
 
 def record(history: History, before: State, after: State, key: str, now: float) -> History:
     """Remember `before` if `after` differs in what the user tunes; the view does not count."""
-    if _essence(before) == _essence(after):
+    if (before.record_key, before.channel, before.settings) == (after.record_key, after.channel, after.settings):
         return history
     if key and key == history.key and (key.startswith(HELD) or now - history.time < SAME_GESTURE):
         return replace(history, future=(), time=now)
@@ -58,10 +58,6 @@ def step_forward(history: History, present: State) -> tuple[History, State]:
         return history, present
     future = History((*history.past, present), history.future[1:])
     return future, _seen_as(present, history.future[0])
-
-
-def _essence(state: State) -> tuple[object, ...]:
-    return state.record_key, state.channel, state.settings
 
 
 def _seen_as(present: State, other: State) -> State:

@@ -38,7 +38,7 @@ class Compared:
         return one.curve[self.drawn.indices[self.inside] - self.found.first]
 
     @property
-    def rivals(self) -> tuple[Alternative, ...]:
+    def alternatives(self) -> tuple[Alternative, ...]:
         """What is drawn beside the present filter: the chosen one, or all."""
         chosen = tuple(one for one in self.found.others if one.name == self.state.view.drawn_alternative)
         return chosen or self.found.others

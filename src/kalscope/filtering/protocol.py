@@ -18,22 +18,16 @@ from kalscope.filtering.streaming import KalmanFilter
 
 
 class StreamingFilter(Protocol):
-    """One `update` a sample; the state after it, floats or arrays of shape (channels,)."""
+    """One `update` a sample; `x`, `p` and `k` are the state after it, floats or arrays of shape (channels,)."""
 
     @property
-    def x(self) -> float | Array:
-        """Filtered value, unit."""
-        ...
+    def x(self) -> float | Array: ...  # noqa: D102
 
     @property
-    def p(self) -> float | Array:
-        """Its variance, unit², or what the filter has in its place."""
-        ...
+    def p(self) -> float | Array: ...  # noqa: D102
 
     @property
-    def k(self) -> float | Array:
-        """Gain of the last update, 0 … 1."""
-        ...
+    def k(self) -> float | Array: ...  # noqa: D102
 
     def update(self, z: ArrayLike, dt: float | None = None) -> float | Array:
         """Take one sample and return the filtered value."""

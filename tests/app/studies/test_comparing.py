@@ -39,11 +39,11 @@ def test_drawn_curves_are_those_of_the_comparison_at_the_drawn_samples():
     compared = AlternativesStudy().compute(state)
     assert compared.drawn.first == 500
     at = compared.drawn.indices
-    for one in (compared.found.present, *compared.rivals):
+    for one in (compared.found.present, *compared.alternatives):
         assert np.array_equal(compared.curve(one), one.curve[at], equal_nan=True)
-    assert [one.name for one in compared.rivals] == ["Moving average"]
+    assert [one.name for one in compared.alternatives] == ["Moving average"]
     everything = AlternativesStudy().compute(set_drawn_alternative(ALL)(state))
-    assert tuple(one.name for one in everything.rivals) == NAMES
+    assert tuple(one.name for one in everything.alternatives) == NAMES
 
 
 def test_a_long_recording_is_compared_around_the_view_and_drawn_only_there():
@@ -76,7 +76,7 @@ def test_a_browser_may_send_any_word(word, match):
     assert set_match_by(word)(state).view.match_by == match
     long = set_drawn_alternative("x" * 10_000)(state)
     assert len(long.view.drawn_alternative) == 60
-    assert len(AlternativesStudy().compute(long).rivals) == len(NAMES)
+    assert len(AlternativesStudy().compute(long).alternatives) == len(NAMES)
 
 
 def test_the_second_papers_filter_has_nothing_to_compare():

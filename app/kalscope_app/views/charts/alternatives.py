@@ -1,4 +1,4 @@
-"""Is there a simpler filter? A chart with the present one and a rival, the verdict, and a table of all."""
+"""Is there a simpler filter? A chart with the current filter and a simpler one, the verdict, and a table of all."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NAMES: tuple[str, ...] = (
     "One-euro",
     "Smoother (offline bound)",
 )
-"""Rivals as the comparison names them."""
+"""Simpler filters as the comparison names them."""
 
 ALL = "all of them"
 
@@ -46,7 +46,7 @@ COLOURS = {
     False: ("#009E73", "#0072B2", "#B8860B", "#CC79A7", "#3a9bdc", "#8c6d31", "#6c7a99", "#7b4fc8", "#1b9e8a"),
     True: ("#2fc99b", "#56B4E9", "#F0E442", "#e39ac6", "#8fd0ff", "#c9a15a", "#a9b7d6", "#b79bff", "#3fd6bd"),
 }
-"""Of the rivals in the order of NAMES, light and dark."""
+"""Of the simpler filters in the order of NAMES, light and dark."""
 
 NOTHING = "This filter has no q and r, so it cannot be compared at its lag."
 
@@ -60,12 +60,12 @@ class AlternativesView:
         self._session = session
         gui.add_markdown("### Is there a simpler filter?")
         self._match = gui.add_dropdown("matched by", tuple(MATCHES), hint="What all filters have in common.")
-        self._rival = gui.add_dropdown("draw", (*NAMES, ALL), hint="Which filter is plotted beside yours.")
+        self._alternative = gui.add_dropdown("draw", (*NAMES, ALL), hint="Which filter is plotted beside yours.")
         self._verdict = gui.add_markdown("")
         self._chart = Chart(gui, 0.4, sync="kalscope-time")
         self._table = gui.add_markdown("")
         bind(self._match, session, lambda words: set_match_by(MATCHES.get(words, "lag")))
-        bind(self._rival, session, set_drawn_alternative)
+        bind(self._alternative, session, set_drawn_alternative)
 
     def show(self, compared: Compared | None) -> None:
         """Draw and write."""
@@ -75,8 +75,8 @@ class AlternativesView:
             return
         state = compared.state
         match = next(words for words, inner in MATCHES.items() if inner == state.view.match_by)
-        rival = state.view.drawn_alternative if state.view.drawn_alternative in NAMES else ALL
-        for handle, value in ((self._match, match), (self._rival, rival)):
+        drawn = state.view.drawn_alternative if state.view.drawn_alternative in NAMES else ALL
+        for handle, value in ((self._match, match), (self._alternative, drawn)):
             if handle.value != value:
                 handle.value = value
         first, dot, rest = compared.found.verdict.partition(". ")
@@ -99,7 +99,7 @@ class AlternativesView:
             ChartLine(compared.curve(compared.found.present), line("yours", palette.filtered, 2.5, scaled=False))
         )
         colours = dict(zip(NAMES, COLOURS[state.view.dark], strict=True))
-        for one in compared.rivals:
+        for one in compared.alternatives:
             lines.append(
                 ChartLine(
                     compared.curve(one), line(one.name, colours.get(one.name, palette.truth), 1.5, scaled=False)
@@ -120,7 +120,7 @@ def text_of(compared: Compared) -> str:
     head = [text.format(error=f"{'error' if found.present.rmse is None else 'RMSE'}, {unit}") for text in HEADS]
     rows = [cells(one, state) for one in (found.present, *found.others)]
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    said = "\n".join(f"- {described(one)}" for one in (*compared.rivals, found.present))
+    said = "\n".join(f"- {described(one)}" for one in (*compared.alternatives, found.present))
     return (
         f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n{table}\n\n{found.identity}\n\n{said}\n\n{found.note} "
         "The intervals in brackets hold together in 95 % of cases. Cut-offs are in cycles a sample."
