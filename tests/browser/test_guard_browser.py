@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 import viser
-from chromium import CHROMIUM, FLAGS
+from chromium import CHROMIUM, FLAGS, NO_CANVAS
+from waiting import PATIENCE
 
 from kalscope_app.guard.rules import Policy
 from kalscope_app.guard.server import GuardedServer, guarded_server
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.browser
 
 LABEL = "process noise q"
-PATIENCE_MS = 20_000
 HARMLESS = "'unsafe-eval' is not an allowed source"
 """viser's page starts a sorter for Gaussian splats by eval. Nothing of ours is a splat."""
 
@@ -41,7 +41,8 @@ def dashboard() -> Iterator[SimpleNamespace]:
 @pytest.fixture
 def visitor(browser: Browser) -> Iterator[BrowserContext]:
     context = browser.new_context(color_scheme="light")
-    context.set_default_timeout(PATIENCE_MS)
+    context.set_default_timeout(1000 * PATIENCE)
+    context.add_init_script(NO_CANVAS)
     yield context
     context.close()
 
@@ -103,7 +104,7 @@ def test_the_link_opens_a_live_dashboard_without_complaint(dashboard, visitor, t
     page.wait_for_url(home(dashboard.running))
     page.get_by_text(LABEL).wait_for()
     page.get_by_role("textbox").first.fill("2")
-    assert dashboard.changed.get(timeout=10) == 2
+    assert dashboard.changed.get(timeout=PATIENCE) == 2
     page.screenshot(path=tmp_path / "dashboard.png")
     assert [text for text in complaints if HARMLESS not in text] == []
 
@@ -164,7 +165,7 @@ def test_a_refused_upload_leaves_the_button_usable(dashboard, visitor, tmp_path)
     large = tmp_path / "large.csv"
     large.write_bytes(b"1\n" * 2**20)
     page.locator("input[type=file]").set_input_files(large)
-    assert "up to 1 MiB" in dashboard.refused.get(timeout=10)
+    assert "up to 1 MiB" in dashboard.refused.get(timeout=PATIENCE)
     button = page.get_by_role("button", name="Upload a recording")
     page.wait_for_function("button => !button.disabled", arg=button.element_handle())
     page.get_by_text("large.csv").wait_for(state="detached")  # its notice would claim success
@@ -189,7 +190,7 @@ def test_without_webgl_a_plain_page_says_so_and_how_to_switch_it_on(dashboard, c
     page = chromium_with("--disable-3d-apis").new_page()
     page.goto(dashboard.running.url)
     for _ in range(2):
-        page.get_by_role("heading", name="WebGL").wait_for(timeout=PATIENCE_MS)
+        page.get_by_role("heading", name="WebGL").wait_for(timeout=1000 * PATIENCE)
         assert "webgl.force-enabled" in page.inner_text("body")
         page.screenshot(path=tmp_path / "without-webgl.png")
         page.get_by_role("link", name="Try again").click()

@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from waiting import PATIENCE
 
 from kalscope.errors import BadFile
 from kalscope.sources.lines.columns import Column
@@ -623,7 +624,7 @@ def until_full(path, limit):
         [sys.executable, "-c", RECORD_UNTIL_FULL, str(path), str(limit)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     first, error, counts = done.stdout.splitlines()
