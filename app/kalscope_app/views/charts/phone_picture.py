@@ -49,6 +49,8 @@ class PhonePictures:
         """Ask a new browser whether it is on a phone."""
         is_phone = client.gui.add_checkbox(PHONE_CHECKBOX, False, visible=False)
         is_phone.on_update(lambda _event: self._on_report(client, is_phone.value))
+        if is_phone.value:  # a quick page has answered before the callback was there
+            self._on_report(client, is_phone.value)
         client.camera.on_update(lambda _camera: self._follow_shape(client))
 
     def detach(self, client: viser.ClientHandle) -> None:

@@ -64,6 +64,7 @@ class TuningMapView:
         # Browsers whose camera looks straight at the map; what others point at is not what they see.
         self._aimed = WeakKeyDictionary[viser.ClientHandle, float]()
         self._phones: set[viser.ClientHandle] = set()
+        self._camera_lock = threading.Lock()  # reports of canvas and phone arrive in several threads
         self._drags, self._offset, self._moved = 0, (0.0, 0.0), 0.0
         self._build_scene()
 
@@ -201,6 +202,10 @@ class TuningMapView:
         if shape is None:
             return
         self._aimed[client] = shape
+        with self._camera_lock:
+            self._point_camera(client, shape)
+
+    def _point_camera(self, client: viser.ClientHandle, shape: float) -> None:
         camera = client.camera
         away = 10.0 * SIDE if client in self._phones or shape < MIN_SHAPE else 0.0
         with client.atomic():
