@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import viser
 
+from kalscope.sources.live.live_source import LiveSource
 from kalscope_app.engine.engine import Engine
+from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.idle_studies import Studies, Study
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live.connection import BoardConnection
@@ -17,6 +21,7 @@ from kalscope_app.program.error_reporting import sentence_for
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.changes.view import set_dark, set_smoother
 from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.channels_overview import Overviews
 from kalscope_app.studies.checks import compute_checks
@@ -48,14 +53,6 @@ from kalscope_app.views.tune.presets import PresetsView
 from kalscope_app.views.tune.variants import VariantsView
 from kalscope_app.views.window.css import add_style
 from kalscope_app.views.window.layout import Panels
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from kalscope.sources.live.live_source import LiveSource
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.session.state import State
 
 log = logging.getLogger(__name__)
 

@@ -10,22 +10,18 @@ import logging
 import math
 import threading
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from kalscope.errors import KalscopeError
 from kalscope_app.engine.cache import Cache
 from kalscope_app.engine.decimation import MAX_POINTS, DrawnSamples, choose_samples
 from kalscope_app.engine.filter_runs import FilterRuns, VariantCurves
 from kalscope_app.engine.frame import Frame, compute_frame
+from kalscope_app.engine.idle_studies import Studies
 from kalscope_app.engine.record_facts import RecordFacts
 from kalscope_app.session.live import live_window, studied
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope_app.engine.idle_studies import Studies
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import State
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 
 MIN_INTERVAL = 0.04
 """Seconds between two frames, at least: in a slower browser frames would pile up."""

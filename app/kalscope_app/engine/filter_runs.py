@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from kalscope.common.array import Array
 from kalscope.filtering.batch import FilterResult, denoise
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.filtering.running import RunningFilter
 from kalscope_app.engine.cache import Cache
-
-if TYPE_CHECKING:
-    from kalscope_app.engine.decimation import DrawnSamples
-    from kalscope_app.session.state import State
+from kalscope_app.engine.decimation import DrawnSamples
+from kalscope_app.session.state import State
 
 MAX_KEPT = 1_000_000
 """Samples of a finished recording up to which a run is kept: it takes 40 bytes a sample."""

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
+from kalscope.filtering.batch import FilterResult
 from kalscope.filtering.protocol import StandardFilter
 from kalscope.filtering.smoothing import smooth
+from kalscope.filtering.steady_state import SteadyState
+from kalscope.sources.live.live_status import LiveStatus
+from kalscope_app.engine.decimation import DrawnSamples
 from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.session.live_state import NO_CONNECTION, ConnectionState
-
-if TYPE_CHECKING:
-    from kalscope.filtering.batch import FilterResult
-    from kalscope.filtering.steady_state import SteadyState
-    from kalscope.sources.live.live_status import LiveStatus
-    from kalscope_app.engine.decimation import DrawnSamples
-    from kalscope_app.session.state import State
+from kalscope_app.session.state import State
 
 GAIN_POINTS = 500
 """Most points drawn of the gain; its start-up is smooth."""

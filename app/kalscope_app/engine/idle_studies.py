@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from kalscope_app.session.state import State
+from kalscope_app.session.state import State
 
 IDLE_DELAY = 0.2
 """Seconds without a new state after which the studies are computed."""

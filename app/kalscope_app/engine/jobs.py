@@ -5,15 +5,11 @@ from __future__ import annotations
 import logging
 import queue
 import threading
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from kalscope.errors import Cancelled, KalscopeError, describe
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import State
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 
 log = logging.getLogger(__name__)
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from kalscope.recording import Recording
-    from kalscope_app.session.state import State
+from kalscope.recording import Recording
+from kalscope_app.session.state import State
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,8 @@ import base64
 import hashlib
 import html
 import re
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from kalscope_app.guard.rules import Policy, Refuse
+from kalscope_app.guard.rules import Policy, Refuse
 
 OPEN_THE_LINK = "Open the link printed in the terminal"
 

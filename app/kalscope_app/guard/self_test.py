@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import http.client
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from kalscope.errors import KalscopeError
 from kalscope_app.guard import pages
-
-if TYPE_CHECKING:
-    from kalscope_app.guard.rules import Policy
+from kalscope_app.guard.rules import Policy
 
 FOREIGN = "kalscope-self-test.invalid"
 """A name that no machine can have."""

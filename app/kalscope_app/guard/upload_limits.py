@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import viser
 
 from kalscope_app.guard.message_schema import Misbehaviour
-from kalscope_app.guard.viser_private import messages
-
-if TYPE_CHECKING:
-    from kalscope_app.guard.viser_private import Channel
+from kalscope_app.guard.viser_private import Channel, messages
 
 MAX_FULL_CLIENTS = 2
 """How many clients may upload files of the largest size at once."""

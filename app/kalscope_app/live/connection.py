@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 from weakref import WeakKeyDictionary
 
 from kalscope.errors import BadSetting
+from kalscope.sources.live.live_samples import Snapshot
 from kalscope.sources.live.live_source import LiveSource
 from kalscope.sources.port.port_spec import PortSpec, port_of
+from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.live import opened_live
 from kalscope_app.session.live_state import BoardId, ConnectionState
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.sources.live.live_samples import Snapshot
-    from kalscope_app.engine.jobs import Jobs
-    from kalscope_app.session.session import Session
+from kalscope_app.session.session import Session
 
 
 class BoardConnection:

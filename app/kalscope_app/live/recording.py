@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import re
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kalscope.common.files import check_inside
 from kalscope.common.text import count
 from kalscope.errors import BadFile, BadSetting
+from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live.live_status import RecordingStatus
+from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope.sources.recorder.paths import first_free
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.sources.live.live_source import LiveSource
-    from kalscope.sources.live.live_status import RecordingStatus
-    from kalscope.sources.recorder.counts import RecorderCounts
     from kalscope.sources.recorder.recorder import Recorder
     from kalscope_app.live.connection import BoardConnection
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.export.board.commands import BoardAnswer, commands, is_refusal, read_answer
 from kalscope.export.float32 import float32_params
+from kalscope.sources.live.live_samples import Snapshot
+from kalscope.sources.live.live_source import LiveSource
 from kalscope_app.session.live_state import Sent
-
-if TYPE_CHECKING:
-    from kalscope.sources.live.live_samples import Snapshot
-    from kalscope.sources.live.live_source import LiveSource
-    from kalscope_app.session.state import State
+from kalscope_app.session.state import State
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Generator
+from concurrent.futures import Executor
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from websockets.exceptions import ConnectionClosed
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
-    from pathlib import Path
 
 _log = logging.getLogger(__name__)
 

@@ -10,11 +10,8 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from io import TextIOWrapper
-    from pathlib import Path
+from io import TextIOWrapper
+from pathlib import Path
 
 FILE_BYTES = 2**20
 """Size at which a new log file is begun."""

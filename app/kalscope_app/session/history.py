@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from kalscope_app.session.state import State
+from kalscope_app.session.state import State
 
 LIMIT = 200
 """Gestures that can be undone."""

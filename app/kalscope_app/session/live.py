@@ -8,20 +8,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
+from kalscope.sources.live.live_samples import Snapshot
+from kalscope.tuning.tuning import Tuning
 from kalscope_app.session.changes.channels import channel_named, select_channel
 from kalscope_app.session.live_state import BoardId, Deferred, Live, Sent
 from kalscope_app.session.opening import adapted, opened, reopened
-
-if TYPE_CHECKING:
-    from kalscope.sources.live.live_samples import Snapshot
-    from kalscope.tuning.tuning import Tuning
-    from kalscope_app.session.state import Change, State
+from kalscope_app.session.state import Change, State
 
 SPANS = {
     "1 s": 1.0,

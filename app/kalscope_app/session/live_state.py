@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from kalscope.export.float32 import Float32Params
-    from kalscope.filtering.params import FilterParams
-    from kalscope.sources.live.live_samples import Snapshot
-    from kalscope.sources.live.live_status import LiveStatus
-    from kalscope.tuning.tuning import Tuning
+from kalscope.export.float32 import Float32Params
+from kalscope.filtering.params import FilterParams
+from kalscope.sources.live.live_samples import Snapshot
+from kalscope.sources.live.live_status import LiveStatus
+from kalscope.tuning.tuning import Tuning
 
 FIRST_SPAN = 10.0
 """Length of the live window at first, s."""

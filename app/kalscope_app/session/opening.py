@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.estimation.starting import starting_params
-from kalscope.filtering.protocol import StandardFilter
+from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.papers.experiments import open_experiment
+from kalscope.recording import Recording
 from kalscope.tuning.choose import adapt_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.state import ChannelSettings, OpenRecording, State
-
-if TYPE_CHECKING:
-    from kalscope.filtering.protocol import Filter
-    from kalscope.recording import Recording
 
 
 def opened(recording: Recording, before: State | None = None) -> State:

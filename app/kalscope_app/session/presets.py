@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
 from kalscope.filtering.params import MAX_VARIANCE
 from kalscope.filtering.steady_state import ratio_for
 from kalscope.papers.interactive_matter_2009.document import ASSUMED_R, WALK
 from kalscope.papers.maarif_2019.paper import SIMULATED_FIGURES
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope_app.session.state import Change, State
+from kalscope_app.session.state import Change, State
 
 Pair = tuple[float, float]
 """q and r, unit²."""

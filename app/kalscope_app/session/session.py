@@ -7,19 +7,15 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
+from kalscope.sources.live.live_samples import Snapshot
 from kalscope_app.session.history import History, record, step_back, step_forward
 from kalscope_app.session.live import refreshed, with_current_samples, without_samples
-from kalscope_app.session.live_state import NO_CONNECTION
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.sources.live.live_samples import Snapshot
-    from kalscope_app.session.live_state import BoardId, ConnectionState
-    from kalscope_app.session.state import Change, State
+from kalscope_app.session.live_state import NO_CONNECTION, BoardId, ConnectionState
+from kalscope_app.session.state import Change, State
 
 
 def undo(state: State) -> State:

@@ -6,14 +6,11 @@ import os
 import shlex
 import subprocess
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from kalscope.common.text import typed_number
+from kalscope.recording import Recording
 from kalscope_app.session.live import defer_until_settled
-
-if TYPE_CHECKING:
-    from kalscope.recording import Recording
-    from kalscope_app.session.state import State
+from kalscope_app.session.state import State
 
 AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
 """What stands for no number."""

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.protocol import StandardFilter
+from kalscope.estimation.result import Estimate
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.protocol import Filter, StandardFilter
+from kalscope.recording import Recording
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.linked_channels import UNLINKED, apply_to_linked
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from kalscope.estimation.result import Estimate
-    from kalscope.filtering.params import FilterParams
-    from kalscope.filtering.protocol import Filter
-    from kalscope.recording import Recording
-    from kalscope_app.session.live_state import Live, Sent
-    from kalscope_app.session.variants import Variant
+from kalscope_app.session.live_state import Live, Sent
+from kalscope_app.session.variants import Variant
 
 MAP_COLOURS: tuple[str, ...] = ("likelihood", "RMSE", "lag")
 """What the tuning map may be coloured by; RMSE where the truth is known."""

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import string
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from kalscope.tuning.tuning import ChannelTuning
+from kalscope.tuning.tuning import ChannelTuning
 
 MAX_VARIANTS = 8
 """Variants of one channel: more lines cannot be told apart."""

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from kalscope.analysis.alternatives.comparison import Alternative, Comparison, compare_alternatives, stretch_of
 from kalscope.common.array import Array
 from kalscope_app.engine.cache import Cache
 from kalscope_app.engine.decimation import DrawnSamples, choose_samples
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from kalscope_app.session.state import State
+from kalscope_app.session.state import State
 
 
 @dataclass(frozen=True)

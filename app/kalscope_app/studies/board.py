@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from kalscope.export.board.check import BoardCheck, check_board
-
-if TYPE_CHECKING:
-    from kalscope_app.session.state import State
+from kalscope_app.session.state import State
 
 
 def compare_with_board(state: State) -> BoardCheck | None:

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
+from kalscope.recording import Recording
 from kalscope_app.engine.cache import Cache
 from kalscope_app.engine.decimation import choose_indices
-
-if TYPE_CHECKING:
-    from kalscope.recording import Recording
-    from kalscope_app.session.state import State
+from kalscope_app.session.state import State
 
 MAX_LANES = 16
 """Channels that are drawn, at most: more lanes than that are too low to read."""

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.common.array import Array
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import METHOD_NAMES
 from kalscope.filtering.batch import kalman_filter
-
-if TYPE_CHECKING:
-    from kalscope.common.array import Array
-    from kalscope.filtering.params import FilterParams
-    from kalscope_app.session.state import State
+from kalscope.filtering.params import FilterParams
+from kalscope_app.session.state import State
 
 
 @dataclass(frozen=True)

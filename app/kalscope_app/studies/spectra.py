@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,9 +10,7 @@ from kalscope.analysis.allan import AllanDeviation, allan_deviation
 from kalscope.analysis.spectrum import Spectrum, magnitude_response, spectrum
 from kalscope.common.array import Array
 from kalscope.filtering.steady_state import steady_state
-
-if TYPE_CHECKING:
-    from kalscope_app.session.state import State
+from kalscope_app.session.state import State
 
 BINS = 240
 """Points that a density or a response is drawn with, at most about."""

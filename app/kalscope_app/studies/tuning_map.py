@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,15 +16,13 @@ from kalscope.common.array import Array
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.likelihood.contour import likelihood_contour
 from kalscope.estimation.likelihood.profile import Profile, likelihood_profile, loglik_map
+from kalscope.estimation.result import Estimate
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
+from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.cache import Cache
-
-if TYPE_CHECKING:
-    from kalscope.estimation.result import Estimate
-    from kalscope.tuning.tuning import ChannelTuning
-    from kalscope_app.session.state import State
-    from kalscope_app.studies.map_geometry import Point, Range
+from kalscope_app.session.state import State
+from kalscope_app.studies.map_geometry import Point, Range
 
 CELLS = 200
 """Cells along each side of the map."""

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope_app.engine.cache import Cache
-
-if TYPE_CHECKING:
-    from kalscope.filtering.params import FilterParams
-    from kalscope_app.session.state import State
-    from kalscope_app.session.variants import Variant
+from kalscope_app.session.state import State
+from kalscope_app.session.variants import Variant
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,13 @@ Values are set by plain assignment: viser sends nothing for an equal value, and 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable
+from typing import Any
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+import viser
 
-    import viser
-
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import Change
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import Change
 
 
 def on_user(

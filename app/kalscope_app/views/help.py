@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import viser
 
 from kalscope_app.views.binding import on_user
-
-if TYPE_CHECKING:
-    import viser
-
-    from kalscope_app.views.tour import Tour
+from kalscope_app.views.tour import Tour
 
 KEYS = (
     ("drag across a chart", "zoom in"),

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import viser
+import viser
 
 MIN_SECONDS = 1.0
 """Seconds after which a job shows its progress and can be cancelled."""

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import viser
+
+from kalscope_app.engine.jobs import Jobs
 from kalscope_app.views.binding import on_user
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import viser
-
-    from kalscope_app.engine.jobs import Jobs
     from kalscope_app.program.user_settings import UserSettings
 
 STEPS = (

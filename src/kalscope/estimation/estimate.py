@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from kalscope.common.progress import Progress
 from kalscope.common.text import number
 from kalscope.errors import BadSetting
+from kalscope.estimation.likelihood.profile import Differences
+from kalscope.estimation.likelihood.search import Peak
 from kalscope.estimation.methods import allan, expectation_maximization, innovation_correlations, moments
 from kalscope.estimation.methods import maximum_likelihood as ml
+from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.result import Estimate, stack
 from kalscope.estimation.verdict import conclude, each_channel, gain_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import ArrayLike
-
-    from kalscope.estimation.likelihood.profile import Differences
-    from kalscope.estimation.likelihood.search import Peak
-    from kalscope.estimation.methods.pair import Pair
 
 METHODS = ("ml", "em", "moments", "als", "allan")
 """What `estimate` knows, in the order in which `compare_methods` shows them."""

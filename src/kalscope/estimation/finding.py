@@ -6,8 +6,8 @@ a number) fixes r; what is left is estimated from the record.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,13 +23,9 @@ from kalscope.estimation.known import (
     noise_from_still,
     params_for_specification,
 )
+from kalscope.estimation.result import Estimate
 from kalscope.estimation.starting import is_even_ramp, starting_params
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.estimation.result import Estimate
 
 METHOD_NAMES = {
     "ml": "maximum likelihood",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
@@ -14,19 +14,15 @@ from kalscope.common.progress import Progress
 from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.estimation import verdict_text as words
+from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.pair import Pair
+from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict import NOWHERE, each_channel, exp
 from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import ratio_for
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from kalscope.estimation.likelihood.profile import Differences
-    from kalscope.estimation.result import Estimate
 
 _MAX_FACTOR = 1e100
 """A given r this many times above or below the largest squared step of the readings has another unit."""

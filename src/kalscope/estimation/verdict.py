@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kalscope.common.progress import Progress
 from kalscope.estimation import verdict_text as words
 from kalscope.estimation.likelihood.profile import Differences, differences
 from kalscope.estimation.likelihood.search import Peak
+from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.result import USABLE, Estimate, stack
 from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.common.progress import Progress
-    from kalscope.estimation.methods.pair import Pair
 
 NOWHERE = Peak(-math.inf, 0.0, 0.0, (-math.inf, math.inf))
 """The peak of a record without information."""

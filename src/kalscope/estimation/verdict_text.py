@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.common.text import decibels, number, percent
-
-if TYPE_CHECKING:
-    from kalscope.estimation.likelihood.profile import Differences
+from kalscope.estimation.likelihood.profile import Differences
 
 INSTEAD = (
     "Instead: take r from a still stretch or the data sheet, or choose the lag or the cut-off that you can accept."

@@ -11,22 +11,18 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kalscope.common.text import one_line, unused_name
 from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.params import FilterParams
+from kalscope.recording import Recording
 from kalscope.sources.lines.cells import MISSING, is_number
 from kalscope.sources.lines.columns import ROW_NUMBER_NAME
 from kalscope.sources.lines.timestamps import unit_by_magnitude
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from kalscope.filtering.params import FilterParams
-    from kalscope.recording import Recording
-    from kalscope.tuning.tuning import Tuning
+from kalscope.tuning.tuning import Tuning
 
 ROWS_PER_CHUNK = 20_000
 """Rows turned into text at a time, so that a long recording is never held as text as a whole."""

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING
 
+from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text
 from kalscope.filtering.kernels import GATE_LIMIT
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from kalscope.export.job import ExportJob
-    from kalscope.tuning.tuning import ChannelTuning
+from kalscope.tuning.tuning import ChannelTuning
 
 TEMPLATES = Path(__file__).parent / "targets" / "templates"
 

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
 from kalscope.export.names import identifiers
 from kalscope.filtering.steady_state import SteadyState, steady_state
-
-if TYPE_CHECKING:
-    from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,12 @@ Each module has `files(job) -> dict of file name -> text`; names are constants o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
-from kalscope.export.job import job_of
+from kalscope.export.job import ExportJob, job_of
 from kalscope.export.targets import (
     arduino,
     bachagas,
@@ -24,13 +24,8 @@ from kalscope.export.targets import (
     ros2,
 )
 from kalscope.export.targets.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
+from kalscope.recording import Recording
 from kalscope.tuning.tuning import Tuning, same_period
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.export.job import ExportJob
-    from kalscope.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from kalscope.errors import BadSetting
+from kalscope.export.job import ExportJob
 from kalscope.filtering.batch import kalman_filter
-
-if TYPE_CHECKING:
-    from kalscope.export.job import ExportJob
-    from kalscope.recording import Recording
-    from kalscope.tuning.tuning import ChannelTuning
+from kalscope.recording import Recording
+from kalscope.tuning.tuning import ChannelTuning
 
 DEFAULT_ROWS = 1000
 """Rows of a vector file: the start, and some thousand lines are no more proof than these."""

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 from kalscope.errors import BadSetting
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from kalscope.tuning.tuning import Tuning
+from kalscope.tuning.tuning import Tuning
 
 UNO_COUNTS = 1023.0
 """Largest value of analogRead() on an Uno: the signal, where none is known."""

@@ -6,19 +6,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from kalscope.errors import BadSetting
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.protocol import StandardFilter
+from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.papers.interactive_matter_2009 import document as lis302dl
 from kalscope.papers.khan import paper as generalized
 from kalscope.papers.maarif_2019 import paper as noise_reducer
-
-if TYPE_CHECKING:
-    from kalscope.filtering.protocol import Filter
-    from kalscope.papers.parts import Experiment
-    from kalscope.recording import Recording
+from kalscope.papers.parts import Experiment
+from kalscope.recording import Recording
 
 PREFIX = "experiment:"
 """What stands before a name where sources are named."""

@@ -6,6 +6,7 @@ Read with the standard library's tomllib; written with tomlkit, which keeps comm
 from __future__ import annotations
 
 import math
+import os
 import re
 import tomllib
 from collections.abc import Mapping, MutableMapping
@@ -17,8 +18,6 @@ import tomlkit
 from kalscope.errors import BadFile
 
 if TYPE_CHECKING:
-    import os
-
     from tomlkit.items import Item, Table
 
 Tables = Mapping[str, Any]

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from kalscope.errors import BadSetting
+from kalscope.recording import Recording
 from kalscope_app.session.linked_channels import LINKS, scaled_copy
-
-if TYPE_CHECKING:
-    from kalscope.recording import Recording
-    from kalscope_app.session.state import Change, State
+from kalscope_app.session.state import Change, State
 
 ALL_OTHERS = "all other channels"
 

@@ -10,15 +10,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from kalscope.common.text import typed_number
+from kalscope.estimation.result import Estimate
 from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope.recording import Recording
 from kalscope_app.session.opening import timed
-from kalscope_app.session.state import Outcome, State
+from kalscope_app.session.state import Change, Outcome, State
 
 if TYPE_CHECKING:
     from kalscope.estimation.finding import Found
-    from kalscope.estimation.result import Estimate
-    from kalscope.recording import Recording
-    from kalscope_app.session.state import Change
 
 DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 """Range of each slider, in decades around the starting r of the channel."""

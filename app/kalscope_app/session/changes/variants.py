@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
+from kalscope_app.session.state import Change, State
 from kalscope_app.session.variants import Variant, checked_name, pinned
-
-if TYPE_CHECKING:
-    from kalscope_app.session.state import Change, State
 
 PARAMETERS = ("q", "r", "p0", "x0", "gate")
 """What a setting consists of."""

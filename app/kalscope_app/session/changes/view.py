@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
-from kalscope_app.session.state import MAP_COLOURS, State
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from kalscope_app.session.state import Change
+from kalscope_app.session.state import MAP_COLOURS, Change, State
 
 
 def set_window(first: float, last: float) -> Change:

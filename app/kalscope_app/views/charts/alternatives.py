@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import viser
 
+from kalscope.analysis.alternatives.comparison import Alternative
+from kalscope.analysis.alternatives.verdict import Difference
 from kalscope.common.text import count, decibels, lag_text, number, percent
 from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
+from kalscope_app.studies.alternatives import Compared
 from kalscope_app.views.binding import bind
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import time_label
 from kalscope_app.views.scales import scale_for, time_scale_for
 from kalscope_app.views.text import escape_markdown
-
-if TYPE_CHECKING:
-    import viser
-
-    from kalscope.analysis.alternatives.comparison import Alternative
-    from kalscope.analysis.alternatives.verdict import Difference
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import State
-    from kalscope_app.studies.alternatives import Compared
 
 NAMES: tuple[str, ...] = (
     "Moving average",

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import viser
 
 from kalscope.common.array import Array
 from kalscope.common.text import count, decibels, lag_text, number
 from kalscope.filtering.steady_state import steady_state
+from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 from kalscope_app.studies.channels_overview import HALF_LANE, MAX_LANES, Lane, Overview
 from kalscope_app.views.binding import offer, on_user
 from kalscope_app.views.charts.chart import Chart, ChartLayout
@@ -17,13 +19,6 @@ from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
 from kalscope_app.views.charts.time_axis import time_label
 from kalscope_app.views.scales import time_scale_for
 from kalscope_app.views.text import escape_markdown
-
-if TYPE_CHECKING:
-    import viser
-
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import State
 
 ONE = "This recording has one channel. A recording with several shows them here side by side."
 

@@ -7,15 +7,13 @@ with three decimals at most. So everything drawn passes through here.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import viser
 
 from kalscope.common.array import Array
 from kalscope_app.views.window.layout import height_of
-
-if TYPE_CHECKING:
-    import viser
 
 
 def drawable(x: Array, ys: list[Array], gaps: frozenset[int] = frozenset()) -> tuple[Array, ...]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from PIL import Image, ImageDraw, ImageFont
 
-if TYPE_CHECKING:
-    from kalscope_app.studies.map_geometry import Point
+from kalscope_app.studies.map_geometry import Point
 
 RAISED = 0.68
 """Size of a raised figure beside the text it belongs to."""

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
+import viser
+from numpy.typing import NDArray
 from PIL import Image
 
 from kalscope.common.array import Array
 from kalscope.common.text import decibels, lag_text, number
+from kalscope_app.engine.frame import Frame
 from kalscope_app.views.charts.chart import drawable
 from kalscope_app.views.charts.pen import Pen
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette
@@ -18,13 +22,7 @@ from kalscope_app.views.window.layout import gutter, shape_of
 from kalscope_app.views.window.page_script import PHONE_CHECKBOX
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import viser
-    from numpy.typing import NDArray
     from PIL import ImageDraw
-
-    from kalscope_app.engine.frame import Frame
 
 WIDTH = 780
 """Width of the picture, px: sharp on the screens of phones."""

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING
+
+import viser
 
 from kalscope.common.text import number
+from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.view import follow_end, reset_view, set_window
 from kalscope_app.session.live import SPANS, follow, live_window, set_paused, set_span
+from kalscope_app.session.live_state import Live
+from kalscope_app.session.session import Session
 from kalscope_app.views.binding import bind, on_user
 from kalscope_app.views.scales import Scale, time_scale_for
-
-if TYPE_CHECKING:
-    import viser
-
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.session.live_state import Live
-    from kalscope_app.session.session import Session
 
 
 class WindowView:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+import viser
 
 from kalscope.common.array import Array
 from kalscope.common.text import count, number, sample_rate
+from kalscope_app.engine.frame import Frame
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, Palette, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
@@ -16,11 +17,6 @@ from kalscope_app.views.scales import Scale, scale_for
 from kalscope_app.views.text import escape_markdown
 from kalscope_app.views.window.css import HEADING
 from kalscope_app.views.window.layout import height_of
-
-if TYPE_CHECKING:
-    import viser
-
-    from kalscope_app.engine.frame import Frame
 
 LIVE_CONTROLS_HEIGHT = 44
 """Height in px that the controls of a live record take from the chart below them."""

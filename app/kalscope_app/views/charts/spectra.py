@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+import viser
 
 from kalscope.common.array import Array
 from kalscope.common.text import frequency, number, squared
+from kalscope_app.studies.spectra import Allan, Spectra
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, dots, line
 from kalscope_app.views.scales import Scale, log_rate_scale, log_scale_for, log_ticks, log_time_scale
-
-if TYPE_CHECKING:
-    import viser
-
-    from kalscope_app.studies.spectra import Allan, Spectra
 
 NOTHING = "This filter has no q and r, so it has no frequency response and no model."
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from kalscope.common.array import Array
+from kalscope_app.engine.frame import Frame
 from kalscope_app.views.scales import Scale, time_scale_for
-
-if TYPE_CHECKING:
-    from kalscope_app.engine.frame import Frame
 
 
 def time_axis(frame: Frame) -> Scale:

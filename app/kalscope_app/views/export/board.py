@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+
+import viser
 
 from kalscope.common.text import count, number
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import float32_params
+from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.live.connection import BoardConnection
 from kalscope_app.live.sending import send_setting
 from kalscope_app.session.live import set_sent
+from kalscope_app.session.live_state import Sent
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 from kalscope_app.studies.board import compare_with_board
 from kalscope_app.views.binding import on_user
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import viser
-
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.engine.jobs import Jobs
-    from kalscope_app.live.connection import BoardConnection
-    from kalscope_app.session.live_state import Sent
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import State
 
 HOW = (
     "Works with the exported Arduino sketch. Its filter restarts with these values; the initial estimate and the "

@@ -5,31 +5,26 @@ from __future__ import annotations
 import io
 import re
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import viser
 
 from kalscope.common.files import check_inside
 from kalscope.common.text import typed_number
 from kalscope.errors import BadSetting
 from kalscope.export.registry import TARGETS, export_tuning, rescaled_to_period
 from kalscope.export.write import limits_of, write_files
+from kalscope.tuning.tuning import Tuning
+from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.export.files import show_files, show_refusal
 from kalscope_app.views.text import escape_markdown
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import viser
-
-    from kalscope.tuning.tuning import Tuning
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.engine.jobs import Jobs
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import State
 
 THIS, ALL = "this channel", "all channels"
 

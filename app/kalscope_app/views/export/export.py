@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import viser
 
 from kalscope.common.files import check_inside
 from kalscope.errors import BadSetting
 from kalscope.export.filtered_csv import filtered_csv
 from kalscope.tuning.tuning import dumps, save_tuning
+from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import viser
-
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.engine.jobs import Jobs
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import State
 
 
 class ExportView:

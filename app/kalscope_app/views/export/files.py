@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import viser
 
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import escape_markdown
-
-if TYPE_CHECKING:
-    import viser
 
 WIDE = """<style>
 .mantine-Modal-content:has(.kalscope-files) { flex: 0 0 min(72rem, 94vw); max-width: 94vw; }

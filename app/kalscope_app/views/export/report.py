@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import viser
 
 from kalscope.errors import BadSetting
 from kalscope.export.report.content import make_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import as_png
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
-
-if TYPE_CHECKING:
-    import viser
-
-    from kalscope_app.engine.jobs import Jobs
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import State
 
 
 class ReportView:

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from kalscope.common.text import DURATIONS, duration, squared, trimmed
 from kalscope_app.studies.map_geometry import MapFrame, Point, decades, diagonal, lag_lines
+from kalscope_app.studies.tuning_map import TuningMap
 from kalscope_app.views.charts.pen import Pen
 from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP, MapPalette
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from kalscope_app.studies.tuning_map import TuningMap
 
 SHARPNESS = 2
 """Pixels drawn for each pixel of the page, along each side: smooth lines, and sharp on a fine screen."""

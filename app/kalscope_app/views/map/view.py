@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import viser
 
+from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.parameters import set_point
 from kalscope_app.session.changes.view import set_map_colour, set_map_shown
+from kalscope_app.session.session import Session
 from kalscope_app.session.state import MAP_COLOURS, State
 from kalscope_app.studies.map_geometry import (
     DISTANCE,
@@ -27,10 +29,6 @@ from kalscope_app.studies.tuning_map import TuningMap, exponents_of, nothing
 from kalscope_app.views.binding import bind, offer, on_user
 from kalscope_app.views.map.picture import MapPictureInput, chips, draw_map_picture, draw_ring
 from kalscope_app.views.window.layout import shape_of
-
-if TYPE_CHECKING:
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.session.session import Session
 
 FLAT = (0.0, 1.0, 0.0, 0.0)
 """Half a turn about x: viser hangs pictures upside down and facing away."""

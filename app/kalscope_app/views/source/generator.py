@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+
+import viser
 
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import typed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import viser
 
 SETTINGS = {
     "n": ("samples", "Number of samples."),

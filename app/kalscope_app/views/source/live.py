@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import viser
 
 from kalscope.common.text import count, duration, number
-from kalscope.sources.port.port_spec import list_ports
-from kalscope_app.live.connection import port_named
+from kalscope.sources.live.live_status import LiveStatus
+from kalscope.sources.port.port_spec import PortSpec, list_ports
+from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.live.connection import BoardConnection, port_named
+from kalscope_app.live.recording import BoardRecording
 from kalscope_app.session.changes.channels import set_board_channel
+from kalscope_app.session.session import Session
 from kalscope_app.views.binding import bind, offer, on_user
 from kalscope_app.views.source.recording import RecordingView
 from kalscope_app.views.text import escape_markdown
-
-if TYPE_CHECKING:
-    import viser
-
-    from kalscope.sources.live.live_status import LiveStatus
-    from kalscope.sources.port.port_spec import PortSpec
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.engine.jobs import Jobs
-    from kalscope_app.live.connection import BoardConnection
-    from kalscope_app.live.recording import BoardRecording
-    from kalscope_app.session.session import Session
 
 TYPED = "Other address …"
 NO_CURVE = "–"

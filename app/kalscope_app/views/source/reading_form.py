@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+
+import viser
 
 from kalscope.sources.lines.read_options import ReadOptions, options_from_text
 from kalscope_app.views.binding import on_user
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import viser
 
 
 class ReadingForm:

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import viser
 
 from kalscope.common.text import count
+from kalscope.sources.live.live_status import RecordingStatus
+from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live.recording import BoardRecording, account
+from kalscope_app.session.live_state import ConnectionState
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import escape_markdown
-
-if TYPE_CHECKING:
-    import viser
-
-    from kalscope.sources.live.live_status import RecordingStatus
-    from kalscope_app.engine.jobs import Jobs
-    from kalscope_app.session.live_state import ConnectionState
 
 
 class RecordingView:

@@ -11,6 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import viser
+
 from kalscope.catalogue import open_source
 from kalscope.common.text import count, duration
 from kalscope.papers.experiments import list_experiments
@@ -18,9 +20,13 @@ from kalscope.recording import Recording
 from kalscope.sources.lines.read_options import ReadOptions
 from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.samples import list_samples
+from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
 from kalscope_app.session.changes.parameters import set_sample_period
 from kalscope_app.session.opening import opened_experiment, reopened
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.slow_job import SlowJobProgress
 from kalscope_app.views.source.generator import GeneratorForm
@@ -28,13 +34,7 @@ from kalscope_app.views.source.reading_form import ReadingForm
 from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
-    import viser
-
     from kalscope.papers.parts import Experiment
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.engine.jobs import Jobs
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import State
 
 MINE = "–"
 

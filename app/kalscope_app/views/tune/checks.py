@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from contextlib import AbstractContextManager
 
 import numpy as np
+import viser
 
 from kalscope.analysis.advice import MIN_SAMPLES, as_sentences
+from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.common.array import Array
 from kalscope.common.text import correlation, count, number, p_value, percent
+from kalscope_app.studies.checks import Checks
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, axes, line
-
-if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
-    import viser
-
-    from kalscope.analysis.diagnostics import Diagnostics
-    from kalscope_app.studies.checks import Checks
 
 UNJUDGED = "This filter has no q and r, so these tests do not apply."
 

@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import viser
 
 from kalscope.common.text import decibels, lag_text, number, typed_number
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import compare_methods, disagreement
 from kalscope.estimation.finding import METHOD_NAMES, Noise, find_parameters
 from kalscope.filtering.steady_state import steady_state
+from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes.parameters import apply_found, set_method_comparison
 from kalscope_app.session.changes.view import set_search_method
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 from kalscope_app.views.binding import bind, on_user
 from kalscope_app.views.scales import Scale, time_scale_for
 from kalscope_app.views.slow_job import SlowJobProgress
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from contextlib import AbstractContextManager
-
-    import viser
-
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.engine.jobs import Jobs
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import State
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import viser
 
 from kalscope.common.text import count, decibels, frequency, lag_in_full, number
-
-if TYPE_CHECKING:
-    import viser
-
-    from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.frame import Frame
 
 
 class NumbersView:

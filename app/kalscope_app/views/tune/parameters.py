@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+
+import viser
 
 from kalscope.common.text import squared
+from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.channels import select_channel, set_link
 from kalscope_app.session.changes.parameters import (
     paper_filter,
@@ -19,16 +22,9 @@ from kalscope_app.session.changes.parameters import (
 )
 from kalscope_app.session.linked_channels import LINKS
 from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.state import Change
 from kalscope_app.views.binding import bind, offer, on_user
 from kalscope_app.views.text import typed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import viser
-
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.session.state import Change
 
 NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "initial variance p0"}
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import viser
 
 from kalscope.common.text import decibels, lag_text, number
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
+from kalscope_app.engine.frame import Frame
 from kalscope_app.session.presets import PRESETS, choose_preset, take_preset
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 from kalscope_app.views.binding import bind, on_user
-
-if TYPE_CHECKING:
-    import viser
-
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.session.session import Session
-    from kalscope_app.session.state import State
 
 
 class PresetsView:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from contextlib import AbstractContextManager
+
+import viser
 
 from kalscope.common.text import correlation, count, decibels, lag_text, number
+from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.variants import delete_variant, pin_present, rename_variant, use_variant
+from kalscope_app.session.session import Session
 from kalscope_app.session.variants import MAX_NAME_LENGTH, MAX_VARIANTS, Variant
+from kalscope_app.studies.variant_table import VariantComparison, VariantRow
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import escape_markdown
-
-if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
-    import viser
-
-    from kalscope_app.engine.frame import Frame
-    from kalscope_app.session.session import Session
-    from kalscope_app.studies.variant_table import VariantComparison, VariantRow
 
 NOTHING = "–"
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import viser
+import viser
 
 HEADING = '<span class="kalscope-heading"></span>'
 """Starts a markdown paragraph that is two lines high at least, so that the charts below it do not move."""

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-
-if TYPE_CHECKING:
-    import viser
-    from numpy.typing import NDArray
+import viser
+from numpy.typing import NDArray
 
 LEFT_WIDTH = 345
 """Width of the control panel, px."""

@@ -7,17 +7,13 @@ from a formula where the filter is a fixed sum of samples, and are measured wher
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 from kalscope.analysis.alternatives import filters
+from kalscope.analysis.alternatives.measured_response import Bench, Run
 from kalscope.common.array import Array
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from kalscope.analysis.alternatives.measured_response import Bench, Run
 
 SETTLED = 0.01
 """A start is forgotten when 1 % of it is left."""

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
 from kalscope.common.text import number
+from kalscope.filtering.batch import FilterResult
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
-
-if TYPE_CHECKING:
-    from kalscope.filtering.batch import FilterResult
-    from kalscope.filtering.params import FilterParams
 
 
 def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothed: Array) -> str:

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.estimation.likelihood.profile import MAX_LOG_RATIO, Profile, likelihood_profile
-
-if TYPE_CHECKING:
-    from kalscope.estimation.result import Estimate
+from kalscope.estimation.result import Estimate
 
 DROP_95 = 5.991464547107979
 """Twice the drop in log-likelihood on the 95 % contour: the 95 % point of χ² with two degrees of freedom."""

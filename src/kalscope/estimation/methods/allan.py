@@ -7,17 +7,14 @@ the noise falls with M, the movement rises, and the two slopes separate them.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
+from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.methods.innovation_correlations import TOO_SHORT, solve
 from kalscope.estimation.methods.pair import Pair
-
-if TYPE_CHECKING:
-    from kalscope.estimation.likelihood.profile import Differences
 
 _ROUNDS = 3
 _CORRELATED = 1.5

@@ -7,18 +7,14 @@ an edge (q = 0, r = 0) never. Shumway & Stoffer (1982).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
 
+from kalscope.common.progress import Progress
+from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.methods.kernels import em_pass
 from kalscope.estimation.methods.pair import Pair
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from kalscope.common.progress import Progress
-    from kalscope.estimation.likelihood.profile import Differences
 
 SETTLED = 1e-8
 """Relative change of q and r in one pass at which EM has converged."""

@@ -8,16 +8,13 @@ Mehra (1970), IEEE Trans. Automatic Control 15(2); least squares after Odelson, 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.common.array import Array
+from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.methods.kernels import fixed_gain_innovations, lagged_products
 from kalscope.estimation.methods.pair import Pair
-
-if TYPE_CHECKING:
-    from kalscope.estimation.likelihood.profile import Differences
 
 TOO_SHORT = "This method needs a longer stretch of regular samples without gaps than this record has."
 

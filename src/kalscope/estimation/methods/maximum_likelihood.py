@@ -6,16 +6,13 @@ Durbin & Koopman (2012), section 2.10. Nothing in it knows the unit of the signa
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.progress import Progress
+from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
 from kalscope.estimation.methods.pair import Pair
-
-if TYPE_CHECKING:
-    from kalscope.common.progress import Progress
-    from kalscope.estimation.likelihood.profile import Differences
 
 _DERIVATIVE_STEP = 1e-3
 """Step in ln λ for the slope of ln r̂(λ), which only feeds standard errors."""

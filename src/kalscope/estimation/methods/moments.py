@@ -7,16 +7,13 @@ r = −γ₁ and q = γ₀ + 2γ₁. Where γ₁ > 0, or more is left two sample
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.common.text import correlation
+from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.methods.kernels import lagged_products
 from kalscope.estimation.methods.pair import Pair
-
-if TYPE_CHECKING:
-    from kalscope.estimation.likelihood.profile import Differences
 
 
 def fit(data: Differences) -> Pair:

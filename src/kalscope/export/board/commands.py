@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from kalscope.export.float32 import Float32Params
+from kalscope.export.float32 import Float32Params
 
 _ANSWER = re.compile(r"# (\w+) q=\S+ r=\S+ p=\S+ bits=([0-9A-F]{8}),([0-9A-F]{8}),([0-9A-F]{8})\s*")
 

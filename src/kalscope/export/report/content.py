@@ -7,7 +7,6 @@ import shlex
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +32,8 @@ from kalscope.common.version import program
 from kalscope.errors import BadSetting
 from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.steady_state import SteadyState, steady_state
-
-if TYPE_CHECKING:
-    from kalscope.recording import Recording
-    from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.recording import Recording
+from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 Rows = tuple[tuple[str, ...], ...]
 

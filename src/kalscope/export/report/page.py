@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from kalscope.common.charts import draw_svg
 from kalscope.common.html import document, table
-
-if TYPE_CHECKING:
-    from kalscope.export.report.content import Report
+from kalscope.export.report.content import Report
 
 
 def as_html(report: Report) -> str:

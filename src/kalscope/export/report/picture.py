@@ -7,13 +7,10 @@ from __future__ import annotations
 
 import io
 import math
-from typing import TYPE_CHECKING
 
 from kalscope.common.charts import COLOURS, LEFT, add_legend, blank_axes, draw_panel, drawing
 from kalscope.common.text import one_line
-
-if TYPE_CHECKING:
-    from kalscope.export.report.content import Report, ReportTable
+from kalscope.export.report.content import Report, ReportTable
 
 SIZE = (1654, 2339)
 """Width and height of A4 at 200 dots an inch, px."""

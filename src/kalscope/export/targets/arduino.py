@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import Float32Params, float32_params, float32_text
 from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text
 from kalscope.filtering.kernels import GATE_LIMIT
-
-if TYPE_CHECKING:
-    from kalscope.export.job import ExportJob
 
 ANALOGUE_PINS = 6
 """Of an Uno: A0 … A5."""

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import float32_params, float32_text
 from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob
 from kalscope.export.names import number_text
 from kalscope.filtering.kernels import GATE_LIMIT
-
-if TYPE_CHECKING:
-    from kalscope.export.job import ExportJob
-    from kalscope.tuning.tuning import ChannelTuning
+from kalscope.tuning.tuning import ChannelTuning
 
 
 def files(job: ExportJob) -> dict[str, str]:

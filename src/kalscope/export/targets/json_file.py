@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kalscope.export.header_text import about, about_channel, ascii_squared
-
-if TYPE_CHECKING:
-    from kalscope.export.job import ExportJob
-    from kalscope.tuning.tuning import ChannelTuning
+from kalscope.export.job import ExportJob
+from kalscope.tuning.tuning import ChannelTuning
 
 FORMAT = "kalscope-parameters-1"
 """Name and number of the layout."""

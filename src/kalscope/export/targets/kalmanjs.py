@@ -5,15 +5,11 @@ Its gain is p·(1/s) and its variance p − k·p, so it agrees to the last digit
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from kalscope.errors import BadSetting
 from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text
-
-if TYPE_CHECKING:
-    from kalscope.export.job import ExportJob
-    from kalscope.tuning.tuning import ChannelTuning
+from kalscope.tuning.tuning import ChannelTuning
 
 MIN_INNOVATION_VARIANCE = 1e-300
 """Smallest q + r: kalmanjs divides 1 by the variance of the innovation."""

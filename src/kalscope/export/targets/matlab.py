@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob
 from kalscope.export.names import number_text
-
-if TYPE_CHECKING:
-    from kalscope.export.job import ExportJob
-    from kalscope.tuning.tuning import ChannelTuning
+from kalscope.tuning.tuning import ChannelTuning
 
 
 def files(job: ExportJob) -> dict[str, str]:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob
 from kalscope.export.names import number_text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from kalscope.export.job import ExportJob
 
 
 def files(job: ExportJob) -> dict[str, str]:

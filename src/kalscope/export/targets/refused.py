@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
+from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text
-
-if TYPE_CHECKING:
-    from kalscope.export.job import ExportJob
 
 MAX_CHANNELS_SHOWN = 4
 """Channels whose code the message gives: it is one line."""

@@ -7,15 +7,12 @@ double stops; and what strtod reports as out of range, subnormal numbers too, fo
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
 from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text, quoted
-
-if TYPE_CHECKING:
-    from kalscope.export.job import ExportJob
-    from kalscope.tuning.tuning import ChannelTuning
+from kalscope.tuning.tuning import ChannelTuning
 
 _CHANNEL = """\
 {about}      {word}:

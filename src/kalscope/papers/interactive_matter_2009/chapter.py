@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
+from kalscope.common.progress import OnProgress
 from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.papers.appendices import c_listing
 from kalscope.papers.interactive_matter_2009 import document as paper
 from kalscope.papers.interactive_matter_2009 import questions
+from kalscope.papers.interactive_matter_2009.document import WalkRow
+from kalscope.papers.interactive_matter_2009.questions import ExponentialAnswer
 from kalscope.papers.page.prose import Prose
-from kalscope.papers.parts import Check
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from kalscope.common.progress import OnProgress
-    from kalscope.papers.interactive_matter_2009.document import WalkRow
-    from kalscope.papers.interactive_matter_2009.questions import ExponentialAnswer
-    from kalscope.papers.parts import Chapter, Effort, Figure, ResultTable
+from kalscope.papers.parts import Chapter, Check, Effort, Figure, ResultTable
 
 PROSE = Prose(Path(__file__).parent / "chapter.toml")
 

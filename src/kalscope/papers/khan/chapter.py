@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
+from kalscope.common.progress import OnProgress
 from kalscope.errors import BadSetting
 from kalscope.filtering.batch import denoise
 from kalscope.papers.generalized.filter import GeneralizedParams, generalized_filter, printed_fixed_point
@@ -16,13 +17,7 @@ from kalscope.papers.khan import paper
 from kalscope.papers.khan.paper import GainRow, LevelRow, channel
 from kalscope.papers.page.diagrams import block_diagram
 from kalscope.papers.page.prose import Prose
-from kalscope.papers.parts import Check
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from kalscope.common.progress import OnProgress
-    from kalscope.papers.parts import Chapter, Figure, ResultTable
+from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
 
 PROSE = Prose(Path(__file__).parent / "chapter.toml")
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from kalscope.common.array import Array
+from kalscope.common.progress import OnProgress
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.appendices import arduino_appendix, matlab_appendix
@@ -30,14 +32,8 @@ from kalscope.papers.maarif_2019.limits import (
     swinging_rmse,
     try_advice,
 )
-from kalscope.papers.parts import Check
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from kalscope.common.progress import OnProgress
-    from kalscope.papers.maarif_2019.paper import StartClue, TableRow
-    from kalscope.papers.parts import Chapter, Effort, ResultTable
+from kalscope.papers.maarif_2019.paper import StartClue, TableRow
+from kalscope.papers.parts import Chapter, Check, Effort, ResultTable
 
 TABLE_TOLERANCE = 0.02
 """Simulated against printed, and against theory, as a share."""

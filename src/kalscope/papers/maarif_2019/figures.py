@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,11 +14,7 @@ from kalscope.papers.maarif_2019 import paper
 from kalscope.papers.maarif_2019.limits import ADVISED, RATIOS, RULE, AdviceTest
 from kalscope.papers.page.diagrams import flow_chart
 from kalscope.papers.page.prose import Prose
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from kalscope.papers.parts import Figure
+from kalscope.papers.parts import Figure
 
 PROSE = Prose(Path(__file__).parent / "chapter.toml")
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from kalscope.common.html import document, table
+from kalscope.papers.page.prose import Disagreement
 from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from kalscope.papers.page.prose import Disagreement
 
 
 def page(chapters: Sequence[Chapter], disagreements: Sequence[Disagreement], version: str) -> str:

@@ -6,16 +6,12 @@ The statements in which a document contradicts itself are in disagreements.toml 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from kalscope.papers.parts import Chapter, Figure, ResultTable
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from kalscope.papers.parts import Check
+from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
 
 
 class Prose:

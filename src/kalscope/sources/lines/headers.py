@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from kalscope.sources.lines.cells import MISSING, is_comment, is_number, parse_number, split_fields
 from kalscope.sources.lines.columns import Cells, Column, are_units, bare_unit, named_column
+from kalscope.sources.lines.line_format import LineFormat
 from kalscope.sources.lines.tables import HeadLine, HeadTable, are_names
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from kalscope.sources.lines.line_format import LineFormat
 
 _COMMENT_NAME_LENGTH = 40
 _MARKS = {"\t": "tabs", " ": "blanks"}

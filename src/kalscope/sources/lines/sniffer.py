@@ -9,8 +9,8 @@ row of units below the header, or in comment lines of Kalscope's own convention 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from kalscope.sources.lines.columns import (
     Cells,
@@ -25,11 +25,7 @@ from kalscope.sources.lines.headers import Header, read_header
 from kalscope.sources.lines.line_format import LineFormat, split_teleplot
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.lines.tables import HeadLine, HeadTable, best_table, candidate_lines
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from kalscope.sources.lines.timestamps import TimeColumn
+from kalscope.sources.lines.timestamps import TimeColumn
 
 MAX_COLUMNS = 256
 """A table wider than this is no log of samples (a list per line, an image, one case per line)."""

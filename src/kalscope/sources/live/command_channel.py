@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
 
 from kalscope.errors import BadDevice, BadSetting
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from kalscope.sources.lines.line_reader import LineEvent
+from kalscope.sources.lines.line_reader import LineEvent
 
 MAX_COMMAND_BYTES = 63
 """Bytes of one line to the board, newline included: the ring of an AVR that receives them holds 64."""

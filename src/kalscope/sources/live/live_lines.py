@@ -8,19 +8,15 @@ from __future__ import annotations
 
 import re
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from kalscope.sources.lines.cells import is_comment
 from kalscope.sources.lines.line_parser import MAX_LINE_BYTES, LineParser
 from kalscope.sources.lines.line_reader import LineEvent
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from kalscope.sources.lines.read_options import ReadOptions
-    from kalscope.sources.lines.sniffer import Layout
-    from kalscope.sources.port.events import BytesReceived
+from kalscope.sources.lines.read_options import ReadOptions
+from kalscope.sources.lines.sniffer import Layout
+from kalscope.sources.port.events import BytesReceived
 
 BOOT_SECONDS = 2.0
 """Seconds after an opening in which a board may restart: a line that is no row is then boot text, not damage."""

@@ -5,21 +5,17 @@ Not thread-safe: the owner holds a lock around each call.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from kalscope.recording import ReadReport, Recording
+from kalscope.sources.lines.line_reader import LineEvent
+from kalscope.sources.lines.sniffer import Layout
+from kalscope.sources.live.live_lines import LineCounts
 from kalscope.sources.live.sample_store import SampleStore
 from kalscope.sources.live.sample_times import ArrivedRow, LiveTime
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from kalscope.sources.lines.line_reader import LineEvent
-    from kalscope.sources.lines.sniffer import Layout
-    from kalscope.sources.live.live_lines import LineCounts
-    from kalscope.sources.port.clock import Clock
-    from kalscope.sources.port.port_spec import PortSpec
+from kalscope.sources.port.clock import Clock
+from kalscope.sources.port.port_spec import PortSpec
 
 _PERIOD_EVERY = 0.25
 _PERIOD_MOVES = 0.005

@@ -11,17 +11,20 @@ Neither waits for the caller.
 from __future__ import annotations
 
 import math
+import os
 import threading
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from queue import Empty
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
 from kalscope.errors import BadSetting
+from kalscope.sources.lines.line_reader import LineEvent
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.live.command_channel import CommandChannel
 from kalscope.sources.live.live_lines import LineCounts, LiveLines
 from kalscope.sources.live.live_samples import LiveSamples, Snapshot
@@ -31,13 +34,7 @@ from kalscope.sources.port.clock import SYSTEM, Clock
 from kalscope.sources.port.events import BytesReceived, Disconnected, Opened
 from kalscope.sources.port.port_reader import PortReader
 from kalscope.sources.port.port_spec import PortSpec, port_of
-
-if TYPE_CHECKING:
-    import os
-
-    from kalscope.sources.lines.line_reader import LineEvent
-    from kalscope.sources.lines.sniffer import Layout
-    from kalscope.sources.recorder.recorder import Recorder
+from kalscope.sources.recorder.recorder import Recorder
 
 TICK = 0.1
 """Seconds without a line after which the second thread updates the recorder and the rate."""

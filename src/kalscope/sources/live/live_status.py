@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from kalscope.sources.port.events import PortState, Word
-    from kalscope.sources.port.port_spec import PortSpec
-    from kalscope.sources.recorder.counts import RecorderCounts
-    from kalscope.sources.recorder.recorder import Recorder
+from kalscope.sources.port.events import PortState, Word
+from kalscope.sources.port.port_spec import PortSpec
+from kalscope.sources.recorder.counts import RecorderCounts
+from kalscope.sources.recorder.recorder import Recorder
 
 _RATE_OVER = 2.0
 """Seconds of which the lines a second are the mean."""

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
 from kalscope.errors import BadSetting
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from kalscope.sources.lines.line_reader import LineEvent
-    from kalscope.sources.lines.sniffer import Layout
-    from kalscope.sources.recorder.recorder import Recorder
+from kalscope.sources.lines.line_reader import LineEvent
+from kalscope.sources.lines.sniffer import Layout
+from kalscope.sources.recorder.recorder import Recorder
 
 
 class RecorderSlot:

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import ReadReport, Recording
+from kalscope.sources.lines.read_options import ReadOptions
+from kalscope.sources.lines.sniffer import Layout
+from kalscope.sources.readers.csv_rows import Tally
 from kalscope.sources.readers.gaps import fill_gaps
 from kalscope.sources.readers.sentinels import Extremes, suggest_missing
 from kalscope.sources.readers.time_axis import TimeAxis, read_time
-
-if TYPE_CHECKING:
-    from kalscope.sources.lines.read_options import ReadOptions
-    from kalscope.sources.lines.sniffer import Layout
-    from kalscope.sources.readers.csv_rows import Tally
 
 Columns = dict[int, Array]
 """Columns by index, each of shape (n,): the channels and the time."""

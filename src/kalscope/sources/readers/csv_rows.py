@@ -6,23 +6,19 @@ import math
 from array import array
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.common.progress import Progress
+from kalscope.recording import LineIssue
 from kalscope.sources.lines.cells import is_blank
 from kalscope.sources.lines.line_reader import TAIL_LINES, Kind, LineEvent, LineReader
 from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.readers.plain_block import block_parser
 from kalscope.sources.readers.text_file import open_text
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from kalscope.common.array import Array
-    from kalscope.recording import LineIssue
-    from kalscope.sources.lines.sniffer import Layout
 
 MAX_ISSUES = 100
 """Issues kept word for word; all are counted."""

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.errors import BadFile
 from kalscope.sources.lines.columns import Column, chosen_time, find_time, named_column, settle_roles
 from kalscope.sources.lines.line_format import LineFormat
+from kalscope.sources.lines.read_options import ReadOptions
 from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.lines.timestamps import TimeColumn
 from kalscope.sources.readers.assemble import Reading
 from kalscope.sources.readers.csv_rows import Tally
-
-if TYPE_CHECKING:
-    from kalscope.common.array import Array
-    from kalscope.sources.lines.read_options import ReadOptions
-    from kalscope.sources.readers.text_file import RawFile
+from kalscope.sources.readers.text_file import RawFile
 
 _HEAD_ROWS = 1000
 _DATES = ("DATE", "TIMESTAMP")

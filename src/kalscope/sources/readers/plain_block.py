@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.sources.lines.cells import is_number
+from kalscope.sources.lines.read_options import ReadOptions
+from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.lines.timestamps import MAX_STAMP
-
-if TYPE_CHECKING:
-    from kalscope.common.array import Array
-    from kalscope.sources.lines.read_options import ReadOptions
-    from kalscope.sources.lines.sniffer import Layout
 
 _OPEN_COMMA = re.compile(",(?![0-9])")
 """A decimal comma needs a digit after it; float() takes "5." as a number."""

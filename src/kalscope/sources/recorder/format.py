@@ -10,15 +10,12 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING
 
 from kalscope.common.text import one_line, unused_name
+from kalscope.recording import LineIssue
 from kalscope.sources.lines.columns import Column, named_column
+from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.lines.tables import only_text
-
-if TYPE_CHECKING:
-    from kalscope.recording import LineIssue
-    from kalscope.sources.lines.sniffer import Layout
 
 MAGIC = "# kalscope recording "
 """What a recording begins with; the version follows."""

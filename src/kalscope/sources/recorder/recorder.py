@@ -14,13 +14,15 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from kalscope.common.files import sync_folder
 from kalscope.errors import BadFile
 from kalscope.recording import LineIssue
+from kalscope.sources.lines.line_reader import LineEvent
+from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.recorder.append_file import AppendFile, SyncThread
 from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope.sources.recorder.disk_space import DiskSpaceMonitor
@@ -36,12 +38,6 @@ from kalscope.sources.recorder.paths import (
 )
 from kalscope.sources.recorder.rejects import RejectsFile
 from kalscope.sources.recorder.repair import RecordingEnds, read_ends, repair
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from kalscope.sources.lines.line_reader import LineEvent
-    from kalscope.sources.lines.sniffer import Layout
 
 _WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
+from kalscope.recording import LineIssue
+from kalscope.sources.lines.line_reader import LineEvent
 from kalscope.sources.recorder.append_file import AppendFile
 from kalscope.sources.recorder.format import REJECTS_HEADER, preamble, rejects_lines
 from kalscope.sources.recorder.paths import rejects_path
 from kalscope.sources.recorder.repair import repair
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from kalscope.recording import LineIssue
-    from kalscope.sources.lines.line_reader import LineEvent
 
 
 class RejectsFile:
