@@ -102,6 +102,6 @@ def test_what_is_sent_to_the_board_is_what_it_computes(open_live, start_board, w
     screen.type("process noise q", "0.5")
     screen.tab("Export")
     screen.page.get_by_text(
-        "rows since the board took q = 0.037, r = 11.3, p0 = inf. What is on screen now"
+        "rows since the board took q = 0.037, r = 11.3, p0 = inf. The current values have not been sent."
     ).wait_for()
     screen.shot("sent-to-the-board")
