@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 
 from kalscope.errors import BadSetting
 
@@ -27,6 +28,9 @@ TIME_UNITS = (
 
 DURATIONS = (("µs", 1e-6), *TIME_UNITS)
 """Units of a duration and their length in s."""
+
+FREQUENCIES = (("Hz", 1.0), ("kHz", 1e3), ("MHz", 1e6))
+"""Units of a frequency in Hz."""
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -58,7 +62,8 @@ def count(n: int) -> str:
 
 def plural(n: float, noun: str) -> str:
     """A number with its noun: 1 sample, 4.1 samples."""
-    return f"{trimmed(n)} {noun}{'' if n == 1 else 's'}"
+    written = trimmed(n)
+    return f"{written} {noun}{'' if written == '1' else 's'}"
 
 
 def percent(share: float, digits: int = 2) -> str:
@@ -76,15 +81,27 @@ def p_value(p: float) -> str:
     return "p\u00a0<\u00a01e\u20116" if p < 1e-6 else f"p\u00a0=\u00a0{number(p, 2)}"
 
 
+def _in_unit(value: float, units: Sequence[tuple[str, float]]) -> tuple[float, str]:
+    """The value in its unit, chosen after rounding to three digits: 59.97 s is 1 min, as 60 s is."""
+    unit, size = units[0]
+    for larger_unit, larger in units[1:]:
+        if abs(value) < larger:
+            if float(f"{abs(value) / size:.2e}") * size < larger:
+                break
+            value = math.copysign(larger, value)
+        unit, size = larger_unit, larger
+    return value / size, unit
+
+
 def duration(seconds: float | None) -> str:
     """A length of time in the unit that suits it: 95.1 ms, 1 day, 2.69 years; "" where it is not known."""
     if seconds is None or math.isnan(seconds):
         return ""
     if seconds == 0.0 or math.isinf(seconds):
         return "0 s" if seconds == 0.0 else trimmed(seconds)
-    unit, length = next((pair for pair in reversed(DURATIONS) if abs(seconds) >= pair[1]), DURATIONS[0])
-    value = trimmed(seconds / length)
-    return f"{value} {unit.rstrip('s') if value == '1' and len(unit) > 3 else unit}"
+    value, unit = _in_unit(seconds, DURATIONS)
+    written = trimmed(value)
+    return f"{written} {unit.rstrip('s') if written == '1' and len(unit) > 3 else unit}"
 
 
 def lag_text(samples: float, period: float | None) -> str:
@@ -109,8 +126,8 @@ def frequency(hertz: float | None) -> str:
         return "none"
     if 0.0 < hertz < 1e-3:
         return f"1 / {duration(1.0 / hertz)}"
-    unit, size = next((pair for pair in (("MHz", 1e6), ("kHz", 1e3)) if hertz >= pair[1]), ("Hz", 1.0))
-    return f"{number(hertz / size)} {unit}"
+    value, unit = _in_unit(hertz, FREQUENCIES)
+    return f"{number(value)} {unit}"
 
 
 def sample_rate(period: float) -> str:
