@@ -149,12 +149,17 @@ def drawing() -> Generator[None]:
     """Matplotlib with our settings. They hold for the whole process, so one thread draws at a time."""
     import matplotlib
 
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it announces its font cache
-    warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)  # the page's own font may have it
-    with _LOCK, matplotlib.rc_context():
+    log = logging.getLogger("matplotlib")
+    with _LOCK, warnings.catch_warnings(), matplotlib.rc_context():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)  # the page's own font may have it
+        level = log.level
+        log.setLevel(logging.ERROR)  # it announces its font cache
         matplotlib.rcdefaults()  # not those of the user's matplotlibrc
         matplotlib.rcParams.update(SETTINGS)
-        yield
+        try:
+            yield
+        finally:
+            log.setLevel(level)
 
 
 def draw_svg(panels: Sequence[Panel], name: str, columns: int = 1, height: int = 250) -> str:
