@@ -99,7 +99,7 @@ def heap_mb(devtools: CDPSession) -> float:
 
 
 def begin_recording(page: Page) -> None:
-    """As a person does it: the Source tab, the folder, the name, the button."""
+    """As a user does it: the Source tab, the folder, the name, the button."""
     page.get_by_role("tab", name="Source", exact=True).click()
     page.get_by_text("Live board").click()
     text_box(page, "record to").fill(RECORDING)
@@ -109,16 +109,16 @@ def begin_recording(page: Page) -> None:
 
 
 def longest_pause_ms(page: Page) -> float:
-    """What the Source tab says of the reader; the page is left on the Tune tab."""
+    """The longest read latency that the Source tab shows, in ms; the page is left on the Tune tab."""
     page.get_by_role("tab", name="Source", exact=True).click()
-    item = page.locator("li", has_text="longest wait of the port")
+    item = page.locator("li", has_text="max. read latency")
     item.wait_for()
     text = item.inner_text()
     page.get_by_role("tab", name="Tune", exact=True).click()
     slider(page, "q").wait_for()
     found = re.search(r"([\d.,]+) (µs|ms|s)$", text.strip())
     if found is None:
-        raise RuntimeError(f"the status must tell the longest wait (got {text!r})")
+        raise RuntimeError(f"the status must end with the max. read latency (got {text!r})")
     return float(found[1].replace(",", "")) * {"µs": 1e-3, "ms": 1.0, "s": 1e3}[found[2]]
 
 
