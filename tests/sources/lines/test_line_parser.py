@@ -1,12 +1,15 @@
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.lines import line_parser
 from kalscope.sources.lines.cells import is_blank, is_comment, parse_number, split_fields
-from kalscope.sources.lines.line_format import LineFormat, split_labels, split_line, split_stamp
+from kalscope.sources.lines.line_format import find_labels, split_stamp
+from kalscope.sources.lines.line_reader import LineReader
+from kalscope.sources.lines.sniffer import sniff
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
@@ -87,22 +90,24 @@ def test_fields_are_split_at_the_delimiter_and_never_beyond_the_line(line, delim
     ],
 )
 def test_labels_are_words_before_a_colon(line, pairs):
-    assert split_labels(line) == pairs
+    assert find_labels(line) == (None if pairs is None else (pairs, []))
 
 
 def test_a_labelled_line_is_put_in_column_order_and_unknown_or_double_labels_refused():
-    form = LineFormat("labels", labels=("a", "b"))
-    assert split_line("b:2,a:1", form) == ["1", "2"]
-    assert split_line("b:2", form) == ["", "2"]
-    assert split_line("c:2", form) is None
-    assert split_line("a:1,a:2", form) is None
+    reader = LineReader(sniff(["a:1,b:2", "a:3,b:4"]))
+    assert reader.read(1, "b:2,a:1").rows == ((1.0, 2.0),)
+    np.testing.assert_array_equal(reader.read(2, "b:2").rows, [(math.nan, 2.0)])
+    assert reader.read(3, "c:2").kind == "rejected"
+    assert reader.read(4, "a:1,a:2").kind == "rejected"
 
 
 def test_the_monitor_stamp_is_cell_zero():
     assert split_stamp("12:00:00.023 -> 20.0\n") == ("12:00:00.023", "20.0\n")
     assert split_stamp("20.0") is None
-    assert split_line("12:00:00.023 -> 1,2\n", LineFormat(stamped=True)) == ["12:00:00.023", "1", "2"]
-    assert split_line("1,2\n", LineFormat(stamped=True)) is None
+    reader = LineReader(sniff(["12:00:00.023 -> 1,2", "12:00:00.033 -> 3,4"]))
+    ((_, *values),) = reader.read(1, "12:00:00.043 -> 5,6\n").rows
+    assert values == [5.0, 6.0]
+    assert reader.read(2, "5,6\n").kind == "rejected"
 
 
 def test_comments_and_blank_lines_are_known():

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Literal
 
-from kalscope.sources.lines.cells import is_number, split_fields
+from kalscope.sources.lines.cells import is_number
 
 Pairs = list[tuple[str, str]]
 
@@ -51,22 +51,13 @@ class Teleplot:
     """What follows the §; "" where nothing does."""
 
 
-def split_labels(line: str) -> Pairs | None:
+def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     """(label, value text) pairs of `a:1,b:2`, `a: 1 b: 2`, `Sensor Value: 155, Volts: 0.76`, `>a:1`.
 
     Returns:
-        None where the line is not wholly made of pairs, or a label is a number (`12:30:05`).
-    """
-    found = find_labels(line)
-    return None if found is None or found[1] else found[0]
-
-
-def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
-    """The pairs of a line, and the bare numbers among them that no label claims: `a:1 5`.
-
-    Returns:
-        None if anything else is on the line. Between commas a bare number could be the decimals of
-        the value before it, so there it is refused as well.
+        The pairs, and the bare numbers among them that no label claims: `a:1 5`. None if anything else is on the
+        line, or a label is a number (`12:30:05`). Between commas a bare number could be the decimals of the value
+        before it, so there it is refused as well.
     """
     text = line.strip().removeprefix(">")
     ignored: list[str] = []
@@ -124,27 +115,3 @@ def split_checksum(line: str) -> tuple[str, int, int] | None:
     if match is None:
         return None
     return match[1], int(match[2], 16), reduce(int.__xor__, match[1].encode(), 0)
-
-
-def split_line(line: str, form: LineFormat) -> list[str] | None:
-    """Cells of one line of a table or of labels, in column order; the checksum taken off before.
-
-    Returns:
-        None where a labelled line holds no pairs, an unknown label or one label twice, and where the
-        stamp of a stamped line is missing. The number of cells of a table line is for the caller to check.
-    """
-    head: list[str] = []
-    if form.stamped:
-        stamped = split_stamp(line)
-        if stamped is None:
-            return None
-        head, line = [stamped[0]], stamped[1]
-    if form.kind == "table":
-        return head + split_fields(line, form.delimiter)
-    pairs = split_labels(line)
-    if pairs is None:
-        return None
-    found = dict(pairs)
-    if len(found) != len(pairs) or not found.keys() <= set(form.labels):
-        return None
-    return head + [found.get(label, "") for label in form.labels]

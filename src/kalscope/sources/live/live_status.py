@@ -69,11 +69,6 @@ class LiveStatus:
     recording: RecordingStatus | None = None
     """The active recording; None if there is none."""
 
-    @property
-    def recording_error(self) -> str:
-        """What keeps the recorder from writing; "" where nothing does, or none runs."""
-        return self.recording.error if self.recording is not None else ""
-
 
 def hint_of(state: PortState, spec: PortSpec, *, noise: bool, accepted: int, received: int) -> str:
     """What is wrong with a port and what to do, in a sentence; "" where nothing is.
