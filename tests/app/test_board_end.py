@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from program import end, is_free, labels, port_of, running, token_of
+from waiting import wait_until
 from wire import PATIENCE, Guest
 
 tty = pytest.importorskip("tty", reason="there are no pseudo-terminals here")
@@ -86,14 +87,17 @@ def test_a_recording_is_finished_and_nothing_is_left_behind(tmp_path, by):
         assert_finished(file)
         assert is_free(port)
         assert os.listdir(tmp_path / "tmp") == []
-        with open(board.port, "rb", buffering=0) as again:  # nobody holds it exclusively any more
+        with open(board.port, "rb", buffering=0) as again:  # it is no longer held exclusively
             assert again.read(1)
 
 
-SLOW_FRAMES = """
+FOR_EVER = 10 * PATIENCE
+"""Seconds; `end` fails where the program has not ended within PATIENCE."""
+
+SLOW_FRAMES = f"""
 import time
 from kalscope_app.engine.engine import Engine
-Engine.stop = lambda self: time.sleep(600)
+Engine.stop = lambda self: time.sleep({FOR_EVER})
 """
 
 
@@ -108,15 +112,16 @@ def test_a_recording_is_finished_although_a_frame_takes_for_ever(tmp_path):
         assert_finished(file)
 
 
-SWALLOWING = """
-import time
+SWALLOWING = f"""
+import pathlib, time
 from kalscope.sources.port import port_reader as serial_port
 openings = []
 class Port(serial_port.SerialPort):
     def __init__(self, *arguments):
         openings.append(1)
         if len(openings) > 1:
-            time.sleep(600)
+            pathlib.Path("connecting").touch()
+            time.sleep({FOR_EVER})
         super().__init__(*arguments)
 serial_port.PortReader.__init__.__kwdefaults__["open_port"] = Port
 """
@@ -132,5 +137,6 @@ def test_a_recording_is_finished_although_its_board_does_not_answer(tmp_path):
         file = start_recording(guest, tmp_path)
         board.unplug()
         guest.read_until(lambda: "disconnected" in "".join(guest.markdown.values()))
+        wait_until((tmp_path / "connecting").exists, "an attempt to connect again")
         assert end(program)[0] == 0
         assert_finished(file)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from chromium import CHROMIUM, FLAGS
 from required import not_here
-from screen import Program, Screen
+from screen import Screen, dashboard
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -37,7 +37,7 @@ def start(browser: Browser, tmp_path: Path) -> Iterator[Callable[..., Screen]]:
     with contextlib.ExitStack() as running:
 
         def begin(*arguments: object, **page: int) -> Screen:
-            program = running.enter_context(Program(*arguments, cwd=tmp_path))
-            return running.enter_context(Screen(browser, program.url, **page))
+            url = running.enter_context(dashboard(*arguments, cwd=tmp_path))
+            return running.enter_context(Screen(browser, url, **page))
 
         yield begin

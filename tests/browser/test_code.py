@@ -7,7 +7,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from screen import Program, Screen
+from screen import Screen, dashboard
 
 from kalscope.export.registry import export_tuning
 from kalscope.tuning.tuning import load_tuning
@@ -23,8 +23,8 @@ def screen(browser, tmp_path):
     rows = "".join(f"{i * 0.005:.3f},{value:.3f},{value / 100:.3f}\n" for i, value in enumerate(z))
     (tmp_path / "log.csv").write_text(f"t,{HOSTILE},volts\n{rows}")
     with (
-        Program("log.csv", cwd=tmp_path) as program,
-        Screen(browser, program.url, width=1280, height=720) as screen,
+        dashboard("log.csv", cwd=tmp_path) as url,
+        Screen(browser, url, width=1280, height=720) as screen,
     ):
         screen.tab("Export")
         yield screen
@@ -71,7 +71,7 @@ def test_the_code_that_is_looked_at_is_the_code_that_is_saved_and_downloaded(scr
     saved = {path.name: without_date(path.read_text()) for path in (tmp_path / "firmware").iterdir()}
     assert saved == expected
     button(screen, "Save to the folder").click()
-    screen.notification("The folder firmware already holds").wait_for()
+    screen.notification("the folder must not hold these files yet").wait_for()
     with screen.page.expect_download() as download:
         button(screen, "Download").click()
     assert download.value.suggested_filename == "kalscope-arduino.zip"

@@ -1,4 +1,4 @@
-"""The tabs Compare, Spectrum and Allan and the report, as a person sees them, light and dark."""
+"""The tabs Compare, Spectrum and Allan and the report, as the user sees them, light and dark."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
-from screen import FIND, Program, Screen
+from screen import FIND, Screen, dashboard
 
 from kalscope import open_source, starting_params
 from kalscope.analysis.allan import allan_deviation
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.browser
 
 @pytest.fixture
 def screen(browser, tmp_path):
-    with Program("demo", cwd=tmp_path) as program, Screen(browser, program.url) as shown:
+    with dashboard("demo", cwd=tmp_path) as url, Screen(browser, url) as shown:
         yield shown
 
 
@@ -58,7 +58,7 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(screen):
     screen.tab("View")
     screen.page.get_by_text("dark theme").first.click()
     screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
-    screen.page.wait_for_timeout(2500)  # the studies follow at rest, with the colours of the dark theme
+    screen.page.wait_for_timeout(2500)  # the studies follow after a pause, with the colours of the dark theme
     for name in ("Allan", "Spectrum", "Compare"):
         screen.tab(name)
         screen.page.wait_for_timeout(300)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from screen import FIND, Program, Screen
+from screen import FIND, Screen, dashboard
 
 pytestmark = pytest.mark.browser
 
@@ -77,8 +77,8 @@ def show_right(screen, name):
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_every_tab_fits_its_panel_and_has_something_to_show(browser, tmp_path, width, height):
     with (
-        Program(RECORDING, cwd=tmp_path) as program,
-        Screen(browser, program.url, width=width, height=height, canvas=True) as screen,
+        dashboard(RECORDING, cwd=tmp_path) as url,
+        Screen(browser, url, width=width, height=height, canvas=True) as screen,
     ):
         screen.wait_for_fit()
         screen.page.get_by_role("button", name="Pin this setting").click()

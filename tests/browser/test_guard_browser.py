@@ -24,7 +24,7 @@ pytestmark = pytest.mark.browser
 
 LABEL = "process noise q"
 HARMLESS = "'unsafe-eval' is not an allowed source"
-"""viser's page starts a sorter for Gaussian splats by eval. Nothing of ours is a splat."""
+"""viser's page starts a sorter for Gaussian splats by eval. Kalscope draws no splats."""
 
 
 @pytest.fixture

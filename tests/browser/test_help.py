@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from screen import ARTEFACTS, Program, Screen
+from screen import ARTEFACTS, Screen, dashboard
 
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.views.tour import STEPS
@@ -19,8 +19,8 @@ def button(screen, name):
 
 def test_the_tour_is_shown_on_the_first_run_and_never_again_once_it_is_done(browser, tmp_path):
     with (
-        Program("demo", cwd=tmp_path, first_run=True) as program,
-        Screen(browser, program.url, width=1280, height=720) as screen,
+        dashboard("demo", cwd=tmp_path, first_run=True) as url,
+        Screen(browser, url, width=1280, height=720) as screen,
     ):
         for number, (title, _) in enumerate(STEPS, 1):
             screen.page.get_by_text(f"{title} ({number} of {len(STEPS)})").wait_for()
@@ -31,7 +31,7 @@ def test_the_tour_is_shown_on_the_first_run_and_never_again_once_it_is_done(brow
         screen.ready()
         assert screen.page.get_by_role("dialog").count() == 0
     assert UserSettings(tmp_path / "config").tour_seen
-    with Program("demo", cwd=tmp_path, first_run=True) as again, Screen(browser, again.url) as screen:
+    with dashboard("demo", cwd=tmp_path, first_run=True) as url, Screen(browser, url) as screen:
         screen.tab("Help")
         screen.page.get_by_text("Ctrl+Shift+Z, Ctrl+Y").wait_for()
         assert screen.page.get_by_role("dialog").count() == 0

@@ -1,11 +1,11 @@
-"""A person who never saw Kalscope wants: lag under 50 ms, least noise. Each step reads only what is on screen."""
+"""A new user wants: lag under 50 ms, least noise. Each step reads only what is on screen."""
 
 from __future__ import annotations
 
 import re
 
 import pytest
-from screen import ARTEFACTS, FIND, Program, Screen
+from screen import ARTEFACTS, FIND, Screen, dashboard
 
 from kalscope import FilterParams, kalman_filter, open_source, ratio_for, starting_params, steady_state
 
@@ -17,8 +17,8 @@ PERIOD = open_source("demo").sample_period
 @pytest.fixture
 def screen(browser, tmp_path):
     with (
-        Program("demo", cwd=tmp_path, first_run=True) as program,
-        Screen(browser, program.url, width=1280, height=720) as screen,
+        dashboard("demo", cwd=tmp_path, first_run=True) as url,
+        Screen(browser, url, width=1280, height=720) as screen,
     ):
         yield screen
 

@@ -7,7 +7,7 @@ import contextlib
 import numpy as np
 import pytest
 from board import SKETCHES
-from screen import FIND, Program, Screen
+from screen import FIND, Screen, dashboard
 
 from kalscope import FilterParams, kalman_filter
 from kalscope.export.registry import export_tuning
@@ -23,8 +23,8 @@ def open_live(browser, tmp_path):
     with contextlib.ExitStack() as running:
 
         def begin(port):
-            program = running.enter_context(Program(f"serial:{port}@115200", cwd=tmp_path))
-            return running.enter_context(Screen(browser, program.url))
+            url = running.enter_context(dashboard(f"serial:{port}@115200", cwd=tmp_path))
+            return running.enter_context(Screen(browser, url))
 
         yield begin
 

@@ -1,4 +1,4 @@
-"""The tuning map as a person uses it: what the mouse does to the filtered curve, and that it fits every window."""
+"""The tuning map as the user works with it: what the mouse does to the filtered curve; it fits every window."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import statistics
 
 import numpy as np
 import pytest
-from screen import FIND, Program, Screen, pixels
+from screen import FIND, Screen, dashboard, pixels
 from waiting import wait_until
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, starting_params
@@ -56,7 +56,7 @@ class MapScreen(Screen):
         self.page.mouse.move(2, 2)
         return pixels(self.page.screenshot())[top : top + height, left : left + width]
 
-    def map_at_rest(self):
+    def settled_map(self):
         """The pixels of the canvas, as the one item of a tuple, once they stay the same for half a second."""
         first = self.map_picture()
         self.page.wait_for_timeout(500)
@@ -114,8 +114,8 @@ def start(browser, tmp_path):
     with contextlib.ExitStack() as running:
 
         def begin(source, **size):
-            program = running.enter_context(Program(source, cwd=tmp_path))
-            return running.enter_context(MapScreen(browser, program.url, source, **size))
+            url = running.enter_context(dashboard(source, cwd=tmp_path))
+            return running.enter_context(MapScreen(browser, url, source, **size))
 
         yield begin
 
@@ -199,7 +199,7 @@ def test_the_map_can_be_hidden_and_coloured_by_lag_and_looked_at_straight_again(
     by_likelihood = screen.map_picture()
     screen.choose("map coloured by", "lag")
     wait_until(lambda: differ(screen.map_picture(), by_likelihood), "the map in other colours")
-    (by_lag,) = wait_until(screen.map_at_rest, "the map at rest")
+    (by_lag,) = wait_until(screen.settled_map, "a map that stays the same")
     screen.shot("map-by-lag")
     left, top, *_ = screen.page.evaluate(CANVAS)
     screen.page.mouse.move(left + 200, top + 300)

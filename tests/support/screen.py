@@ -1,18 +1,16 @@
-"""The dashboard as a person has it: the real program, a real Chromium, and what stands on the screen."""
+"""The dashboard as a user has it: the real program, a real Chromium, and what stands on the screen."""
 
 from __future__ import annotations
 
+import contextlib
 import io
-import os
 import re
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 from chromium import NO_CANVAS
 from PIL import Image
+from program import end, running
 from waiting import PATIENCE, wait_until
 
 from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings
@@ -37,37 +35,17 @@ FITS = """() => { const box = (one) => one.getBoundingClientRect(), map = box(do
 """Whether both panels, the map between them and the three charts of the Signal tab fill a wide window."""
 
 
-class Program:
-    """`kalscope` in a process of its own."""
-
-    def __init__(self, *arguments, cwd, first_run=False):
-        command = [sys.executable, "-m", "kalscope_app.main", "open", *map(str, arguments), "--port", "0"]
-        self.log = Path(cwd) / "kalscope.log"
-        settings = UserSettings(Path(cwd) / "config")
-        if not first_run:
-            settings.set_tour_seen()
-        env = {**os.environ, FOLDER_VARIABLE: str(settings.path.parent)}
-        with self.log.open("a") as log:
-            self.process = subprocess.Popen(
-                [*command, "--no-browser"], cwd=cwd, env=env, stdout=subprocess.PIPE, stderr=log, text=True
-            )
-        line = self.process.stdout.readline()
-        assert line.startswith("Kalscope: http://127.0.0.1:"), (line, self.log.read_text())
-        self.url = line.split()[1]
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.stop()
-
-    def stop(self):
-        self.process.send_signal(signal.SIGTERM)
-        try:
-            assert self.process.wait(timeout=PATIENCE) == 0, self.log.read_text()
-        finally:
-            self.process.kill()
-            self.process.stdout.close()
+@contextlib.contextmanager
+def dashboard(*arguments, cwd, first_run=False):
+    """The link of `kalscope open` in a process of its own, which must end in order when the block does."""
+    settings = UserSettings(Path(cwd) / "config")
+    if not first_run:
+        settings.set_tour_seen()
+    env = {FOLDER_VARIABLE: str(settings.path.parent)}
+    with running(Path(cwd), "open", *map(str, arguments), source=None, env=env) as (program, url):
+        yield url
+        code, _, err = end(program)
+        assert code == 0, err
 
 
 class Screen:
