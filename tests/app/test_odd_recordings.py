@@ -76,7 +76,7 @@ SETTINGS = {
     "equal noise": set_match_by("noise"),
     "start and gate": lambda state: state.with_tuning(p0=1.0, x0=0.0, gate=4.0),
     "part of it": lambda state: set_window(0.0, float(np.median(state.recording.time)))(state),
-    "second paper": lambda state: state.with_filter(GeneralizedParams(1.0, None, None, "without_slip")),
+    "Khan et al.": lambda state: state.with_filter(GeneralizedParams(1.0, None, None, "without_slip")),
 }
 
 
@@ -136,7 +136,7 @@ def test_a_tab_without_an_answer_shows_no_chart_of_an_earlier_one(bench):
     charts = [spectrum._density, spectrum._response, allan._chart, compare._chart, dashboard._checks._correlation]
     bench.look_at(state)
     assert [chart.handle.visible for chart in charts] == [True] * 5
-    bench.look_at(SETTINGS["second paper"](state))
+    bench.look_at(SETTINGS["Khan et al."](state))
     assert [chart.handle.visible for chart in charts] == [False] * 5
     bench.look_at(state)
     assert [chart.handle.visible for chart in charts] == [True] * 5

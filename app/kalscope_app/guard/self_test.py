@@ -66,7 +66,7 @@ def self_test_attempts(policy: Policy) -> tuple[Attempt, ...]:
         page("a page under half an address (H6)", 403, "/", "[::1"),
         page("a link with a wrong token (H7)", 403, "/?token=wrong", own, known=False),
         page("a page told to connect elsewhere (H9)", 403, f"/?websocket=ws://{FOREIGN}", own),
-        page("a page told to play a foreign film (H10)", 403, f"/?playbackPath=//{FOREIGN}/x", own),
+        page("a page told to play back a foreign file (H10)", 403, f"/?playbackPath=//{FOREIGN}/x", own),
         page("a file outside the page's folder (H11)", 404, "/%2e%2e/%2e%2e/_viser.py", own),
         page("the user's own page (H8)", 200, home, own),
         socket("a socket of no page (W1)", 403, None),

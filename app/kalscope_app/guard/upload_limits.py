@@ -44,7 +44,7 @@ def upload_refusal(
 
 
 class UploadLimits:
-    """Refuses uploads that are too large or belong to somebody else. Runs on the event loop."""
+    """Refuses uploads that are too large or belong to another client. Runs on the event loop."""
 
     def __init__(self, shared: Channel, max_bytes: int, on_refused: Callable[[str], None] | None) -> None:
         self._max_bytes, self._on_refused = max_bytes, on_refused

@@ -38,7 +38,7 @@ def share_line(state: State) -> ShareLine:
     if state.filter.is_standard:
         words += setting_words(state)
     else:
-        remarks.append("The second paper's filter reopens as its experiment has it.")
+        remarks.append("The Khan et al. filter reopens as its experiment has it.")
     if len(state.recording.names) > 1:
         remarks.append("The other channels open at their starting values; the tuning file above keeps them all.")
     join = subprocess.list2cmdline if os.name == "nt" else shlex.join

@@ -241,12 +241,12 @@ class State:
         return self.with_settings(tunings=apply_to_linked(tunings, settings.starts, at, settings.link))
 
     def require_standard_filter(self, names: Iterable[str]) -> None:
-        """BadSetting where one of these channels runs the second paper's filter, which cannot be exported."""
+        """BadSetting where one of these channels runs the Khan et al. filter, which cannot be exported."""
         other = [name for name in names if not self.filter_of(self.recording.index(name)).is_standard]
         if other:
             raise BadSetting(
-                "what is exported must be the filter with q and r: choose it under Tune first (got the second"
-                f" paper's filter on {', '.join(other)[:100]})"
+                "what is exported must be the filter with q and r: choose it under Tune first (got the Khan et al."
+                f" filter on {', '.join(other)[:100]})"
             )
 
     def as_tuning(self) -> Tuning:

@@ -1,4 +1,4 @@
-"""The figures of the source documents in the dashboard, and the second paper's filter as a choice."""
+"""The figures of the source documents in the dashboard, and the Khan et al. filter as a choice."""
 
 from __future__ import annotations
 

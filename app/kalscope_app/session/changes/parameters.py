@@ -131,12 +131,12 @@ def set_method_comparison(recording: Recording, channel: str, estimates: tuple[E
 
 
 def paper_filter(state: State) -> GeneralizedParams | None:
-    """The second paper's filter, where the channel on screen runs it."""
+    """The Khan et al. filter, where the channel on screen runs it."""
     return state.filter if isinstance(state.filter, GeneralizedParams) else None
 
 
 def set_variant_of_eq3(variant: str | None) -> Change:
-    """Filter with the second paper's equations, "printed" or "without_slip", or with the standard filter (None)."""
+    """Filter with the equations of Khan et al., "printed" or "without_slip", or with the standard filter (None)."""
 
     def change(state: State) -> State:
         paper = paper_filter(state)
@@ -150,7 +150,7 @@ def set_variant_of_eq3(variant: str | None) -> Change:
 
 
 def set_paper_text(name: str, text: str) -> Change:
-    """A value of the second paper's filter was typed: sigma_m, sigma_e0 or e0; empty is automatic."""
+    """A value of the Khan et al. filter was typed: sigma_m, sigma_e0 or e0; empty is automatic."""
 
     def change(state: State) -> State:
         paper = paper_filter(state)

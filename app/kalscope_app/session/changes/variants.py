@@ -15,7 +15,7 @@ PARAMETERS = ("q", "r", "p0", "x0", "gate")
 def pin_present(state: State) -> State:
     """Keep the present setting of the channel on screen as a variant, under the first free letter."""
     if not state.filter.is_standard:
-        raise BadSetting("a setting must be one of q and r to be pinned (got the second paper's filter)")
+        raise BadSetting("a setting must be one of q and r to be pinned (got the Khan et al. filter)")
     same = next((one for one in state.variants if one.tuning.params == state.params), None)
     if same is not None:
         raise BadSetting(f"a setting must differ from those that are pinned (got that of {same.name})")

@@ -153,7 +153,7 @@ def cells(one: Alternative, state: State) -> list[str]:
 
 
 def against(d: Difference | None) -> str:
-    """A difference as a person reads it: "4.2 % worse (3.3 to 5.3)"."""
+    """A difference in words: "4.2 % worse (3.3 to 5.3)"."""
     if d is None or np.isnan(d.ratio):
         return "–"
     if np.isinf(d.high):

@@ -114,7 +114,7 @@ class CodeView:
                 raise BadSetting(f"the folder must be named like export (got {name!r})")
             there = ", ".join(file for file in files if (folder / file).exists())
             if there:
-                raise BadSetting(f"The folder {name} already holds {there}. Choose another folder.")
+                raise BadSetting(f"the folder must not hold these files yet: {there} (got {name!r})")
             written = write_files(files, folder)
             self._tell(f"Saved {', '.join(path.name for path in written)} in {folder}", good=True)
 

@@ -78,7 +78,7 @@ class ParametersView:
                 "NIS gate",
                 "Outlier gate: samples with v²/s above it are not used. 9 is three σ; empty: off.",
             )
-            self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="The filter of Khan et al., to compare.")
+            self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="Khan et al. filter: for comparison.")
             self._steps = gui.add_button_group(
                 "",
                 ("Undo", "Redo", "Reset"),

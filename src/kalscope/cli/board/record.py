@@ -91,7 +91,7 @@ class StatusLine(TerminalLine):
             )
         elif problem != self._problem:
             with suppress(OSError):  # whatever reads stderr may be gone; the recording goes on
-                say(problem or "all right again")
+                say(problem or "recording continues")
         self._problem = problem
 
 

@@ -141,7 +141,7 @@ def _choice(answer: Answer, ratio: float) -> str:
 
 
 def _opinions(answer: Answer) -> Iterator[str]:
-    yield f"Second opinions (q and r in {squared(answer.unit)}, lag in samples)"
+    yield f"Compare estimators (q and r in {squared(answer.unit)}, lag in samples)"
     yield _row("method", "q", "r", "gain", "lag", "verdict")
     for one in answer.opinions:
         yield _row(METHOD_NAMES[one.method], *_cells(one), VERDICT_WORDS[str(one.verdict)])

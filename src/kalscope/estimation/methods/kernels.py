@@ -1,4 +1,4 @@
-"""The compiled loops of the second opinions, nothing else: EM's pass, and innovations under a fixed gain."""
+"""The compiled loops of the compared estimators, nothing else: EM's pass, and innovations under a fixed gain."""
 
 from __future__ import annotations
 
