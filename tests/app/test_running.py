@@ -134,7 +134,7 @@ BUTTONS = {
 CLICK = {"instance_index": None, "screen_pos": (0.5, 0.5), "modifier": None, "owner": ""}
 
 
-def test_an_error_nobody_caught_is_told_and_logged_and_the_dashboard_goes_on(tmp_path):
+def test_an_uncaught_error_is_shown_and_logged_and_the_dashboard_goes_on(tmp_path):
     """On the event loop, in viser's pool, in a job, in a thread of its own, and on the map."""
     with running(tmp_path, "--log", "kalscope.log", change=RAISING) as (program, url):
         with Guest(port_of(url), token_of(url)) as guest:

@@ -99,14 +99,14 @@ class Wire:
         self.open = False
 
 
-def test_a_board_begins_anew_whenever_the_port_is_opened():
+def test_a_board_restarts_whenever_the_port_is_opened():
     wire, now = Wire(), [5.0]
     board = Board(BoardLines(TWO, form="csv"), wire, lambda: now[0])
     start = b"# kalscope demo-board\r\na,b[mV]\r\n1,2\r\n"
     for opened in (5.0, 9.0):
         wire.open, wire.sent, now[0] = True, b"", opened
         assert board.step() == pytest.approx(BOOT_S)
-        assert wire.sent == b""  # whoever opens a port may still throw away what is there
+        assert wire.sent == b""  # a program that opens a port may still discard what is there
         now[0] += BOOT_S + 1e-9
         board.step()
         assert wire.sent == start
@@ -114,7 +114,7 @@ def test_a_board_begins_anew_whenever_the_port_is_opened():
         board.step()
 
 
-def test_a_board_whose_lines_nobody_fetches_drops_whole_lines():
+def test_a_board_whose_lines_are_not_read_drops_whole_lines():
     wire, now = Wire(), [0.0]
     board = Board(BoardLines(TWO, rate=1000), wire, lambda: now[0])
     wire.room = 0

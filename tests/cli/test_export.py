@@ -69,7 +69,7 @@ def test_one_channel_can_be_chosen(tuning_file, tmp_path):
     command = ["export", str(tuning_file), "--to", "matlab", "-o", str(out)]
     assert cli.run([*command, "--channel", "raw"]) == 0
     assert list(contents(out)) == ["kalman_raw.m"]
-    assert cli.run([*command, "--channel", "nobody"]) == 2
+    assert cli.run([*command, "--channel", "unknown"]) == 2
 
 
 def test_vectors_of_a_recording_come_along(tuning_file, tmp_path):

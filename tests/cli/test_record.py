@@ -63,7 +63,7 @@ class Board:
         while not self._end.wait(0.01):
             due = int((time.monotonic() - begin) * self._rate)
             data = b"".join(b"%d,%.1f\n" % (i, i / 2) for i in range(self.sent, due))
-            with suppress(BlockingIOError):  # nobody reads: the lines of a real board would be lost as well
+            with suppress(BlockingIOError):  # nothing reads them: the lines of a real board would be lost as well
                 os.write(self.master, data + self._other)
             self.sent = due
 

@@ -31,7 +31,7 @@ Captured = pytest.CaptureFixture[str]
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    """Three channels at 100 Hz: a random walk under noise, at rest for 1 s; a smooth one; a constant."""
+    """Three channels at 100 Hz: a random walk under noise, constant for 1 s; a smooth one; a constant."""
     rng = np.random.default_rng(3)
     steps = rng.normal(scale=0.3, size=500)
     steps[:100] = 0.0

@@ -44,7 +44,7 @@ TRIPLES = [
 
 
 class Float32Oracle:
-    """The five lines in numpy's float32, one operation a rounding, as a person would write them."""
+    """The five lines in numpy's float32, one operation a rounding, as one would write them by hand."""
 
     def __init__(self, q, r, p0):
         self.q, self.r, self.x, self.p = np.float32(q), np.float32(r), np.float32(np.nan), np.float32(p0)
@@ -114,7 +114,7 @@ def test_the_board_prints_the_bits_of_the_host_also_after_changes_while_it_runs(
                 talk.oracle.q, talk.oracle.r = used.q, used.r
             said = (used.q, used.r, used.p0)
             np.testing.assert_allclose(said, [q, r, np.inf if p0 is None else p0], rtol=3e-7)
-            talk.oracle = Float32Oracle(*said)  # the last command, p, starts anew
+            talk.oracle = Float32Oracle(*said)  # the last command, p, restarts the filter
         talk.follow(max(400, 10_000 - talk.rows))
 
 

@@ -1,4 +1,4 @@
-"""The second opinions, side by side; channels; progress and cancelling."""
+"""The estimators compared, side by side; channels; progress and cancelling."""
 
 from __future__ import annotations
 

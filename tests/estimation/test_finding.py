@@ -24,7 +24,7 @@ KNOWN = {
 
 
 def local_level(q: float, r: float, n: int = 400, seed: int = 5) -> np.ndarray:
-    """A random walk under noise; at rest for its first 60 samples."""
+    """A random walk under noise; constant for its first 60 samples."""
     rng = np.random.default_rng(seed)
     steps = rng.normal(scale=math.sqrt(q), size=n)
     steps[:60] = 0.0

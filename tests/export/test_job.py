@@ -16,7 +16,7 @@ def test_a_job_holds_all_channels_or_the_one_asked_for():
     assert job_of(TUNING).channels == TUNING.channels
     assert job_of(TUNING, "temp degc").channels == TUNING.channels[1:]
     with pytest.raises(BadSetting, match="channel must be one of Temp °C, temp degc"):
-        job_of(TUNING, "nobody")
+        job_of(TUNING, "unknown")
 
 
 def test_a_job_without_channels_is_refused():

@@ -198,7 +198,7 @@ def test_comments_survive_new_and_lost_and_reordered_channels(tmp_path: Path) ->
     assert "too much" not in text
 
 
-def test_a_layout_that_cannot_be_updated_is_written_anew_with_the_right_values(tmp_path: Path) -> None:
+def test_a_layout_that_cannot_be_updated_is_replaced_by_a_new_one_with_the_right_values(tmp_path: Path) -> None:
     path = tmp_path / "t.toml"
     path.write_text('format = 1\nchannel = [{name = "a", q = 1, r = 1}, {name = "b", q = 1, r = 1}]\n')
     save_tuning(TWO, path)

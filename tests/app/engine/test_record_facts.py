@@ -38,7 +38,7 @@ def test_what_was_seen_before_and_what_came_make_the_whole(seen):
         assert facts_of(rec, "z", facts_of(head, "z"), seen) == facts_of(rec, "z")
 
 
-def test_a_board_that_sends_on_loses_old_samples_or_begins_anew_is_known_as_if_seen_whole():
+def test_facts_stay_right_as_a_board_sends_more_drops_old_samples_or_restarts():
     board, facts = Board(), RecordFacts()
     state = refreshed(opened_live(board.id, "x"), board.send(50).snapshot())
 
@@ -57,7 +57,7 @@ def test_a_board_that_sends_on_loses_old_samples_or_begins_anew_is_known_as_if_s
     check(refreshed(state, board.snapshot()))
 
 
-def test_another_recording_is_looked_at_afresh():
+def test_facts_of_another_recording_are_computed_from_its_own_samples():
     facts = RecordFacts()
     first = opened(record([0, 1, 2], [np.nan, 1, 2]))
     other = opened(record([0, 2, 1, 3], [1, 1, 2, 3]))

@@ -325,7 +325,7 @@ WEAKENED = {
     "cookie": ("_has_cookie", lambda *_: True),
     "query": ("_answer_to_query", lambda *_: guard_rules.Allow()),
     "everything": ("decide", lambda *_: guard_rules.Allow()),
-    "nobody gets in": ("decide", lambda *_: guard_rules.Refuse(403, "No.")),
+    "every request is refused": ("decide", lambda *_: guard_rules.Refuse(403, "No.")),
 }
 
 

@@ -221,7 +221,7 @@ def test_behind_a_proxy_the_origin_is_its_address_to_the_letter(changed):
     assert status(decide(BEHIND, dataclasses.replace(PROXIED, **changed))) == 403
 
 
-def test_without_the_option_the_proxy_is_nobody():
+def test_without_the_option_the_proxy_is_refused():
     assert status(decide(POLICY, PROXIED)) == 403
 
 

@@ -231,7 +231,7 @@ def test_a_file_cannot_become_the_value_of_another_widget(bench):
     assert bench.under_way() == {}
 
 
-def test_an_upload_cannot_be_announced_anew_while_it_runs(bench):
+def test_an_upload_cannot_be_announced_again_while_it_runs(bench):
     """Else a second client could replace the first one's upload by naming it."""
     uuid = bench.buttons["shared"]._impl.uuid
     bench.start(uuid, 2, 1)
@@ -332,7 +332,7 @@ def test_a_client_that_floods_is_disconnected(bench, monkeypatch):
     bench.settle()
 
 
-def test_a_form_that_nobody_made_leaves_nothing_behind(bench):
+def test_a_message_for_a_form_that_does_not_exist_leaves_nothing_behind(bench):
     """Stock viser keeps a message for each name that a client makes up, and sends them to all who come."""
     buffer = bench.running.server._websock_server._broadcast_buffer
     before = len(buffer.message_from_id)

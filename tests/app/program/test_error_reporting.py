@@ -123,13 +123,13 @@ def test_the_same_sentence_is_not_said_twice_in_a_row(heard, caplog, monkeypatch
 @pytest.mark.parametrize(
     "error", [ConnectionClosedOK(None, None), ConnectionResetError(), asyncio.CancelledError()], ids=repr
 )
-def test_a_browser_that_leaves_is_no_errors(heard, error):
+def test_a_browser_that_disconnects_is_not_an_error(heard, error):
     errors, told = heard
     errors.report("socket", error)
     assert told.empty()
 
 
-def test_at_the_end_nobody_is_told(heard):
+def test_errors_are_not_shown_once_the_program_is_ending(heard):
     errors, told = heard
     errors.is_ending = True
     errors.report("callback", RuntimeError("cannot schedule new futures after shutdown"))

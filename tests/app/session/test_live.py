@@ -1,4 +1,4 @@
-"""A live board in the State: what follows, what stands still, what a person tuned stays; the filter goes on."""
+"""A live board in the State: what follows, what stands still, what the user tuned stays; the filter goes on."""
 
 from __future__ import annotations
 
@@ -205,19 +205,19 @@ def test_undo_comes_back_from_another_recording_to_the_board(board):
     assert len(session.apply_due_requests()[0].recording) == 500
 
 
-def test_at_rest_holds_no_samples_of_a_board(board):
+def test_a_state_without_samples_holds_two_rows_of_a_board(board):
     state = opened_board(board.send(500), "x")
     assert len(without_samples(state).recording) == 2
     plain = opened(Recording(np.arange(50.0), ("z",), ("",), np.zeros((50, 1)), 1.0))
     assert without_samples(plain) is plain
 
 
-def test_at_rest_keeps_no_array_of_a_board_alive(board):
+def test_a_state_without_samples_keeps_no_array_of_a_board_alive(board):
     state = opened_board(board.send(200), "x")
-    rested = without_samples(state)
+    reduced = without_samples(state)
     for kept, of in (
-        (rested.recording.time, state.recording.time),
-        (rested.recording.values, state.recording.values),
+        (reduced.recording.time, state.recording.time),
+        (reduced.recording.values, state.recording.values),
     ):
         assert not np.shares_memory(kept, of)
         np.testing.assert_array_equal(kept, of[:2])

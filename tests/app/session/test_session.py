@@ -199,7 +199,7 @@ def test_a_tuning_without_a_common_channel_is_refused(state):
         opened_with(state.recording, Tuning((ChannelTuning("other", "", 1.0, 1.0),)))
 
 
-def test_channels_missing_in_the_tuning_start_afresh(state):
+def test_channels_missing_in_the_tuning_get_starting_values(state):
     tuning = Tuning((ChannelTuning("b", "", 1.0, 2.0),))
     again = opened_with(state.recording, tuning)
     assert again.channel == "b"
@@ -339,7 +339,7 @@ def test_a_tuning_brings_its_period_to_a_recording_without_time():
     assert (again.settings.tunings, again.answers.note) == (tuned.settings.tunings, "")
 
 
-def test_a_file_read_again_keeps_what_was_tuned_and_starts_the_rest_afresh(state):
+def test_a_file_read_again_keeps_what_was_tuned_and_the_rest_gets_starting_values(state):
     tuned = select_channel("b")(set_text("q", "7")(state))
     values = state.recording.values.copy()
     values[::4] = np.nan

@@ -132,7 +132,7 @@ def test_a_live_board_is_no_file_to_filter(state):
     assert "`kalscope filter serial:" in how_to_use(replace(live, live=None))
 
 
-def test_nobody_connected_is_said():
+def test_sending_without_a_connected_board_is_refused():
     view = BoardView(MagicMock(), MagicMock(), MagicMock(), MagicMock(), BoardConnection(MagicMock()))
     with pytest.raises(BadSetting, match="must be connected"):
         view._send(SimpleNamespace(live=None))

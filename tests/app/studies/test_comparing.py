@@ -58,7 +58,7 @@ def test_a_long_recording_is_compared_around_the_view_and_drawn_only_there():
     assert end.inside.all()
 
 
-def test_the_study_compares_anew_only_when_the_comparison_changes():
+def test_the_study_is_computed_again_only_when_the_comparison_changes():
     study, state = AlternativesStudy(), state_of()
     first = study.compute(state).found
     assert study.compute(set_drawn_alternative("Median")(state)).found is first

@@ -121,7 +121,7 @@ def test_fitted_pair_is_the_peak_of_the_likelihood():
 
 @pytest.mark.parametrize("s", [1e-9, 1e-6, 1e-3, 0.3, 7.0, 1e3, 1e6, 1e9])
 def test_another_unit_gives_the_same_answer(nile, s):
-    """The test nobody ships: statsmodels 0.15 gives (17040, 10156) for s = 1e3 with converged=True."""
+    """statsmodels 0.15 gives (17040, 10156) for s = 1e3 with converged=True."""
     gappy = walk(300, 0.02, missing=0.2)
     for z in (nile, gappy, walk(40, 1.0), numbers(UNEMPLOYMENT)):
         one, other = estimate(z), estimate(z * s)

@@ -187,7 +187,7 @@ def test_a_stream_means_what_the_file_means(tmp_path, name):
     path.write_bytes(STREAMS[name])
     recording = read_recording(path)
     parser, events = events_of(STREAMS[name], layout=None)
-    # Whoever holds the stream leaves the gap of a rejected line, as the file reader does.
+    # The caller leaves the gap of a rejected line, as the file reader does.
     gap = () if parser.layout.time else ((NAN,) * len(parser.layout.columns),)
     rows = [row for event in events for row in (gap if event.kind == "rejected" else event.rows)]
     channels = parser.layout.channels

@@ -70,7 +70,7 @@ def test_a_megabyte_without_a_newline_is_one_line_that_is_dropped_as_it_comes(bo
     np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(200))
 
 
-def test_nobody_who_looks_slowly_loses_anything(board, live, wait_for, monkeypatch):
+def test_a_slow_reader_of_snapshots_loses_nothing(board, live, wait_for, monkeypatch):
     # A machine that stalls inside a line looks, soon after the opening, like a board that was reset there.
     monkeypatch.setattr(live_lines, "_SILENCE", 60.0)
     board.say(b"x\n")
@@ -106,7 +106,7 @@ def test_a_recording_goes_on_in_the_same_file_when_the_board_is_back(board, live
     status = live.status()
     live.close()
     assert live.recorder is None
-    assert status.recording_error == ""
+    assert status.recording.error == ""
     assert [line.split()[:3] for line in path.read_text().splitlines() if line.startswith("# gap")] != []
     recording = read_recording(path)
     numbers = recording.channel("heat")

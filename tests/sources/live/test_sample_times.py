@@ -63,7 +63,7 @@ def test_a_clock_goes_on_over_midnight():
     np.testing.assert_allclose(times_of(clock, [float(i) for i in range(5)], stamps), np.arange(5), atol=1e-6)
 
 
-def test_a_board_that_starts_anew_goes_on_by_the_time_that_has_passed():
+def test_the_time_axis_of_a_board_that_restarts_continues_by_the_time_that_has_passed():
     clock = LiveTime(TimeColumn(0, "number", "ms"))
     first = times_of(clock, [0.0, 0.01, 0.02], [50_000.0, 50_010.0, 50_020.0])
     again = times_of(clock, [1.62, 1.63, 1.64], [3.0, 13.0, 23.0])

@@ -262,7 +262,7 @@ def test_a_file_is_no_port(tmp_path):
         SerialPort(PortSpec("x"), str(tmp_path / "log.csv"))
 
 
-def test_a_network_port_that_nobody_serves_says_so():
+def test_a_network_port_without_a_server_says_so():
     spec = PortSpec("socket://127.0.0.1:1")
     with pytest.raises(BadDevice, match="does not answer"):
         SerialPort(spec, spec.url)

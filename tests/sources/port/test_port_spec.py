@@ -1,4 +1,4 @@
-"""What a person types for a port, and what the system lists."""
+"""What the user types for a port, and what the system lists."""
 
 from types import SimpleNamespace
 

@@ -25,7 +25,7 @@ def test_every_wrap_of_a_long_recording_is_undone():
 @pytest.mark.parametrize(
     "stamps",
     [
-        [0, 10, 20, 30, 0, 10, 20],  # the device began anew
+        [0, 10, 20, 30, 0, 10, 20],  # the device restarted
         [40_000, 40_010, 40_020, 0, 10, 20],
         [65_520, 65_530, 65_525, 65_535],  # out of order
         [65_530.5, 65_535.5, 4.5, 9.5],  # no counter has fractions

@@ -177,7 +177,7 @@ static void make_port(char *name, size_t room)
     mode.c_cflag = CS8 | CREAD | CLOCAL | B115200;
     mode.c_cc[VMIN] = 1, mode.c_cc[VTIME] = 0;
     if (ioctl(terminal, TCSETS2, &mode)) fail(name);
-    close(terminal); /* from now on POLLHUP says that nobody has the port open */
+    close(terminal); /* from now on POLLHUP says that no program has the port open */
     fcntl(port, F_SETFL, O_NONBLOCK);
     if (ioctl(port, TIOCPKT, &(int){1})) fail(name); /* tells us when the client flushes */
     if (!option.link) return;
@@ -280,7 +280,7 @@ static void power_up(const char *firmware)
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_OUT_TRIGGER), on_conversion, 0);
 }
 
-/* Sleep until the wall clock has caught up; where it is far ahead, begin anew instead of racing after it. */
+/* Sleep until the wall clock has caught up; where it is far ahead, restart the count instead of racing after it. */
 static void keep_pace(double *wall_start, double *board_start)
 {
     double due = *wall_start + (simulated() - *board_start) / option.speed, late = wall() - due;
