@@ -144,6 +144,7 @@ class Session:
             step = step_back if request.change is undo else step_forward
             self._history, kept = step(self._history, without_samples(self._state))
             self._state = with_current_samples(kept, self._state)
+            self._refresh()  # a later request of the same turn needs the samples, which the history does not keep
         else:
             after = request.change(self._state)
             self._history = record(

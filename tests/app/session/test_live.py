@@ -205,6 +205,25 @@ def test_undo_comes_back_from_another_recording_to_the_board(board):
     assert len(session.apply_due_requests()[0].recording) == 500
 
 
+@pytest.mark.parametrize("back", [1, 2])
+def test_later_requests_of_the_turn_that_returns_to_a_board_see_its_samples(board, back):
+    session = Session(opened_board(board.send(500), "x"), board)
+    session.apply_due_requests()
+    session.request(set_text("q", "7"))
+    other = Recording(np.arange(50.0), ("z",), ("",), np.zeros((50, 1)), 1.0)
+    session.request(lambda state: opened(other, state))
+    session.apply_due_requests()
+    seen = []
+    for _ in range(back):
+        session.request(undo)
+    session.with_state(seen.append)
+    session.request(redo if back == 2 else undo)
+    session.with_state(seen.append)
+    state, _, failures = session.apply_due_requests()
+    assert [len(at.recording) for at in (*seen, state)] == [500] * 3
+    assert (state.tuning.q == 7.0, failures) == (back == 2, [])
+
+
 def test_a_state_without_samples_holds_two_rows_of_a_board(board):
     state = opened_board(board.send(500), "x")
     assert len(without_samples(state).recording) == 2
