@@ -123,7 +123,7 @@ class Dashboard:
             self._presets = PresetsView(gui, self.session)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
-            recording = BoardRecording(self._connection, folder, self.tell)
+            recording = BoardRecording(self._connection, folder, self.tell, self.session.wakeup.set)
             self._live = LiveView(gui, self.session, self._port_jobs, self._connection, recording)
             self._source.build_rest(gui)
         with tabs.add_tab("Export"):

@@ -14,6 +14,7 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.live import opened_live
 from kalscope_app.session.live_state import BoardId, ConnectionState
 from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
 
 
 class BoardConnection:
@@ -26,7 +27,7 @@ class BoardConnection:
         self._sources = WeakKeyDictionary[BoardId, LiveSource]()  # forgotten with the last State that names them
         self._connected: BoardId | None = None
         self._left: BoardId | None = None  # closed only because something else was opened
-        self._awaited = False  # connected, but the session does not show it yet
+        self._awaited: BoardId | None = None  # connected, but its request has not been applied yet
 
     def adopt(self, board: BoardId, source: LiveSource) -> None:
         """Take over a source that the first State shows; `start` connects it."""
@@ -55,8 +56,14 @@ class BoardConnection:
         source.start()
         with self._lock:
             self._sources[board] = source
-            self._connected, self._awaited = board, True
-        session.request(lambda state: opened_live(board, source.spec.url, state))
+            self._connected = self._awaited = board
+
+        def show(state: State) -> State:
+            with self._lock:  # here, because a later request of the same turn may show something else
+                self._awaited = None if self._awaited is board else self._awaited
+            return opened_live(board, source.spec.url, state)
+
+        session.request(show)
 
     def close(self, timeout: float = 3.0) -> None:
         """Free the port and finish a recording; returns when that is done.
@@ -88,12 +95,10 @@ class BoardConnection:
         with self._lock:
             connected = self._connected
             source = None if connected is None else self._sources[connected]
-            if connected is board:
-                self._awaited = False
-            elif source is not None and source.recorder is None and not self._awaited:
-                self._connected, self._left, work = None, connected, source.close
-            elif source is None and board is self._left:
+            if source is None and board is not None and board is self._left:
                 self._connected, self._left, work = board, None, self.start
+            elif source is not None and source.recorder is None and connected not in (board, self._awaited):
+                self._connected, self._left, work = None, connected, source.close
         if work is not None:
             self._jobs.run(work)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,9 +28,11 @@ CHECK_EVERY = 0.5
 class BoardRecording:
     """Starts and stops the recording; both wait for the disk, so run them as jobs."""
 
-    def __init__(self, connection: BoardConnection, folder: Path, tell: Callable[..., None]) -> None:
-        """Args: the connection; the folder to record into; how to notify the user."""
-        self._connection, self._folder, self._tell = connection, folder, tell
+    def __init__(
+        self, connection: BoardConnection, folder: Path, tell: Callable[..., None], wake: Callable[[], None]
+    ) -> None:
+        """Args: the connection; the folder to record into; how to notify the user; how to wake the engine."""
+        self._connection, self._folder, self._tell, self._wake = connection, folder, tell, wake
         self.name = first_free(folder / "recording.csv").name
         """Name of a file that does not exist yet."""
         self.on_change: Callable[[RecordingStatus | None], None] = lambda _status: None
@@ -54,10 +57,8 @@ class BoardRecording:
             self._propose(path)
             raise
         self._tell(f"Recording to {path}", good=True)
-        watch = threading.Thread(
-            target=self._watch, args=(source, recorder), name="kalscope-recording", daemon=True
-        )
-        watch.start()
+        watch = partial(self._watch, source, recorder)
+        threading.Thread(target=watch, name="kalscope-recording", daemon=True).start()
 
     def stop(self) -> None:
         """End and close the file; does nothing where no recording runs."""
@@ -78,6 +79,7 @@ class BoardRecording:
         done = recorder.close()  # waits until the file is closed
         self._tell(f"Recorded {recorder.path.name}: {account(done)}", good=not recorder.error)
         self._propose(recorder.path)
+        self._wake()  # a board behind a file is closed once it is no longer recorded
 
     def _propose(self, path: Path) -> None:
         """A name near this one that is free."""

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 from kalscope import BadSetting, Recording
+from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope_app.live.connection import BoardConnection, port_named
+from kalscope_app.live.recording import BoardRecording
 from kalscope_app.session.live import opened_live
 from kalscope_app.session.live_state import NO_CONNECTION, BoardId
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
+from kalscope_app.views.source.live import LiveView
 
 
 class Source:
@@ -21,13 +27,20 @@ class Source:
 
     def __init__(self, _port=None, *, reconnect=True):
         self.calls, self.recorder, self.reconnect = [], None, reconnect
-        self.spec = SimpleNamespace(url="x")
+        self.spec = SimpleNamespace(url="x", baud=9600)
 
     def start(self):
         self.calls.append("start")
 
     def close(self, _timeout=3.0):
         self.calls.append("close")
+
+    def record(self, path):
+        self.recorder = SimpleNamespace(path=path, error="", warning="", close=RecorderCounts)
+        return self.recorder
+
+    def stop_recording(self):
+        self.recorder = None
 
     def snapshot(self):
         return None
@@ -88,6 +101,63 @@ def test_another_board_is_not_closed_before_the_session_shows_it(connection, boa
     assert connection.is_connected(state.live.board)
     connection.look_at(None)
     assert other.calls == ["start", "close"]
+
+
+def test_a_board_is_closed_where_a_later_request_of_the_same_turn_shows_a_file(connection, board, monkeypatch):
+    monkeypatch.setattr("kalscope_app.live.connection.LiveSource", Source)
+    session = Session(opened_live(board.id, "x"), connection)
+    connection.open(session, None, reconnect=True)
+    other = connection.source
+    session.request(lambda state: opened(FILE, state))
+    session.apply_due_requests()
+    assert (other.calls, connection.source) == (["start", "close"], None)
+    session.request(undo)
+    session.apply_due_requests()
+    assert (other.calls[2:], connection.source) == (["start"], other)
+
+
+def test_an_overtaken_request_does_not_close_the_board_that_is_awaited(connection, monkeypatch):
+    monkeypatch.setattr("kalscope_app.live.connection.LiveSource", Source)
+    session, changes = Session(opened(FILE), connection), []
+    for _ in range(2):
+        connection.open(SimpleNamespace(request=changes.append), None, reconnect=True)
+    session.request(changes[0])
+    session.apply_due_requests()
+    assert connection.source.calls == ["start"]
+    session.request(changes[1])
+    assert connection.is_connected(session.apply_due_requests()[0].live.board)
+
+
+def show_file(session):
+    """Show a file, as the engine does: no wake-up waits afterwards."""
+    session.request(lambda state: opened(FILE, state))
+    session.apply_due_requests()
+    session.wakeup.clear()
+    assert session.connection().connected
+
+
+def test_disconnect_shows_at_once_also_while_a_file_is_on_screen(connection, board):
+    session, gui, buttons = Session(opened_live(board.id, "x"), connection), MagicMock(), {}
+    board.source.recorder = object()
+    show_file(session)
+    gui.add_button.side_effect = lambda label, **_: buttons.setdefault(label, MagicMock())
+    LiveView(gui, session, SimpleNamespace(run=lambda work: work()), connection, MagicMock())
+    (on_click,) = buttons["Disconnect"].on_click.call_args.args
+    asyncio.run(on_click(SimpleNamespace(client=object())))
+    assert session.wakeup.is_set()
+    assert not session.connection().connected
+
+
+def test_a_board_behind_a_file_is_closed_when_its_recording_ends(connection, board, tmp_path, monkeypatch):
+    monkeypatch.setattr(board.source, "status", lambda: SimpleNamespace(recording=None))
+    session = Session(opened_live(board.id, "x"), connection)
+    recording = BoardRecording(connection, tmp_path, MagicMock(), session.wakeup.set)
+    recording.start("run.csv")
+    show_file(session)
+    recording.stop()
+    assert session.wakeup.wait(PATIENCE)
+    session.apply_due_requests()
+    assert (board.source.calls, connection.source) == (["start", "close"], None)
 
 
 def test_a_board_that_was_disconnected_stays_so(connection, board):

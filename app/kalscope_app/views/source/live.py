@@ -51,7 +51,7 @@ class LiveView:
             )
             self._recording = RecordingView(gui, jobs, recording)
         on_user(self._connect.on_click, lambda _client: self._on_connect())
-        on_user(self._disconnect.on_click, lambda _client: jobs.run(connection.close))
+        on_user(self._disconnect.on_click, lambda _client: jobs.run(self._on_disconnect))
         bind(self._board, session, lambda name: set_board_channel(None if name == NO_CURVE else name))
         self._list_ports()
         if connection.source is not None:
@@ -108,6 +108,10 @@ class LiveView:
             self._connection.open(self._session, port_named(spec, rate.strip(), reset=reset), reconnect=reconnect)
 
         self._jobs.run(connect)
+
+    def _on_disconnect(self) -> None:
+        self._connection.close()
+        self._session.wakeup.set()  # the engine draws nothing by itself while a file is on screen
 
     def show(self, frame: Frame) -> None:
         """Show how the connection is and what can be done."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import viser
 
 from kalscope.common.text import count
@@ -24,12 +26,9 @@ class RecordingView:
         )
         self._record = gui.add_button("Record", visible=False, hint="Every line as received, before any filter.")
         self._stop = gui.add_button("Stop recording", visible=False, hint="Ends and closes the file.")
-        on_user(self._record.on_click, lambda _client: self._start(jobs, self._name.value.strip()))
+        on_user(self._record.on_click, lambda _client: jobs.run(partial(recording.start, self._name.value.strip())))
         on_user(self._stop.on_click, lambda _client: jobs.run(recording.stop))
         recording.on_change = self._on_change
-
-    def _start(self, jobs: Jobs, name: str) -> None:
-        jobs.run(lambda: self._board_recording.start(name))
 
     def _on_change(self, status: RecordingStatus | None) -> None:
         """Show a recording whatever is on screen: the engine draws nothing while a file is."""
