@@ -90,7 +90,7 @@ class Dashboard:
         self._last: Frame | None = None
         self._toasts = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
         self._map = TuningMapView(server, self.session)
-        self._phones = PhonePictures(self._map.set_phone)
+        self._phones = PhonePictures(server, self._map.set_phone)
         self._build(folder)
         make_map = MapMaker()
         rounds = [

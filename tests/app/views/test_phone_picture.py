@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
 import numpy as np
 import pytest
 from PIL import ImageFont
@@ -12,7 +16,7 @@ from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
 from kalscope_app.views.charts.pen import printable
-from kalscope_app.views.charts.phone_picture import VISIBLE, WIDTH, draw_picture
+from kalscope_app.views.charts.phone_picture import VISIBLE, WIDTH, PhonePictures, draw_picture
 
 
 def frame_of(values, dark=False):
@@ -48,3 +52,96 @@ def test_numbers_are_written_in_letters_that_the_font_has(value):
     no_such_letter = bytes(font.getmask("\U0010ffff"))
     for letter in printable(number(value)).replace(" ", ""):
         assert bytes(font.getmask(letter)) != no_such_letter
+
+
+class Phones:
+    """`PhonePictures` with one browser; what overtakes runs in another thread, as in viser's pool."""
+
+    def __init__(self, monkeypatch):
+        self.browsers, self.phones, self.others = {}, set(), []
+        self.during_report = self.during_drawing = lambda: None
+        server = SimpleNamespace(get_clients=lambda: self.browsers)
+        self.pictures = PhonePictures(server, self.set_phone)
+        self.checkbox = SimpleNamespace(value=False, on_update=lambda call: setattr(self, "reported", call))
+        self.client = MagicMock(client_id=1)
+        self.client.camera.image_width, self.client.camera.image_height = 390, 844
+        self.client.gui.add_checkbox.return_value = self.checkbox
+        self.browsers[1] = self.client
+        monkeypatch.setattr("kalscope_app.views.charts.phone_picture.draw_picture", self.draw)
+        self.pictures.attach(self.client)
+        self.pictures.show(frame_of([1.0, 2.0]))
+
+    def set_phone(self, client, is_phone):
+        (self.phones.add if is_phone else self.phones.discard)(client)
+        self.during_report()
+
+    def draw(self, _frame, _shape):
+        self.during_drawing()
+        return "picture"
+
+    def report(self, is_phone):
+        self.checkbox.value = is_phone
+        self.reported(None)
+
+    def overtake(self, act):
+        """Do this in another thread, which may have to wait for what runs."""
+        self.during_report = self.during_drawing = lambda: None
+        self.others.append(threading.Thread(target=act))
+        self.others[-1].start()
+        self.others[-1].join(0.3)
+
+    def settle(self):
+        for other in self.others:
+            other.join()
+
+    @property
+    def background(self):
+        return self.client.scene.set_background_image.call_args.args[0]
+
+    def is_forgotten(self):
+        return not (self.phones or self.pictures._shapes)
+
+
+@pytest.fixture
+def phones(monkeypatch):
+    return Phones(monkeypatch)
+
+
+def test_a_phone_gets_the_picture_and_a_wide_window_the_plain_canvas(phones):
+    assert phones.is_forgotten()
+    phones.report(True)
+    assert (phones.phones, phones.background) == ({phones.client}, "picture")
+    phones.report(False)
+    assert phones.is_forgotten()
+    assert np.ptp(phones.background, axis=(0, 1)).max() == 0
+
+
+def test_a_report_that_is_overtaken_by_a_later_one_has_no_effect(phones):
+    phones.during_report = lambda: phones.overtake(lambda: phones.report(False))
+    phones.report(True)
+    phones.settle()
+    assert phones.is_forgotten()
+    assert not isinstance(phones.background, str)
+
+
+def test_a_window_that_becomes_wide_during_a_drawing_loses_the_picture(phones):
+    phones.report(True)
+    phones.during_drawing = lambda: phones.overtake(lambda: phones.report(False))
+    phones.pictures.show(frame_of([1.0, 2.0]))
+    phones.settle()
+    assert phones.is_forgotten()
+    assert not isinstance(phones.background, str)
+
+
+def test_a_browser_that_disconnects_during_its_report_is_forgotten(phones):
+    def disconnect():
+        phones.browsers.clear()
+        phones.pictures.detach(phones.client)
+        phones.phones.discard(phones.client)  # as the map does next
+
+    phones.during_report = lambda: phones.overtake(disconnect)
+    phones.report(True)
+    phones.settle()
+    assert phones.is_forgotten()
+    phones.report(True)
+    assert phones.is_forgotten()

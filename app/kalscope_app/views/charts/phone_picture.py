@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -37,45 +38,52 @@ MARGIN = 0.04
 class PhonePictures:
     """Draws every frame into the canvas of each phone. A hidden checkbox reports which browsers are on phones."""
 
-    def __init__(self, set_phone: Callable[[viser.ClientHandle, bool], None]) -> None:
-        """Args: called when a browser turns out to be a phone's, or no longer to be one."""
-        self._set_phone = set_phone
+    def __init__(self, server: viser.ViserServer, set_phone: Callable[[viser.ClientHandle, bool], None]) -> None:
+        """Args: the server; called when a browser turns out to be a phone's, or no longer to be one."""
+        self._server, self._set_phone = server, set_phone
+        self._lock = threading.RLock()  # reports, cameras and disconnects arrive in several threads, in any order
         self._shapes: dict[viser.ClientHandle, float | None] = {}
         self._frame: Frame | None = None
 
     def attach(self, client: viser.ClientHandle) -> None:
         """Ask a new browser whether it is on a phone."""
         is_phone = client.gui.add_checkbox(PHONE_CHECKBOX, False, visible=False)
-        is_phone.on_update(lambda _event: self._on_report(client, is_phone.value))
-        if is_phone.value:  # a quick page has answered before the callback was there
-            self._on_report(client, is_phone.value)
+        is_phone.on_update(lambda _event: self._on_report(client, is_phone))
+        self._on_report(client, is_phone)  # a quick page may have answered before the callback was there
         client.camera.on_update(lambda _camera: self._follow_shape(client))
 
     def detach(self, client: viser.ClientHandle) -> None:
         """Forget a browser that has disconnected."""
-        self._shapes.pop(client, None)
+        with self._lock:
+            self._shapes.pop(client, None)
 
     def show(self, frame: Frame) -> None:
         """Draw the frame."""
         self._frame = frame
-        for client, shape in tuple(self._shapes.items()):
-            self._draw(client, shape)
+        with self._lock:
+            for client, shape in self._shapes.items():
+                self._draw(client, shape)
 
-    def _on_report(self, client: viser.ClientHandle, is_phone: bool) -> None:
-        self._set_phone(client, is_phone)
-        if is_phone:
-            self._shapes[client] = None
-            self._follow_shape(client)
-        elif client in self._shapes:
-            self.detach(client)
-            client.scene.set_background_image(gutter(dark=bool(self._frame and self._frame.state.view.dark)))
+    def _on_report(self, client: viser.ClientHandle, checkbox: viser.GuiCheckboxHandle) -> None:
+        with self._lock:
+            if client.client_id not in self._server.get_clients():
+                return
+            is_phone = checkbox.value  # read here: the last thread to enter must act on the last report
+            self._set_phone(client, is_phone)
+            if is_phone:
+                self._shapes[client] = None
+                self._follow_shape(client)
+            elif client in self._shapes:
+                self.detach(client)
+                client.scene.set_background_image(gutter(dark=bool(self._frame and self._frame.state.view.dark)))
 
     def _follow_shape(self, client: viser.ClientHandle) -> None:
         """Draw again once the canvas has another shape, as when the phone is turned."""
-        shape, known = shape_of(client), self._shapes.get(client, 0.0)
-        if shape is not None and (known is None or abs(shape - known) > 0.01 * known > 0.0):
-            self._shapes[client] = shape
-            self._draw(client, shape)
+        with self._lock:
+            shape, known = shape_of(client), self._shapes.get(client, 0.0)  # 0: not on a phone
+            if shape is not None and (known is None or abs(shape - known) > 0.01 * known > 0.0):
+                self._shapes[client] = shape
+                self._draw(client, shape)
 
     def _draw(self, client: viser.ClientHandle, shape: float | None) -> None:
         if self._frame is not None and shape is not None:
