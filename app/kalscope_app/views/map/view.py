@@ -150,12 +150,9 @@ class TuningMapView:
         """Draw the map of a state whose values have stopped changing."""
         with self._lock:
             self._state, self._map = answer
-            self._draw()
+            self._draw(answer[0])
 
-    def _draw(self) -> None:
-        state = self._state
-        if state is None:
-            return
+    def _draw(self, state: State) -> None:
         self._frame = frame_for(*SIZE, self._map.q, self._map.r)
         inputs = picture_input(state, self._map, self._frame)
         self._place(state)
@@ -196,17 +193,12 @@ class TuningMapView:
 
     def _look_straight(self, client: viser.ClientHandle) -> None:
         """Look straight at the map; past it where the canvas is too narrow, or shows the signal as on a phone."""
-        shape = shape_of(client)
-        if shape is None:
-            return
-        self._aimed[client] = shape
-        with self._camera_lock:
-            self._point_camera(client, shape)
-
-    def _point_camera(self, client: viser.ClientHandle, shape: float) -> None:
-        camera = client.camera
-        away = 10.0 * SIDE if client in self._phones or shape < MIN_SHAPE else 0.0
-        with client.atomic():
+        with self._camera_lock, client.atomic():
+            shape, camera = shape_of(client), client.camera
+            if shape is None:
+                return
+            self._aimed[client] = shape
+            away = 10.0 * SIDE if client in self._phones or shape < MIN_SHAPE else 0.0
             camera.up_direction = (0.0, 1.0, 0.0)
             camera.position, camera.look_at = (away, 0.0, DISTANCE), (away, 0.0, 0.0)
             camera.fov = field_of_view(self._frame, shape)
