@@ -32,8 +32,8 @@ def shown_lag(screen):
 
 def test_lag_under_50_ms_and_least_noise_is_found_by_reading_the_screen(screen):
     page = screen.page
-    for _ in range(2):  # the tour's third window names the way
-        page.get_by_role("dialog").get_by_role("button", name="Next").click()
+    for step in (1, 2):  # the tour's third window names the way
+        page.get_by_role("dialog").filter(has_text=f"({step} of 5)").get_by_role("button", name="Next").click()
     page.get_by_text("the least noise of all that lag").wait_for()
     screen.shot("journey-1-the-tour-names-the-way")
     page.get_by_role("dialog").get_by_role("button", name="Do not show again").click()
