@@ -20,7 +20,7 @@ import typer
 from kalscope.cli.app import app, run
 from kalscope.cli.console import stop_signals
 from kalscope.cli.options import Delimiter, GapsChoice, Missing, SamplePeriod, TimeColumnChoice, TimeUnit
-from kalscope.sources.lines.read_options import ReadOptions, options_from_text
+from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
 
 if TYPE_CHECKING:
     from kalscope.sources.live.live_source import LiveSource

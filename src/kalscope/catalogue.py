@@ -19,7 +19,7 @@ from urllib.parse import parse_qsl
 from kalscope.common.progress import OnProgress
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
-from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.port.port_spec import is_live
 from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.samples import DEMO, open_sample

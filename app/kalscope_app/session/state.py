@@ -15,7 +15,7 @@ from kalscope.estimation.result import Estimate
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.recording import Recording
-from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.linked_channels import UNLINKED, apply_to_linked
 from kalscope_app.session.live_state import Live, Sent

@@ -24,12 +24,12 @@ from kalscope.cli.options import (
     number_or,
 )
 from kalscope.errors import BadSetting
-from kalscope.sources.lines.read_options import options_from_text
+from kalscope.sources.grammar.read_options import options_from_text
 
 if TYPE_CHECKING:
     from kalscope.filtering.params import FilterParams
     from kalscope.recording import Recording
-    from kalscope.sources.lines.read_options import ReadOptions
+    from kalscope.sources.grammar.read_options import ReadOptions
 
 MAX_LINE_BYTES = 65_536
 """Bytes of one line on stdin, hundreds of channels; a longer one is no line of numbers."""

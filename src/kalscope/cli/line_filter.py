@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.streaming import KalmanFilter
-from kalscope.sources.lines.cells import is_comment, parse_number
+from kalscope.sources.grammar.cells import is_comment, parse_number
 
 
 class LineFilter:

@@ -19,9 +19,9 @@ from kalscope.common.text import one_line, unused_name
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
-from kalscope.sources.lines.cells import MISSING, is_number
-from kalscope.sources.lines.columns import ROW_NUMBER_NAME
-from kalscope.sources.lines.timestamps import unit_by_magnitude
+from kalscope.sources.grammar.cells import MISSING, is_number
+from kalscope.sources.layout.columns import ROW_NUMBER_NAME
+from kalscope.sources.times.seconds import unit_by_magnitude
 from kalscope.tuning.tuning import Tuning
 
 ROWS_PER_CHUNK = 20_000

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kalscope import open_source
-from kalscope.sources.lines.read_options import options_from_text
+from kalscope.sources.grammar.read_options import options_from_text
 from kalscope_app import main as program
 from kalscope_app.session.changes.channels import channel_named, select_channel
 from kalscope_app.session.changes.parameters import set_automatic_start, set_sample_period, set_text

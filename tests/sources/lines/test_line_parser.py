@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kalscope.sources.grammar.cells import is_blank, is_comment, parse_number, split_fields
+from kalscope.sources.grammar.line_format import find_labels, split_stamp
+from kalscope.sources.layout.sniffer import sniff
 from kalscope.sources.lines import line_parser
-from kalscope.sources.lines.cells import is_blank, is_comment, parse_number, split_fields
-from kalscope.sources.lines.line_format import find_labels, split_stamp
 from kalscope.sources.lines.line_reader import LineReader
-from kalscope.sources.lines.sniffer import sniff
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))

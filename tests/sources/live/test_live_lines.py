@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.lines.read_options import ReadOptions
+from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.live.live_lines import BOOT_SECONDS, LiveLines
 from kalscope.sources.port.events import BytesReceived
 

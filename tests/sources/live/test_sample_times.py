@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from kalscope.sources.lines.timestamps import TimeColumn
+from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.live.sample_times import ArrivedRow, LiveTime
 
 

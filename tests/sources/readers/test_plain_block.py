@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from raw_bytes import damaged
 
 from kalscope.errors import BadFile, Cancelled, KalscopeError
-from kalscope.sources.lines.cells import parse_number, split_fields
-from kalscope.sources.lines.columns import Column
-from kalscope.sources.lines.line_format import LineFormat
-from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.lines.sniffer import Layout
+from kalscope.sources.grammar.cells import parse_number, split_fields
+from kalscope.sources.grammar.line_format import LineFormat
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.layout.columns import Column
+from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.readers import csv_rows
 from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.readers.plain_block import block_parser

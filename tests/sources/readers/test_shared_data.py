@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kalscope.errors import BadFile
-from kalscope.sources.lines.read_options import ReadOptions
+from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.csv_file import read_recording
 
 SHARED = Path(__file__).parents[3] / "../shared/data"

@@ -19,12 +19,12 @@ from hypothesis import strategies as st
 from waiting import PATIENCE
 
 from kalscope.errors import BadFile
-from kalscope.sources.lines.columns import Column
-from kalscope.sources.lines.line_format import LineFormat
+from kalscope.sources.grammar.line_format import LineFormat
+from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.layout.columns import Column
+from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_parser import LineParser
 from kalscope.sources.lines.line_reader import LineEvent
-from kalscope.sources.lines.sniffer import Layout
-from kalscope.sources.lines.timestamps import TimeColumn
 from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.recorder import append_file as recording_file
 from kalscope.sources.recorder.counts import RecorderCounts

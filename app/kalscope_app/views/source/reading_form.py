@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import viser
 
-from kalscope.sources.lines.read_options import ReadOptions, options_from_text
+from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
 from kalscope_app.views.binding import on_user
 
 

@@ -17,7 +17,7 @@ from kalscope.catalogue import open_source
 from kalscope.common.text import count, duration
 from kalscope.papers.experiments import list_experiments
 from kalscope.recording import Recording
-from kalscope.sources.lines.read_options import ReadOptions
+from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.samples import list_samples
 from kalscope_app.engine.frame import Frame

@@ -21,7 +21,7 @@ from kalscope.cli.options import (
     number_option,
 )
 from kalscope.errors import BadSetting
-from kalscope.sources.lines.read_options import options_from_text
+from kalscope.sources.grammar.read_options import options_from_text
 
 if TYPE_CHECKING:
     from kalscope.cli.tune.answer import Answer, TuneRequest

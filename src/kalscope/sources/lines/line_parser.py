@@ -17,10 +17,10 @@ import re
 from collections import deque
 from collections.abc import Iterator, Sequence
 
-from kalscope.sources.lines.cells import is_blank, is_comment
+from kalscope.sources.grammar.cells import is_blank, is_comment
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.layout.sniffer import Layout, sniff
 from kalscope.sources.lines.line_reader import MAX_TEXT_LENGTH, TAIL_LINES, Kind, LineEvent, LineReader, rejected
-from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.lines.sniffer import Layout, sniff
 
 MAX_LINE_BYTES = 65_536
 """Bytes of one line, ten times the widest table; a longer one is no line of numbers and is dropped as it comes."""

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from kalscope.recording import LineIssue
-from kalscope.sources.lines.cells import is_blank, is_comment, parse_number, split_fields
-from kalscope.sources.lines.line_format import find_labels, split_checksum, split_stamp, split_teleplot
-from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.lines.sniffer import Layout
-from kalscope.sources.lines.timestamps import row_stamp_parser
+from kalscope.sources.grammar.cells import is_blank, is_comment, parse_number, split_fields
+from kalscope.sources.grammar.line_format import find_labels, split_checksum, split_stamp, split_teleplot
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.grammar.timestamps import row_stamp_parser
+from kalscope.sources.layout.sniffer import Layout
 
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
 """What became of a line; "text" is prose that is no attempt at data: boot text, a program's log."""

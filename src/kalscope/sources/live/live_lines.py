@@ -11,11 +11,11 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from kalscope.sources.lines.cells import is_comment
+from kalscope.sources.grammar.cells import is_comment
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_parser import MAX_LINE_BYTES, LineParser
 from kalscope.sources.lines.line_reader import LineEvent
-from kalscope.sources.lines.read_options import ReadOptions
-from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.port.events import BytesReceived
 
 BOOT_SECONDS = 2.0

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from kalscope.recording import ReadReport, Recording
+from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_reader import LineEvent
-from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.live.live_lines import LineCounts
 from kalscope.sources.live.sample_store import SampleStore
 from kalscope.sources.live.sample_times import ArrivedRow, LiveTime

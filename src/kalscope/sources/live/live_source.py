@@ -22,9 +22,9 @@ from typing import Self
 import numpy as np
 
 from kalscope.errors import BadSetting
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_reader import LineEvent
-from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.live.command_channel import CommandChannel
 from kalscope.sources.live.live_lines import LineCounts, LiveLines
 from kalscope.sources.live.live_samples import LiveSamples, Snapshot

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from kalscope.errors import BadSetting
+from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_reader import LineEvent
-from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.recorder.recorder import Recorder
 
 

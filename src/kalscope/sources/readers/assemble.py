@@ -9,12 +9,12 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import ReadReport, Recording
-from kalscope.sources.lines.read_options import ReadOptions
-from kalscope.sources.lines.sniffer import Layout
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.readers.csv_rows import Tally
-from kalscope.sources.readers.gaps import fill_gaps
 from kalscope.sources.readers.sentinels import Extremes, suggest_missing
-from kalscope.sources.readers.time_axis import TimeAxis, read_time
+from kalscope.sources.times.gaps import fill_gaps
+from kalscope.sources.times.time_axis import TimeAxis, read_time
 
 Columns = dict[int, Array]
 """Columns by index, each of shape (n,): the channels and the time."""

@@ -21,9 +21,9 @@ from kalscope.common.checks import above_zero
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.errors import BadFile
 from kalscope.recording import Recording
-from kalscope.sources.lines.cells import is_blank, is_comment
-from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.lines.sniffer import Layout, sniff
+from kalscope.sources.grammar.cells import is_blank, is_comment
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.layout.sniffer import Layout, sniff
 from kalscope.sources.readers.assemble import Reading, assemble
 from kalscope.sources.readers.csv_rows import read_rows
 from kalscope.sources.readers.text_file import PARQUET, RawFile, find_encoding, open_raw, open_text

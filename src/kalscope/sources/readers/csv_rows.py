@@ -13,10 +13,10 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.recording import LineIssue
-from kalscope.sources.lines.cells import is_blank
+from kalscope.sources.grammar.cells import is_blank
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_reader import TAIL_LINES, Kind, LineEvent, LineReader
-from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.readers.plain_block import block_parser
 from kalscope.sources.readers.text_file import open_text
 

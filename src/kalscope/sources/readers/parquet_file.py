@@ -9,11 +9,12 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.errors import BadFile
-from kalscope.sources.lines.columns import Column, chosen_time, find_time, named_column, settle_roles
-from kalscope.sources.lines.line_format import LineFormat
-from kalscope.sources.lines.read_options import ReadOptions
-from kalscope.sources.lines.sniffer import Layout
-from kalscope.sources.lines.timestamps import TimeColumn
+from kalscope.sources.grammar.line_format import LineFormat
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.layout.columns import Column, named_column, settle_roles
+from kalscope.sources.layout.sniffer import Layout
+from kalscope.sources.layout.time_column import chosen_time, find_time
 from kalscope.sources.readers.assemble import Reading
 from kalscope.sources.readers.csv_rows import Tally
 from kalscope.sources.readers.text_file import RawFile

@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.sources.lines.cells import is_number
-from kalscope.sources.lines.read_options import ReadOptions
-from kalscope.sources.lines.sniffer import Layout
-from kalscope.sources.lines.timestamps import MAX_STAMP
+from kalscope.sources.grammar.cells import is_number
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.timestamps import MAX_STAMP
+from kalscope.sources.layout.sniffer import Layout
 
 _OPEN_COMMA = re.compile(",(?![0-9])")
 """A decimal comma needs a digit after it; float() takes "5." as a number."""

@@ -21,8 +21,8 @@ from pathlib import Path
 from kalscope.common.files import sync_folder
 from kalscope.errors import BadFile
 from kalscope.recording import LineIssue
+from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_reader import LineEvent
-from kalscope.sources.lines.sniffer import Layout
 from kalscope.sources.recorder.append_file import AppendFile, SyncThread
 from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope.sources.recorder.disk_space import DiskSpaceMonitor

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from kalscope.errors import BadFile
-from kalscope.sources.lines.cells import is_comment
+from kalscope.sources.grammar.cells import is_comment
 from kalscope.sources.recorder.format import MAGIC, REJECTS_MAGIC, STARTED
 from kalscope.sources.recorder.paths import torn_path
 

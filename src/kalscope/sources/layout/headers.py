@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from kalscope.sources.lines.cells import MISSING, is_comment, is_number, parse_number, split_fields
-from kalscope.sources.lines.columns import Cells, Column, are_units, bare_unit, named_column
-from kalscope.sources.lines.line_format import LineFormat
-from kalscope.sources.lines.tables import HeadLine, HeadTable, are_names
+from kalscope.sources.grammar.cells import MISSING, is_comment, is_number, parse_number, split_fields
+from kalscope.sources.grammar.line_format import LineFormat
+from kalscope.sources.layout.columns import Cells, Column, are_units, bare_unit, named_column
+from kalscope.sources.layout.tables import HeadLine, HeadTable, are_names
 
 _COMMENT_NAME_LENGTH = 40
 _MARKS = {"\t": "tabs", " ": "blanks"}

@@ -1,15 +1,6 @@
-import numpy as np
 import pytest
 
-from kalscope.sources.lines.timestamps import (
-    TimeColumn,
-    nominal_period,
-    parse_calendar,
-    parse_clock,
-    time_kind,
-    to_seconds,
-    unit_by_magnitude,
-)
+from kalscope.sources.grammar.timestamps import parse_calendar, parse_clock, time_kind
 
 
 @pytest.mark.parametrize(
@@ -48,38 +39,3 @@ def test_eight_digits_are_a_date_only_where_the_name_allows():
 )
 def test_clocks_are_microseconds_since_midnight(cell, seconds):
     assert parse_clock(cell) == (None if seconds is None else seconds * 1e6)
-
-
-def test_a_clock_goes_on_over_midnight():
-    stamps = np.array([parse_clock("23:59:59"), parse_clock("00:00:00"), parse_clock("00:00:01")])
-    assert to_seconds(stamps, TimeColumn(0, "clock"))[0].tolist() == [0, 1, 2]
-
-
-@pytest.mark.parametrize(
-    ("stamps", "unit"),
-    [
-        ([0, 1, 2], "s"),
-        ([0.0, 8.5, 17.1], "s"),
-        ([0, 60, 120], "s"),
-        ([0, 10, 20], "ms"),
-        ([0, 10000, 20011], "us"),
-        ([584065454762638, 584065474483599], "ns"),
-        ([1.7e9, 1.7e9 + 1], "s"),
-        ([1.7e12, 1.7e12 + 10], "ms"),
-        ([1.7e15, 1.7e15 + 10000], "us"),
-        ([1.7e18, 1.7e18 + 1e7], "ns"),
-        ([1.2e9, 1.2e9 + 4000], "us"),
-    ],
-)
-def test_the_unit_follows_from_the_size_of_stamp_and_step(stamps, unit):
-    assert unit_by_magnitude(np.array(stamps, dtype=float)) == unit
-
-
-def test_the_period_is_the_median_positive_step():
-    assert nominal_period(np.array([0.0, 0.01, 0.02, 0.05, 0.03, 0.04])) == 0.01
-    assert nominal_period(np.array([5.0])) is None
-    assert nominal_period(np.array([3.0, 2.0, 1.0])) is None
-
-
-def test_stamps_coarser_than_the_sampling_have_the_mean_step():
-    assert nominal_period(np.repeat([0.0, 1.0, 2.0], 10)) == pytest.approx(2 / 29)

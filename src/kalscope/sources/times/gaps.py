@@ -6,7 +6,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.sources.readers.time_axis import GAP_PERIODS
+from kalscope.sources.times.time_axis import GAP_PERIODS
 
 _MAX_INSERTED_PER_ROW = 20
 _ALWAYS_ALLOWED = 1_000_000

@@ -9,8 +9,8 @@ from typing import cast
 
 from kalscope.errors import BadSetting
 from kalscope.recording import Gaps
-from kalscope.sources.lines.cells import MISSING, is_number
-from kalscope.sources.lines.timestamps import SECONDS_PER_UNIT, UNIT_OF_WORD
+from kalscope.sources.grammar.cells import MISSING, is_number
+from kalscope.sources.grammar.timestamps import SECONDS_PER_UNIT, UNIT_OF_WORD
 
 DELIMITERS = (",", ";", "\t", "|", " ")
 """What may stand between cells; a space is any run of blanks."""

@@ -8,10 +8,16 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, replace
 
-from kalscope.sources.lines.cells import MISSING, is_blank, is_comment, is_number, split_fields
-from kalscope.sources.lines.columns import STAMP_SHAPE, Cells
-from kalscope.sources.lines.line_format import LineFormat, find_labels, split_checksum, split_stamp, split_teleplot
-from kalscope.sources.lines.read_options import DELIMITERS, ReadOptions
+from kalscope.sources.grammar.cells import MISSING, is_blank, is_comment, is_number, split_fields
+from kalscope.sources.grammar.line_format import (
+    LineFormat,
+    find_labels,
+    split_checksum,
+    split_stamp,
+    split_teleplot,
+)
+from kalscope.sources.grammar.read_options import DELIMITERS, ReadOptions
+from kalscope.sources.layout.columns import STAMP_SHAPE, Cells
 
 MIN_SHARE = 0.15
 """Of the lines of the head, the share that must look like data: boot text may outweigh a short log."""

@@ -1,4 +1,4 @@
-"""Stamps of every common form, turned into seconds: pure functions on text and arrays."""
+"""The stamps in the cells of a log, of every common form: pure functions on text."""
 
 from __future__ import annotations
 
@@ -9,10 +9,7 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Literal
 
-import numpy as np
-
-from kalscope.common.array import Array
-from kalscope.sources.lines.cells import MISSING, parse_number
+from kalscope.sources.grammar.cells import MISSING, parse_number
 
 TimeKind = Literal["number", "calendar", "clock", "yyyymmdd", "year day"]
 DateOrder = Literal["ymd", "dmy", "mdy"]
@@ -184,95 +181,3 @@ def time_kind(
     counts = {order: fitting(partial(parse_calendar, order=order)) for order in orders}
     best = max(orders, key=lambda order: counts[order])
     return ("calendar", best) if counts[best] >= least else None
-
-
-def unit_by_magnitude(stamps: Array) -> str:
-    """Unit of numeric stamps that name none: epoch stamps by their size, integer counters by their step.
-
-    A sensor samples between once a second and a thousand times a second: integer steps of thousands are
-    then microseconds, of millions nanoseconds. Whole minutes stay seconds, and so do all fractions.
-    """
-    low, high = float(stamps.min()), float(stamps.max())
-    step = _median_step(stamps[:100_000])
-    # The head is checked first: most stamps with fractions show them there.
-    whole = all(bool(np.all(part == np.floor(part))) for part in (stamps[:1000], stamps))
-    for size, unit in ((1e9, "s"), (1e12, "ms"), (1e15, "us"), (1e18, "ns")):
-        # 2001 to 2100; whole seconds that step by thousands but not by minutes are a counter of µs.
-        counter = unit == "s" and whole and step >= 1000 and step % 60 != 0
-        if size <= low and high < 4.2 * size and not counter:
-            return unit
-    if not whole or step < 2 or step % 60 == 0:
-        return "s"
-    return "ms" if step < 1000 else "us" if step < 1e6 else "ns"
-
-
-def is_epoch(stamps: Array, unit: str) -> bool:
-    """True where numeric stamps count from 1970: the first one lies between 2001 and 2100."""
-    scale = SECONDS_PER_UNIT[unit]
-    return scale <= 1.0 and 1e9 <= float(stamps[0]) * scale < 4.2e9
-
-
-def to_seconds(stamps: Array, column: TimeColumn) -> tuple[Array, str]:
-    """Seconds of the stamps, shape (n,), n >= 1, and a sentence that says how they were read.
-
-    Calendar and epoch stamps count from the first sample; others, years among them, as the source counts them.
-    """
-    if column.kind in ("calendar", "yyyymmdd", "year day"):
-        start = _date_text(float(stamps[0]) * 1e-6)
-        return (stamps - stamps[0]) / 1e6, f"time counts from the first stamp, {start}"
-    if column.kind == "clock":
-        # A clock that jumps back by more than half a day has passed midnight.
-        days = np.cumsum(np.diff(stamps, prepend=stamps[0]) < -43200e6)
-        seconds = (stamps - stamps[0]) / 1e6 + 86400.0 * days
-        start = timedelta(microseconds=float(stamps[0]))
-        passed = f"; the clock passes midnight {times(int(days[-1]))}" if days[-1] else ""
-        return seconds, f"time counts from the first stamp, {start} on the clock{passed}"
-    unit = column.unit or unit_by_magnitude(stamps)
-    said = f"read as {unit}" if column.unit else f"read as {unit} (assumed from their size; no unit given)"
-    scale = SECONDS_PER_UNIT[unit]
-    if unit == "year":
-        return stamps * scale, f"stamps are {said}"
-    if is_epoch(stamps, unit):
-        start = _date_text(float(stamps[0]) * scale)
-        return _scaled(stamps - stamps[0], scale), f"stamps are {said} since 1970; time counts from {start}"
-    return _scaled(stamps, scale), f"stamps are {said}"
-
-
-def nominal_period(time: Array, steps: Array | None = None) -> float | None:
-    """Median positive step of the stamps in s; None where no step is positive.
-
-    `steps`, their differences, may be given to save time and memory; they come back in another order.
-    Stamps coarser than the sampling (most steps are 0) have no telling step: then the mean step.
-    """
-    steps = np.diff(time) if steps is None else steps
-    positive = steps if steps.size and float(steps.min()) > 0 else steps[steps > 0]
-    if positive.size == 0:
-        return None
-    coarse = positive.size < steps.size / 2 and np.count_nonzero(steps == 0) > steps.size / 2
-    if coarse and time[-1] > time[0]:
-        return float((time[-1] - time[0]) / steps.size)
-    # The stamps were decimal text: 0.02 - 0.01 is 0.01 within 1e-9, not 0.010000000000000002.
-    return float(f"{np.median(positive, overwrite_input=True):.9g}")
-
-
-def _scaled(stamps: Array, scale: float) -> Array:
-    # Dividing by 1000 rounds 3 ms to the double nearest 0.003; multiplying by 0.001 may not.
-    return stamps / round(1 / scale) if scale < 1 else stamps if scale == 1 else stamps * scale
-
-
-def times(count: int) -> str:
-    """`once`, `2 times`."""
-    return "once" if count == 1 else f"{count} times"
-
-
-def _date_text(seconds: float) -> str:
-    try:
-        return (_EPOCH + timedelta(seconds=seconds)).isoformat()
-    except OverflowError:  # a zone can push a stamp of year 1 or 9999 over the calendar's edge
-        return f"{seconds:g} s from 1970"
-
-
-def _median_step(stamps: Array) -> float:
-    steps = np.diff(stamps)
-    positive = steps[steps > 0]
-    return float(np.median(positive)) if positive.size else 0.0

@@ -12,20 +12,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from kalscope.sources.lines.columns import (
-    Cells,
-    Column,
-    chosen_time,
-    find_time,
-    named_column,
-    role_of,
-    settle_roles,
-)
-from kalscope.sources.lines.headers import Header, read_header
-from kalscope.sources.lines.line_format import LineFormat, split_teleplot
-from kalscope.sources.lines.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.lines.tables import HeadLine, HeadTable, best_table, candidate_lines
-from kalscope.sources.lines.timestamps import TimeColumn
+from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.layout.columns import Cells, Column, named_column, role_of, settle_roles
+from kalscope.sources.layout.headers import Header, read_header
+from kalscope.sources.layout.tables import HeadLine, HeadTable, best_table, candidate_lines
+from kalscope.sources.layout.time_column import chosen_time, find_time
 
 MAX_COLUMNS = 256
 """A table wider than this is no log of samples (a list per line, an image, one case per line)."""

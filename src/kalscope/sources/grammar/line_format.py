@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Literal
 
-from kalscope.sources.lines.cells import is_number
+from kalscope.sources.grammar.cells import is_number
 
 Pairs = list[tuple[str, str]]
 

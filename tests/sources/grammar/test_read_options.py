@@ -5,7 +5,7 @@ import pytest
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
-from kalscope.sources.lines.read_options import ReadOptions, options_from_text
+from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
 from kalscope.sources.readers.account import account
 from kalscope.sources.readers.csv_file import read_recording
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.sources.lines.timestamps import TimeColumn, nominal_period, times, to_seconds
+from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.times.seconds import nominal_period, times, to_seconds
 
 GAP_PERIODS = 1.5
 """A step longer than this many nominal periods is a gap: at least one sample is missing."""

@@ -1,8 +1,8 @@
 import pytest
 
 from kalscope import read_recording
-from kalscope.sources.lines.columns import distinct_names, named_column
-from kalscope.sources.lines.sniffer import sniff
+from kalscope.sources.layout.columns import distinct_names, named_column
+from kalscope.sources.layout.sniffer import sniff
 
 
 def _head(names, delimiter, decimal, n=12):

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from kalscope.sources.lines.timestamps import TimeColumn, parse_year_day
-from kalscope.sources.readers.time_axis import read_time, unwrap
+from kalscope.sources.grammar.timestamps import TimeColumn, parse_year_day
+from kalscope.sources.times.time_axis import read_time, unwrap
 
 NUMBER = TimeColumn(0, "number", "ms")
 

@@ -1,0 +1,1 @@
+"""How one log is written: delimiter, header, columns, time column."""

@@ -1,0 +1,1 @@
+"""From stamps to seconds: the time axis, its rate and its gaps."""
