@@ -46,6 +46,18 @@ class ReadOptions:
     """True: the line above the data holds the names, numbers or not; False: no line does."""
     gaps: Gaps = "rows"
     """A gap in time is nothing special ("rows"), rows of missing samples ("missing"), or elapsed time ("dt")."""
+    header_row: int | None = None
+    """Line number, from 1, of the row of names; 0 where there is none."""
+    unit_row: int | None = None
+    """Line number, from 1, of the row of units; 0 where there is none."""
+    time_format: str | None = None
+    """How a stamp is written, in the codes of `datetime.strptime`: "%d.%m.%Y %H:%M:%S"."""
+    day_first: bool | None = None
+    """True: 03/04/2025 is 3 April; False: it is March 4."""
+    rate: float | None = None
+    """Sample rate in Hz, in place of that of the stamps; the stamps keep their places."""
+    part: str | None = None
+    """Which sheet, topic, group or variable of a file that holds several."""
 
     def __post_init__(self) -> None:
         if self.delimiter is not None and self.delimiter not in DELIMITERS:
@@ -58,6 +70,11 @@ class ReadOptions:
             raise BadSetting(f"time_unit must be one of {', '.join(SECONDS_PER_UNIT)} (got {self.time_unit!r})")
         if self.gaps not in ("rows", "missing", "dt"):
             raise BadSetting(f"gaps must be rows, missing or dt (got {self.gaps!r})")
+        for name, row in (("header_row", self.header_row), ("unit_row", self.unit_row)):
+            if row is not None and row < 0:
+                raise BadSetting(f"{name} must be a line number from 1, or 0 for none (got {row!r})")
+        if self.rate is not None and not 0.0 < self.rate < math.inf:
+            raise BadSetting(f"rate must be a number of Hz above 0 (got {self.rate!r})")
         for value in self.missing:
             if not isinstance(value, str) and not math.isfinite(value):
                 raise BadSetting(f"missing must be finite numbers or texts (got {value!r})")

@@ -1,0 +1,1 @@
+"""What the text files of known instruments and loggers say above, or beside, their table."""
