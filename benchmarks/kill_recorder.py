@@ -29,7 +29,7 @@ from pathlib import Path
 
 from starved import Probe, waited
 
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 from kalscope.sources.recorder.repair import repair
 
 MAX_LOST_S = 0.25

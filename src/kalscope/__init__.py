@@ -27,7 +27,7 @@ from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
 from kalscope.filtering.streaming import KalmanFilter
 from kalscope.recording import LineIssue, ReadReport, Recording
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 from kalscope.sources.samples import list_samples
 from kalscope.sources.synthetic import synthesize
 from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, save_tuning

@@ -23,7 +23,7 @@ from kalscope.estimation.starting import starting_params
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.streaming import KalmanFilter
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 from kalscope.tuning.tuning import ChannelTuning, Tuning, save_tuning
 
 posix_only = pytest.mark.skipif(os.name == "nt", reason="POSIX pipes and devices")

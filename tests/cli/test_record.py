@@ -19,7 +19,7 @@ import pytest
 from effort import FUZZ
 from waiting import PATIENCE, wait_until
 
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 from kalscope.sources.recorder.repair import repair
 
 pytest.importorskip("termios", reason="there are no pseudo-terminals here")

@@ -21,7 +21,7 @@ from kalscope.common.progress import Progress
 from kalscope.errors import KalscopeError
 from kalscope.estimation.estimate import METHODS, estimate
 from kalscope.estimation.finding import Noise, find_parameters
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 from kalscope.tuning.tuning import load_tuning
 
 SHARED_DATA = Path(__file__).parents[3] / "shared" / "data"

@@ -16,7 +16,7 @@ from kalscope.export.filtered_csv import ROWS_PER_CHUNK, csv_header, filtered_cs
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 PARAMS = FilterParams(q=1e-3, r=1.0)

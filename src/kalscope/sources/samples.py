@@ -7,7 +7,7 @@ from pathlib import Path
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import Recording
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 
 DEMO = "flex_sensor"
 """The sample behind "demo": a clean periodic truth under a noise one can see."""

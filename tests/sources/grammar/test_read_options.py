@@ -7,7 +7,7 @@ from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
 from kalscope.sources.readers.account import account
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 
 NAN = math.nan
 

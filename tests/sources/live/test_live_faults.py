@@ -9,7 +9,7 @@ import pytest
 import serial
 
 from kalscope.sources.live import live_lines
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 

@@ -13,7 +13,7 @@ from raw_bytes import decoded
 
 from kalscope.errors import KalscopeError
 from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 
 pytestmark = pytest.mark.slow
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kalscope.errors import BadFile
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 
 duckdb = pytest.importorskip("duckdb")
 

@@ -16,8 +16,8 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.columns import Column
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.readers import csv_rows
-from kalscope.sources.readers.csv_file import read_recording
 from kalscope.sources.readers.plain_block import block_parser
+from kalscope.sources.readers.recording_file import read_recording
 
 CLEAN = "t,a,b\n" + "".join(f"{0.01 * i:.2f},{20 + 0.37 * i:.4f},{-3 + 0.01 * i * i:.3f}\n" for i in range(40))
 UNTIMED = "a;b\n" + "".join(f"{i * 7 % 11};{i * 0.5}\n" for i in range(40))

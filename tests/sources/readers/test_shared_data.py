@@ -7,7 +7,7 @@ import pytest
 
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 
 SHARED = Path(__file__).parents[3] / "../shared/data"
 pytestmark = [

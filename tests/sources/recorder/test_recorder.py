@@ -25,7 +25,7 @@ from kalscope.sources.layout.columns import Column
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_parser import LineParser
 from kalscope.sources.lines.line_reader import LineEvent
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 from kalscope.sources.recorder import append_file as recording_file
 from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope.sources.recorder.format import escaped

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from kalscope.errors import BadFile
 from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 from kalscope.sources.recorder.recorder import Recorder
 from kalscope.sources.recorder.repair import read_ends, repair
 

@@ -18,7 +18,7 @@ from kalscope.common.text import count, duration
 from kalscope.papers.experiments import list_experiments
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 from kalscope.sources.samples import list_samples
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs

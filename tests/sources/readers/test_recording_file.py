@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from raw_bytes import damaged, decoded
 
 from kalscope.errors import BadFile, BadSetting
-from kalscope.sources.readers.csv_file import read_recording
+from kalscope.sources.readers.recording_file import read_recording
 
 
 @pytest.fixture
