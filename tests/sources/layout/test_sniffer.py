@@ -100,6 +100,14 @@ def test_units_come_from_a_row_or_from_our_comment():
     assert layout.columns[1].unit == "1e8 m3"
 
 
+@pytest.mark.parametrize("filling", [" ", "\t", "a ", ":", " :", "#"])
+def test_a_long_unit_comment_is_no_unit_and_is_passed_over_at_once(filling):
+    # Half a minute for 4,800 blanks once; 64,000 would outlast any test run.
+    layout = sniff([f"# unit{filling * 64_000}x", "t,temp", "0.0,20.5", "0.1,20.6"])
+    assert layout is not None
+    assert layout.columns[1].unit == ""
+
+
 def test_names_may_stand_in_the_comment_above_the_data():
     layout = sniff(["# time ax", "0.0 1", "0.1 2"])
     assert layout is not None

@@ -8,10 +8,10 @@ row of units below the header, or in comment lines of Kalscope's own convention 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from kalscope.sources.grammar.cells import is_comment
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn
@@ -23,7 +23,7 @@ from kalscope.sources.layout.time_column import chosen_time, find_time
 MAX_COLUMNS = 256
 """A table wider than this is no log of samples (a list per line, an image, one case per line)."""
 
-_UNIT_COMMENT = re.compile(r"\s*(?:#|%|//)\s*unit\s+(.+?)\s*:\s*(.+?)\s*", re.IGNORECASE)
+_MAX_COMMENT_LENGTH = 400
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def sniff(head: Sequence[str], options: ReadOptions = DEFAULTS) -> Layout | None
         header = read_header(head, lines, table, options.header)
     else:
         header = _labelled_header(table, lines)
-    said = {match[1]: match[2] for line in head if (match := _UNIT_COMMENT.fullmatch(line))}
+    said = dict(filter(None, map(_unit_comment, head)))
     rows = [(number, cells) for number, cells in table.rows if number >= header.first]
     columns = [replace(column, unit=said.get(column.name, column.unit)) for column in header.columns]
     cells = [cells for _, cells in rows]
@@ -100,6 +100,17 @@ def sniff(head: Sequence[str], options: ReadOptions = DEFAULTS) -> Layout | None
         header_rows=tuple(cells for _, cells in header.rows),
         notes=(*notes, *more),
     )
+
+
+def _unit_comment(line: str) -> tuple[str, str] | None:
+    """(name, unit) of `# unit volume: 1e8 m3`; None for any other line."""
+    if len(line) > _MAX_COMMENT_LENGTH or not is_comment(line):
+        return None
+    words = line.strip().lstrip("#%/").split(None, 1)
+    if len(words) < 2 or words[0].lower() != "unit":
+        return None
+    name, _, unit = (part.strip() for part in words[1].partition(":"))
+    return (name, unit) if name and unit else None
 
 
 def _find_time(
