@@ -19,8 +19,8 @@ import typer
 
 from kalscope.cli.app import app, run
 from kalscope.cli.console import stop_signals
-from kalscope.cli.options import Delimiter, GapsChoice, Missing, SamplePeriod, TimeColumnChoice, TimeUnit
-from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
+from kalscope.cli.options import SamplePeriod, reads_source
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
     from kalscope.sources.live.live_source import LiveSource
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 
 @app.command("open")
+@reads_source
 def open_dashboard(
     source: Annotated[
         str, typer.Argument(help='A file, a port as "serial:PORT@BAUD", "demo", "sample:NAME", "experiment:NAME".')
@@ -41,11 +42,7 @@ def open_dashboard(
         list[str] | None, typer.Option(help="Name by which a browser may call this machine, for --host 0.0.0.0.")
     ] = None,
     sample_period: SamplePeriod = None,
-    delimiter: Delimiter = None,
-    time_column: TimeColumnChoice = None,
-    time_unit: TimeUnit = None,
-    missing: Missing = None,
-    gaps: GapsChoice = None,
+    reading: ReadOptions = DEFAULTS,
     config: Annotated[Path | None, typer.Option(help="Tuning file to start from.")] = None,
     behind: Annotated[
         str | None, typer.Option(metavar="URL", help="https://NAME of a reverse proxy that shows the dashboard.")
@@ -70,9 +67,8 @@ def open_dashboard(
     def token(bound_port: int) -> str:
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
 
-    options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
     with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
-        state, board = first_state(source, options, config, sample_period)
+        state, board = first_state(source, reading, config, sample_period)
         state = apply_options(state, channel, q, r, p0, x0, gate)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), label="Kalscope")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from kalscope.common.text import typed_number
 from kalscope.recording import Recording
+from kalscope.sources.grammar.read_options import option, option_words
 from kalscope_app.session.live import defer_until_settled
 from kalscope_app.session.state import State
 
@@ -17,8 +18,6 @@ AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
 
 WORDS_OF_NOTHING = ("", "automatic", "diffuse", "first", "off")
 """What a user may type for that."""
-
-DELIMITER_WORDS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 
 
 @dataclass(frozen=True)
@@ -58,40 +57,26 @@ def _channel_words(recording: Recording, channel: str) -> list[str]:
     if len(recording.names) == 1:
         return []
     index = recording.index(channel)
-    return _option("channel", channel if channel.isprintable() and channel.strip() else str(index + 1))
+    return [*option("channel", channel if channel.isprintable() and channel.strip() else str(index + 1))]
 
 
 def setting_words(state: State) -> list[str]:
     """Q and r always, the rest where it differs from the starting values."""
     tuning, start = state.tuning, state.start
-    words = [*_option("q", repr(tuning.q)), *_option("r", repr(tuning.r))]
+    words = [*option("q", repr(tuning.q)), *option("r", repr(tuning.r))]
     by_value = tuning.p0 is not None
     for name in ("p0", "x0", "gate"):
         value = getattr(tuning, name)
         if value != getattr(start, name) and (name != "x0" or by_value):
-            words += _option(name, AUTOMATIC[name] if value is None else repr(value))
+            words += option(name, AUTOMATIC[name] if value is None else repr(value))
     return words
 
 
 def reading_words(state: State) -> list[str]:
     """How the file is to be read, where that was decided."""
-    options, period = state.open.options, state.open.typed_period
-    words = [] if period is None else _option("sample-period", repr(period))
-    if options.delimiter is not None:
-        words += _option("delimiter", DELIMITER_WORDS[options.delimiter])
-    if options.time_column is not None:
-        column = options.time_column
-        words += _option("time-column", str(column + 1) if isinstance(column, int) else column)
-    if options.time_unit is not None:
-        words += _option("time-unit", options.time_unit)
-    for value in options.missing:
-        words += _option("missing", value if isinstance(value, str) else repr(value))
-    return words if options.gaps == "rows" else [*words, *_option("gaps", options.gaps)]
-
-
-def _option(name: str, value: str) -> list[str]:
-    """Two words, or one where the value could be taken for an option."""
-    return [f"--{name}={value}"] if value.startswith("-") else [f"--{name}", value]
+    period = state.open.typed_period
+    words = () if period is None else option("sample-period", repr(period))
+    return [*words, *option_words(state.open.options)]
 
 
 def apply_options(

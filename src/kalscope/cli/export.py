@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.options import number_option
+from kalscope.cli.options import number_option, reads_source
 from kalscope.errors import BadSetting
 from kalscope.export.write import limits_of, write_files
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
     from kalscope.recording import Recording
@@ -19,6 +20,7 @@ CHOICES = "arduino, c, python, matlab, json, ros2, platformio, esphome, bachagas
 """The targets that write something; repeated here, so that --help need not import the filter."""
 
 
+@reads_source
 def export_command(
     tuning: Annotated[Path, typer.Argument(metavar="TUNING", help="Tuning file with q and r.")],
     target: Annotated[str, typer.Option("--to", metavar="TARGET", help=f"One of {CHOICES}.")],
@@ -32,6 +34,7 @@ def export_command(
     ] = None,
     sample_period: Annotated[float | None, number_option("Of the device, s: q is rescaled to it.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
+    reading: ReadOptions = DEFAULTS,
 ) -> None:
     """Export the tuned filter for the device or the program that will run it."""
     from kalscope.catalogue import open_source
@@ -41,10 +44,12 @@ def export_command(
 
     if vectors is not None and output is None:
         raise BadSetting("--vectors needs -o, the folder to write to (got none)")
+    if vectors is None and reading != DEFAULTS:
+        raise BadSetting("options about reading need --vectors, the file to be read (got none)")
     tuned = load_tuning(tuning)
     if sample_period is not None:
         tuned = rescaled_to_period(tuned, sample_period)
-    recording = None if vectors is None else open_source(vectors)
+    recording = None if vectors is None else open_source(vectors, reading)
     files = export_tuning(tuned, target, channel=channel, vectors=recording)
     for message in [*_other_rate(recording, tuned), *limits_of(tuned, channel, target)]:
         say(f"note: {message}")

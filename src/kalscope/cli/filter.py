@@ -12,29 +12,19 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO
 import typer
 
 from kalscope.cli.console import open_stdout, progress_line, say, write_output
-from kalscope.cli.options import (
-    Delimiter,
-    GapsChoice,
-    Missing,
-    SamplePeriod,
-    TimeColumnChoice,
-    TimeUnit,
-    number,
-    number_option,
-    number_or,
-)
+from kalscope.cli.options import SamplePeriod, number, number_option, number_or, reads_source
 from kalscope.errors import BadSetting
-from kalscope.sources.grammar.read_options import options_from_text
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
     from kalscope.filtering.params import FilterParams
     from kalscope.recording import Recording
-    from kalscope.sources.grammar.read_options import ReadOptions
 
 MAX_LINE_BYTES = 65_536
 """Bytes of one line on stdin, hundreds of channels; a longer one is no line of numbers."""
 
 
+@reads_source
 def filter_command(
     source: Annotated[
         str,
@@ -60,11 +50,7 @@ def filter_command(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file.")
     ] = None,
     sample_period: SamplePeriod = None,
-    delimiter: Delimiter = None,
-    time_column: TimeColumnChoice = None,
-    time_unit: TimeUnit = None,
-    missing: Missing = None,
-    gaps: GapsChoice = None,
+    reading: ReadOptions = DEFAULTS,
     report: Annotated[
         bool, typer.Option("--report", help="Report on stderr how SOURCE was read, every line accounted for.")
     ] = False,
@@ -84,12 +70,11 @@ def filter_command(
     given = {
         name: None if math.isnan(value) else value for name, value in options_given.items() if value is not None
     }
-    options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
     if source == "-":
         _refuse_with_stdin(report=report, output=output)
-        _filter_stdin(*params_for_stdin(config, given, channel, sample_period), options)
+        _filter_stdin(*params_for_stdin(config, given, channel, sample_period), reading)
         return
-    recording = _read(source, options, sample_period, output)
+    recording = _read(source, reading, sample_period, output)
     params, notes = params_for(recording, config, given, channel)
     write_output(filtered_csv_chunks(recording, params), output)
     if report:

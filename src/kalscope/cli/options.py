@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
 from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
+
+from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
 
 
 class BadValue(typer.BadParameter):
@@ -64,19 +68,80 @@ Source = Annotated[
     str, typer.Argument(metavar="SOURCE", help='A file, "demo", "sample:NAME", "synthetic:SHAPE?…".')
 ]
 SamplePeriod = Annotated[float | None, number_option("Sample period in s; replaces that of SOURCE.")]
-Delimiter = Annotated[
-    str | None, typer.Option(metavar="MARK", help="comma, semicolon, tab, bar or space; else detected.")
-]
-TimeColumnChoice = Annotated[
-    str | None, typer.Option(metavar="NAME", help='Name or number (from 1) of the time column, or "none".')
-]
-TimeUnit = Annotated[
-    str | None, typer.Option(metavar="UNIT", help="Unit of a numeric time column: s, ms, us, ns, min, h, day.")
-]
-Missing = Annotated[
-    list[str] | None,
-    typer.Option(metavar="VALUE", help='A value that means "no sample", such as -200; may be repeated.'),
-]
-GapsChoice = Annotated[
-    str | None, typer.Option(metavar="HOW", help="Gaps in time: rows (none, default), missing samples, or dt.")
-]
+
+
+def text_option(name: str, text: str) -> Any:
+    """An option that takes a text, named by the word `name` in --help."""
+    return typer.Option(metavar=name, help=text)
+
+
+def read_options(
+    delimiter: Annotated[
+        str | None, text_option("MARK", "comma, semicolon, tab, bar or space; else detected.")
+    ] = None,
+    decimal: Annotated[str | None, text_option("MARK", "Decimal mark: point or comma; else detected.")] = None,
+    header_row: Annotated[
+        str | None, text_option("N", "Line with the names, counted from 1; 0: there is none.")
+    ] = None,
+    unit_row: Annotated[
+        str | None, text_option("N", "Line with the units, counted from 1; 0: there is none.")
+    ] = None,
+    time_column: Annotated[
+        str | None, text_option("NAME", 'Name or number (from 1) of the time column, or "none".')
+    ] = None,
+    time_unit: Annotated[
+        str | None, text_option("UNIT", "Unit of a numeric time column: s, ms, us, ns, min, h, day, year.")
+    ] = None,
+    time_format: Annotated[
+        str | None, text_option("FORMAT", 'How a stamp is written, such as "%d.%m.%Y %H:%M:%S".')
+    ] = None,
+    day_first: Annotated[
+        bool | None, typer.Option("--day-first/--month-first", help="03/04/2025: 3 April, or March 4.")
+    ] = None,
+    rate: Annotated[str | None, text_option("HZ", "Sample rate, in place of that of the stamps.")] = None,
+    missing: Annotated[
+        list[str] | None, text_option("VALUE", 'A value that means "no sample", such as -200; may be repeated.')
+    ] = None,
+    gaps: Annotated[
+        str | None, text_option("HOW", "Gaps in time: rows (none, default), missing samples, or dt.")
+    ] = None,
+    part: Annotated[
+        str | None, text_option("NAME", "Sheet, topic, group or variable of a file that holds several.")
+    ] = None,
+) -> ReadOptions:
+    """The options about reading a file, as every command that reads one takes them; see `reads_source`."""
+    return options_from_text(
+        delimiter,
+        time_column,
+        time_unit,
+        missing or (),
+        gaps,
+        decimal=decimal,
+        header_row=header_row,
+        unit_row=unit_row,
+        time_format=time_format,
+        day_first=day_first,
+        rate=rate,
+        part=part,
+    )
+
+
+def reads_source(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with all the options of `read_options` in place of its parameter `reading`.
+
+    Typer makes its options from the signature that it finds, so the result has one with both.
+    """
+    own = inspect.signature(command, eval_str=True).parameters
+    shared = inspect.signature(read_options, eval_str=True).parameters
+
+    @functools.wraps(command)
+    def with_reading(**given: Any) -> None:
+        reading = read_options(**{name: given.pop(name) for name in shared if name in given})
+        command(**given, reading=reading)
+
+    merged: dict[str, inspect.Parameter] = {}
+    for name, parameter in own.items():
+        merged.update(shared if name == "reading" else {name: parameter})
+    with_reading.__annotations__ = {name: parameter.annotation for name, parameter in merged.items()}
+    with_reading.__dict__["__signature__"] = inspect.Signature(list(merged.values()))
+    return with_reading

@@ -8,10 +8,12 @@ from typing import Annotated
 import typer
 
 from kalscope.cli.console import progress_line, say
-from kalscope.cli.options import Source
+from kalscope.cli.options import SamplePeriod, Source, reads_source
 from kalscope.errors import BadSetting
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 
+@reads_source
 def report_command(
     source: Source,
     config: Annotated[Path, typer.Option(metavar="FILE", help="Tuning file with q and r.")],
@@ -21,6 +23,8 @@ def report_command(
     channel: Annotated[
         str | None, typer.Option(metavar="NAME", help="Else the one that was on the screen.")
     ] = None,
+    sample_period: SamplePeriod = None,
+    reading: ReadOptions = DEFAULTS,
 ) -> None:
     """Write a page for the lab book: chart, parameters, what they do, whether they fit, and how to reopen it."""
     from dataclasses import replace
@@ -40,7 +44,7 @@ def report_command(
         raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
     tuning = load_tuning(config)
     with progress_line() as progress:
-        recording = open_source(source, progress=progress)
+        recording = open_source(source, reading, sample_period=sample_period, progress=progress)
     if recording.sample_period is None and tuning.sample_period is not None:
         moments = np.arange(len(recording)) * tuning.sample_period
         recording = replace(recording, time=moments, sample_period=tuning.sample_period)

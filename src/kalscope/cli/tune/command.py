@@ -10,18 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.options import (
-    Delimiter,
-    GapsChoice,
-    Missing,
-    SamplePeriod,
-    Source,
-    TimeColumnChoice,
-    TimeUnit,
-    number_option,
-)
+from kalscope.cli.options import SamplePeriod, Source, number_option, reads_source
 from kalscope.errors import BadSetting
-from kalscope.sources.grammar.read_options import options_from_text
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
     from kalscope.cli.tune.answer import Answer, TuneRequest
@@ -42,6 +33,7 @@ SPECIFICATIONS = {
 """The options that specify the filter: the word of `find_parameters`, and its value over that of the option."""
 
 
+@reads_source
 def tune_command(
     source: Source,
     channel: Annotated[str | None, typer.Option(metavar="NAME", help="Else the first.")] = None,
@@ -66,11 +58,7 @@ def tune_command(
     bandwidth_hz: Annotated[float | None, number_option("Noise bandwidth for --density, Hz.")] = None,
     r: Annotated[float | None, number_option("Known measurement-noise variance, unit²; q is estimated.")] = None,
     sample_period: SamplePeriod = None,
-    delimiter: Delimiter = None,
-    time_column: TimeColumnChoice = None,
-    time_unit: TimeUnit = None,
-    missing: Missing = None,
-    gaps: GapsChoice = None,
+    reading: ReadOptions = DEFAULTS,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Save the tuning to this file.")
@@ -96,8 +84,7 @@ def tune_command(
     }
     given = {name: value for name, value in numbers.items() if value is not None}
     _refuse_contradictions(given, method, still, channel, every)
-    options = options_from_text(delimiter, time_column, time_unit, missing or (), gaps)
-    recording = open_source(source, options, sample_period=sample_period)
+    recording = open_source(source, reading, sample_period=sample_period)
     request = _request(given, method or "ml", still, recording)
     answers = _answers(recording, recording.names if every else (channel or recording.names[0],), request)
     notes = [sample_period_conflict(recording)] if "--sample-period" in given else []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -26,6 +26,8 @@ _DELIMITER_WORDS = {
     "blank": " ",
     "blanks": " ",
 }
+_WORD_OF_DELIMITER = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
+_DECIMAL_WORDS = {"point": ".", "dot": ".", "comma": ","}
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,14 @@ def options_from_text(
     time_unit: str | None = None,
     missing: Sequence[str] = (),
     gaps: str | None = None,
+    *,
+    decimal: str | None = None,
+    header_row: str | None = None,
+    unit_row: str | None = None,
+    time_format: str | None = None,
+    day_first: bool | None = None,
+    rate: str | None = None,
+    part: str | None = None,
 ) -> ReadOptions:
     r"""Options as the user types them, on the command line or into a form.
 
@@ -114,15 +124,83 @@ def options_from_text(
         time_unit: Any common word for the unit: ms, millis, µs, seconds.
         missing: Numbers and texts.
         gaps: rows, missing or dt.
+        decimal: The mark itself, or point, comma.
+        header_row: A line number from 1, or 0.
+        unit_row: A line number from 1, or 0.
+        time_format: Codes of `datetime.strptime`.
+        day_first: See ReadOptions.
+        rate: A number of Hz, with or without the unit.
+        part: A name.
 
     Raises:
         BadSetting: a choice that is none of these.
     """
-    mark = delimiter if delimiter is None else _DELIMITER_WORDS.get(delimiter.lower(), delimiter)
-    unit = time_unit if time_unit is None else UNIT_OF_WORD.get(time_unit.strip().lower(), time_unit)
     column: str | int | None = time_column
     number = (time_column or "").lower().removeprefix("column").strip()
     if number.isascii() and number.isdecimal() and number != "0":
         column = int(number) - 1
-    values = tuple(float(text) if is_number(text.strip()) else text for text in missing)
-    return ReadOptions(mark, None, column, unit, values, gaps=cast("Gaps", gaps or "rows"))
+    return ReadOptions(
+        delimiter=_by_word(delimiter, _DELIMITER_WORDS),
+        decimal=_by_word(decimal, _DECIMAL_WORDS),
+        time_column=column,
+        time_unit=_by_word(time_unit, UNIT_OF_WORD),
+        missing=tuple(float(text) if is_number(text.strip()) else text for text in missing),
+        gaps=cast("Gaps", gaps or "rows"),
+        header_row=_line_number("header_row", header_row),
+        unit_row=_line_number("unit_row", unit_row),
+        time_format=time_format,
+        day_first=day_first,
+        rate=_hertz(rate),
+        part=part,
+    )
+
+
+def option_words(options: ReadOptions) -> tuple[str, ...]:
+    """What was decided, in the words of the command line: ("--delimiter", "comma", "--missing=-200.0")."""
+    column = options.time_column
+    single = {
+        "delimiter": _WORD_OF_DELIMITER.get(options.delimiter or ""),
+        "decimal": {".": "point", ",": "comma"}.get(options.decimal or ""),
+        "header-row": "0" if options.header is False and options.header_row is None else options.header_row,
+        "unit-row": options.unit_row,
+        "time-column": column + 1 if isinstance(column, int) else column,
+        "time-unit": options.time_unit,
+        "time-format": options.time_format,
+        "rate": None if options.rate is None else repr(options.rate),
+    }
+    words = [word for name, value in single.items() if value is not None for word in option(name, str(value))]
+    if options.day_first is not None:
+        words.append("--day-first" if options.day_first else "--month-first")
+    for value in options.missing:
+        words += option("missing", value if isinstance(value, str) else repr(value))
+    if options.gaps != "rows":
+        words += option("gaps", options.gaps)
+    return (*words, *(() if options.part is None else option("part", options.part)))
+
+
+def option(name: str, value: str) -> tuple[str, ...]:
+    """An option of the command line: two words, or one where the value could be taken for an option."""
+    return (f"--{name}={value}",) if value.startswith("-") else (f"--{name}", value)
+
+
+def _by_word(text: str | None, meanings: Mapping[str, str]) -> str | None:
+    """What a word means; any other text as it is, for ReadOptions to refuse."""
+    return None if text is None else meanings.get(text.strip().lower(), text)
+
+
+def _line_number(name: str, text: str | None) -> int | None:
+    if text is None:
+        return None
+    digits = text.strip()
+    if not (digits.isascii() and digits.isdecimal() and len(digits) <= 9):
+        raise BadSetting(f"{name} must be a line number from 1, or 0 for none (got {text!r})")
+    return int(digits)
+
+
+def _hertz(text: str | None) -> float | None:
+    if text is None:
+        return None
+    digits = text.strip().lower().removesuffix("hz").strip()
+    if not is_number(digits):
+        raise BadSetting(f"rate must be a number of Hz above 0 (got {text!r})")
+    return float(digits)
