@@ -14,6 +14,41 @@ Gaps = Literal["rows", "missing", "dt"]
 """What a gap in time is to the filter: nothing, rows of missing samples, or elapsed time."""
 
 
+Stamps = Literal["even", "uneven", "bursts", "coarse", "none"]
+"""How the stamps of a recording lie: a step per sample, or several samples a step; "none" without stamps."""
+
+RateSource = Literal["stamps", "file", "option", "none"]
+"""Where a sample period comes from: the stamps, the text of the file, the user; "none" where it is unknown."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How the sample period was found and how sure it is."""
+
+    stamps: Stamps
+    """Even; uneven (jitter); in bursts (a buffer); of a clock coarser than the sample period; or none."""
+    source: RateSource
+    """Where `period` comes from."""
+    period: float | None
+    """Sample period in s, `Recording.sample_period`; None where it is unknown."""
+    error: float = 0.0
+    """Standard error of `period` as a share of it; 0 where it was given or the stamps are even."""
+    stamps_period: float | None = None
+    """The period in s by the stamps alone; None where they give none."""
+    pauses: int = 0
+    """Steps at which samples are missing: gaps in time."""
+    missing: int = 0
+    """Rows that `--gaps missing` puts, or did put, into the gaps."""
+    longest_pause: float = 0.0
+    """The longest of these steps in s."""
+    resolution: float | None = None
+    """Step of the clock in s where it is coarser than the sample period."""
+    summary: str = ""
+    """The rate in a few words: "13.4 Hz from uneven stamps, ±0.2 %"; "" where it is unknown."""
+    notes: tuple[str, ...] = ()
+    """What was done with the stamps, each a sentence; they are among `ReadReport.notes` too."""
+
+
 @dataclass(frozen=True)
 class LineIssue:
     """One line, or one cell of a line, that could not be read as it is."""
@@ -54,6 +89,8 @@ class ReadReport:
     """The first 100 rejected lines and bad cells, in file order."""
     notes: tuple[str, ...] = ()
     """What the reader decided, each a sentence: delimiter, header, time column, renamed columns."""
+    timing: Timing | None = None
+    """How the sample period was found; None for synthetic signals and for a board."""
 
 
 @dataclass(frozen=True)
