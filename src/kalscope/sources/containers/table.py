@@ -1,10 +1,18 @@
-"""The columns that a container holds."""
+"""What a container holds: a table of numbers, or text that is read by the rules of text files."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from kalscope.common.array import Array
+from kalscope.recording import LineIssue
+
+MAX_NUMBERS = 1 << 28
+"""Most numbers of one table: 2 GiB as float64. A small file can claim any size."""
+
+MAX_COLUMNS = 256
+"""Most channels of one table; what is wider is a list or an image."""
 
 
 @dataclass(frozen=True)
@@ -14,14 +22,37 @@ class Table:
     names: tuple[str, ...]
     """Full name of each channel: the topic or group, and the field."""
     units: tuple[str, ...]
-    """Unit of each channel; "" where none is given."""
+    """Unit of each channel; "" where none is given: its name may still hold one."""
     columns: tuple[Array, ...]
     """Samples of each channel, shape (n,), NaN where missing."""
     time: Array | None = None
-    """Stamps in s, shape (n,); None where samples are counted."""
+    """Stamps in s, shape (n,), as the file gives them; None where it gives none: a column may still be the time."""
     start: float | None = None
-    """Time of the first sample in s since 1970, where the stamps count from it."""
+    """Time of the stamp 0 in s since 1970, where the file gives it."""
     period: float | None = None
     """Sample period in s that the file gives; None where it gives none."""
     notes: tuple[str, ...] = ()
     """What was decided, each a sentence: the format, the part that was chosen, the others."""
+    dates: frozenset[int] = frozenset()
+    """Columns, from 0, that are calendar stamps in µs since 1970."""
+    texts: tuple[str, ...] = ()
+    """Names of columns that hold no numbers and were left out."""
+    headers: int = 0
+    """Lines of the file that are no rows: headers, and blank lines between its parts."""
+    issues: tuple[LineIssue, ...] = ()
+    """Lines that were rejected, in file order."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and channels."""
+        return (len(self.columns[0]) if self.columns else 0), len(self.columns)
+
+
+@dataclass(frozen=True)
+class Text:
+    """A table as lines of text, whose header, units and stamps are found as in any text file."""
+
+    lines: Iterable[str]
+    """The lines, without their newlines."""
+    notes: tuple[str, ...]
+    """What was decided, each a sentence."""

@@ -31,6 +31,8 @@ class Reading:
     """The account of all lines."""
     layout: Layout
     """What the columns are."""
+    period: float | None = None
+    """Sample period in s that the file itself gives where no column is the time; None where it gives none."""
 
 
 def assemble(reading: Reading, options: ReadOptions, sample_period: float | None, name: str) -> Recording:
@@ -99,7 +101,8 @@ def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float |
     if column is None:
         if options.time_unit is not None:
             raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
-        return TimeAxis(np.arange(n, dtype=np.float64) * (sample_period or 1.0), None, 0, ())
+        period = sample_period or reading.period or 1.0
+        return TimeAxis(np.arange(n, dtype=np.float64) * period, reading.period, 0, ())
     return read_time(reading.columns[column.index], column, options.time_unit)
 
 

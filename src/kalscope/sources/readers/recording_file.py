@@ -21,12 +21,15 @@ from kalscope.common.checks import above_zero
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.errors import BadFile
 from kalscope.recording import Recording
+from kalscope.sources.containers.known import Container, find_container, read_container
+from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.cells import is_blank, is_comment
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import Layout, sniff
 from kalscope.sources.readers.assemble import Reading, assemble
 from kalscope.sources.readers.csv_rows import read_rows
-from kalscope.sources.readers.text_file import PARQUET, RawFile, find_encoding, open_raw, open_text
+from kalscope.sources.readers.table_reading import reading_of
+from kalscope.sources.readers.text_file import RawFile, find_encoding, open_raw, open_text, text_as_file
 
 HEAD_BYTES = (65536, 1 << 20)
 """How much is sniffed: 64 KiB, and where that shows no data (a long preamble) 1 MiB."""
@@ -69,8 +72,11 @@ def read_recording(
     name = Path(path).name or str(path)
     progress = Progress(progress, cancelled)
     with open_raw(path, progress) as raw:
+        container = find_container(raw.head, name)
         reading = (
-            _read_parquet(raw, options) if raw.head.startswith(PARQUET) else _read_text(raw, options, progress)
+            _read_text(raw, options, progress)
+            if container is None
+            else _read_container(container, raw, options, progress)
         )
         recording = assemble(reading, options, sample_period, name)
         # An absolute path, so that a tuning file reopens it from any folder.
@@ -85,10 +91,13 @@ def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Readin
     return Reading(columns, tally, layout)
 
 
-def _read_parquet(raw: RawFile, options: ReadOptions) -> Reading:
-    from kalscope.sources.readers.parquet_file import read_parquet
-
-    return read_parquet(raw, options)
+def _read_container(container: Container, raw: RawFile, options: ReadOptions, progress: Progress) -> Reading:
+    held = read_container(container, raw.path, raw.name, options.part, progress.part(0.0, 0.5))
+    if isinstance(held, Table):
+        return reading_of(held, options)
+    with text_as_file(held.lines, raw, progress.part(0.5, 0.75)) as text:
+        reading = _read_text(text, options, progress.part(0.75, 1.0))
+    return replace(reading, layout=replace(reading.layout, notes=(*held.notes, *reading.layout.notes)))
 
 
 def _sniff_head(raw: RawFile, encoding: str, options: ReadOptions) -> Layout:

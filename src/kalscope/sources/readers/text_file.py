@@ -6,9 +6,9 @@ import codecs
 import hashlib
 import io
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -18,8 +18,6 @@ from kalscope.sources.readers.archives import is_packed, unpacked
 
 HEAD_BYTES = 1 << 20
 """Bytes from which the form of a file is detected."""
-
-PARQUET = b"PAR1"
 
 _FOREIGN = {
     b"PK\x03\x04": "a zip archive or spreadsheet",
@@ -82,6 +80,21 @@ def _open_raw(path: Path, target: Path, progress: Progress) -> RawFile:
             out.writelines(unpacked(path, path.name, progress))
     with content.open("rb") as file:
         return RawFile(path.name, content, content.stat().st_size, file.read(HEAD_BYTES), sha256)
+
+
+@contextmanager
+def text_as_file(lines: Iterable[str], origin: RawFile, progress: Progress) -> Generator[RawFile]:
+    """Lines that a container holds as a text file, which lasts as long as the context."""
+    with tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder:
+        target = Path(folder) / "text"
+        with target.open("w", encoding="utf-8", errors="replace", newline="\n") as out:
+            for number, line in enumerate(lines):
+                if number % 4096 == 0:
+                    progress(0.5, "reading")
+                out.write(line + "\n")
+        with target.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+        yield replace(origin, path=target, size=target.stat().st_size, head=head)
 
 
 def find_encoding(raw: RawFile, progress: Progress) -> str:

@@ -58,5 +58,5 @@ def test_a_parquet_file_without_samples_is_refused(parquet, select):
 def test_a_damaged_parquet_file_is_refused(tmp_path):
     path = tmp_path / "log.parquet"
     path.write_bytes(b"PAR1" + bytes(200) + b"PAR1")
-    with pytest.raises(BadFile, match="whole Parquet"):
+    with pytest.raises(BadFile, match="must be a Parquet file that is whole"):
         read_recording(path)

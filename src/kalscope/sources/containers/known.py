@@ -1,0 +1,63 @@
+"""Which files are containers, and how each is read."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from kalscope.common.progress import Progress
+from kalscope.common.text import one_line
+from kalscope.errors import BadFile, KalscopeError
+from kalscope.sources.containers.parquet import read_parquet
+from kalscope.sources.containers.table import Table, Text
+
+ReadContainer = Callable[[Path, str, "str | None", Progress], Table | Text]
+"""From the path of the content, the name of the file, the part to read and the progress to what it holds."""
+
+
+@dataclass(frozen=True)
+class Container:
+    """One kind of file that is read by rules of its own."""
+
+    kind: str
+    """What it is, for messages: "a Parquet file"."""
+    recognise: Callable[[bytes, str], bool]
+    """Whether the head of a file, and its name in lower case, are of this kind."""
+    read: ReadContainer
+    """Its reader."""
+
+
+def _begins(*magic: bytes) -> Callable[[bytes, str], bool]:
+    return lambda head, _: head.startswith(magic)
+
+
+_CONTAINERS = (Container("a Parquet file", _begins(b"PAR1"), read_parquet),)
+
+
+def find_container(head: bytes, name: str) -> Container | None:
+    """The container that begins so and is named so; None for a text file, or one of no known kind."""
+    lower = name.lower()
+    return next((container for container in _CONTAINERS if container.recognise(head, lower)), None)
+
+
+def read_container(
+    container: Container, path: Path, name: str, part: str | None, progress: Progress
+) -> Table | Text:
+    """What the file holds.
+
+    Raises:
+        BadFile: it is damaged, holds no numbers, is too large, or its library is not installed.
+        BadSetting: there is no such part.
+        Cancelled: it was cancelled.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # libraries warn of what is odd in a file
+            return container.read(path, name, part, progress)
+    except KalscopeError:
+        raise
+    except Exception as error:  # a damaged file may raise anything in a library
+        said = one_line(str(error))[:120] or type(error).__name__
+        raise BadFile(f"{name} must be {container.kind} that is whole (got: {said})") from None
