@@ -68,7 +68,7 @@ def test_what_people_print_is_a_row(line, values):
     np.testing.assert_equal(found, values)
 
 
-@pytest.mark.parametrize("line", ["hello world", "nan", "a=1", "WiFi connected", "Warning: too hot"])
+@pytest.mark.parametrize("line", ["hello world", "nan", "a==1", "WiFi connected", "Warning: too hot"])
 def test_text_is_text(line):
     assert only(line)[0] == "text"
 

@@ -11,9 +11,12 @@ from functools import reduce
 from typing import Literal
 
 from kalscope.sources.grammar.cells import is_number
+from kalscope.sources.grammar.json_line import find_object
 
 Pairs = list[tuple[str, str]]
 
+_BETWEEN_PAIRS = re.compile(r"[,;&\t]")
+_TOKEN = re.compile(r'"[^"]*"|[^\s,;&="]+|=')
 _LABEL_PAIR = re.compile(r"([^\s:]+)\s*:\s*(\S+)")
 # The Arduino IDE writes "->", PlatformIO's monitor ">".
 _MONITOR_STAMP = re.compile(r"\s*([0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]+)?)\s*-?>\s?(.*)", re.DOTALL)
@@ -26,7 +29,7 @@ class LineFormat:
     """How the data lines of one source are written."""
 
     kind: Literal["table", "labels", "teleplot"] = "table"
-    """"table": values in fixed places; "labels": `name:value` pairs; "teleplot": `>name:ms:value§unit`."""
+    """"table": values in fixed places; "labels": pairs of a name and a value; "teleplot": `>name:ms:value§unit`."""
     delimiter: str = ","
     """Between the cells of a table: one of `, ; TAB |`, or a space for any run of blanks."""
     decimal: str = "."
@@ -52,7 +55,7 @@ class Teleplot:
 
 
 def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
-    """(label, value text) pairs of `a:1,b:2`, `a: 1 b: 2`, `Sensor Value: 155, Volts: 0.76`, `>a:1`.
+    """(label, value text) pairs of `a:1,b:2`, `a: 1 b: 2`, `Sensor Value: 155, Volts: 0.76`, `a=1 b=2`, `{"a":1}`.
 
     Returns:
         The pairs, and the bare numbers among them that no label claims: `a:1 5`. None if anything else is on the
@@ -61,7 +64,13 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     """
     text = line.strip().removeprefix(">")
     ignored: list[str] = []
-    if any(mark in text for mark in ",;\t"):
+    if text.startswith("{"):
+        found = find_object(text)
+        return None if found is None else (found, ignored)
+    equal = _equalities(text) if "=" in text else None
+    if equal is not None:
+        pairs, complete = equal, True
+    elif any(mark in text for mark in ",;\t"):
         parts = [part for part in re.split(r"[,;\t]", text) if part.strip()]
         pairs = [(label.strip(), value.strip()) for label, _, value in (part.partition(":") for part in parts)]
         complete = all(":" in part for part in parts)
@@ -75,6 +84,23 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     if not pairs or not complete or any(not label or is_number(label) for label, _ in pairs):
         return None
     return pairs, ignored
+
+
+def _equalities(text: str) -> Pairs | None:
+    """The pairs of `t=1 ax=0.5`, `temp = 21.5 C, rel hum = 40 %`, `msg="two words"`; None for any other text."""
+    parts = [part for part in _BETWEEN_PAIRS.split(text) if part.strip()] if '"' not in text else []
+    if len(parts) > 1 and all(part.count("=") == 1 for part in parts):
+        return [(label.strip(), value.strip()) for label, _, value in (part.partition("=") for part in parts)]
+    tokens = _TOKEN.findall(text) if text.count('"') % 2 == 0 else []
+    pairs: Pairs = []
+    i = 0
+    while i + 1 < len(tokens):
+        if tokens[i] == "=" or tokens[i + 1] != "=":
+            return None
+        has_value = i + 2 < len(tokens) and tokens[i + 2] != "=" and tokens[i + 3 : i + 4] != ["="]
+        pairs.append((tokens[i], tokens[i + 2].strip('"') if has_value else ""))
+        i += 3 if has_value else 2
+    return pairs if i == len(tokens) and pairs else None
 
 
 def _trailing_numbers(text: str) -> bool:

@@ -5,7 +5,7 @@ Pure functions on text.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
 
 from kalscope.sources.grammar.cells import MISSING, is_blank, is_comment, is_number, split_fields
@@ -146,11 +146,14 @@ def _labelled(lines: list[HeadLine]) -> HeadTable | None:
     for _, found in pairs:
         for label, value in found.items():
             count[label] += is_number(value) or STAMP_SHAPE.fullmatch(value) is not None
-    labels = tuple(label for label, n in count.items() if n and n >= 0.1 * len(pairs))
+    numeric = {label for label, n in count.items() if n and n >= 0.1 * len(pairs)}
+    # A text beside numbers, "status", is a column; lines of texts alone are the program's log.
+    beside = Counter(label for _, found in pairs if found.keys() & numeric for label in found)
+    labels = tuple(label for label, n in beside.items() if n >= 0.1 * len(pairs))
     rows = tuple(
         (number, tuple(found.get(label, "") for label in labels))
         for number, found in pairs
-        if found.keys() <= set(labels)
+        if found.keys() & numeric and found.keys() <= set(labels)
     )
     rows = tuple(row for row in rows if _likeness(row[1], "."))
     if not rows:

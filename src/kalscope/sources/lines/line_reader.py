@@ -69,7 +69,7 @@ class LineReader:
         self._stamp = row_stamp_parser(layout.time, self._form.decimal) if layout.time else None
         self._labels = frozenset(self._form.labels)
         names = "|".join(map(re.escape, self._form.labels))
-        self._known_label = re.compile(rf"(?:^|[\s,;>])(?:{names})\s*:")
+        self._known_label = re.compile(rf"(?:^|[\s,;>])(?:{names})\s*[:=]")
 
     def read(self, number: int, line: str) -> LineEvent:
         """Take one whole line, with or without its newline."""
@@ -129,7 +129,7 @@ class LineReader:
         """Cells in column order; what no column claims is an issue; None for prose."""
         found = find_labels(text)
         if found is None:
-            if self._known_label.search(text):
+            if self._known_label.search(text) or text.lstrip().startswith("{"):
                 raise _Fault("must be written as the other lines are")
             return None
         pairs, ignored = found
