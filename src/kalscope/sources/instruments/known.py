@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
+from kalscope.sources.instruments.oscilloscopes import keysight, others, rigol, siglent, tektronix
 from kalscope.sources.instruments.preface import Preface
 
-_INSTRUMENTS: tuple[Callable[[Sequence[str]], Preface | None], ...] = ()
+_INSTRUMENTS: tuple[Callable[[Sequence[str]], Preface | None], ...] = (
+    rigol.recognise,
+    tektronix.recognise,
+    keysight.recognise,
+    siglent.recognise,
+    others.recognise,
+)
+_DELIMITERS = {",": ",", ";": ";", "\t": "\t", "\\t": "\t", "|": "|", "": "\t"}
 
 
 def find_preface(head: Sequence[str]) -> Preface | None:
@@ -15,5 +24,22 @@ def find_preface(head: Sequence[str]) -> Preface | None:
     Args:
         head: The first lines of the file, without their newlines.
     """
-    found = (recognise(head) for recognise in _INSTRUMENTS)
-    return next((preface for preface in found if preface is not None), None)
+    if not head:
+        return None
+    lines = [head[0].removeprefix("\ufeff"), *head[1:]]
+    delimiter = _separator_line(lines[0])
+    if delimiter is not None:
+        lines[0] = ""  # the line numbers stay
+    found = (recognise(lines) for recognise in _INSTRUMENTS)
+    preface = next((preface for preface in found if preface is not None), None)
+    if delimiter is None:
+        return preface
+    if preface is None:
+        return Preface("spreadsheet", delimiter=delimiter, notes=("line 1 names the delimiter",))
+    return preface if preface.delimiter else replace(preface, delimiter=delimiter)
+
+
+def _separator_line(line: str) -> str | None:
+    """The delimiter that a first line `sep=;` tells Excel; None for any other line."""
+    text = line[:12].strip(' "\r').lower() if len(line) < 12 else ""
+    return _DELIMITERS.get(text[4:]) if text.startswith("sep=") else None

@@ -16,17 +16,17 @@ class Preface:
     decimal: str | None = None
     """Decimal mark."""
     header_row: int | None = None
-    """Line number, from 1, of the row of names; 0 where there is none."""
+    """Line number, from 1, of the row of names; 0 where there is none. `names` goes before what it says."""
     unit_row: int | None = None
-    """Line number, from 1, of the row of units; 0 where there is none."""
+    """Line number, from 1, of the row of units; 0 where there is none. `units` goes before what it says."""
     first_row: int | None = None
     """Line number, from 1, of the first row of the table."""
     names: tuple[str, ...] = ()
-    """Name of each column of the table, in place of a header row; "" where one has none."""
+    """Name of each column of the table, without an empty one at its end; "" where one has none."""
     units: tuple[str, ...] = ()
-    """Unit of each column, in place of a units row."""
+    """Unit of each column, "" where it has none; as many as `names`."""
     left_out: frozenset[int] = frozenset()
-    """Columns, from 0, that hold no samples: metadata beside the data."""
+    """Columns, from 0, that hold no samples: metadata beside the data, a counter, a second form of the stamp."""
     time_column: int | None = None
     """Column, from 0, of the time; -1 where the table has none."""
     time_unit: str | None = None
@@ -34,6 +34,10 @@ class Preface:
     period: float | None = None
     """Sample period in s."""
     start: float | None = None
-    """Time of the first sample in s since 1970 (UTC where no zone is given)."""
+    """What second 0 of the stamps is, or the first sample where there are none, in s since 1970 (UTC where no zone
+    is given)."""
+    offset: float | None = None
+    """Stamp of the first sample in s, where the table has no time column: an oscilloscope counts from its
+    trigger."""
     notes: tuple[str, ...] = ()
     """What else was understood, each a sentence for the report."""

@@ -1,0 +1,1 @@
+"""What oscilloscopes write above, and beside, the samples of a trace."""

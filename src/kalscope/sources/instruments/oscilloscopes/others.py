@@ -1,0 +1,155 @@
+"""LeCroy, PicoScope, GW Instek, Hantek and Owon oscilloscopes.
+
+Sources: LeCroy WaveSurfer and WavePro files (`Segments,1,SegmentSize,502`), the PicoScope 6 user's guide "Text
+formats" (names, units in brackets, an empty line), the GDS-1000 file described in public readers, Hantek's
+DSO2000/5000 CSV (`#timebase`), and Owon's of ElmüSoft's Oscilloscope Waveform Analyzer, whose stamps run backwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from kalscope.sources.grammar.cells import parse_number
+from kalscope.sources.grammar.timestamps import UNIT_OF_WORD
+from kalscope.sources.instruments.metadata import (
+    Cells,
+    first_sample,
+    in_words,
+    index_of,
+    positive,
+    said,
+    table_rows,
+    unit_in,
+)
+from kalscope.sources.instruments.oscilloscopes.trace import counted, trace
+from kalscope.sources.instruments.preface import Preface
+
+
+def recognise(head: Sequence[str]) -> Preface | None:
+    """The preface of a LeCroy's, PicoScope's, GW Instek's, Hantek's or Owon's file; None for any other file."""
+    start = next((line for line in head[:3] if line.strip()), "").strip().lower()
+    if start.startswith("lecroy"):
+        return _lecroy(table_rows(head))
+    if start.startswith(("time,", "time;", "time\t")):
+        return _picoscope(head, start[4])
+    if start.startswith("memory length,"):
+        return _gw_instek(table_rows(head))
+    if start.startswith("#timebase="):
+        return _hantek(table_rows(head))
+    if start.startswith(("#,time(", "#;time(")):
+        return _owon(table_rows(head, start[1]), start[1])
+    return None
+
+
+def _lecroy(rows: list[Cells]) -> Preface | None:
+    at = index_of(rows[:40], "time")
+    first = first_sample(rows, at + 1) if at is not None else None
+    if at is None or first is None or len(rows[at]) < 2:
+        return None
+    segments = said(rows[:at], "segments")
+    notes = [f"LeCroy oscilloscope: {counted(len(rows[at]) - 1)}"]
+    if segments.isdecimal() and segments not in ("0", "1"):
+        notes.append(f"{segments} segments follow one another, each with stamps from its own trigger")
+    return Preface(
+        "LeCroy oscilloscope",
+        delimiter=",",
+        decimal=".",
+        header_row=at + 1,
+        unit_row=0,
+        first_row=first + 1,
+        names=("time", *rows[at][1:]),
+        units=("s", *[""] * (len(rows[at]) - 1)),
+        time_column=0,
+        time_unit="s",
+        notes=tuple(notes),
+    )
+
+
+def _picoscope(head: Sequence[str], delimiter: str) -> Preface | None:
+    rows = table_rows(head, delimiter)
+    at = next((i for i, cells in enumerate(rows[:6]) if cells and all(map(_bracketed, cells))), None)
+    if not at:
+        return None
+    # The decimal mark is the computer's own.
+    decimal = "," if delimiter != "," and any("," in cell for cells in rows[at + 1 :] for cell in cells) else "."
+    return trace("PicoScope", rows, at, header_at=at - 1, delimiter=delimiter, decimal=decimal)
+
+
+def _bracketed(cell: str) -> bool:
+    return cell[:1] + cell[-1:] == "()"
+
+
+def _gw_instek(rows: list[Cells]) -> Preface | None:
+    at = index_of(rows, "waveform data")
+    first = first_sample(rows, at + 1) if at is not None else None
+    period = positive(said(rows, "sampling period"))
+    if at is None or first is None or period is None or len(rows[first]) > 2:
+        return None
+    timed = len(rows[first]) == 2
+    # Without stamps ("Fast") the samples are counts of the converter.
+    unit = (unit_in(said(rows[:at], "vertical units")) or "") if timed else ""
+    return Preface(
+        "GW Instek oscilloscope",
+        delimiter=",",
+        decimal=".",
+        header_row=0,
+        unit_row=0,
+        first_row=first + 1,
+        names=(*(["time"] * timed), said(rows[:at], "source")),
+        units=(*(["s"] * timed), unit),
+        time_column=0 if timed else -1,
+        time_unit="s" if timed else None,
+        period=period,
+        notes=(f"GW Instek oscilloscope: sample interval {in_words(period)} from its settings",),
+    )
+
+
+def _hantek(rows: list[Cells]) -> Preface | None:
+    first = first_sample(rows)
+    if first is None or len(rows[first]) < 2:
+        return None
+    channels = len(rows[first]) - 1
+    return Preface(
+        "Hantek oscilloscope",
+        delimiter=",",
+        decimal=".",
+        header_row=0,
+        unit_row=0,
+        first_row=first + 1,
+        names=("time", *[""] * channels),
+        units=("s", *["V"] * channels),
+        time_column=0,
+        time_unit="s",
+        notes=(f"Hantek oscilloscope: {counted(channels)}",),
+    )
+
+
+def _owon(rows: list[Cells], delimiter: str) -> Preface | None:
+    decimal = "," if delimiter == ";" and any("," in cell for cells in rows[1:] for cell in cells) else "."
+    first = first_sample(rows, 1, decimal)
+    if first is None or first + 1 >= len(rows):
+        return None
+    header = [cell.partition("(") for cell in rows[0]]
+    names, units = [name.strip() for name, _, _ in header], [unit.rstrip(") ") for _, _, unit in header]
+    stamps = [parse_number(row[1], decimal) if len(row) > 1 else None for row in rows[first : first + 2]]
+    if stamps[0] is None or stamps[1] is None or units[1] not in UNIT_OF_WORD:
+        return None
+    backwards = stamps[1] < stamps[0]
+    size = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}.get(UNIT_OF_WORD[units[1]], 1.0)
+    period = round((stamps[0] - stamps[1]) * size, 15)
+    note = f", stamps run backwards: the samples are taken {in_words(period)} apart" if backwards else ""
+    return Preface(
+        "Owon oscilloscope",
+        delimiter=delimiter,
+        decimal=decimal,
+        header_row=1,
+        unit_row=0,
+        first_row=first + 1,
+        names=("#", "time", *names[2:]),
+        units=("", units[1], *units[2:]),
+        left_out=frozenset({0, 1} if backwards else {0}),
+        time_column=-1 if backwards else 1,
+        time_unit=None if backwards else UNIT_OF_WORD[units[1]],
+        period=period if backwards else None,
+        notes=(f"Owon oscilloscope: {counted(len(names) - 2)}{note}",),
+    )

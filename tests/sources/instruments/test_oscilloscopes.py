@@ -1,0 +1,267 @@
+"""What oscilloscopes write above and beside their samples; each text is made up in the form of real files."""
+
+import pytest
+
+from kalscope.sources.instruments.known import find_preface
+
+
+def head(text):
+    return text.strip("\n").split("\n")
+
+
+def preface(text):
+    found = find_preface(head(text))
+    assert found is not None
+    return found
+
+
+def test_rigol_names_and_units_rows_and_the_separator_that_only_rows_end_in():
+    found = preface("""
+,CH1,CH2
+Second,Volt,Volt
+-4.0e-03,3.04e+00,9.40e+00,\x20
+-3.9e-03,3.04e+00,9.40e+00,\x20
+""")
+    assert (found.header_row, found.unit_row, found.first_row) == (1, 2, 3)
+    assert (found.names, found.units) == (("time", "CH1", "CH2"), ("s", "V", "V"))
+    assert (found.time_column, found.time_unit) == (0, "s")
+
+
+@pytest.mark.parametrize("names", ["X,CH1,", "Time,X(CH1),", ",CH1,"])
+def test_rigol_calls_its_first_column_differently_by_model(names):
+    found = preface(f"{names}\nSecond,Volt,\n-5.99e-06,4.4,\n-5.98e-06,4.3,")
+    assert found.names == ("time", "CH1")
+
+
+def test_rigol_numbers_its_samples_and_says_start_and_increment():
+    found = preface("""
+X,CH1,CH2,Start,Increment,
+Sequence,VOLT,Volt,-6.0e-03,1.0e-06,
+0,4.00e-02,1.0,
+1,-1.20e-01,1.1,
+""")
+    assert (found.names, found.units) == (("sequence", "CH1", "CH2"), ("", "V", "V"))
+    assert (found.left_out, found.time_column, found.period, found.offset) == ({0}, -1, 1e-6, -6e-3)
+    assert found.first_row == 3
+
+
+def test_rigol_pods_of_digital_lines_are_no_samples():
+    found = preface("""
+X,CH1,D7-D0,D15-D8,Start,Increment,
+Sequence,Volt,,,-1.144e-03,2.0e-06
+0,4.00e-02,0x00,0x00,
+1,-1.20e-01,0x00,0x01,
+2,-1.20e-01,0x00,0x01,
+""")
+    assert found.left_out == {0, 2, 3}
+
+
+def test_rigol_that_knows_no_increment_has_no_period():
+    found = preface("X,CH1,Start,Increment,\nSequence,Volt,0.000E+0,Inf\n0,1.375E+2,\n1,1.4E+2,")
+    assert (found.period, found.offset, found.time_column) == (None, None, -1)
+
+
+SETTINGS = """
+"Number of Data points =",8192,
+"Time Scale (s/DIV) =",1E-7,
+"Sampling Frequency (Hz)=",{rate},
+"Channel Data","CH 1","CH 2"
+"Attenuation = ",10,1
+"Inverted = ","NO","NO"
+"Time (s)","Voltage (V)","Voltage (V)"
+0,1.72,9.92
+2E-9,-4.52,9.92
+4E-9,-4.6,9.92
+"""
+
+
+def test_rigol_settings_name_the_channels():
+    found = preface(SETTINGS.format(rate=500000000))
+    assert (found.names, found.units) == (("time", "CH 1", "CH 2"), ("s", "V", "V"))
+    assert (found.header_row, found.first_row, found.period) == (7, 8, 2e-9)
+
+
+def test_a_rate_that_the_stamps_contradict_is_not_used_and_said():
+    found = preface(SETTINGS.format(rate=100000000))
+    assert found.period is None
+    assert any("contradict" in note for note in found.notes)
+
+
+BESIDE = """
+{q}Record Length{q},2.5e+03,{points}  -0.000480,  -0.86000,
+{q}Sample Interval{q},2.0e-06,{s}  -0.000478,  -0.86000,
+Trigger Point,2.4e+02,,  -0.000476,  -0.88000,
+,,,  -0.000474,  -0.86000,
+Source,CH2,,  -0.000472,  -0.86000,
+Vertical Units,V,,  -0.000470,  -0.86000,
+Horizontal Units,s,,  -0.000468,  -0.86000,
+Model Number,TBS1022,,-00.000466,  -0.86000,
+,,,-00.000464,  -0.86000,
+"""
+
+
+@pytest.mark.parametrize("form", [("", ",", ","), ('"', '"Points",', '"s",')])
+def test_tektronix_settings_beside_the_samples(form):
+    quote, points, s = form
+    found = preface(BESIDE.format(q=quote, points=points, s=s))
+    assert (found.left_out, found.time_column, found.first_row) == ({0, 1, 2}, 3, 1)
+    assert (found.names[3:], found.units[3:], found.period) == (("time", "CH2"), ("s", "V"), 2e-6)
+
+
+@pytest.mark.parametrize("mark", ["", "#"])
+def test_tektronix_settings_above_the_samples(mark):
+    lines = """
+Model,MSO4034B
+Firmware Version,2.90
+
+Waveform Type,ANALOG,,
+Point Format,Y,,
+Horizontal Units,s,,
+Sample Interval,4e-06,,
+Record Length,1000,,
+Vertical Units,V,A,
+,,,
+Label,,,
+TIME,CH1,CH2,
+-2.0000e-03,0.01,1.5,
+-1.9960e-03,0.02,1.6,
+-1.9920e-03,0.03,1.6,
+"""
+    found = preface("\n".join(mark + line if line[:1].isalpha() else line for line in head(lines)))
+    assert (found.names, found.units) == (("time", "CH1", "CH2"), ("s", "V", "A"))
+    assert (found.header_row, found.first_row, found.period) == (12, 13, 4e-6)
+
+
+def test_tektronix_writes_the_settings_of_digital_lines_beside_those_of_the_analog_ones():
+    found = preface("""
+Model,MDO3014
+Waveform Type,ANALOG,,Waveform Type,DIGITAL,
+Horizontal Units,s,,Horizontal Units,s,
+Sample Interval,4e-09,,Sample Interval,4e-09,
+Vertical Units,V,,Vertical Units,V,V
+TIME,CH1,,TIME,D1,D0
+-1.000000000e-03,0.01,,-1.000000000e-03,0,1
+-9.99996000e-04,0.01,,-9.99996000e-04,0,1
+""")
+    assert found.left_out == {2, 3}
+    assert found.units == ("s", "V", "", "", "V", "V")
+
+
+def test_keysight_numbers_its_channels():
+    found = preface("""
+x-axis,1,2
+second,Volt,Ampere
+-84.48E-06,0.0E+00,4.70E+00
+-84.40E-06,0.0E+00,4.70E+00
+""")
+    assert (found.names, found.units) == (("time", "1", "2"), ("s", "V", "A"))
+    assert (found.header_row, found.unit_row, found.first_row) == (1, 2, 3)
+
+
+def test_keysight_segments_are_said_above_the_names():
+    found = preface("points/segment = 4\nx-axis,1\nsecond,Volt\n-1E-06,0.0E+00\n0E-06,0.1E+00")
+    assert (found.names, found.first_row) == (("time", "1"), 4)
+
+
+def test_infiniium_gives_origin_and_increment_in_place_of_stamps():
+    found = preface("""
+Type:   raw
+Points:  4
+XInc:  5.0E-11
+XOrg:  -2.0E-07
+XUnits:  second
+YUnits:  Volt
+Data:
+0.10
+0.12
+""")
+    assert (found.time_column, found.period, found.offset) == (-1, 5e-11, -2e-7)
+    assert (found.units, found.first_row) == (("V",), 8)
+
+
+SIGLENT = """
+Record Length,Analog:4,
+Sample Interval,Analog:5.000000E-05,
+Vertical Units,CH1:V,CH3:A,
+Horizontal Units,s,
+Model Number,SDS1104X-U,
+Source,CH1,CH3
+Second,Value,Value
++1.240000E+01,+4.0E-02,1.0
++1.240005E+01,+4.1E-02,1.0
++1.240010E+01,+4.0E-02,1.0
+"""
+
+
+def test_siglent_takes_the_units_from_its_settings_where_the_units_row_says_value():
+    found = preface(SIGLENT)
+    assert (found.names, found.units) == (("time", "CH1", "CH3"), ("s", "V", "A"))
+    assert (found.header_row, found.unit_row, found.first_row, found.period) == (6, 7, 8, 5e-5)
+
+
+def test_siglent_bin2csv_names_the_channel_by_its_scale():
+    found = preface("""
+Record Length,Analog:14000
+Sample Rate,100000000.0
+Vertical Scale,CH1: 0.05
+Horizontal Scale, 0.000010000
+Second,Volt
+-0.00007000000,-0.19400
+-0.00006999000,-0.19200
+""")
+    assert (found.names, found.units, found.period) == (("time", "CH1"), ("s", "V"), 1e-8)
+    assert (found.header_row, found.unit_row) == (0, 5)
+
+
+def test_lecroy_says_its_segments():
+    found = preface("""
+LECROYWS3024,12304,Waveform
+Segments,2,SegmentSize,502
+Segment,TrigTime,TimeSinceSegment1
+#1,22-Jan-2015 11:35:11,0
+#2,22-Jan-2015 11:35:12,1
+Time,Ampl
+-0.0050000283,0.354573
+-0.0049999783,0.354573
+""")
+    assert (found.names, found.time_unit, found.first_row) == (("time", "Ampl"), "s", 7)
+    assert any("2 segments" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("blank", ["", ","])
+def test_picoscope_puts_units_in_brackets_and_an_empty_line(blank):
+    found = preface(f"Time,Channel A,Channel B\n(ms),(V),(mV)\n{blank}\n-0.1,4.8,4.9\n0.0,4.8,4.9")
+    assert (found.names, found.units) == (("Time", "Channel A", "Channel B"), ("ms", "V", "mV"))
+    assert (found.time_unit, found.first_row) == ("ms", 4)
+
+
+def test_picoscope_takes_the_decimal_comma_of_its_computer():
+    found = preface("Time;Channel A\n(µs);(V)\n\n-0,00500800;12,12598419\n-0,00250400;12,1")
+    assert (found.delimiter, found.decimal, found.time_unit) == (";", ",", "us")
+
+
+def test_gw_instek_gives_a_period_and_no_stamps():
+    found = preface("""
+Memory Length,4000,
+Source,CH2,
+Vertical Units,V,
+Sampling Period,4.00000e-06,
+Firmware,V1.09,
+Time, ,
+Mode,Detail,
+Waveform Data,
+-0.5,
+-0.4,
+""")
+    assert (found.names, found.time_column, found.period, found.first_row) == (("CH2",), -1, 4e-6, 9)
+
+
+def test_hantek_writes_no_names():
+    found = preface("#timebase=2000000000(ps)\n,#voltbase=5000000(uV)\n#size=2\n0.0E+00,1.2\n2.5E-05,1.3")
+    assert (found.names, found.units, found.first_row) == (("time", ""), ("s", "V"), 4)
+
+
+def test_owon_stamps_that_run_backwards_become_a_period():
+    found = preface("#,Time(ms),CH1(mV)\n0,3.000,10320.00\n1,2.996,10320.00\n2,2.992,10240.00")
+    assert (found.names[2], found.units[2], found.left_out, found.time_column) == ("CH1", "mV", {0, 1}, -1)
+    assert found.period == pytest.approx(4e-6)
