@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from kalscope.sources.instruments import actigraph, campbell, empatica, openbci, shimmer
 from kalscope.sources.instruments.oscilloscopes import keysight, others, rigol, siglent, tektronix
 from kalscope.sources.instruments.preface import Preface
 
 _INSTRUMENTS: tuple[Callable[[Sequence[str]], Preface | None], ...] = (
+    campbell.recognise,
+    openbci.recognise,
+    actigraph.recognise,
     rigol.recognise,
     tektronix.recognise,
     keysight.recognise,
     siglent.recognise,
     others.recognise,
+    empatica.recognise,
+    shimmer.recognise,
 )
 _DELIMITERS = {",": ",", ";": ";", "\t": "\t", "\\t": "\t", "|": "|", "": "\t"}
 

@@ -1,0 +1,83 @@
+"""ActiGraph's activity monitors: ten lines above the counts, which have no time column.
+
+Source: ActiLife user manual, "CSV export"; the readers pyActigraphy (reader_agd, reader_awd) and GGIR. The date is
+written as "date format M/d/yyyy" in line 1 says; an epoch of 00:00:00 means raw samples at the rate of line 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from itertools import pairwise
+
+from kalscope.sources.instruments.metadata import (
+    MAX_LINES,
+    cells_of,
+    in_words,
+    inverse,
+    is_sample,
+    positive,
+)
+from kalscope.sources.instruments.preface import Preface
+
+_NAME = "ActiGraph"
+_STAMPED = ("timestamp", "date", "time", "epoch")
+
+
+def recognise(head: Sequence[str]) -> Preface | None:
+    """The preface of an ActiGraph's file; None for any other file."""
+    if not head or "data file created by actigraph" not in head[0][:200].lower():
+        return None
+    ends = (i for i, line in enumerate(head[1:MAX_LINES], 1) if line.strip(' ",;').startswith("-----"))
+    end = next(ends, None)
+    if end is None or end + 1 >= len(head):
+        return None
+    delimiter = ";" if ";" in head[end + 1] else ","
+    row = cells_of(head[end + 1], delimiter)
+    named = not is_sample(row, "," if delimiter == ";" else ".")
+    stamped = named and bool(row) and row[0].lower().startswith(_STAMPED)
+    above = [line.strip(' ",;') for line in head[1:end]]
+    period = _epoch(_behind(above, "epoch period (hh:mm:ss)")) or inverse(_rate(head[0]))
+    if period is None:
+        return None
+    start = None if stamped else _start(head[0], _behind(above, "start date"), _behind(above, "start time"))
+    return Preface(
+        _NAME,
+        delimiter=delimiter,
+        header_row=end + 2 if named else 0,
+        unit_row=0,
+        first_row=end + 2 + named,
+        time_column=None if stamped else -1,
+        period=period,
+        start=start,
+        notes=(f"{_NAME}: sample interval {in_words(period)} from the lines above the table",),
+    )
+
+
+def _behind(lines: Sequence[str], key: str) -> str:
+    return next((line[len(key) :].strip(" :") for line in lines if line.lower().startswith(key)), "")
+
+
+def _epoch(text: str) -> float | None:
+    parts = text.split(":")
+    if len(parts) != 3 or not all(part.isdecimal() and len(part) < 4 for part in parts):
+        return None
+    return float(int(parts[0]) * 3600 + int(parts[1]) * 60 + int(parts[2])) or None
+
+
+def _rate(line: str) -> float | None:
+    """30 of "… date format M/d/yyyy at 30 Hz  Filter Normal"."""
+    words = line.replace("Hz", " Hz ").split()
+    found = (positive(word.removeprefix("at")) for word, unit in pairwise(words) if unit == "Hz")
+    return next(found, None)
+
+
+def _start(line: str, date: str, clock: str) -> float | None:
+    form = line.partition("date format")[2].split()[:1]
+    day_first = bool(form) and form[0].lower().startswith("d")
+    marks = date.replace("-", "/").replace(".", "/")
+    order = "%Y/%m/%d" if marks[:4].isdecimal() else "%d/%m/%Y" if day_first else "%m/%d/%Y"
+    try:
+        return datetime.strptime(f"{marks} {clock}", f"{order} %H:%M:%S").replace(tzinfo=UTC).timestamp()
+    except ValueError:
+        return None
