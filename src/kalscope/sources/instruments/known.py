@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from kalscope.sources.instruments import actigraph, campbell, empatica, openbci, shimmer
+from kalscope.sources.instruments import actigraph, campbell, empatica, openbci, sample_rate, shimmer
 from kalscope.sources.instruments.oscilloscopes import keysight, others, rigol, siglent, tektronix
 from kalscope.sources.instruments.preface import Preface
 
@@ -20,6 +20,7 @@ _INSTRUMENTS: tuple[Callable[[Sequence[str]], Preface | None], ...] = (
     others.recognise,
     empatica.recognise,
     shimmer.recognise,
+    sample_rate.recognise,
 )
 _DELIMITERS = {",": ",", ";": ";", "\t": "\t", "\\t": "\t", "|": "|", "": "\t"}
 

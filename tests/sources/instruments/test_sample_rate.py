@@ -1,0 +1,113 @@
+"""A rate above a table of any logger; and that ordinary tables are no instrument's."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope.sources.instruments.known import find_preface
+
+TABLE = ["t,a", "0,1", "1,2", "2,3"]
+
+
+@pytest.mark.parametrize(
+    ("line", "period"),
+    [
+        ("# Sampling Rate: 250 Hz", 0.004),
+        ("# Sampling Rate: 250.0", 0.004),
+        ("% fs = 100", 0.01),
+        ("Sample Interval,1.0E-6", 1e-6),
+        ("Sample Interval,1.0,ms,", 1e-3),
+        ('"Sampling Frequency (Hz)=",500000000,', 2e-9),
+        ("# Config: data_rate = 2000.0 Hz, filter = 488 Hz", 5e-4),
+        ("Sample rate [kHz]: 2", 5e-4),
+        ("Measurement Frequency,85.7 Hz", 1 / 85.7),
+        ("// Sampling interval (ms): 10", 0.01),
+        ('"Epoch Length:","30","seconds",""', 30.0),
+        ("Logging interval: 00:10:00", 600.0),
+        ("Sample Rate 100 Hz", 0.01),
+        ("# Sampling Period = 4us", 4e-6),
+        ("Abtastrate: 50 Hz", 0.02),
+    ],
+)
+def test_a_rate_above_the_table(line, period):
+    found = find_preface(["My logger 3.1", line, *TABLE])
+    assert found is not None
+    assert found.period == pytest.approx(period)
+    assert found.header_row is None
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "# Sampling Rate: unknown",
+        "# Sampling Rate: 0 Hz",
+        "# Sampling Rate: -5 Hz",
+        "# Sampling Rate: 1e999 Hz",
+        "# Sampling Rate: 250 apples",
+        "# heart rate: 60",
+        "# Range = 4 g, filter = 488 Hz",
+        "rate",
+        "Sample Rate",
+        "dt",
+    ],
+)
+def test_no_rate(line):
+    assert find_preface([line, *TABLE]) is None
+
+
+def test_a_key_on_each_line_is_a_value_of_the_board():
+    assert find_preface([f"dt: {10 + i % 3}" for i in range(50)]) is None
+    assert find_preface(["dt: 10"] * 50) is None
+
+
+def test_two_rates_are_none():
+    assert find_preface(["# Sampling Rate: 250 Hz", "# Sampling Rate: 100 Hz", *TABLE]) is None
+
+
+def test_lines_below_the_first_sample_say_nothing_about_the_table():
+    assert find_preface([*TABLE, "# Sampling Rate: 250 Hz"]) is None
+
+
+ORDINARY = [
+    ["t,temp,dist", "0.00,21.5,0.4", "0.01,21.5,0.4"],
+    ["time,CH1", "0,1", "1,2"],
+    ["Time (s),Voltage (V)", "0,1", "1,2"],
+    ["1,2,3", "4,5,6", "7,8,9"],
+    ["a:1 b:2", "a:3 b:4"],
+    ["s,V", "0,1", "1,2"],
+    ["name,unit", "s,V", "0,1"],
+    ["Record Length", "1", "2"],
+    ["x,y,z", "1,2,3", "4,5,6"],
+    ["source,target", "1,2", "3,4"],
+    ["sequence,value", "0,1", "1,2"],
+    ["", "", ""],
+    [],
+]
+
+
+@pytest.mark.parametrize("lines", ORDINARY)
+def test_an_ordinary_table_is_no_instruments(lines):
+    assert find_preface(lines) is None
+
+
+STARTS = [
+    "TOA5", '"TOACI1",', "%OpenBCI", "Data File Created By ActiGraph", "X,CH1,Start,Increment,", "Time,X(CH1),",
+    '"Number of Data points =",', "Record Length,1,,2,3", "Record Length,Analog:4", "Model,MSO", "TIME,CH1",
+    "Sequence,Volt,1,2", "Second,Volt", "x-axis,1", "Type: raw", "Data:", "XInc: 1", "Source,CH1", "LECROY",
+    "(ms),(V)", "Memory Length,4", "Waveform Data", "#timebase=1(ps)", "#,Time(ms),CH1(mV)", "1551453301",
+    "1551453301,IBI", "Shimmer\tShimmer", "a_CAL,b_CAL", "ms,V", "CAL\tCAL", "sep=;", "-----", "fs = 100",
+    "Sample Index", "", ",", '"', "0,1", "1,2,", "0", "Inf", "1e999,1e999", "Vertical Units,CH1:V", "Time,Ampl",
+    "Sampling Period,4",
+]  # fmt: skip
+
+
+@given(st.lists(st.sampled_from(STARTS) | st.text(max_size=12), max_size=14))
+def test_no_first_lines_make_a_rule_fail(lines):
+    found = find_preface(lines)
+    if found is None:
+        return
+    assert len(found.names) == len(found.units) or not found.names or not found.units
+    assert found.period is None or 0 < found.period < float("inf")
+    assert found.first_row is None or 0 < found.first_row <= len(lines)
+    if found.names and found.time_column is not None:
+        assert -1 <= found.time_column < len(found.names)
