@@ -102,7 +102,7 @@ def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: 
     assert run(["tune", str(log)]) == 0
     out = capsys.readouterr().out
     assert out.startswith("log.csv: noisy [V]\n500 samples, 100 Hz\n")
-    assert out.endswith("Other channels (--channel, --all): smooth, stuck\n")
+    assert out.endswith("Other channels (--channel, --all): smooth, stuck (constant)\n")
     assert run(["tune", str(log), "--all"]) == 0
     out = capsys.readouterr().out
     assert [name for name in ("noisy [V]", "smooth", "stuck") if f"log.csv: {name}\n" in out] == [
@@ -477,3 +477,14 @@ def test_the_options_of_reading_reach_the_estimate(tmp_path, capsys):
     assert plain > 2 * elapsed
     assert run(["tune", str(file), "--delimiter", "nope"]) == 2
     assert "delimiter must be" in capsys.readouterr().err
+
+
+def test_a_counter_is_not_tuned_unless_it_is_asked_for(log: Path, capsys: Captured) -> None:
+    header, *rows = log.read_text().splitlines()
+    log.write_text("\n".join([f"seq,{header}", *(f"{i},{row}" for i, row in enumerate(rows)), ""]))
+    assert tuned(capsys, str(log))["channel"] == "noisy"
+    assert tuned(capsys, str(log), "--channel", "seq")["channel"] == "seq"
+    assert run(["tune", str(log)]) == 0
+    assert (
+        "Other channels (--channel, --all): seq (a counter), smooth, stuck (constant)\n" in capsys.readouterr().out
+    )

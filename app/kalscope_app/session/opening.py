@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from kalscope.analysis.channel_kinds import default_channel
 from kalscope.errors import BadSetting
 from kalscope.estimation.starting import starting_params
 from kalscope.filtering.protocol import Filter, StandardFilter
@@ -20,7 +21,7 @@ from kalscope_app.session.state import ChannelSettings, OpenRecording, State
 def opened(recording: Recording, before: State | None = None) -> State:
     """A state that looks at a newly opened recording, every channel at its starting values."""
     starts = tuple(starting_tuning(recording, name) for name in recording.names)
-    fresh = State(OpenRecording(recording, recording.names[0]), ChannelSettings(starts, starts))
+    fresh = State(OpenRecording(recording, default_channel(recording)), ChannelSettings(starts, starts))
     return fresh if before is None else replace(fresh, view=before.view).with_reset_view(window=None)
 
 

@@ -36,7 +36,7 @@ SPECIFICATIONS = {
 @reads_source
 def tune_command(
     source: Source,
-    channel: Annotated[str | None, typer.Option(metavar="NAME", help="Else the first.")] = None,
+    channel: Annotated[str | None, typer.Option(metavar="NAME", help="Else the first that measures something.")] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
     method: Annotated[
         str | None, typer.Option(metavar="NAME", help="ml (default), em, moments, als or allan.")
@@ -65,6 +65,7 @@ def tune_command(
     ] = None,
 ) -> None:
     """Find q and r for a recording and say why: by estimation, by a specified lag or cut-off, or by known noise."""
+    from kalscope.analysis.channel_kinds import default_channel
     from kalscope.catalogue import open_source
     from kalscope.cli.console import say, write_output
     from kalscope.sources.readers.account import sample_period_conflict
@@ -86,7 +87,7 @@ def tune_command(
     _refuse_contradictions(given, method, still, channel, every)
     recording = open_source(source, reading, sample_period=sample_period)
     request = _request(given, method or "ml", still, recording)
-    answers = _answers(recording, recording.names if every else (channel or recording.names[0],), request)
+    answers = _answers(recording, recording.names if every else (channel or default_channel(recording),), request)
     notes = [sample_period_conflict(recording)] if "--sample-period" in given else []
     if output is not None:
         tuning, more = _tuning(recording, answers, output)
@@ -174,12 +175,14 @@ def still_samples(recording: Recording, text: str) -> tuple[int, int]:
 
 
 def _text(recording: Recording, answers: list[Answer]) -> str:
+    from kalscope.analysis.channel_kinds import with_kinds
     from kalscope.cli.tune.page import WIDTH, text_of
 
     pages = f"\n{'-' * WIDTH}\n".join(text_of(answer, recording) for answer in answers)
     others = [name for name in recording.names if name not in {answer.channel for answer in answers}]
     if others:
-        more = textwrap.wrap(f"Other channels (--channel, --all): {', '.join(others)}", WIDTH)
+        words = ", ".join(with_kinds(recording, others))
+        more = textwrap.wrap(f"Other channels (--channel, --all): {words}", WIDTH)
         pages += "\n" + "\n".join(more) + "\n"
     return pages
 

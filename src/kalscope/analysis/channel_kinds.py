@@ -1,0 +1,237 @@
+"""What each channel of a recording is: a measurement, or a counter, a clock, a flag, a code, a place.
+
+The values decide; names only tell apart what looks alike, such as a clock of odd steps and a rising measurement.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.common.array import Array
+from kalscope.recording import Recording
+
+MEASUREMENT = ""
+"""The kind of a channel that measures something."""
+
+POSITION, RISING, SPARSE, CODE = "a position", "rises at every sample", "mostly missing", "a code"
+FLAG, TIME_STEP, DATE_PART = "only two values", "the time between samples", "part of a date or time"
+COUNTER, CLOCK, CONSTANT, EMPTY = "a counter", "a clock", "constant", "empty"
+KINDS = (
+    *(MEASUREMENT, POSITION, RISING, SPARSE, CODE, FLAG, TIME_STEP),
+    *(DATE_PART, COUNTER, CLOCK, CONSTANT, EMPTY),
+)
+"""From the channel to tune to the one that nothing can be learnt from."""
+
+MIN_SAMPLES = 8
+"""Fewer show no pattern: 1, 2, 3 may be a counter or a temperature."""
+MIN_SHARE = 0.1
+"""A channel with a smaller part of the samples of the fullest one is mostly missing."""
+MAX_CODES = 12
+"""Distinct whole numbers of a code: a status, a class."""
+MIN_RISES = 100
+"""As many rising samples without one fall are no measurement, whatever their name: noise falls now and then."""
+_BLOCK = 2000
+
+_CODE_WORDS = {
+    *("id", "status", "state", "flag", "qc", "quality", "code", "error", "err", "mode", "class", "label"),
+    *("version", "event", "accuracy", "type", "fix", "sats"),
+}
+_TIME_WORDS = {
+    *(
+        "t",
+        "time",
+        "timestamp",
+        "stamp",
+        "date",
+        "datetime",
+        "clock",
+        "rtc",
+        "local",
+        "utc",
+        "gmt",
+        "epoch",
+        "unix",
+    ),
+    *("elapsed", "uptime", "millis", "micros", "seconds", "sec", "ms", "us", "tick", "ticks"),
+}
+_COUNT_WORDS = {
+    *("n", "no", "nr", "count", "counter", "index", "idx", "seq", "sequence", "record", "row", "sample", "samples"),
+    *("entry", "packet"),
+}
+_STEP_WORDS = {"dt", "delta", "interval", "step", "period", "loop"}
+_PLACE_WORDS = {"lat", "latitude", "lon", "long", "lng", "longitude"}
+_NO_NAME = {"value", "column"}
+"""What a column without a name is called."""
+_DATE_PARTS = {
+    **dict.fromkeys(("year", "yr", "yyyy"), (1900, 2200)),
+    **dict.fromkeys(("month", "mon", "mm"), (1, 12)),
+    **dict.fromkeys(("day", "dd", "dom", "weekday"), (0, 31)),
+    **dict.fromkeys(("doy", "jday", "yday"), (1, 366)),
+    **dict.fromkeys(("hour", "hr", "hh"), (0, 24)),
+    **dict.fromkeys(("minute", "min", "second", "sec", "ss"), (0, 60)),
+    **dict.fromkeys(("hhmm",), (0, 2400)),
+}
+"""Limits of a part of a date or clock, by the words of its name."""
+
+
+def default_channel(recording: Recording) -> str:
+    """The first channel that measures something; else the one whose kind comes first in KINDS."""
+    kinds = channel_kinds(recording)
+    return min(recording.names, key=lambda name: KINDS.index(kinds[name]))  # the first of equals
+
+
+def channel_kinds(recording: Recording) -> dict[str, str]:
+    """The kind of each channel, one of KINDS, by its name. A long recording is judged by parts of it."""
+    chosen = _chosen(len(recording))
+    columns = [recording.values[chosen, i] for i in range(len(recording.names))]
+    fullest = max((int(np.isfinite(column).sum()) for column in columns), default=0)
+    steps = np.diff(recording.time[chosen])
+    channels = [
+        _Channel(column, _words(name), steps, fullest)
+        for name, column in zip(recording.names, columns, strict=True)
+    ]
+    return {name: channel.kind for name, channel in zip(recording.names, channels, strict=True)}
+
+
+def with_kinds(recording: Recording, names: list[str]) -> list[str]:
+    """These names of channels, each with its kind in brackets unless it measures something."""
+    kinds = channel_kinds(recording)
+    return [f"{name} ({kinds[name]})" if kinds[name] else name for name in names]
+
+
+def _chosen(n: int) -> NDArray[np.intp]:
+    """Indices of the samples that are judged: all, or runs at the beginning, in the middle and at the end."""
+    if n <= 3 * _BLOCK:
+        return np.arange(n)
+    return np.concatenate([start + np.arange(_BLOCK) for start in (0, (n - _BLOCK) // 2, n - _BLOCK)])
+
+
+def _words(name: str) -> frozenset[str]:
+    """The words of a name in lower case: "gpsLat_2" gives gps, lat."""
+    spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    return frozenset(re.findall(r"[a-z]+", spaced.lower()))
+
+
+@dataclass(frozen=True)
+class _Channel:
+    """One channel, as the rules below look at it."""
+
+    column: Array
+    """Its samples, NaN where missing, shape (n,)."""
+    words: frozenset[str]
+    """The words of its name."""
+    steps: Array
+    """The time between the samples, s, shape (n - 1,)."""
+    fullest: int
+    """Samples of the channel that has most."""
+
+    @property
+    def kind(self) -> str:
+        return next((kind for kind, holds in _RULES if holds(self)), MEASUREMENT)
+
+    @cached_property
+    def z(self) -> Array:
+        """The samples that are there."""
+        return self.column[np.isfinite(self.column)]
+
+    @cached_property
+    def distinct(self) -> int:
+        return len(np.unique(self.z))
+
+    @cached_property
+    def whole(self) -> bool:
+        return bool(np.all(self.z == np.rint(self.z)))
+
+    @cached_property
+    def rise(self) -> _Rise | None:
+        """How the samples rise; None where they do not only rise and begin again."""
+        z, steps = self.z, np.diff(self.z)
+        up, falls = steps[steps > 0.0], np.flatnonzero(steps < 0.0)
+        if not len(up) or len(falls) > 0.2 * len(steps):
+            return None
+        # What wraps falls to where it begins. Runs of a long recording meet twice, there a fall says nothing.
+        low, high = (float(end) for end in np.quantile(z, (0.01, 0.99)))
+        if np.count_nonzero(z[falls + 1] <= low + 0.1 * (high - low)) + 2 < 0.9 * len(falls):
+            return None
+        usual = float(np.median(up))
+        even = np.count_nonzero(up == usual) / len(up)
+        return _Rise(len(steps), len(up) + len(falls), len(falls), usual, even)
+
+
+@dataclass(frozen=True)
+class _Rise:
+    """Samples that rise, and begin again at times."""
+
+    steps: int
+    """Steps from one sample to the next."""
+    moves: int
+    """Those that are not 0."""
+    falls: int
+    """Those that fall."""
+    usual: float
+    """The median of those that rise."""
+    even: float
+    """The part of those that rise by exactly that, 0…1."""
+
+    @property
+    def always(self) -> bool:
+        """Whether every sample is above the one before; two joints of runs aside."""
+        return self.moves == self.steps and self.falls <= 2
+
+
+def _is_time_step(it: _Channel) -> bool:
+    """Whether a column says again how far the stamps are apart, in s or in a thousandth or millionth of it."""
+    forward = it.steps > 0.0
+    ratio = np.abs(it.column[1:][forward]) / it.steps[forward]
+    scale = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else math.nan
+    return bool(it.words & _STEP_WORDS) and any(0.5 * unit <= scale <= 2.0 * unit for unit in (1.0, 1e3, 1e6))
+
+
+def _is_date_part(it: _Channel) -> bool:
+    limits = [_DATE_PARTS[word] for word in it.words if word in _DATE_PARTS]
+    if it.whole and any(first <= np.min(it.z) and np.max(it.z) <= last for first, last in limits):
+        return True
+    rise, named = it.rise, bool(it.words & (_TIME_WORDS | _DATE_PARTS.keys())) or it.words <= _NO_NAME
+    return rise is not None and it.whole and named and rise.usual == 1.0 and rise.even >= 0.9 and not _counts(rise)
+
+
+def _counts(rise: _Rise) -> bool:
+    return rise.even >= 0.9 and rise.moves >= max(0.5 * rise.steps, MIN_SAMPLES - 1)
+
+
+def _is_counter(it: _Channel) -> bool:
+    rise, named = it.rise, bool(it.words & _COUNT_WORDS)
+    if rise is None or not it.whole:
+        return False
+    return (_counts(rise) and (rise.usual == 1.0 or named)) or (named and rise.falls <= 2)
+
+
+def _is_clock(it: _Channel) -> bool:
+    rise, named = it.rise, bool(it.words & (_TIME_WORDS | _DATE_PARTS.keys()))
+    if rise is None:
+        return False
+    return (it.whole and _counts(rise)) or (rise.always and (named or (it.whole and rise.steps >= 20)))
+
+
+_RULES: tuple[tuple[str, Callable[[_Channel], bool]], ...] = (
+    (EMPTY, lambda it: not len(it.z)),
+    (MEASUREMENT, lambda it: it.fullest < MIN_SAMPLES),
+    (CONSTANT, lambda it: it.distinct == 1),
+    (SPARSE, lambda it: len(it.z) < max(MIN_SHARE * it.fullest, MIN_SAMPLES)),
+    (FLAG, lambda it: it.distinct == 2),
+    (TIME_STEP, _is_time_step),
+    (DATE_PART, _is_date_part),
+    (COUNTER, _is_counter),
+    (CLOCK, _is_clock),
+    (RISING, lambda it: it.rise is not None and it.rise.always and it.rise.steps >= MIN_RISES),
+    (CODE, lambda it: it.whole and it.distinct <= MAX_CODES and bool(it.words & _CODE_WORDS)),
+    (POSITION, lambda it: bool(it.words & _PLACE_WORDS) and float(np.max(np.abs(it.z))) <= 360.0),
+)
+"""The first that holds decides; a channel of which none holds measures something."""
