@@ -1,0 +1,124 @@
+"""Every regular expression over outside text takes a time that is linear in the length of the text.
+
+Counted, not timed: see `regex_cost`. The patterns are found by importing all modules, and by reading their source
+for those that are written where they are used, so that none is forgotten.
+"""
+
+import ast
+import importlib
+import pkgutil
+import re
+from pathlib import Path
+
+import pytest
+from regex_cost import ANCHORED, worst_growth
+
+import kalscope
+
+SOURCE = Path(kalscope.__file__).parent
+METHODS = ("match", "fullmatch", "search", "findall", "finditer", "sub", "subn", "split")
+SIZE, MAX_STEPS = 120, 24
+"""Characters of a worst text, and steps a character: a quadratic pattern takes SIZE / 2 or more of them."""
+
+OWN_TEXT = ("kalscope.common.charts", "kalscope.analysis.advice", "kalscope.common.text")
+"""Modules whose patterns see the project's own charts, sentences and numbers."""
+
+CAPPED = {
+    "kalscope.sources.layout.columns:_BRACKETED": "a name is cut at 100 characters",
+    "kalscope.sources.layout.columns:_SUFFIXED": "a name is cut at 100 characters",
+    "kalscope.tuning.toml_text:_DEEP_KEY": "of at most 64 levels",
+}
+"""Patterns that try again from every place, but only so far."""
+
+NOT_YET = {
+    "kalscope.sources.grammar.cells:NUMBER",
+    "kalscope.sources.grammar.line_format:_LABEL_PAIR",
+    "kalscope.sources.grammar.line_format:_CHECKSUM",
+    "kalscope.sources.grammar.timestamps:_DATE",
+    r"kalscope.sources.layout.time_column:(.+?)\s*\([^()]*\)",
+}
+"""Patterns that are still to be replaced."""
+
+
+def compiled():
+    """(module:name, pattern, how it is used) of every pattern that a module holds."""
+    text = "\n".join(path.read_text("utf-8") for path in SOURCE.rglob("*.py"))
+    for info in pkgutil.walk_packages([str(SOURCE)], "kalscope."):
+        if info.name.endswith("__main__"):
+            continue
+        module = importlib.import_module(info.name)
+        for name, value in vars(module).items():
+            held = value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else (value,)
+            patterns = [item for item in held if isinstance(item, re.Pattern)]
+            if not patterns:
+                continue
+            uses = set(re.findall(rf"\b{name}(?:\[\w+\])?\.({'|'.join(METHODS)})\(", text)) or {"search"}
+            for i, pattern in enumerate(patterns):
+                yield f"{info.name}:{name}" + (f" {i + 1}" if i else ""), pattern, uses
+
+
+def inline():
+    """The same of every `re.method("…", text)`."""
+    for path in SOURCE.rglob("*.py"):
+        module = ".".join(("kalscope", *path.relative_to(SOURCE).with_suffix("").parts))
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            is_call = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.args
+            if not is_call or node.func.attr not in METHODS or ast.unparse(node.func.value) != "re":
+                continue
+            first = node.args[0]
+            if isinstance(first, ast.Constant):
+                flags = re.IGNORECASE if "IGNORECASE" in ast.unparse(node) else re.NOFLAG
+                yield f"{module}:{first.value}", re.compile(first.value, flags), {node.func.attr}
+
+
+def all_patterns():
+    found = {}
+    for name, pattern, uses in (*compiled(), *inline()):
+        if name.partition(":")[0] not in OWN_TEXT:
+            found.setdefault(pattern, (name, set()))[1].update(uses)
+    mark = pytest.mark.xfail(strict=True, reason="issue 14: this pattern is on its way out")
+    for pattern, (name, uses) in found.items():
+        yield pytest.param(pattern, uses, id=name, marks=mark if name in NOT_YET else ())
+
+
+PATTERNS = list(all_patterns())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("pattern", "uses"), [p for p in PATTERNS if p.id not in CAPPED])
+def test_a_pattern_takes_steps_in_proportion_to_its_text(pattern, uses):
+    # What is anchored costs least; a search from every place costs most and covers all others that search.
+    use = "findall" if uses - set(ANCHORED) else "fullmatch" if "fullmatch" in uses else "match"
+    text = worst_growth(pattern, use, SIZE, MAX_STEPS)
+    assert text is None, f"{pattern.pattern!r} tries over and over on {text!r}"
+
+
+def test_no_pattern_is_made_where_the_others_are_not_found():
+    made = []
+    for path in (SOURCE / "sources").rglob("*.py"):
+        for function in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(function, ast.FunctionDef):
+                calls = [ast.unparse(node.func) for node in ast.walk(function) if isinstance(node, ast.Call)]
+                made += [f"{path.name}:{function.name}"] * ("re.compile" in calls)
+    assert made == ["line_reader.py:__init__"]  # of the labels of its file, each of which is taken as it is
+
+
+@pytest.mark.parametrize(
+    ("pattern", "use"),
+    [
+        (r"\s*(?:#|%|//)\s*unit\s+(.+?)\s*:\s*(.+?)\s*", "fullmatch"),
+        (r"(a+)+b", "match"),
+        (r"([^\s:]+)\s*:", "findall"),
+        (r"[0-9]+\.?[0-9]*", "fullmatch"),
+        (r"1*?y", "search"),
+    ],
+)
+def test_the_count_finds_what_is_worse_than_linear(pattern, use):
+    assert worst_growth(re.compile(pattern), use, SIZE, MAX_STEPS) is not None
+
+
+@pytest.mark.parametrize(
+    ("pattern", "use"), [(r"[ \t]+", "findall"), (r"\s*([^\s:][^:]*):(.*)", "match"), (r"(?:a{1,9}b)?", "findall")]
+)
+def test_the_count_lets_linear_patterns_pass(pattern, use):
+    assert worst_growth(re.compile(pattern), use, SIZE, MAX_STEPS) is None
