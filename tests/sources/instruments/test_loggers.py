@@ -38,7 +38,7 @@ TS;RN;Deg C;;
 ;;Avg;;
 01.01.2014 00:10;0;12,6;;
 """)
-    assert (found.delimiter, found.decimal, found.names) == (";", None, ("TIMESTAMP", "RECORD", "AirTC_Avg"))
+    assert (found.delimiter, found.decimal, found.names) == (";", ",", ("TIMESTAMP", "RECORD", "AirTC_Avg"))
 
 
 def test_campbell_toaci1_has_two_lines():

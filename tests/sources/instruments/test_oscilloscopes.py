@@ -265,3 +265,35 @@ def test_owon_stamps_that_run_backwards_become_a_period():
     found = preface("#,Time(ms),CH1(mV)\n0,3.000,10320.00\n1,2.996,10320.00\n2,2.992,10240.00")
     assert (found.names[2], found.units[2], found.left_out, found.time_column) == ("CH1", "mV", {0, 1}, -1)
     assert found.period == pytest.approx(4e-6)
+
+
+def test_rohde_und_schwarz_write_units_into_the_names():
+    found = preface("in s,C1 in V,C2 in A\n-5.9E-01,1.7E-03,1.0\n-5.8E-01,1.7E-03,1.0")
+    assert (found.names, found.units, found.time_unit) == (("time", "C1", "C2"), ("s", "V", "A"), "s")
+
+
+DIALECTS = {
+    "semicolons and decimal commas": lambda text: text.replace(",", ";").replace(".", ","),
+    "tabs and decimal commas": lambda text: text.replace(",", "\t").replace(".", ","),
+    "tabs": lambda text: text.replace(",", "\t"),
+}
+FILES = {
+    "rigol": "X,CH1,Start,Increment,\nSequence,Volt,-6.0e-03,1.0e-06,\n0,4.5e-02,\n1,-1.2e-01,",
+    "rigol settings": SETTINGS.format(rate=500000000),
+    "tektronix": BESIDE.format(q="", points=",", s=","),
+    "siglent": SIGLENT,
+    "keysight": "x-axis,1\nsecond,Volt\n-1.5E-06,0.0E+00\n0.0E-06,0.1E+00",
+    "picoscope": "Time,Channel A\n(ms),(V)\n,\n-0.1,4.8\n0.0,4.8",
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_spreadsheet_may_save_the_file_again_with_its_own_marks(name, dialect):
+    as_written, saved = preface(FILES[name]), preface(DIALECTS[dialect](FILES[name]))
+    assert (saved.delimiter, saved.decimal) == (
+        "\t" if "tabs" in dialect else ";",
+        "," if "commas" in dialect else ".",
+    )
+    for field in ("names", "units", "period", "offset", "left_out", "time_column", "first_row", "header_row"):
+        assert getattr(saved, field) == getattr(as_written, field)

@@ -32,9 +32,8 @@ def recognise(head: Sequence[str]) -> Preface | None:
     end = next(ends, None)
     if end is None or end + 1 >= len(head):
         return None
-    delimiter = ";" if ";" in head[end + 1] else ","
-    row = cells_of(head[end + 1], delimiter)
-    named = not is_sample(row, "," if delimiter == ";" else ".")
+    row = cells_of(head[end + 1])
+    named = not is_sample(row)
     stamped = named and bool(row) and row[0].lower().startswith(_STAMPED)
     above = [line.strip(' ",;') for line in head[1:end]]
     period = _epoch(_behind(above, "epoch period (hh:mm:ss)")) or inverse(_rate(head[0]))
@@ -43,7 +42,8 @@ def recognise(head: Sequence[str]) -> Preface | None:
     start = None if stamped else _start(head[0], _behind(above, "start date"), _behind(above, "start time"))
     return Preface(
         _NAME,
-        delimiter=delimiter,
+        delimiter=",",
+        decimal=".",
         header_row=end + 2 if named else 0,
         unit_row=0,
         first_row=end + 2 + named,

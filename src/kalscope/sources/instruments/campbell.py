@@ -19,38 +19,29 @@ _NO_UNITS = ("unitless", "ts", "rn", "n/a", "none")
 def recognise(head: Sequence[str]) -> Preface | None:
     """The preface of a Campbell logger's file; None for any other file."""
     start = head[0].lstrip('" ').lower() if head else ""
-    delimiter = next((mark for mark in (",", ";", "\t") if mark in head[0]), ",") if head else ","
     if start.startswith("toa5") and len(head) > 4:
-        return _toa5(head, delimiter)
+        return _preface("TOA5", head, 5)
     if start.startswith("toaci1") and len(head) > 2:
-        names = cells_of(head[1], delimiter)
-        return _preface("TOACI1", cells_of(head[0], delimiter), names, (), 3, delimiter)
+        return _preface("TOACI1", head, 3)
     return None
 
 
-def _toa5(head: Sequence[str], delimiter: str) -> Preface:
-    names, units = cells_of(head[1], delimiter), cells_of(head[2], delimiter)
-    bare = ["" if unit.lower() in _NO_UNITS else unit for unit in units[: len(names)]]
-    bare += [""] * (len(names) - len(bare))
-    return _preface("TOA5", cells_of(head[0], delimiter), names, tuple(bare), 5, delimiter)
-
-
-def _preface(
-    form: str, about: Sequence[str], names: tuple[str, ...], units: tuple[str, ...], first: int, delimiter: str
-) -> Preface:
+def _preface(form: str, head: Sequence[str], first: int) -> Preface:
+    about, names = cells_of(head[0]), cells_of(head[1])
+    units = cells_of(head[2])[: len(names)] if first > 3 else ()
+    bare = tuple("" if unit.lower() in _NO_UNITS else unit for unit in units)
     bases = [name.lower() for name in names]
     station = f' of station "{about[1]}"' if len(about) > 1 else ""
     return Preface(
         "Campbell logger",
-        delimiter=delimiter,
-        # Only a spreadsheet writes another delimiter, and with it the decimal mark of its country.
-        decimal="." if delimiter == "," else None,
+        delimiter=",",
+        decimal=".",
         header_row=2,
         unit_row=3 if units else 0,
         first_row=first,
         # A name of TOACI1 may hold its unit in brackets, which the reader of header rows knows.
         names=names if units else (),
-        units=units,
+        units=bare + ("",) * (len(names) - len(bare)) if units else (),
         left_out=frozenset(i for i, base in enumerate(bases) if base in _COUNTERS),
         time_column=next((i for i, base in enumerate(bases) if base in _STAMPS), None),
         notes=(f"Campbell {form} table{station}",),

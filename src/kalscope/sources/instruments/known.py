@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from kalscope.sources.instruments import actigraph, campbell, empatica, openbci, sample_rate, shimmer
+from kalscope.sources.instruments.dialect import dialect_of
 from kalscope.sources.instruments.oscilloscopes import keysight, others, rigol, siglent, tektronix
 from kalscope.sources.instruments.preface import Preface
 
@@ -37,8 +38,10 @@ def find_preface(head: Sequence[str]) -> Preface | None:
     delimiter = _separator_line(lines[0])
     if delimiter is not None:
         lines[0] = ""  # the line numbers stay
-    found = (recognise(lines) for recognise in _INSTRUMENTS)
-    preface = next((preface for preface in found if preface is not None), None)
+    dialect = dialect_of(lines[1:] if delimiter is not None else lines)
+    plain = dialect.plain(lines)
+    found = (recognise(plain) for recognise in _INSTRUMENTS)
+    preface = next((dialect.restored(preface) for preface in found if preface is not None), None)
     if delimiter is None:
         return preface
     if preface is None:

@@ -38,69 +38,33 @@ _WORDS = {
     "msec": "ms",
     "hertz": "Hz",
 }
-_SYMBOLS = frozenset(
-    [
-        "",
-        "s",
-        "ms",
-        "us",
-        "µs",
-        "μs",
-        "ns",
-        "V",
-        "kV",
-        "mV",
-        "uV",
-        "µV",
-        "μV",
-        "nV",
-        "A",
-        "mA",
-        "uA",
-        "µA",
-        "μA",
-        "W",
-        "mW",
-        "Hz",
-        "kHz",
-        "MHz",
-        "dB",
-        "dBm",
-        "dBV",
-        "%",
-        "Ω",
-        "VV",
-        "AA",
-        "U",
-    ]
-)
+_SYMBOLS = frozenset((
+    "", "s", "ms", "us", "µs", "μs", "ns", "V", "kV", "mV", "uV", "µV", "μV", "nV", "A", "mA", "uA", "µA", "μA", "W",
+    "mW", "Hz", "kHz", "MHz", "dB", "dBm", "dBV", "%", "Ω", "VV", "AA", "U",
+))  # fmt: skip
 
 
-def cells_of(line: str, delimiter: str = ",") -> Cells:
+def cells_of(line: str) -> Cells:
     """Cells of a line, without blanks, quotes, and the empty cells at its end."""
-    cells = split_fields(line, delimiter)
+    cells = split_fields(line, ",")
     while cells and not cells[-1]:
         cells.pop()
     return tuple(cells)
 
 
-def table_rows(head: Sequence[str], delimiter: str = ",") -> list[Cells]:
+def table_rows(head: Sequence[str]) -> list[Cells]:
     """Cells of the first MAX_LINES lines."""
-    return [cells_of(line, delimiter) for line in head[:MAX_LINES]]
+    return [cells_of(line) for line in head[:MAX_LINES]]
 
 
-def is_sample(cells: Cells, decimal: str = ".", width: int = 1) -> bool:
-    """True for a row of numbers, `width` cells at least; a missing one between them may be empty."""
-    return (
-        len(cells) >= width
-        and is_number(cells[0], decimal)
-        and all(not cell or parse_number(cell, decimal) is not None for cell in cells)
-    )
+def is_sample(cells: Cells) -> bool:
+    """True for a row of numbers; one behind the first may be missing."""
+    return bool(cells) and is_number(cells[0]) and all(not cell or is_number(cell) for cell in cells)
 
 
-def first_sample(rows: Sequence[Cells], after: int = 0, decimal: str = ".") -> int | None:
+def first_sample(rows: Sequence[Cells], after: int = 0) -> int | None:
     """Index of the first row of numbers at or behind index `after`; None where there is none."""
-    return next((i for i in range(after, len(rows)) if is_sample(rows[i], decimal)), None)
+    return next((i for i in range(after, len(rows)) if is_sample(rows[i])), None)
 
 
 def index_of(rows: Sequence[Cells], *firsts: str) -> int | None:
@@ -134,16 +98,15 @@ def unit_in(cell: str) -> str | None:
     return _WORDS.get(text.lower(), text if text in _SYMBOLS else None)
 
 
-def agrees(period: float, rows: Sequence[Cells], column: int, decimal: str = ".") -> bool:
+def agrees(period: float, rows: Sequence[Cells], column: int) -> bool:
     """True where the stamps of the first rows are a period apart: a decimated export keeps the old rate above it.
 
     Args:
         period: Sample period in s.
         rows: Rows of samples.
         column: Column of the stamp, in s.
-        decimal: Decimal mark.
     """
-    stamps = [parse_number(cells[column], decimal) for cells in rows if len(cells) > column]
+    stamps = [parse_number(cells[column]) for cells in rows if len(cells) > column]
     known = [stamp for stamp in stamps if stamp is not None and math.isfinite(stamp)]
     if len(known) < 2:
         return True

@@ -23,11 +23,10 @@ def recognise(head: Sequence[str]) -> Preface | None:
     start = "\n".join(head[: _MAX_ROWS + 1]).lower()
     if not any(mark in start for mark in (*_SUFFIXES, "shimmer")):
         return None
-    delimiter = max(("\t", ",", ";"), key=start.count)
     above: list[tuple[int, Cells]] = []
     first = None
     for i, line in enumerate(head[: _MAX_ROWS + 1]):
-        cells = cells_of(line, delimiter)
+        cells = cells_of(line)
         if len(cells) > 1 and _is_data(cells):
             first = i
             break
@@ -35,7 +34,7 @@ def recognise(head: Sequence[str]) -> Preface | None:
             above.append((i, cells))
     if first is None or len(above) < 2:
         return None
-    return _preface(above, first, delimiter)
+    return _preface(above, first)
 
 
 def _is_data(cells: Cells) -> bool:
@@ -43,7 +42,7 @@ def _is_data(cells: Cells) -> bool:
     return is_sample(cells) or (cells[0][:4].isdecimal() and is_sample(cells[1:]))
 
 
-def _preface(above: list[tuple[int, Cells]], first: int, delimiter: str) -> Preface | None:
+def _preface(above: list[tuple[int, Cells]], first: int) -> Preface | None:
     kinds_at = next((k for k, (_, cells) in enumerate(above) if _are(cells, _KINDS)), None)
     if kinds_at is not None and 0 < kinds_at < len(above) - 1:
         names, kinds = above[kinds_at - 1][1], above[kinds_at][1]
@@ -65,7 +64,7 @@ def _preface(above: list[tuple[int, Cells]], first: int, delimiter: str) -> Pref
     time = next((i for i in stamps if "unix" in names[i].lower()), stamps[0] if stamps else None)
     return Preface(
         "Shimmer",
-        delimiter=delimiter,
+        delimiter=",",
         decimal=".",
         header_row=header + 1,
         unit_row=unit_row + 1,

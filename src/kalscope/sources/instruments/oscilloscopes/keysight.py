@@ -23,7 +23,7 @@ from kalscope.sources.instruments.oscilloscopes.trace import counted, trace
 from kalscope.sources.instruments.preface import Preface
 
 _NAME = "Keysight oscilloscope"
-_FIRST = ("x-axis", "points/segment", "revision", "type:", "type,", "type\t")
+_FIRST = ("x-axis", "points/segment", "revision", "type:", "type,")
 
 
 def recognise(head: Sequence[str]) -> Preface | None:
@@ -31,17 +31,16 @@ def recognise(head: Sequence[str]) -> Preface | None:
     start = next((line for line in head[:3] if line.strip()), "").strip().lower().strip('"#')
     if not start.startswith(_FIRST):
         return None
-    delimiter = "\t" if "\t" in "".join(head[:8]) else ","
-    rows = table_rows(head, delimiter)
+    rows = table_rows(head)
     at = index_of(rows[:40], "x-axis")
     if at is not None and at + 1 < len(rows):
-        return trace(_NAME, rows, at + 1, header_at=at, names=("time", *rows[at][1:]), delimiter=delimiter)
-    return _infiniium(head, delimiter)
+        return trace(_NAME, rows, at + 1, header_at=at, names=("time", *rows[at][1:]))
+    return _infiniium(rows)
 
 
-def _infiniium(head: Sequence[str], delimiter: str) -> Preface | None:
+def _infiniium(lines: list[Cells]) -> Preface | None:
     """`XInc: 5.0E-11` and so on, down to `Data:`, then voltages, or times and voltages."""
-    rows = [_setting(cells) for cells in table_rows(head, delimiter)]
+    rows = [_setting(cells) for cells in lines]
     at = index_of(rows, "data")
     first = first_sample(rows, at + 1) if at is not None else None
     if at is None or first is None:
@@ -55,7 +54,7 @@ def _infiniium(head: Sequence[str], delimiter: str) -> Preface | None:
     channels = len(rows[first]) - timed
     return Preface(
         _NAME,
-        delimiter=delimiter,
+        delimiter=",",
         decimal=".",
         header_row=0,
         unit_row=0,

@@ -1,13 +1,14 @@
-"""LeCroy, PicoScope, GW Instek, Hantek and Owon oscilloscopes.
+"""LeCroy, PicoScope, GW Instek, Hantek, Owon and Rohde & Schwarz oscilloscopes.
 
 Sources: LeCroy WaveSurfer and WavePro files (`Segments,1,SegmentSize,502`), the PicoScope 6 user's guide "Text
 formats" (names, units in brackets, an empty line), the GDS-1000 file described in public readers, Hantek's
-DSO2000/5000 CSV (`#timebase`), and Owon's of ElmüSoft's Oscilloscope Waveform Analyzer, whose stamps run backwards.
+DSO2000/5000 CSV (`#timebase`), and Owon's of ElmüSoft's Oscilloscope Waveform Analyzer, whose stamps run backwards,
+and the first line of RTB2000 files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from kalscope.sources.grammar.cells import parse_number
 from kalscope.sources.grammar.timestamps import UNIT_OF_WORD
@@ -26,18 +27,11 @@ from kalscope.sources.instruments.preface import Preface
 
 
 def recognise(head: Sequence[str]) -> Preface | None:
-    """The preface of a LeCroy's, PicoScope's, GW Instek's, Hantek's or Owon's file; None for any other file."""
+    """The preface of a file of one of these makers; None for any other file."""
     start = next((line for line in head[:3] if line.strip()), "").strip().lower()
-    if start.startswith("lecroy"):
-        return _lecroy(table_rows(head))
-    if start.startswith(("time,", "time;", "time\t")):
-        return _picoscope(head, start[4])
-    if start.startswith("memory length,"):
-        return _gw_instek(table_rows(head))
-    if start.startswith("#timebase="):
-        return _hantek(table_rows(head))
-    if start.startswith(("#,time(", "#;time(")):
-        return _owon(table_rows(head, start[1]), start[1])
+    for begins, rule in _RULES.items():
+        if start.startswith(begins):
+            return rule(table_rows(head))
     return None
 
 
@@ -65,14 +59,11 @@ def _lecroy(rows: list[Cells]) -> Preface | None:
     )
 
 
-def _picoscope(head: Sequence[str], delimiter: str) -> Preface | None:
-    rows = table_rows(head, delimiter)
+def _picoscope(rows: list[Cells]) -> Preface | None:
     at = next((i for i, cells in enumerate(rows[:6]) if cells and all(map(_bracketed, cells))), None)
     if not at:
         return None
-    # The decimal mark is the computer's own.
-    decimal = "," if delimiter != "," and any("," in cell for cells in rows[at + 1 :] for cell in cells) else "."
-    return trace("PicoScope", rows, at, header_at=at - 1, delimiter=delimiter, decimal=decimal)
+    return trace("PicoScope", rows, at, header_at=at - 1)
 
 
 def _bracketed(cell: str) -> bool:
@@ -124,14 +115,13 @@ def _hantek(rows: list[Cells]) -> Preface | None:
     )
 
 
-def _owon(rows: list[Cells], delimiter: str) -> Preface | None:
-    decimal = "," if delimiter == ";" and any("," in cell for cells in rows[1:] for cell in cells) else "."
-    first = first_sample(rows, 1, decimal)
+def _owon(rows: list[Cells]) -> Preface | None:
+    first = first_sample(rows, 1)
     if first is None or first + 1 >= len(rows):
         return None
     header = [cell.partition("(") for cell in rows[0]]
     names, units = [name.strip() for name, _, _ in header], [unit.rstrip(") ") for _, _, unit in header]
-    stamps = [parse_number(row[1], decimal) if len(row) > 1 else None for row in rows[first : first + 2]]
+    stamps = [parse_number(row[1]) if len(row) > 1 else None for row in rows[first : first + 2]]
     if stamps[0] is None or stamps[1] is None or units[1] not in UNIT_OF_WORD:
         return None
     backwards = stamps[1] < stamps[0]
@@ -140,8 +130,8 @@ def _owon(rows: list[Cells], delimiter: str) -> Preface | None:
     note = f", stamps run backwards: the samples are taken {in_words(period)} apart" if backwards else ""
     return Preface(
         "Owon oscilloscope",
-        delimiter=delimiter,
-        decimal=decimal,
+        delimiter=",",
+        decimal=".",
         header_row=1,
         unit_row=0,
         first_row=first + 1,
@@ -153,3 +143,35 @@ def _owon(rows: list[Cells], delimiter: str) -> Preface | None:
         period=period if backwards else None,
         notes=(f"Owon oscilloscope: {counted(len(names) - 2)}{note}",),
     )
+
+
+def _rohde_schwarz(rows: list[Cells]) -> Preface | None:
+    """`in s,C1 in V`."""
+    header = [cell.rpartition("in ") for cell in rows[0]]
+    first = first_sample(rows, 1)
+    if first is None or len(header) < 2 or not all(word for _, word, _ in header):
+        return None
+    names, units = [name.strip() for name, _, _ in header], [unit.strip() for _, _, unit in header]
+    return Preface(
+        "Rohde & Schwarz oscilloscope",
+        delimiter=",",
+        decimal=".",
+        header_row=1,
+        unit_row=0,
+        first_row=first + 1,
+        names=("time", *names[1:]),
+        units=tuple(units),
+        time_column=0,
+        time_unit=UNIT_OF_WORD.get(units[0]),
+        notes=(f"Rohde & Schwarz oscilloscope: {counted(len(names) - 1)}",),
+    )
+
+
+_RULES: dict[str, Callable[[list[Cells]], Preface | None]] = {
+    "lecroy": _lecroy,
+    "time,": _picoscope,
+    "memory length,": _gw_instek,
+    "#timebase=": _hantek,
+    "#,time(": _owon,
+    "in s,": _rohde_schwarz,
+}

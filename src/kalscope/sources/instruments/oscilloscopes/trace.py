@@ -36,8 +36,6 @@ def trace(
     *,
     header_at: int | None = None,
     names: Cells = (),
-    delimiter: str = ",",
-    decimal: str = ".",
     period: float | None = None,
 ) -> Preface | None:
     """The preface of a table whose row of units stands at an index; None where it is none, or no samples follow.
@@ -48,11 +46,9 @@ def trace(
         units_at: Index of the row of units.
         header_at: Index of the row of names; None where there is none.
         names: Names of the columns; () for those of that row.
-        delimiter: Between the cells.
-        decimal: Decimal mark.
         period: Sample period in s that the metadata give; not used where the stamps contradict it.
     """
-    units, first = trace_units(rows[units_at]), first_sample(rows, units_at + 1, decimal)
+    units, first = trace_units(rows[units_at]), first_sample(rows, units_at + 1)
     if units is None or first is None or len(rows[first]) != len(units):
         return None
     names = names or (rows[header_at] if header_at is not None else ())
@@ -60,8 +56,8 @@ def trace(
     named += ("",) * (len(units) - len(named))
     notes = [f"{instrument}: {counted(len(units) - 1)}"]
     if period is not None and units[0] == "s":
-        samples = [cells for cells in rows[first:] if is_sample(cells, decimal)]
-        fits = agrees(period, samples, 0, decimal)
+        samples = [cells for cells in rows[first:] if is_sample(cells)]
+        fits = agrees(period, samples, 0)
         notes.append(
             f"the preface gives a sample interval of {in_words(period)}"
             + ("" if fits else ", which the stamps contradict: the stamps are used")
@@ -69,8 +65,8 @@ def trace(
         period = period if fits else None
     return Preface(
         instrument,
-        delimiter=delimiter,
-        decimal=decimal,
+        delimiter=",",
+        decimal=".",
         header_row=0 if header_at is None else header_at + 1,
         unit_row=units_at + 1,
         first_row=first + 1,
