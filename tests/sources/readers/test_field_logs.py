@@ -130,9 +130,6 @@ NOT_YET = {
             "empatica_ACC.csv",
             "empatica_HR.csv",
             "empatica_IBI.csv",
-            "labview_short.lvm",
-            "labview_comments.lvm",
-            "labview_two_times.lvm",
             "openbci_cyton.txt",
             "robot_currents.txt",
             "ppg_buffered.csv",
@@ -147,8 +144,6 @@ NOT_YET = {
         [
             "tal_actigraph.txt",
             "environment_canada_hourly.csv",
-            "labview_short.lvm",
-            "labview_two_times.lvm",
             "dht22_field_added.csv",
         ]
     ),

@@ -10,6 +10,7 @@ from pathlib import Path
 from kalscope.common.progress import Progress
 from kalscope.common.text import one_line
 from kalscope.errors import BadFile, KalscopeError
+from kalscope.sources.containers.lvm import is_lvm, read_lvm
 from kalscope.sources.containers.parquet import read_parquet
 from kalscope.sources.containers.table import Table, Text
 
@@ -33,7 +34,10 @@ def _begins(*magic: bytes) -> Callable[[bytes, str], bool]:
     return lambda head, _: head.startswith(magic)
 
 
-_CONTAINERS = (Container("a Parquet file", _begins(b"PAR1"), read_parquet),)
+_CONTAINERS = (
+    Container("a Parquet file", _begins(b"PAR1"), read_parquet),
+    Container("a LabVIEW measurement file", is_lvm, read_lvm),
+)
 
 
 def find_container(head: bytes, name: str) -> Container | None:

@@ -41,6 +41,8 @@ class Table:
     """Lines of the file that are no rows: headers, and blank lines between its parts."""
     issues: tuple[LineIssue, ...] = ()
     """Lines that were rejected, in file order."""
+    filled: int = 0
+    """Rows of missing samples that keep the places of rejected lines."""
 
     @property
     def shape(self) -> tuple[int, int]:

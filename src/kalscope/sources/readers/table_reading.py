@@ -49,6 +49,8 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
         time = _find_time(table, columns, options)
         columns = [replace(column, role="text") if i in table.dates else column for i, column in enumerate(columns)]
         columns, time, more = settle_roles(columns, time)
+        if time is None and table.period is not None:
+            more = (f"the file gives one sample every {table.period:.9g} s", *more[1:])
         notes = (*notes, *more)
     layout = Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), notes)
     wanted = {*layout.channels, *(time.indices if time else ())}
@@ -58,7 +60,7 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
 def _column(name: str, unit: str) -> Column:
     """A name may hold its unit, as in a header of text."""
     column = named_column(name)
-    return replace(column, name=name, unit=unit) if unit else column
+    return column if unit in ("", column.unit) else replace(column, name=name, unit=unit)
 
 
 def _about_start(table: Table) -> tuple[str, ...]:
@@ -102,6 +104,6 @@ def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading
         if infinite.any():
             tally.bad_cells += int(np.count_nonzero(infinite))
             columns[i] = np.where(infinite, np.nan, columns[i])
-    tally.lines.update(row=n - rejected, rejected=rejected + len(table.issues), header=table.headers)
+    tally.lines.update(row=n - table.filled - rejected, rejected=rejected + len(table.issues), header=table.headers)
     tally.issues.extend(table.issues[:MAX_ISSUES])
     return Reading(columns, tally, layout, table.period if layout.time is None else None)

@@ -1,0 +1,259 @@
+"""LabVIEW measurement files (.lvm), by "Specification for the LabVIEW Measurement File", ni.com/tutorial/4139.
+
+A file header says how the cells are written; then come segments, one for each call of the writing block, each with
+tags (units, start, step), a row of names, and rows. Segments of the same channels follow each other in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from kalscope.common.array import Array
+from kalscope.common.progress import Progress
+from kalscope.recording import LineIssue
+from kalscope.sources.containers.parts import Part, choose_part
+from kalscope.sources.containers.table import Table
+from kalscope.sources.grammar.cells import parse_number
+
+MAGIC = "LabVIEW Measurement"
+
+_MAX_ISSUES = 100
+_X = "X_Value"
+_LINES_PER_REPORT = 4096
+
+
+@dataclass
+class _Segment:
+    """One segment while it is read."""
+
+    tags: dict[str, list[str]] = field(default_factory=dict[str, "list[str]"])
+    """Cells of each tag, by column; those of the file header where the segment gives none."""
+    names: list[str] = field(default_factory=list[str])
+    """The row of names; empty until it is read."""
+    rows: list[list[float]] = field(default_factory=list["list[float]"])
+    """The numbers, one a column; NaN in columns of text."""
+    filled: int = 0
+    """Rows of missing samples that keep the place of a rejected line."""
+
+    def tag(self, name: str, column: int, default: str = "") -> str:
+        """The cell of a tag above a column; a tag of the file header has one cell for all."""
+        cells = self.tags.get(name, [])
+        cell = cells[1:2] if len(cells) <= 2 else cells[column : column + 1]
+        return "".join(cell).strip() or default
+
+
+@dataclass
+class _Series:
+    """Channels of one time axis, gathered from all segments."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    times: list[Array] = field(default_factory=list["Array"])
+    columns: list[list[Array]] = field(default_factory=list["list[Array]"])
+    periods: list[float | None] = field(default_factory=list["float | None"])
+    start: float | None = None
+    filled: int = 0
+
+
+def is_lvm(head: bytes, name: str) -> bool:  # noqa: ARG001 (its first line is plain enough)
+    """True for a file that begins as the specification demands."""
+    return head.removeprefix(b"\xef\xbb\xbf").startswith(MAGIC.encode())
+
+
+def read_lvm(path: Path, name: str, part: str | None, progress: Progress) -> Table:
+    """Read a LabVIEW measurement file.
+
+    Raises:
+        BadFile: it holds no numbers.
+        BadSetting: there is no such part.
+    """
+    reader = _Reader(progress)
+    with path.open("rb") as file:
+        reader.take(_lines(file.read()))
+    series = _gathered(reader.segments, reader.decimal)
+    parts = [Part(", ".join(one.names), sum(map(len, one.times)), len(one.names)) for one in series]
+    chosen, notes = choose_part([part for part in parts if part.rows], part, name, "set of channels")
+    one = [one for one, part in zip(series, parts, strict=True) if part.rows][chosen]
+    segments = f" of {len(one.times)} segments" if len(one.times) > 1 else ""
+    even = len(one.times) == 1 and one.periods[0] is not None
+    return Table(
+        names=one.names,
+        units=one.units,
+        columns=tuple(np.concatenate(columns) for columns in zip(*one.columns, strict=True)),
+        time=None if even else np.concatenate(one.times),
+        start=one.start,
+        period=one.periods[0] if even else None,
+        notes=(f"a LabVIEW measurement file{segments}", *notes),
+        headers=reader.headers,
+        issues=tuple(reader.issues),
+        filled=one.filled,
+    )
+
+
+def _lines(data: bytes) -> list[str]:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+class _Reader:
+    """Sorts the lines into segments."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.segments: list[_Segment] = []
+        self.headers = 0
+        self.issues: list[LineIssue] = []
+        self.decimal = "."
+        self._separator = "\t"
+        self._progress = progress
+        self._special = False
+
+    def take(self, lines: list[str]) -> None:
+        """Take all lines; the last is empty where the file ends with a newline."""
+        file_tags: dict[str, list[str]] = {}
+        segment: _Segment | None = None
+        torn = len(lines) if lines[-1].strip() else 0
+        for number, line in enumerate(lines[: len(lines) if torn else -1], 1):
+            if number % _LINES_PER_REPORT == 0:
+                self._progress(number / len(lines), "reading")
+            cells = line.split(self._separator)
+            if segment is not None and segment.names and self._is_row(cells):
+                self._take_row(segment, number, line, cells, torn == number)
+                continue
+            self.headers += 1
+            if self._is_skipped(line):
+                continue
+            if line.startswith("Separator") and len(line) > len("Separator"):
+                self._separator = line[len("Separator")]
+                continue
+            cells = line.split(self._separator)
+            if cells[0] == "Channels":
+                segment = _Segment(dict(file_tags))
+                self.segments.append(segment)
+            elif cells[0] == _X:
+                # Without a segment header of its own, a row of names begins one all the same.
+                if segment is None or segment.names:
+                    segment = _Segment(dict(file_tags))
+                    self.segments.append(segment)
+                segment.names = [cell.strip() for cell in cells]
+            elif cells[0] == "Decimal_Separator":
+                self.decimal = "," if cells[1:] and cells[1].strip() == "," else "."
+            (file_tags if segment is None else segment.tags)[cells[0].strip()] = cells
+
+    def _is_skipped(self, line: str) -> bool:
+        """Special blocks belong to the program that wrote them."""
+        if line.startswith("***Start_Special***"):
+            self._special = True
+        skipped = self._special or line.startswith(("***", MAGIC)) or not line.strip()
+        if line.startswith("***End_Special***"):
+            self._special = False
+        return skipped
+
+    def _is_row(self, cells: list[str]) -> bool:
+        first = cells[0].strip()
+        return any(map(str.strip, cells)) and (not first or parse_number(first, self.decimal) is not None)
+
+    def _take_row(self, segment: _Segment, number: int, line: str, cells: list[str], is_torn: bool) -> None:
+        channels = _channels(segment)
+        row = [np.nan] * len(segment.names)
+        if is_torn or not channels or len(cells) <= channels[-1]:
+            reason = (
+                "must end with a newline (torn: the file ends inside this line)"
+                if is_torn
+                else f"must have {len(segment.names)} fields (got {len(cells)})"
+            )
+            self.issues.append(LineIssue(number, reason, line[:200]))
+            if not is_torn and segment.tag("X_Columns", 1).lower() == "no":
+                segment.rows.append(row)  # the sensor did sample then
+                segment.filled += 1
+            return
+        for j in (j for j, name in enumerate(segment.names) if j in channels or name == _X):
+            value = parse_number(cells[j].strip(), self.decimal)
+            row[j] = np.nan if value is None else value
+        segment.rows.append(row)
+
+
+def _channels(segment: _Segment) -> list[int]:
+    """Columns of the channels: all that are named, but the x columns and the comment behind the last."""
+    names = segment.names
+    return [
+        j for j, name in enumerate(names) if name and name != _X and not (name == "Comment" and j == len(names) - 1)
+    ]
+
+
+def _gathered(segments: list[_Segment], decimal: str) -> list[_Series]:
+    series: dict[tuple[str, ...], _Series] = {}
+    for segment in segments:
+        if not segment.rows:
+            continue
+        table = np.array(segment.rows)
+        for columns, time, period in _axes(segment, table, decimal):
+            names = tuple(segment.names[j] for j in columns)
+            units = tuple(segment.tag("Y_Unit_Label", j) for j in columns)
+            one = series.setdefault(names, _Series(names, units))
+            start = _start(segment, columns[0])
+            one.start = start if not one.times else one.start
+            one.times.append(time + _offset(one, segment, start, time, period))
+            one.periods.append(period)
+            one.filled += segment.filled
+            one.columns.append([table[:, j] for j in columns])
+    return list(series.values())
+
+
+def _axes(segment: _Segment, table: Array, decimal: str) -> Iterator[tuple[list[int], Array, float | None]]:
+    """(columns, seconds, period where they are even) of the channels of each x axis."""
+    found: list[tuple[list[int], Array, float | None]] = []
+    has_x = segment.tag("X_Columns", 1, "One").lower() != "no"
+    for j in _channels(segment):
+        before = [i for i in range(j) if segment.names[i] == _X] if has_x else []
+        time, period = _x_axis(segment, j, table[:, before[-1]] if before else None, len(table), decimal)
+        same = next((columns for columns, other, _ in found if np.array_equal(other, time, equal_nan=True)), None)
+        if same is None:
+            found.append(([j], time, period))
+        else:
+            same.append(j)
+    yield from found
+
+
+def _x_axis(segment: _Segment, column: int, x: Array | None, n: int, decimal: str) -> tuple[Array, float | None]:
+    """X0 + i Delta_X, where no x column says otherwise by more than half a step: x is rounded, Delta_X is not."""
+    step = parse_number(segment.tag("Delta_X", column), decimal)
+    first = parse_number(segment.tag("X0", column), decimal)
+    even: Array | None = None
+    if step is not None and step > 0.0:
+        even = np.arange(n, dtype=np.float64) * step
+        even += first if first is not None and np.isfinite(first) else 0.0
+    if x is None or not np.isfinite(x).any():
+        return (np.arange(n, dtype=np.float64), None) if even is None else (even, step)
+    if even is not None and np.abs(x - even).max() <= 0.5 * float(even[-1] - even[0]) / max(n - 1, 1):
+        return even, step
+    return x, None
+
+
+def _offset(one: _Series, segment: _Segment, start: float | None, time: Array, period: float | None) -> float:
+    """Seconds from the first segment to this one, by its own clock; else it follows the last without a gap."""
+    if not one.times:
+        return 0.0
+    if start is not None and one.start is not None and segment.tag("Time_Pref", 1).lower() != "relative":
+        return start - one.start
+    last = float(one.times[-1][-1])
+    return 0.0 if time[0] > last else last + (period or 0.0) - float(time[0])
+
+
+def _start(segment: _Segment, column: int) -> float | None:
+    """Seconds since 1970 of the start; LabVIEW gives local time without a zone."""
+    clock = segment.tag("Time", column).replace(",", ".").split(":")
+    try:
+        day = datetime.strptime(segment.tag("Date", column), "%Y/%m/%d").replace(tzinfo=UTC)
+        hour, minute, second = int(clock[0]), int(clock[1]), float(clock[2])
+    except (ValueError, IndexError):
+        return None
+    seconds = day.timestamp() + 3600 * hour + 60 * minute + second
+    return seconds if np.isfinite(seconds) else None
