@@ -184,3 +184,12 @@ def test_a_byte_order_mark_hides_no_instrument():
         preface('\ufeff"TOACI1","Pk","Min10"\n"TMSTAMP","A"\n"2015-09-17 16:30:00",7').instrument
         == "Campbell logger"
     )
+
+
+def test_actiwatch_counts_follow_seven_lines():
+    found = preface("subject\n17-May-2007\n13:00\n 4\n35\nV123456\nM\n0\n12\n7 M\n3")
+    assert (found.first_row, found.names, found.period, found.start) == (8, ("activity",), 60, 1179406800)
+
+
+def test_four_lines_of_text_are_no_actiwatch():
+    assert find_preface(["subject", "here", "13:00", "4", "35", "V1", "M", "0", "1", "2"]) is None

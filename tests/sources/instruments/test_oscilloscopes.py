@@ -81,6 +81,17 @@ def test_rigol_settings_name_the_channels():
     assert (found.header_row, found.first_row, found.period) == (7, 8, 2e-9)
 
 
+def test_rigol_says_start_and_increment_behind_the_names():
+    found = preface("CH1V,CH2A,t0 =-5.000000e-02, tInc = 1.000000e-05,\n0.1,0.2,,\n0.2,0.3,,")
+    assert (found.names, found.units) == (("CH1", "CH2"), ("V", "A"))
+    assert (found.time_column, found.period, found.offset, found.first_row) == (-1, 1e-5, -0.05, 2)
+
+
+def test_rigol_writes_units_into_the_names_of_a_screen():
+    found = preface("Time(s),CH1V,CH2(V)\n-0.1,0.1,0.2\n0.0,0.2,0.3")
+    assert (found.names, found.units, found.time_column) == (("time", "CH1", "CH2"), ("s", "V", "V"), 0)
+
+
 def test_a_rate_that_the_stamps_contradict_is_not_used_and_said():
     found = preface(SETTINGS.format(rate=100000000))
     assert found.period is None

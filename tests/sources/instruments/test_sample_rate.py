@@ -27,6 +27,8 @@ TABLE = ["t,a", "0,1", "1,2", "2,3"]
         ("Sample Rate 100 Hz", 0.01),
         ("# Sampling Period = 4us", 4e-6),
         ("Abtastrate: 50 Hz", 0.02),
+        ("#Sample rate: 1e+06Hz", 1e-6),
+        ("; Samplerate: 20 MHz", 5e-8),
     ],
 )
 def test_a_rate_above_the_table(line, period):

@@ -1,7 +1,9 @@
-"""ActiGraph's activity monitors: ten lines above the counts, which have no time column.
+"""Activity monitors whose counts have no time column: ActiGraph, and the .AWD files of the Actiwatch.
 
 Source: ActiLife user manual, "CSV export"; the readers pyActigraphy (reader_agd, reader_awd) and GGIR. The date is
 written as "date format M/d/yyyy" in line 1 says; an epoch of 00:00:00 means raw samples at the rate of line 1.
+An .AWD holds seven lines (name, date, time, epoch in quarters of a minute, age, serial number, sex), then a count a
+line, perhaps with an M behind it where the marker was pressed.
 """
 
 from __future__ import annotations
@@ -21,11 +23,15 @@ from kalscope.sources.instruments.metadata import (
 from kalscope.sources.instruments.preface import Preface
 
 _NAME = "ActiGraph"
+_AWD_LINES = 7
+_MAX_QUARTERS = 60
 _STAMPED = ("timestamp", "date", "time", "epoch")
 
 
 def recognise(head: Sequence[str]) -> Preface | None:
-    """The preface of an ActiGraph's file; None for any other file."""
+    """The preface of an ActiGraph's or Actiwatch's file; None for any other file."""
+    if len(head) > _AWD_LINES and head[3].strip().isdecimal():
+        return _actiwatch(head)
     if not head or "data file created by actigraph" not in head[0][:200].lower():
         return None
     ends = (i for i, line in enumerate(head[1:MAX_LINES], 1) if line.strip(' ",;').startswith("-----"))
@@ -51,6 +57,32 @@ def recognise(head: Sequence[str]) -> Preface | None:
         period=period,
         start=start,
         notes=(f"{_NAME}: sample interval {in_words(period)} from the lines above the table",),
+    )
+
+
+def _actiwatch(head: Sequence[str]) -> Preface | None:
+    code = int(head[3]) if len(head[3].strip()) < 3 else 0
+    counts = head[_AWD_LINES : _AWD_LINES + 4]
+    try:
+        start = datetime.strptime(f"{head[1].strip()} {head[2].strip()}", "%d-%b-%Y %H:%M").replace(tzinfo=UTC)
+    except ValueError:
+        return None
+    if not 0 < code <= _MAX_QUARTERS or not all(line.strip().partition(" ")[0].isdecimal() for line in counts):
+        return None
+    period = 15.0 * code
+    return Preface(
+        "Actiwatch",
+        delimiter=" ",
+        decimal=".",
+        header_row=0,
+        unit_row=0,
+        first_row=_AWD_LINES + 1,
+        names=("activity",),
+        units=("",),
+        time_column=-1,
+        period=period,
+        start=start.timestamp(),
+        notes=(f"Actiwatch: sample interval {in_words(period)} from line 4",),
     )
 
 

@@ -39,8 +39,8 @@ _WORDS = {
     "hertz": "Hz",
 }
 _SYMBOLS = frozenset((
-    "", "s", "ms", "us", "µs", "μs", "ns", "V", "kV", "mV", "uV", "µV", "μV", "nV", "A", "mA", "uA", "µA", "μA", "W",
-    "mW", "Hz", "kHz", "MHz", "dB", "dBm", "dBV", "%", "Ω", "VV", "AA", "U",
+    "", "s", "ms", "us", "µs", "μs", "ns", "V", "kV", "mV", "uV", "µV", "μV", "nV", "A", "mA", "uA", "µA", "μA",
+    "W", "mW", "Hz", "kHz", "MHz", "dB", "dBm", "dBV", "%", "Ω", "VV", "AA", "U",
 ))  # fmt: skip
 
 

@@ -20,8 +20,8 @@ _RATES = frozenset(
     """
     sample rate|sampling rate|samplerate|samplingrate|sample frequency|sampling frequency|samplingfrequency
     |sampling freq|sample freq|data rate|output data rate|measurement frequency|logging rate|acquisition rate
-    |fs|odr|sfreq|sample rate (hz)|abtastrate|abtastfrequenz|samplefrequenz|messrate|fréquence d'échantillonnage
-    |frecuencia de muestreo|taxa de amostragem|frequenza di campionamento
+    |fs|odr|store rate|sfreq|sample rate (hz)|abtastrate|abtastfrequenz|samplefrequenz|messrate
+    |fréquence d'échantillonnage|frecuencia de muestreo|taxa de amostragem|frequenza di campionamento
     """.replace("\n", "")
     .replace("    ", "")
     .split("|")
@@ -77,7 +77,7 @@ def _begins_with_number(text: str) -> bool:
 
 def _settings(text: str) -> list[tuple[str, str]]:
     """(key, value) of `# rate: 250 Hz`, `a = 1, fs = 100 Hz`, `Sample Interval,1.0E-6,s`, `Sample Rate 100 Hz`."""
-    text = text.lstrip("#%/ \t").lower()
+    text = text.lstrip("#%/; \t").lower()
     pairs: list[tuple[str, str]] = []
     parts = [part.strip(" \t\"'") for part in text.replace(";", ",").replace("\t", ",").split(",")]
     for i, part in enumerate(parts if len(parts) <= _MAX_PARTS else ()):

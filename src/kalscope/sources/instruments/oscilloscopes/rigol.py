@@ -1,4 +1,4 @@
-"""Rigol oscilloscopes: DS1000E/D/B, DS1000Z, DS2000 to DS6000, MSO5000, and DS1052E with its settings above.
+"""Rigol oscilloscopes: DS1000E/D/B, DS1000Z, DS2000 to DS6000, MSO5000, DHO800, and DS1052E with its settings.
 
 Sources: the programming guides (DS1000E/D 2.8 "Save CSV", MSO1000Z/DS1000Z 2.17), the files of
 github.com/scottprahl/RigolWFM, and the parser of ElmüSoft's Oscilloscope Waveform Analyzer, which describes the two
@@ -34,6 +34,8 @@ def recognise(head: Sequence[str]) -> Preface | None:
     start = next((line for line in head[:3] if line.strip()), "").strip().lower()
     if start.startswith(('"number of data points', "number of data points")):
         return _settings_above(table_rows(head))
+    if "tinc" in start or start.startswith("time(s),ch"):
+        return _in_one_line(table_rows(head))
     if not start.startswith(("x,", "time,", ",ch", ",math", ",x(", "sequence,")):
         return None
     rows = table_rows(head)
@@ -81,6 +83,46 @@ def _counted(rows: list[Cells], at: int) -> Preface | None:
         offset=offset if period and offset is not None else None,
         notes=(f"{_NAME}: {counted(width - 1 - len(pods))}, {interval}",),
     )
+
+
+def _in_one_line(rows: list[Cells]) -> Preface | None:
+    """`CH1V,CH2V,t0 =-5.0e-02, tInc = 1.0e-05,` of the whole memory, `Time(s),CH1V,CH2V` of the screen."""
+    says = {key.strip().lower(): value.strip(" s") for key, mark, value in _pairs(rows[0]) if mark}
+    header = [_named_unit(key) for key, mark, _ in _pairs(rows[0]) if not mark]
+    first, timed = first_sample(rows, 1), header[:1] == [("Time", "s")]
+    period, offset = positive(says.get("tinc", "")), parse_number(says.get("t0", ""))
+    if first is None or len(header) <= timed or not _names_channels(("", *(name for name, _ in header[timed:]))):
+        return None
+    if not timed and period is None:
+        return None
+    interval = f", sample interval {in_words(period)} from line 1" if period else ""
+    return Preface(
+        _NAME,
+        delimiter=",",
+        decimal=".",
+        header_row=1,
+        unit_row=0,
+        first_row=first + 1,
+        names=(*["time"] * timed, *(name for name, _ in header[timed:])),
+        units=tuple(unit for _, unit in header),
+        time_column=0 if timed else -1,
+        time_unit="s" if timed else None,
+        period=period,
+        offset=None if timed else offset,
+        notes=(f"{_NAME}: {counted(len(header) - timed)}{interval}",),
+    )
+
+
+def _pairs(cells: Cells) -> list[tuple[str, str, str]]:
+    return [cell.partition("=") for cell in cells]
+
+
+def _named_unit(text: str) -> tuple[str, str]:
+    """(CH1, V) of `CH1V` and `CH1(V)`; (Time, s) of `Time(s)`."""
+    if "(" in text:
+        return _bracketed(text)
+    name = text.rstrip("VAWU")
+    return (name, text[len(name) :]) if name[-1:].isdecimal() else (text, "")
 
 
 def _settings_above(rows: list[Cells]) -> Preface | None:
