@@ -1,0 +1,1 @@
+"""Logs written in random dialects, whose right reading is known."""

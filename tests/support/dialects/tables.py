@@ -1,0 +1,264 @@
+"""Tables in random dialects, and their right reading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from random import Random
+
+import numpy as np
+
+from dialects.stamps import Stamps, make_stamps
+
+NAMES = [
+    "temp",
+    "hum",
+    "pressure",
+    "volts",
+    "dist",
+    "accel_x",
+    "accel_y",
+    "gyro",
+    "flow",
+    "level",
+    "speed",
+    "torque",
+    "light",
+    "CO2",
+    "Load",
+    "Angle",
+]
+SPACED_NAMES = ("Air Temp", "Rel Hum", "Wind Spd", "EXG Channel 0", "Battery Level", "Sensor Value")
+UNITS = ("V", "mm", "hPa", "%", "degC", "°C", "m/s^2", "g", "lux", "mA", "rpm", "kPa")
+WORDS = ("nan", "NaN", "NA", "N/A", "null", "None", "-", "--", "M", "unavailable", "ERR", "missing")
+STATES = ("OK", "STILL", "WALK", "idle", "LOST COMMUNICATION")
+STATUS = (
+    "WiFi reconnecting...",
+    "sensor timeout!",
+    "SD card flushed",
+    "reboot (watchdog)",
+    "calibrating, please wait",
+)
+PROSE = ("Data logger export", "Recorded at the weather mast behind the barn.", "All times are local standard time")
+PREFACES = ("comments", "pairs", "colons", "prose")
+FACTS = (
+    ("Serial Number", "C030756"),
+    ("Firmware", "v2.31b"),
+    ("Operator", "J. Smith"),
+    ("Site", "Barn 7"),
+    ("Gain", "24"),
+)
+
+
+@dataclass
+class Case:
+    """One log and its right reading."""
+
+    dialect: dict[str, object]
+    """What was chosen, for messages."""
+    data: bytes = b""
+    """The file."""
+    names: tuple[str, ...] = ()
+    """Names of the channels; () where the file names none."""
+    units: tuple[str, ...] = ()
+    """Their units."""
+    values: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    """Samples, NaN where missing."""
+    stamps: Stamps | None = None
+    """The time columns."""
+    period: float | None = None
+    """s, where stamps or preface say it."""
+
+
+def make_table(rng: Random) -> Case:
+    """A table of delimited cells."""
+    n, width = rng.randint(30, 160), rng.randint(1, 5)
+    delimiter = rng.choice([",", ",", ";", "\t", "|", " "])
+    header = rng.random() < 0.8
+    quoted = rng.random() < 0.15 and delimiter != " "
+    comma = rng.random() < (0.4 if delimiter in ";\t" else 0.15) and (delimiter != "," or quoted)
+    decimal = "," if comma else "."
+    width = max(width, 2) if comma or not header or delimiter == "," else width
+    case = Case({"n": n, "delimiter": delimiter, "decimal": decimal, "header": header, "quoted": quoted})
+    if rng.random() < 0.8:
+        case.stamps = make_stamps(rng, n, delimiter, decimal, named=header)
+        case.period = case.stamps.period
+        case.dialect |= {"form": case.stamps.form, "shape": case.stamps.shape, "time": case.stamps.cells[0]}
+    cells = samples(rng, case, n, width, delimiter, decimal)
+    columns = list(map(list, zip(*cells, strict=True)))
+    names, units, labels = headings(rng, width, delimiter, header)
+    case.names, case.units = (names if header else ()), units
+    unit_row = header and case.stamps is not None and any(units) and rng.random() < 0.3 and labels != names
+    labels = list(names) if unit_row else labels
+    suffix_units(rng, case, columns, delimiter, header=header)
+    heads, unit_cells = list(labels), list(units)
+    if case.stamps is not None:
+        at = 0 if not header or rng.random() < 0.8 else rng.randint(0, width)
+        heads[at:at] = case.stamps.names
+        unit_cells[at:at] = [""] * len(case.stamps.names)
+        columns[at:at] = map(list, zip(*case.stamps.cells, strict=True))
+    if header and delimiter != " " and rng.random() < 0.15:
+        heads.append("state")
+        unit_cells.append("")
+        columns.append([rng.choice(STATES) for _ in range(n)])
+        case.dialect["text"] = True
+    if header and rng.random() < 0.12:
+        heads.insert(0, rng.choice(["seq", "RECORD", "index", "#"]) if delimiter != " " else "seq")
+        unit_cells.insert(0, "")
+        columns.insert(0, [str(i + 1) for i in range(n)])
+        case.dialect["counter"] = True
+    rows = [list(row) for row in zip(*columns, strict=True)]
+    lines = table_lines(rng, case, rows, heads if header else None, unit_cells if unit_row else None, quoted=quoted)
+    finish(rng, case, lines)
+    return case
+
+
+def samples(rng: Random, case: Case, n: int, width: int, delimiter: str, decimal: str) -> list[list[str]]:
+    """Cells of the channels; the values they mean go into the case."""
+    case.values = np.empty((n, width))
+    cells = [[""] * width for _ in range(n)]
+    thousands = "." if decimal == "," else ","
+    grouped = rng.random() < 0.06 and (thousands != delimiter or bool(case.dialect["quoted"]))
+    for j in range(width):
+        # Whole numbers alone, between commas, could be decimals of one another.
+        digits = rng.choice([1, 2, 2, 3, 4] if j == 0 or decimal == "," else [0, 1, 2, 3, 4])
+        size, level = rng.choice([0.1, 1, 5, 40]), rng.choice([0, 20, -3, 1013 if not grouped else 4500])
+        power = rng.random() < 0.06
+        for i in range(n):
+            level += rng.gauss(0, size)
+            text = f"{level:.{digits}e}" if power else f"{level:.{digits}f}"
+            case.values[i, j] = float(text)
+            if grouped and not power and digits:
+                text = f"{float(text):,.{digits}f}"
+                text = text.replace(",", "\0").replace(".", decimal).replace("\0", thousands)
+            cells[i][j] = text.replace(".", decimal) if not (grouped and not power and digits) else text
+    case.dialect["grouped"] = grouped
+    lose_some(rng, case, cells, delimiter)
+    return cells
+
+
+def lose_some(rng: Random, case: Case, cells: list[list[str]], delimiter: str) -> None:
+    """Missing words in random places, the first rows among them."""
+    n, width = case.values.shape
+    if rng.random() < 0.6:
+        return
+    word = rng.choice(WORDS if delimiter == " " or width == 1 else (*WORDS, "", ""))
+    places = {(rng.randrange(n), rng.randrange(width)) for _ in range(rng.randint(1, n // 8))}
+    if rng.random() < 0.5:
+        places |= {(i, rng.randrange(width)) for i in range(rng.randint(1, 12))}
+        if rng.random() < 0.5 and case.stamps is not None:
+            places |= {(i, j) for i in range(rng.randint(1, 12)) for j in range(width)}
+    for i, j in places:
+        cells[i][j] = word
+        case.values[i, j] = np.nan
+    case.dialect["missing"] = word
+
+
+def headings(
+    rng: Random, width: int, delimiter: str, header: bool
+) -> tuple[tuple[str, ...], tuple[str, ...], list[str]]:
+    """(names, units, labels as the header writes them)."""
+    pool = NAMES if delimiter == " " else [*NAMES, *SPACED_NAMES]
+    names = tuple(rng.sample(pool, width))
+    style = rng.choice(["", "", " [{}]", " ({})", "[{}]"]) if delimiter != " " else rng.choice(["", "[{}]"])
+    units = tuple(rng.choice(UNITS) if style and header else "" for _ in names)
+    return (
+        names,
+        units,
+        [name + style.format(unit) if unit else name for name, unit in zip(names, units, strict=True)],
+    )
+
+
+def suffix_units(rng: Random, case: Case, columns: list[list[str]], delimiter: str, *, header: bool) -> None:
+    """Units behind the numbers: 26.69C."""
+    if rng.random() > 0.05 or any(case.units) or delimiter == " ":
+        return
+    j, unit = rng.randrange(len(columns)), rng.choice(["C", "V", "%", " V", "mm"])
+    columns[j] = [cell + unit if cell[-1:].isdigit() else cell for cell in columns[j]]
+    case.units = tuple(unit.strip() if i == j else "" for i in range(len(columns)))
+    case.dialect["suffix"] = unit
+
+
+def table_lines(
+    rng: Random,
+    case: Case,
+    rows: list[list[str]],
+    heads: list[str] | None,
+    units: list[str] | None,
+    *,
+    quoted: bool,
+) -> list[str]:
+    """The lines from the header on."""
+    delimiter = str(case.dialect["delimiter"])
+    between = delimiter + " " if delimiter in ",;" and rng.random() < 0.15 and not quoted else delimiter
+    between = " " * rng.randint(1, 3) if delimiter == " " else between
+    trailing = (
+        rng.choice(["none"] * 6 + ["rows", "both", "spaced"]) if delimiter != " " and len(rows[0]) > 1 else "none"
+    )
+    end = {"none": "", "rows": delimiter, "both": delimiter, "spaced": delimiter + " "}[trailing]
+    case.dialect |= {"between": between, "trailing": trailing}
+
+    def line(cells: list[str], ending: str) -> str:
+        return between.join(f'"{cell}"' for cell in cells) + ending if quoted else between.join(cells) + ending
+
+    above = end if trailing == "both" else ""
+    lines = [] if heads is None else [line(heads, above)]
+    if units is not None:
+        style = rng.choice(["{}", "[{}]", "({})"])
+        lines.append(line([style.format(unit) if unit else "" for unit in units], above))
+        case.dialect["unit row"] = style
+    if (
+        heads is not None
+        and delimiter not in " |"
+        and rng.random() < 0.06
+        and trailing == "none"
+        and len(rows[0]) > 2
+    ):
+        added = rng.randint(5, len(rows) // 2)
+        where = [i for i, name in enumerate(case.names) if heads[-1].startswith(name)]
+        if where:
+            rows = [row[:-1] if i < added else row for i, row in enumerate(rows)]
+            case.values[:added, where[-1]] = np.nan
+            case.dialect["field added"] = added
+    return lines + [line(row, end) for row in rows]
+
+
+def finish(rng: Random, case: Case, lines: list[str], prefaces: tuple[str, ...] = PREFACES) -> None:
+    """Preface, lines in between, line ends and encoding."""
+    headed = bool(case.names)
+    lines = preface(rng, case, rng.choice(prefaces)) + lines if prefaces and rng.random() < 0.35 else lines
+    first = len(lines) - case.values.shape[0]
+    if case.stamps is not None and headed and rng.random() < 0.1:
+        for _ in range(rng.randint(1, 4)):
+            lines.insert(rng.randint(first + 3, len(lines)), rng.choice(STATUS))
+        case.dialect["status"] = True
+    newline = rng.choice(["\n", "\n", "\n", "\r\n", "\r\n", "\r"])
+    text = newline.join(lines) + newline
+    encodings = ["utf-8"] * 5 + ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"]
+    encoding = rng.choice(encodings)
+    case.dialect |= {"newline": newline, "encoding": encoding}
+    case.data = text.encode(encoding)
+    if encoding.startswith("utf-8") and rng.random() < 0.04:
+        case.data += b"\0" * rng.choice([1, 40, 512])
+        case.dialect["nuls"] = True
+
+
+def preface(rng: Random, case: Case, style: str) -> list[str]:
+    """What a logger writes above its table."""
+    mark = rng.choice(["# ", "#", "% ", "// "]) if style == "comments" else ""
+    delimiter = str(case.dialect.get("delimiter", ","))
+    between = ": " if style in ("comments", "colons", "prose") or delimiter == " " else delimiter
+    lines = [mark + rng.choice(PROSE)] if style in ("comments", "prose") else []
+    if style != "prose":
+        lines += [mark + between.join(pair) for pair in rng.sample(FACTS, rng.randint(1, 4))]
+    if case.stamps is None and rng.random() < 0.7:
+        rate = rng.choice([10, 25, 50, 100, 128, 250, 1000])
+        said = rng.choice(
+            [("Sample Rate", f"{rate} Hz"), ("Sampling Rate (Hz)", f"{rate}"), ("Sample Interval", f"{1 / rate} s")]
+        )
+        lines.append(mark + between.join(said))
+        case.period = 1 / rate
+        case.dialect["rate"] = said
+    case.dialect["preface"] = style
+    if rng.random() < 0.4:
+        lines.append("")
+    return lines

@@ -1,0 +1,88 @@
+"""What became of a case: read exactly, refused, asked about, or wrong without a word."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+
+import numpy as np
+
+from dialects.labelled import make_labelled
+from dialects.tables import Case, make_table
+from kalscope.errors import KalscopeError
+from kalscope.recording import Recording
+from kalscope.sources.readers.recording_file import read_recording
+
+QUESTIONS = ("could also be", "?", "ambiguous")
+RATE_TOLERANCE = {"burst": 0.1, "coarse": 0.04, "pause": 0.01, "jitter": 0.02, "even": 1e-3}
+"""Of the period, relative; a burst's last samples may be missing from its stretch."""
+
+
+def make_case(seed: int) -> Case:
+    """The log of a seed."""
+    rng = Random(f"kalscope dialect {seed}")
+    return make_labelled(rng) if rng.random() < 0.15 else make_table(rng)
+
+
+def judge(case: Case, path: Path) -> tuple[str, str]:
+    """(exact, refused, asked or wrong; why it is not exact)."""
+    path.write_bytes(case.data)
+    try:
+        recording = read_recording(path)
+    except KalscopeError as error:
+        return "refused", str(error)
+    why = difference(case, recording)
+    if not why:
+        return "exact", ""
+    asked = [note for note in recording.report.notes if any(mark in note for mark in QUESTIONS)]
+    return ("asked", f"{why}; {asked[0]}") if asked else ("wrong", why)
+
+
+def difference(case: Case, recording: Recording) -> str:
+    """What differs from the right reading; "" where nothing does."""
+    if len(recording) != len(case.values):
+        return f"{len(recording)} rows for {len(case.values)}"
+    for j in range(case.values.shape[1]):
+        why = channel_difference(case, recording, j)
+        if why:
+            return why
+    spare = len(recording.names) - case.values.shape[1] - ("counter" in case.dialect)
+    if spare > 0:
+        return f"channels {recording.names} for {case.names}"
+    return time_difference(case, recording)
+
+
+def channel_difference(case: Case, recording: Recording, j: int) -> str:
+    """What differs in one channel."""
+    if case.names:
+        if case.names[j] not in recording.names:
+            return f"no channel {case.names[j]!r} among {recording.names}"
+        index = recording.names.index(case.names[j])
+    elif len(recording.names) < case.values.shape[1]:
+        return f"{len(recording.names)} channels for {case.values.shape[1]}"
+    else:
+        index = j
+    if not np.array_equal(recording.values[:, index], case.values[:, j], equal_nan=True):
+        i = int(np.flatnonzero(~(recording.values[:, index] == case.values[:, j]))[0])
+        return f"channel {j}, sample {i}: {recording.values[i, index]} for {case.values[i, j]}"
+    if case.units and recording.units[index] != case.units[j]:
+        return f"unit {recording.units[index]!r} for {case.units[j]!r}"
+    return ""
+
+
+def time_difference(case: Case, recording: Recording) -> str:
+    """What differs in time and rate."""
+    stamps = case.stamps
+    if case.period is None:
+        return "" if recording.sample_period is None else f"a period of {recording.sample_period} s for none"
+    if recording.sample_period is None:
+        return f"no period for {case.period} s"
+    tolerance = RATE_TOLERANCE[stamps.shape] if stamps else 1e-3
+    if abs(recording.sample_period / case.period - 1) > tolerance:
+        return f"a period of {recording.sample_period} s for {case.period} s"
+    if stamps is not None and not stamps.only_rate:
+        off = np.abs(recording.time - recording.time[0] - stamps.seconds)
+        # A stamp of a pause or a jitter is as it stands; a file's own rate may smooth what is below a period.
+        if float(off.max()) > max(1e-6, 0.02 * case.period if stamps.shape == "jitter" else 0.0):
+            return f"a time that is {off.max()} s off at sample {int(off.argmax())}"
+    return ""
