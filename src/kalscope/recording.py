@@ -91,6 +91,8 @@ class ReadReport:
     """What the reader decided, each a sentence: delimiter, header, time column, renamed columns."""
     timing: Timing | None = None
     """How the sample period was found; None for synthetic signals and for a board."""
+    options: tuple[str, ...] = ()
+    """What the user decided about the reading, as words of the command line: ("--delimiter", "comma")."""
 
 
 @dataclass(frozen=True)

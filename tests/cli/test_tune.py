@@ -101,11 +101,11 @@ def test_an_edge_is_told_in_words_and_never_as_an_answer(log: Path, capsys: Capt
 def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log)]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("log.csv: noisy [V]\n500 samples, 100 Hz\n")
+    assert out.startswith("log.csv: 500 rows, 3 channels, 100 Hz\n\nnoisy [V]: 500 samples\n\n")
     assert out.endswith("Other channels (--channel, --all): smooth, stuck (constant)\n")
     assert run(["tune", str(log), "--all"]) == 0
     out = capsys.readouterr().out
-    assert [name for name in ("noisy [V]", "smooth", "stuck") if f"log.csv: {name}\n" in out] == [
+    assert [name for name in ("noisy [V]", "smooth", "stuck") if f"\n{name}: 500 samples\n" in out] == [
         *("noisy [V]", "smooth", "stuck")
     ]
     assert "Other channels" not in out
@@ -114,7 +114,7 @@ def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: 
 def test_without_time_the_lag_is_in_samples_only(bare: Path, capsys: Captured) -> None:
     assert run(["tune", str(bare)]) == 0
     out = capsys.readouterr().out
-    assert "sample period unknown (see --sample-period)" in out
+    assert "sample period unknown (see --rate)" in out
     assert "× the sample rate" in out
     assert " ms" not in out
     assert run(["tune", str(bare), "--sample-period", "0.01"]) == 0
@@ -488,3 +488,21 @@ def test_a_counter_is_not_tuned_unless_it_is_asked_for(log: Path, capsys: Captur
     assert (
         "Other channels (--channel, --all): seq (a counter), smooth, stuck (constant)\n" in capsys.readouterr().out
     )
+
+
+def test_how_the_file_was_read_comes_first_and_whole_in_json(log: Path, capsys: Captured) -> None:
+    header, *rows = log.read_text().splitlines()
+    log.write_text("\n".join([header, *rows[:300], *["battery low"] * 40, *rows[300:], ""]))
+    assert run(["tune", str(log), "--delimiter", "comma"]) == 0
+    first, warning, *_ = capsys.readouterr().out.splitlines()
+    assert first.startswith("log.csv: 500 rows, 3 channels, 100 Hz")
+    assert first.endswith("40 lines rejected: another number of fields")
+    assert warning.startswith("Warning: 7.4 % of the lines were rejected, the first is line 302")
+    reading = tuned(capsys, str(log), "--delimiter", "comma")["reading"]
+    assert (reading["rejected"], reading["options"]) == (40, ["--delimiter", "comma"])
+    assert (reading["issues"][0]["text"], len(reading["warnings"])) == ("battery low", 1)
+
+
+def test_what_cannot_be_tuned_is_tried_again_with_the_same_reading(log: Path, capsys: Captured) -> None:
+    assert run(["tune", str(log), "--channel", "stuck", "--time-column", "1"]) == 0
+    assert f"kalscope tune {log} --time-column 1 --channel stuck --lag-ms" in capsys.readouterr().out

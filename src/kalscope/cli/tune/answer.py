@@ -135,7 +135,7 @@ def _held_out(
 def as_plain(answer: Answer) -> dict[str, Any]:
     """The answer as JSON can say it: None for what is not there, "inf" for infinity, never NaN."""
     params, limits = answer.found.params, answer.range
-    return _finite(
+    return finite(
         {
             "channel": answer.channel,
             "unit": answer.unit,
@@ -181,12 +181,12 @@ def _judged(judged: Diagnostics | None) -> dict[str, Any] | None:
     return {name: getattr(judged, name) for name in names}
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """The value without numbers that JSON has not; numpy's as Python's."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in cast("dict[str, Any]", value).items()}
+        return {key: finite(item) for key, item in cast("dict[str, Any]", value).items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in cast("list[Any]", value)]
+        return [finite(item) for item in cast("list[Any]", value)]
     if isinstance(value, float):
         number = float(value)
         return None if math.isnan(number) else number if math.isfinite(number) else str(number)

@@ -36,7 +36,9 @@ SPECIFICATIONS = {
 @reads_source
 def tune_command(
     source: Source,
-    channel: Annotated[str | None, typer.Option(metavar="NAME", help="Else the first that measures something.")] = None,
+    channel: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Else the first that measures something.")
+    ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
     method: Annotated[
         str | None, typer.Option(metavar="NAME", help="ml (default), em, moments, als or allan.")
@@ -176,9 +178,10 @@ def still_samples(recording: Recording, text: str) -> tuple[int, int]:
 
 def _text(recording: Recording, answers: list[Answer]) -> str:
     from kalscope.analysis.channel_kinds import with_kinds
-    from kalscope.cli.tune.page import WIDTH, text_of
+    from kalscope.cli.tune.page import WIDTH, reading_text, text_of
 
-    pages = f"\n{'-' * WIDTH}\n".join(text_of(answer, recording) for answer in answers)
+    pages = reading_text(recording)
+    pages += f"\n{'-' * WIDTH}\n".join(text_of(answer, recording) for answer in answers)
     others = [name for name in recording.names if name not in {answer.channel for answer in answers}]
     if others:
         words = ", ".join(with_kinds(recording, others))
@@ -189,9 +192,11 @@ def _text(recording: Recording, answers: list[Answer]) -> str:
 
 def _json(recording: Recording, answers: list[Answer], every: bool) -> str:
     """One object: the channel's own, or with --all one that holds a list of them."""
-    from kalscope.cli.tune.answer import as_plain
+    from kalscope.cli.tune.answer import as_plain, finite
+    from kalscope.sources.readers import account
 
-    head = {"source": recording.source, "sha256": recording.sha256}
+    reading = finite(account.as_plain(recording))
+    head = {"source": recording.source, "sha256": recording.sha256, "reading": reading}
     plain = [as_plain(answer) for answer in answers]
     whole = {**head, "channels": plain} if every else {**head, **plain[0]}
     return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

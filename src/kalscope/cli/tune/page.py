@@ -17,7 +17,6 @@ from kalscope.common.text import (
     frequency,
     lag_in_full,
     number,
-    sample_rate,
     squared,
     trimmed,
 )
@@ -28,6 +27,7 @@ from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
+from kalscope.sources.readers.account import summary, warnings
 
 WIDTH = 96
 """Columns of the page."""
@@ -50,10 +50,18 @@ SILENT = ("too_few", "constant", "bad_unit", "irregular")
 """Verdicts without numbers."""
 
 
+def reading_text(recording: Recording) -> str:
+    """How the recording was read: one line, and a warning where much of it could not be."""
+    lines = _wrapped(f"{recording.title or recording.source}: {summary(recording)}")
+    for sentence in warnings(recording):
+        lines += _wrapped(f"Warning: {sentence}.")
+    return "\n".join(lines) + "\n\n"
+
+
 def text_of(answer: Answer, recording: Recording) -> str:
     """The page of one channel."""
     parts = (
-        _head(answer, recording),
+        _head(answer),
         _pair(answer, recording),
         _meaning(answer),
         _opinions(answer),
@@ -62,17 +70,10 @@ def text_of(answer: Answer, recording: Recording) -> str:
     return "\n\n".join("\n".join(lines) for part in parts if (lines := list(part))) + "\n"
 
 
-def _head(answer: Answer, recording: Recording) -> Iterator[str]:
+def _head(answer: Answer) -> Iterator[str]:
     unit = f" [{answer.unit}]" if answer.unit else ""
     missing = f", {count(answer.missing)} of them missing" if answer.missing else ""
-    yield f"{recording.title or recording.source}: {answer.channel}{unit}"
-    yield f"{count(answer.samples)} samples{missing}, {_rate(answer.sample_period)}"
-
-
-def _rate(period: float | None) -> str:
-    if period is None:
-        return "sample period unknown (see --sample-period)"
-    return sample_rate(period)
+    yield f"{answer.channel}{unit}: {count(answer.samples)} samples{missing}"
 
 
 def _pair(answer: Answer, recording: Recording) -> Iterator[str]:
@@ -90,7 +91,7 @@ def _pair(answer: Answer, recording: Recording) -> Iterator[str]:
     yield from _wrapped(answer.found.message)
     if params is None:
         target = "--gain 0.2" if answer.sample_period is None else f"--lag-ms {5e3 * answer.sample_period:.4g}"
-        place = f"{shlex.quote(recording.source)} --channel {shlex.quote(answer.channel)}"
+        place = shlex.join([recording.source, *recording.report.options, "--channel", answer.channel])
         yield f"For example: kalscope tune {place} {target}"
 
 

@@ -33,6 +33,7 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
+from kalscope.sources.readers.account import summary, warnings
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 Rows = tuple[tuple[str, ...], ...]
@@ -190,13 +191,17 @@ def _filters(found: Comparison) -> ReportTable:
 
 
 def _command(recording: Recording, config: str) -> str:
-    return f"kalscope open {shlex.quote(recording.source or 'FILE')} --config {shlex.quote(config)}"
+    return shlex.join(
+        ["kalscope", "open", recording.source or "FILE", *recording.report.options, "--config", config]
+    )
 
 
 def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
     moment = (now or datetime.now(UTC)).astimezone(UTC)
     rows = [
         ("data", recording.source or recording.title),
+        ("read as", summary(recording)),
+        *(("warning", sentence) for sentence in warnings(recording)),
         ("SHA-256", recording.sha256 or "none: the data were generated"),
         ("tuned with", f"{tuning.tool or 'unknown'}, {tuning.date or 'no date'}"),
         ("made with", f"{program()}, numpy {version('numpy')}, scipy {version('scipy')}"),

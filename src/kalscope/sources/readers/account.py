@@ -1,10 +1,95 @@
-"""How a recording was read, as text: the decisions, the counts, the first lines that could not be read."""
+"""How a recording was read, as text: one line of summary, warnings, and the account of every line."""
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import asdict
+from typing import Any
+
 import numpy as np
 
-from kalscope.recording import Recording
+from kalscope.common.text import THIN_SPACE, count, percent, sample_rate
+from kalscope.recording import LineIssue, Recording
+
+MAX_SHARE = 0.02
+"""More rejected lines or cells without a number than this share are worth a warning."""
+
+_SHORT = {
+    "must have a readable": "no readable time",
+    "must have": "another number of fields",
+    "must be written as": "text between the samples",
+    "must be printable": "control bytes",
+    "must end with a newline": "the last is torn",
+    "must end with": "checksum",
+    "must begin with a stamp": "no stamp",
+    "must be >": "text between the samples",
+    "must hold one of": "other labels",
+}
+"""Why lines were rejected, by how the reason begins, in as few words as a summary can hold."""
+
+
+def summary(recording: Recording) -> str:
+    """How the recording was read, in one line: "2 094 rows, 4 channels, 13.4 Hz; 85 lines rejected: …"."""
+    report = recording.report
+    parts = [_many(len(recording), "row"), _many(len(recording.names), "channel"), _rate(recording)]
+    line = ", ".join(parts)
+    if report.rejected:
+        line += f"; {_many(report.rejected, 'line')} rejected{_short_reason(recording)}"
+    if report.bad_cells:
+        line += f"; {_many(report.bad_cells, 'cell')} without a number"
+    return _plain(line)
+
+
+def warnings(recording: Recording) -> tuple[str, ...]:
+    """Sentences where so much could not be read that every number that follows may be wrong; usually none."""
+    report, found = recording.report, list[str]()
+    cells = [issue for issue in report.issues if issue.column is not None]
+    lines = [issue for issue in report.issues if issue.column is None]
+    rejected = report.rejected / max(1, report.rejected + report.rows)
+    if rejected > MAX_SHARE:
+        found.append(f"{percent(rejected)} of the lines were rejected{_first(lines)}")
+    bad = report.bad_cells / max(1, report.rows * len(recording.names))
+    if bad > MAX_SHARE:
+        found.append(f"{percent(bad)} of the cells are not numbers{_first(cells)}")
+        text, often = Counter(issue.text for issue in cells).most_common(1)[0] if cells else ("", 0)
+        if often > 0.5 * len(cells) and text.isprintable():
+            found[-1] += f"; if {text!r} means that there is no sample, read with --missing={text}"
+    return tuple(_plain(sentence) for sentence in found)
+
+
+def as_plain(recording: Recording) -> dict[str, Any]:
+    """The whole account as JSON can say it; numbers may be infinite."""
+    report = asdict(recording.report)
+    return {"summary": summary(recording), "warnings": list(warnings(recording)), **report}
+
+
+def _many(n: int, noun: str) -> str:
+    return f"{count(n)} {noun}{'' if n == 1 else 's'}"
+
+
+def _rate(recording: Recording) -> str:
+    timing = recording.report.timing
+    if recording.sample_period is None:
+        return "sample period unknown (see --rate)"
+    return (timing.summary if timing else "") or sample_rate(recording.sample_period)
+
+
+def _short_reason(recording: Recording) -> str:
+    """Why most of the rejected lines were, ": …"; "" where no word says it shortly."""
+    reasons = Counter(issue.reason for issue in recording.report.issues if issue.column is None)
+    if not reasons:
+        return ""
+    most = reasons.most_common(1)[0][0]
+    return next((f": {short}" for start, short in _SHORT.items() if most.startswith(start)), "")
+
+
+def _first(issues: list[LineIssue]) -> str:
+    return f", the first is {_issue(issues[0], 60)}" if issues else ""
+
+
+def _issue(issue: LineIssue, length: int = 200) -> str:
+    where = f"line {issue.line}" + (f', "{issue.column}"' if issue.column else "")
+    return f"{where}: {issue.reason} (got {issue.text[:length]!r})"
 
 
 def account(recording: Recording) -> str:
@@ -15,6 +100,7 @@ def account(recording: Recording) -> str:
     report, n = recording.report, len(recording)
     samples = "sample" if n == 1 else "samples"
     lines = [f"{recording.title or 'recording'}: {n} {samples} of {_channels(recording)}"]
+    lines += [f"  warning: {sentence}" for sentence in warnings(recording)]
     if recording.sample_period is not None:
         lines.append(f"  one sample every {recording.sample_period:.9g} s")
     parts = [
@@ -24,20 +110,18 @@ def account(recording: Recording) -> str:
         (report.comments, "comments and text"),
         (report.headers, "header"),
     ]
-    counts = " + ".join(f"{count} {what}" for count, what in parts if count)
+    counts = " + ".join(f"{number} {what}" for number, what in parts if number)
     if report.lines:  # a made-up signal has none
         lines.append(f"  {report.lines} lines = {counts}")
-    for count, what in (
+    for number, what in (
         (report.bad_cells, "cells are not numbers: missing samples"),
         (report.clipped_times, "steps back in time, each filtered as dt = 0"),
         (report.inserted, "rows of missing samples put into gaps of time"),
     ):
-        if count:
-            lines.append(f"  {count} {what}")
+        if number:
+            lines.append(f"  {number} {what}")
     lines += [f"  {note}" for note in report.notes]
-    for issue in report.issues:
-        where = f"line {issue.line}" + (f', "{issue.column}"' if issue.column else "")
-        lines.append(f"  {where}: {issue.reason} (got {issue.text!r})")
+    lines += [f"  {_issue(issue)}" for issue in report.issues]
     more = report.rejected + report.bad_cells - len(report.issues)
     if more > 0:
         lines.append(f"  and {more} more")
@@ -62,4 +146,4 @@ def _channels(recording: Recording) -> str:
 
 
 def _plain(line: str) -> str:
-    return "".join(c if c.isprintable() else "�" for c in line)
+    return "".join(c if c.isprintable() or c == THIN_SPACE else "�" for c in line)

@@ -9,7 +9,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import ReadReport, Recording
-from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.read_options import ReadOptions, option, option_words
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.readers.csv_rows import Tally
 from kalscope.sources.readers.sentinels import Extremes, suggest_missing
@@ -76,10 +76,17 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
         inserted=inserted,
         issues=tuple(tally.issues),
         notes=tuple(notes),
+        options=_options(options, sample_period),
     )
     names = tuple(layout.columns[i].name for i in channels)
     units = tuple(layout.columns[i].unit for i in channels)
     return Recording(time, names, units, values, period, report, gaps=options.gaps)
+
+
+def _options(options: ReadOptions, sample_period: float | None) -> tuple[str, ...]:
+    """What the user decided, as words of the command line."""
+    period = () if sample_period is None else option("sample-period", repr(sample_period))
+    return (*period, *option_words(options))
 
 
 def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tuple[Array, list[str]]:

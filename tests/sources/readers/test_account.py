@@ -1,0 +1,105 @@
+"""How a recording was read, in one line, in warnings and in full."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope.cli.tune.answer import finite
+from kalscope.common.text import THIN_SPACE
+from kalscope.recording import LineIssue, ReadReport, Recording, Timing
+from kalscope.sources.grammar.read_options import options_from_text
+from kalscope.sources.readers.account import account, as_plain, summary, warnings
+from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.synthetic import synthesize
+
+ROWS = [f"{i / 50:.2f},{20 + i % 3},{i % 5}" for i in range(200)]
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_lines(lines, **options):
+        path = tmp_path / "log.csv"
+        path.write_text("\n".join(["t,temp,dist", *lines, ""]))
+        return read_recording(path, options_from_text(**options))
+
+    return read_lines
+
+
+def plain_spaces(text):
+    return text.replace(THIN_SPACE, " ")
+
+
+def test_a_clean_file_is_summed_up_in_one_line(read):
+    recording = read(ROWS)
+    assert summary(recording) == "200 rows, 2 channels, 50.0 Hz"
+    assert warnings(recording) == ()
+
+
+def test_a_signal_without_a_file_has_a_summary_too():
+    assert plain_spaces(summary(synthesize("sine", n=2000, sample_period=0.01))) == "2 000 rows, 1 channel, 100 Hz"
+
+
+def test_an_unknown_rate_is_said_with_its_option():
+    recording = Recording(np.arange(3.0), ("a",), ("",), np.zeros((3, 1)), None)
+    assert summary(recording) == "3 rows, 1 channel, sample period unknown (see --rate)"
+
+
+def test_the_rate_is_worded_by_what_was_found_out_about_it():
+    timing = Timing("uneven", "stamps", 0.0746, summary="13.4 Hz from uneven stamps")
+    recording = Recording(
+        np.arange(3.0), ("a",), ("",), np.zeros((3, 1)), 0.0746, ReadReport(lines=3, rows=3, timing=timing)
+    )
+    assert summary(recording) == "3 rows, 1 channel, 13.4 Hz from uneven stamps"
+
+
+SPOILT = {
+    "12.3,4": "another number of fields",
+    "1.0,2.0,\x013.0": "control bytes",
+}
+
+
+@pytest.mark.parametrize(("line", "why"), SPOILT.items())
+def test_rejected_lines_are_counted_with_their_reason(read, line, why):
+    recording = read([*ROWS[:100], line, *ROWS[100:]])
+    assert f"; 1 line rejected: {why}" in summary(recording)
+    assert warnings(recording) == ()
+
+
+def test_more_than_two_percent_of_rejected_lines_are_a_warning(read):
+    few = read([*ROWS, *["status ok,1"] * 4])
+    many = read([*ROWS[:100], *["status ok,1"] * 5, *ROWS[100:]])
+    assert warnings(few) == ()
+    (said,) = warnings(many)
+    assert said.startswith("2.4 % of the lines were rejected, the first is line 102: must have 3 fields (got 2)")
+    assert "(got 'status ok,1')" in said
+    assert "  warning: 2.4 % of the lines" in account(many)
+
+
+def test_many_cells_without_a_number_are_a_warning_with_a_way_out(read):
+    spoilt = [row if i % 10 else row[: row.rindex(",")] + ",ERR" for i, row in enumerate(ROWS)]
+    recording = read(spoilt)
+    assert "; 20 cells without a number" in summary(recording)
+    (said,) = warnings(recording)
+    assert said.startswith('5.0 % of the cells are not numbers, the first is line 2, "dist": must be a number')
+    assert said.endswith("read with --missing=ERR")
+    assert warnings(read(spoilt, missing=["ERR"])) == ()
+
+
+def test_the_account_goes_into_json_whole(read):
+    recording = read([*ROWS[:9], "x", *ROWS[9:]], delimiter="comma", missing=["-200"])
+    plain = json.loads(json.dumps(finite(as_plain(recording)), allow_nan=False))
+    assert plain["summary"] == summary(recording)
+    assert (plain["lines"], plain["rows"], plain["rejected"], plain["headers"]) == (202, 200, 1, 1)
+    assert plain["issues"][0]["line"] == 11
+    assert plain["options"] == ["--delimiter", "comma", "--missing=-200.0"]
+    assert plain["notes"] == list(recording.report.notes)
+
+
+def test_nothing_unprintable_of_a_file_is_said():
+    issue = LineIssue(7, "must be a number", "\x1b[2J\u202e", "te\x07mp")
+    report = ReadReport(lines=10, rows=9, rejected=1, bad_cells=9, issues=(issue, replace(issue, column=None)))
+    recording = Recording(np.arange(9.0), ("a",), ("",), np.zeros((9, 1)), None, report)
+    said = [summary(recording), *warnings(recording), *account(recording).splitlines()]
+    assert all(c.isprintable() or c == THIN_SPACE for line in said for c in line)
