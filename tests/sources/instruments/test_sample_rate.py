@@ -99,7 +99,7 @@ STARTS = [
     "(ms),(V)", "Memory Length,4", "Waveform Data", "#timebase=1(ps)", "#,Time(ms),CH1(mV)", "1551453301",
     "1551453301,IBI", "Shimmer\tShimmer", "a_CAL,b_CAL", "ms,V", "CAL\tCAL", "sep=;", "-----", "fs = 100",
     "Sample Index", "", ",", '"', "0,1", "1,2,", "0", "Inf", "1e999,1e999", "Vertical Units,CH1:V", "Time,Ampl",
-    "Sampling Period,4",
+    "Sampling Period,4", "1e-320", "Sampling Period,1e-320", "%Sample Rate = 1e-320",
 ]  # fmt: skip
 
 

@@ -45,7 +45,7 @@ def find_preface(head: Sequence[str]) -> Preface | None:
     if delimiter is None:
         return preface
     if preface is None:
-        return Preface("spreadsheet", delimiter=delimiter, notes=("line 1 names the delimiter",))
+        return Preface("", delimiter=delimiter, notes=("line 1 names the delimiter",))
     return preface if preface.delimiter else replace(preface, delimiter=delimiter)
 
 

@@ -13,6 +13,9 @@ from kalscope.sources.grammar.cells import is_number, parse_number, split_fields
 
 Cells = tuple[str, ...]
 
+MIN_PERIOD = 1e-15
+"""A shorter period, and a longer one than its inverse, is damage, s."""
+
 MAX_LINES = 200
 """The table of a known instrument begins within this many lines."""
 
@@ -81,9 +84,9 @@ def said(rows: Iterable[Cells], *keys: str) -> str:
 
 
 def positive(text: str) -> float | None:
-    """The positive number that a cell holds; None for any other cell, as Rigol's "Inf"."""
+    """The positive number that a cell holds, of the size of a period or rate; None for any other cell ("Inf")."""
     value = parse_number(text.strip())
-    return value if value is not None and 0 < value < math.inf else None
+    return value if value is not None and MIN_PERIOD <= value <= 1 / MIN_PERIOD else None
 
 
 def inverse(value: float | None) -> float | None:

@@ -10,7 +10,7 @@ class Preface:
     """What the lines above or beside a table say about it; None and () where they say nothing."""
 
     instrument: str
-    """What wrote the file, as a report names it: "Rigol oscilloscope"."""
+    """What wrote the file, as a report names it: "Rigol oscilloscope"; "" where only its text is understood."""
     delimiter: str | None = None
     """Between the cells of the table."""
     decimal: str | None = None

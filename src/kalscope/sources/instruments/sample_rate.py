@@ -65,7 +65,7 @@ def recognise(head: Sequence[str]) -> Preface | None:
         return None
     period, text = next(iter(found.items()))
     return Preface(
-        "log",
+        "",
         period=period,
         notes=(f'"{text}" above the table: the sample interval is {in_words(period)}',),
     )

@@ -126,7 +126,7 @@ def _owon(rows: list[Cells]) -> Preface | None:
         return None
     backwards = stamps[1] < stamps[0]
     size = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}.get(UNIT_OF_WORD[units[1]], 1.0)
-    period = round((stamps[0] - stamps[1]) * size, 15)
+    period = float(f"{(stamps[0] - stamps[1]) * size:.9g}")
     note = f", stamps run backwards: the samples are taken {in_words(period)} apart" if backwards else ""
     return Preface(
         "Owon oscilloscope",
