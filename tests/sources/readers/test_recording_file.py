@@ -257,6 +257,7 @@ def test_data_below_a_preamble_longer_than_the_first_look_is_found(read):
         (b"t,a\n0,nan\n1,\n2,nan\n", "at least one number"),
         (bytes(range(256)) * 20, "binary"),
         (b"\x89PNG\r\n\x1a\n" + bytes(100), "PNG"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:42df\nsize 10170242\n", "git lfs pull"),
         (b"\x28\xb5\x2f\xfd" + bytes(100), "Zstandard"),
         (b"5.0", "newline"),
     ],

@@ -23,6 +23,7 @@ _FOREIGN = {
     b"PK\x03\x04": "a zip archive or spreadsheet",
     b"\x89PNG": "a PNG image",
     b"%PDF": "a PDF document",
+    b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces by the file itself",
 }
 _CHUNK = 1 << 20
 
