@@ -169,6 +169,11 @@ second,Volt,Ampere
     assert (found.header_row, found.unit_row, found.first_row) == (1, 2, 3)
 
 
+def test_keysight_channels_may_begin_later_and_in_a_unit_of_their_own():
+    found = preface("x-axis,1,2\nsecond,Volt,Furlong\n-2E-06,,\n-1E-06,0.0E+00,1\n0E-06,0.1E+00,1")
+    assert (found.units, found.first_row) == (("s", "V", "Furlong"), 3)
+
+
 def test_keysight_segments_are_said_above_the_names():
     found = preface("points/segment = 4\nx-axis,1\nsecond,Volt\n-1E-06,0.0E+00\n0E-06,0.1E+00")
     assert (found.names, found.first_row) == (("time", "1"), 4)

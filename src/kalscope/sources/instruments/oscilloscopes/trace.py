@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from kalscope.sources.grammar.cells import is_number
 from kalscope.sources.grammar.timestamps import UNIT_OF_WORD
 from kalscope.sources.instruments.metadata import (
     Cells,
@@ -18,10 +19,9 @@ from kalscope.sources.instruments.preface import Preface
 
 def trace_units(cells: Cells) -> tuple[str, ...] | None:
     """Units of a units row that begins with a unit of time; None for any other row."""
-    units = tuple(unit_in(cell) for cell in cells)
-    if len(units) < 2 or units[0] not in UNIT_OF_WORD or None in units:
+    if len(cells) < 2 or unit_in(cells[0]) not in UNIT_OF_WORD or any(map(is_number, cells)):
         return None
-    return tuple(unit or "" for unit in units)
+    return tuple(cell if (unit := unit_in(cell)) is None else unit for cell in cells)
 
 
 def channel_name(text: str) -> str:
@@ -49,7 +49,7 @@ def trace(
         period: Sample period in s that the metadata give; not used where the stamps contradict it.
     """
     units, first = trace_units(rows[units_at]), first_sample(rows, units_at + 1)
-    if units is None or first is None or len(rows[first]) != len(units):
+    if units is None or first is None or len(rows[first]) > len(units):
         return None
     names = names or (rows[header_at] if header_at is not None else ())
     named = tuple(channel_name(name) for name in names[: len(units)])
