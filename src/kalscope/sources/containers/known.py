@@ -10,9 +10,14 @@ from pathlib import Path
 from kalscope.common.progress import Progress
 from kalscope.common.text import one_line
 from kalscope.errors import BadFile, KalscopeError
+from kalscope.sources.containers.hdf5 import read_hdf5
+from kalscope.sources.containers.json_document import is_json_document, read_json_document
 from kalscope.sources.containers.lvm import is_lvm, read_lvm
+from kalscope.sources.containers.mat import is_mat, read_mat
 from kalscope.sources.containers.parquet import read_parquet
+from kalscope.sources.containers.spreadsheets.excel import is_excel, read_excel
 from kalscope.sources.containers.table import Table, Text
+from kalscope.sources.containers.tdms import read_tdms
 
 ReadContainer = Callable[[Path, str, "str | None", Progress], Table | Text]
 """From the path of the content, the name of the file, the part to read and the progress to what it holds."""
@@ -37,6 +42,11 @@ def _begins(*magic: bytes) -> Callable[[bytes, str], bool]:
 _CONTAINERS = (
     Container("a Parquet file", _begins(b"PAR1"), read_parquet),
     Container("a LabVIEW measurement file", is_lvm, read_lvm),
+    Container("a TDMS file", _begins(b"TDSm"), read_tdms),
+    Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), read_hdf5),
+    Container("a MATLAB file", is_mat, read_mat),
+    Container("a spreadsheet", is_excel, read_excel),
+    Container("a JSON document", is_json_document, read_json_document),
 )
 
 

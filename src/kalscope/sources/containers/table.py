@@ -58,3 +58,5 @@ class Text:
     """The lines, without their newlines."""
     notes: tuple[str, ...]
     """What was decided, each a sentence."""
+    delimiter: str | None = None
+    """Between the cells; None where the lines name their values."""

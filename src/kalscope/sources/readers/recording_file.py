@@ -95,6 +95,7 @@ def _read_container(container: Container, raw: RawFile, options: ReadOptions, pr
     held = read_container(container, raw.path, raw.name, options.part, progress.part(0.0, 0.5))
     if isinstance(held, Table):
         return reading_of(held, options)
+    options = replace(options, delimiter=held.delimiter or options.delimiter)
     with text_as_file(held.lines, raw, progress.part(0.5, 0.75)) as text:
         reading = _read_text(text, options, progress.part(0.75, 1.0))
     return replace(reading, layout=replace(reading.layout, notes=(*held.notes, *reading.layout.notes)))

@@ -1,0 +1,100 @@
+"""HDF5 files, read by h5py: the datasets of one length in a group. No link and no dataset leads out of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kalscope.common.progress import Progress
+from kalscope.sources.containers.arrays import Item, is_numeric, period_from, read_arrays
+from kalscope.sources.containers.library import load_library
+from kalscope.sources.containers.table import Table
+
+_MAX_DATASETS = 2000
+_MAX_DEPTH = 12
+_UNITS = ("unit", "units", "Unit", "Units", "UNITS", "unit_string", "NI_UnitDescription")
+
+
+def read_hdf5(path: Path, name: str, part: str | None, progress: Progress) -> Table:
+    """Read the datasets of an HDF5 file: vectors, matrices, tables of fields.
+
+    Raises:
+        BadFile: it holds no numbers or too many.
+        BadSetting: there is no such part.
+    """
+    h5py = load_library("h5py", "h5py", name, "an HDF5 file")
+    with h5py.File(str(path), "r") as file:
+        items: list[Item] = []
+        scalars: list[tuple[str, str, float]] = []
+        for group, key, dataset in _datasets(h5py, file):
+            progress(0.1, "reading")
+            _take(group, key, dataset, items, scalars)
+        scalars += _told(file, "")
+        return read_arrays(items, scalars, part, name, "an HDF5 file", progress.part(0.2, 1.0))
+
+
+def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, str, Any]]:
+    """(group, name, dataset) of the datasets that lie in the file itself."""
+    waiting, count = [("", file, 0)], 0
+    while waiting and count < _MAX_DATASETS:
+        group, node, depth = waiting.pop(0)
+        for key in node:
+            # Only what is in this place: a link may lead out of the file, or back into the same group.
+            if not isinstance(node.get(key, getlink=True), h5py.HardLink) or key.startswith("#"):
+                continue
+            child = node[key]
+            if isinstance(child, h5py.Group):
+                if depth < _MAX_DEPTH:
+                    waiting.append((f"{group}/{key}" if group else key, child, depth + 1))
+            elif isinstance(child, h5py.Dataset) and not child.is_virtual and child.external is None:
+                count += 1
+                yield group, key, child
+
+
+def _take(group: str, key: str, dataset: Any, items: list[Item], scalars: list[tuple[str, str, float]]) -> None:
+    if _text(dataset.attrs.get("MATLAB_class")) in ("char", "cell", "function_handle"):
+        return
+    dtype, shape = dataset.dtype, tuple(int(n) for n in dataset.shape or ())
+    unit = next((text for word in _UNITS if (text := _text(dataset.attrs.get(word)))), "")
+    period = next((period for _, _, value in _told(dataset, "", key) if (period := value)), None)
+    if dtype.names:
+        _take_fields(f"{group}/{key}" if group else key, dataset, shape, items)
+    elif is_numeric(dtype):
+        if int(np.prod(shape, dtype=np.float64)) == 1:
+            scalars.append((group, key, float(np.asarray(dataset[()]).reshape(-1)[0])))
+        elif 1 <= len(shape) <= 2:
+            items.append(Item(key, group, shape, lambda: dataset[()], unit, period))
+
+
+def _take_fields(group: str, dataset: Any, shape: tuple[int, ...], items: list[Item]) -> None:
+    """The fields of a table, as pandas and PyTables write it; a field may itself hold several columns."""
+    for field in dataset.dtype.names if len(shape) == 1 else ():
+        base, inner = dataset.dtype[field].base, dataset.dtype[field].shape
+        if is_numeric(base) and len(inner) <= 1:
+
+            def load(field: str = field) -> Any:
+                return dataset[field]
+
+            stamps = field == "index" and _text(dataset.attrs.get("index_kind")).startswith("datetime")
+            items.append(Item("time" if stamps else str(field), group, (*shape, *inner), load))
+
+
+def _told(node: Any, group: str, key: str = "") -> list[tuple[str, str, float]]:
+    """Rates and periods among the attributes; with a key the values are periods in s."""
+    found: list[tuple[str, str, float]] = []
+    for name in node.attrs:
+        value = node.attrs.get(name)
+        if np.ndim(value) == 0 and is_numeric(np.asarray(value).dtype):
+            period = period_from(str(name), float(value))
+            if period is not None:
+                found.append((group, str(name), period if key else float(value)))
+    return found
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace").strip()
+    return value.strip() if isinstance(value, str) else ""

@@ -1,0 +1,108 @@
+"""One JSON document that holds the samples: its objects become lines of JSON, read by the ordinary rules.
+
+Known shapes: a list of objects (perhaps in a list of lists, as Home Assistant answers, or under a key, as
+ThingSpeak's "feeds"); an object of lists of one length, a column each; an object of lists of {ts, value}, as
+ThingsBoard answers, one a name.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, cast
+
+from kalscope.common.progress import Progress
+from kalscope.errors import BadFile
+from kalscope.sources.containers.parts import Part, choose_part
+from kalscope.sources.containers.table import Text
+from kalscope.sources.grammar.json_line import find_object, load_json
+
+MAX_BYTES = 1 << 28
+"""Largest document, in bytes: it is held in memory as a whole. Objects one a line may be of any number."""
+
+_MAX_DEPTH = 4
+_KIND = "a JSON document"
+Rows = list[dict[str, Any]]
+
+
+def is_json_document(head: bytes, name: str) -> bool:
+    """True where the whole file is one value, and not one object on each line."""
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if text[:1] == b"[":
+        return text[1:].lstrip()[:1] in (b"{", b"[") and (name.endswith(".json") or text[1:].lstrip()[:1] == b"{")
+    if text[:1] != b"{":
+        return False
+    first, _, rest = text.partition(b"\n")
+    return not rest.strip() or find_object(first.decode("utf-8", "replace")) is None
+
+
+def read_json_document(path: Path, name: str, part: str | None, progress: Progress) -> Text:
+    """Read one table of a JSON document as lines of JSON.
+
+    Raises:
+        BadFile: it is too large, or holds no list of samples.
+        BadSetting: there is no such part.
+    """
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        raise BadFile(f"{name} must be at most {MAX_BYTES} bytes, or hold one object a line (got {size} bytes)")
+    progress(0.0, "reading")
+    document = load_json(path.read_bytes().decode("utf-8-sig", "replace"))
+    progress(0.5, "reading")
+    found = dict(_tables("", document, 0))
+    parts = [Part(key, len(rows), len(rows[0])) for key, rows in found.items()]
+    chosen, notes = choose_part(parts, part, name, "list")
+    rows = list(found.values())[chosen]
+    return Text(map(_line, rows), (f"{_KIND}; line numbers count its objects", *notes))
+
+
+def _line(row: dict[str, Any]) -> str:
+    return json.dumps(row, ensure_ascii=False)
+
+
+def _tables(key: str, value: Any, depth: int) -> Iterator[tuple[str, Rows]]:
+    """(key, objects) of every list of samples."""
+    if isinstance(value, list):
+        rows = _objects(cast("list[Any]", value))
+        if rows:
+            yield key or "list", rows
+    elif isinstance(value, dict) and depth < _MAX_DEPTH:
+        inner = cast("dict[str, Any]", value)
+        columns = _columns(inner)
+        series = _series(inner)
+        if columns or series:
+            yield key or "object", columns or series
+            return
+        for name, part in inner.items():
+            yield from _tables(f"{key}.{name}" if key else name, part, depth + 1)
+
+
+def _objects(value: list[Any]) -> Rows:
+    """The objects of a list, and of the lists in it."""
+    if value and all(isinstance(item, list) for item in value):
+        value = [inner for item in cast("list[list[Any]]", value) for inner in item]
+    if not value or not all(isinstance(item, dict) for item in value):
+        return []
+    return cast("Rows", value)
+
+
+def _columns(value: dict[str, Any]) -> Rows:
+    """`{"time": [0, 1], "x": [5, 6]}` by rows."""
+    lists = {key: cast("list[Any]", part) for key, part in value.items() if isinstance(part, list)}
+    plain = {key: part for key, part in lists.items() if part and not isinstance(part[0], (dict, list))}
+    lengths = {len(part) for part in plain.values()}
+    if len(plain) < 2 or len(lengths) != 1 or max(lengths) < 2:
+        return []
+    return [dict(zip(plain, cells, strict=True)) for cells in zip(*plain.values(), strict=True)]
+
+
+def _series(value: dict[str, Any]) -> Rows:
+    """`{"temp": [{"ts": 1, "value": 5}], …}` as a long table: name, ts, value."""
+    if not value or not all(isinstance(part, list) for part in value.values()):
+        return []
+    rows = {key: _objects(cast("list[Any]", part)) for key, part in value.items()}
+    firsts = [part[0] for part in rows.values() if part]
+    if len(firsts) < len(rows) or not all(first.keys() == {"ts", "value"} for first in firsts):
+        return []
+    return [{"name": key, **row} for key, part in rows.items() for row in part]

@@ -1,0 +1,72 @@
+"""MATLAB files: up to version 7.2 by SciPy, version 7.3, which is HDF5, by h5py. Nothing in them is ever run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from kalscope.common.progress import Progress
+from kalscope.errors import BadFile
+from kalscope.sources.containers.arrays import Item, is_numeric, read_arrays
+from kalscope.sources.containers.hdf5 import read_hdf5
+from kalscope.sources.containers.library import load_library
+from kalscope.sources.containers.table import MAX_NUMBERS, Table
+
+_MAX_DEPTH = 8
+_VERSION_73 = b"MATLAB 7.3"
+_WHOLE = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
+_CLASSES = frozenset(("double", "single", "logical", "struct", *_WHOLE))
+"""Classes of variables that may hold numbers; cells, text, functions and objects are left unread."""
+
+
+def is_mat(head: bytes, name: str) -> bool:
+    """True for a file that begins as a MATLAB file; version 4 has no mark, it goes by the name."""
+    return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")) or (
+        name.endswith(".mat") and not head.startswith((b"\x89HDF", b"PK", b"\x1f\x8b")) and b"\0" in head[:20]
+    )
+
+
+def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Table:
+    """Read the variables of a MATLAB file: vectors, matrices, the fields of structs.
+
+    Raises:
+        BadFile: it holds no numbers or too many.
+        BadSetting: there is no such part.
+    """
+    with path.open("rb") as file:
+        if file.read(len(_VERSION_73)) == _VERSION_73:
+            return read_hdf5(path, name, part, progress)
+    matlab = load_library("scipy.io", "scipy", name, "a MATLAB file")
+    listed = cast("list[tuple[str, tuple[int, ...], str]]", matlab.whosmat(str(path)))
+    wanted = [key for key, _, kind in listed if kind in _CLASSES]
+    size = sum(int(np.prod([min(n, MAX_NUMBERS) for n in shape], dtype=np.float64)) for _, shape, _ in listed)
+    if size > MAX_NUMBERS:
+        raise BadFile(f"{name} must hold at most {MAX_NUMBERS} numbers (got {size})")
+    progress(0.1, "reading")
+    held = matlab.loadmat(str(path), variable_names=wanted, simplify_cells=True)
+    items: list[Item] = []
+    scalars: list[tuple[str, str, float]] = []
+    for key in wanted:
+        if key in held:
+            _collect(key, "", held[key], items, scalars)
+    return read_arrays(items, scalars, part, name, "a MATLAB file", progress.part(0.6, 1.0))
+
+
+def _collect(
+    key: str, group: str, value: Any, items: list[Item], scalars: list[tuple[str, str, float]], depth: int = 0
+) -> None:
+    if isinstance(value, dict):
+        inner = f"{group}.{key}" if group else key
+        for name, part in cast("dict[str, Any]", value).items():
+            if depth < _MAX_DEPTH:
+                _collect(name, inner, part, items, scalars, depth + 1)
+        return
+    array = np.asarray(value)
+    if not is_numeric(array.dtype):
+        return
+    if array.size == 1:
+        scalars.append((group, key, float(array.reshape(-1)[0])))
+    elif 1 <= array.ndim <= 2:
+        items.append(Item(key, group, array.shape, lambda: array))

@@ -1,0 +1,1 @@
+"""Spreadsheets: a sheet becomes lines of text, read by the ordinary rules."""

@@ -1,0 +1,68 @@
+"""A spreadsheet into files of text, one a sheet; run as a program of its own.
+
+The library ends its process where a damaged file asks for more memory than there is: this one, not Kalscope's.
+
+    python convert.py BOOK FOLDER
+
+FOLDER gets 0.txt, 1.txt, …, cells between tabs, and sheets.json: name, rows, columns and numbers of each.
+"""
+
+from __future__ import annotations
+
+import datetime
+import importlib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+MAX_CELLS = 1 << 24
+"""Cells of one sheet, empty ones among them."""
+MAX_BYTES = 4 << 30
+"""Memory of this process, where the system can limit it."""
+
+
+def convert(book_path: str, folder: str) -> None:
+    """Write the sheets; ValueError where one is too large."""
+    book: Any = importlib.import_module("python_calamine").CalamineWorkbook.from_path(book_path)
+    said: list[dict[str, Any]] = []
+    for title in book.sheet_names:
+        sheet = book.get_sheet_by_name(title)
+        height, width = (0, 0) if sheet.end is None else (sheet.end[0] + 1, sheet.end[1] + 1)
+        if height * width > MAX_CELLS:
+            raise ValueError(f"a sheet of {height} × {width} cells, above {MAX_CELLS}")
+        rows: list[list[Any]] = sheet.to_python(skip_empty_area=False) if height else []
+        numbers = [sum(map(_is_number, row)) for row in rows]
+        with (Path(folder) / f"{len(said)}.txt").open("w", encoding="utf-8", errors="replace", newline="\n") as out:
+            out.writelines("\t".join(map(cell_text, row)) + "\n" for row in rows)
+        said.append({"name": title, "rows": height, "columns": max(numbers, default=0), "numbers": sum(numbers)})
+    (Path(folder) / "sheets.json").write_text(json.dumps(said), encoding="utf-8")
+
+
+def _is_number(cell: object) -> bool:
+    return isinstance(cell, (int, float)) and not isinstance(cell, bool)
+
+
+def cell_text(cell: object) -> str:
+    """A cell as text: whole numbers without a point, dates as ISO 8601, durations in s."""
+    if isinstance(cell, float):
+        return str(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
+    if isinstance(cell, datetime.datetime):
+        return cell.isoformat()
+    if isinstance(cell, datetime.timedelta):
+        return f"{cell.total_seconds():.9g}"
+    return " ".join(str(cell).replace('"', "'").split())
+
+
+if __name__ == "__main__":
+    try:
+        import resource
+    except ImportError:  # Windows
+        pass
+    else:
+        resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
+    try:
+        convert(sys.argv[1], sys.argv[2])
+    except BaseException as error:
+        sys.stderr.write(" ".join(str(error).split())[:200])
+        sys.exit(1)

@@ -1,0 +1,120 @@
+"""Spreadsheets (.xlsx, .xls, .ods), read by python-calamine: a sheet becomes text for the ordinary rules."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from kalscope.common.progress import Progress
+from kalscope.common.text import one_line
+from kalscope.errors import BadFile
+from kalscope.sources.containers.library import load_library
+from kalscope.sources.containers.parts import Part, choose_part
+from kalscope.sources.containers.spreadsheets import convert
+from kalscope.sources.containers.table import Text
+
+_KIND = "a spreadsheet"
+_OLD_EXCEL = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+_MAX_UNPACKED = 1 << 29
+"""Bytes of XML; more is an archive made to fill the memory."""
+_CHUNK = 1 << 20
+_PLACE = re.compile(rb"""\sr\s?=\s?["']([A-Za-z]{0,3})([0-9]{1,7})["']""")
+_SPREADSHEETS = ("xl/workbook.xml", "content.xml")
+_POLL_S = 0.05
+"""Between two looks at whether the user has cancelled, s."""
+
+
+def is_excel(head: bytes, name: str) -> bool:
+    """True for a spreadsheet: a zip archive or an old workbook, by what the head names or by the name."""
+    if head.startswith(_OLD_EXCEL):
+        return True
+    return head.startswith(b"PK\x03\x04") and (
+        name.endswith((".xlsx", ".xlsm", ".ods")) or b"xl/" in head or b"opendocument.spreadsheet" in head[:200]
+    )
+
+
+def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> Text:
+    """Read one sheet of a spreadsheet as lines of cells between tabs, dates as ISO 8601.
+
+    Raises:
+        BadFile: no sheet holds numbers, or it is too large.
+        BadSetting: there is no such sheet.
+    """
+    load_library("python_calamine", "python-calamine", name, _KIND)
+    with path.open("rb") as file:
+        if file.read(len(_OLD_EXCEL)) != _OLD_EXCEL:
+            _check_size(path, name, progress.part(0.0, 0.3))
+    with tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder:
+        _convert(path, folder, progress.part(0.3, 1.0))
+        said = json.loads((Path(folder) / "sheets.json").read_text(encoding="utf-8"))
+        holding = [i for i, sheet in enumerate(said) if sheet["numbers"]]
+        parts = [Part(said[i]["name"], said[i]["rows"], said[i]["columns"]) for i in holding]
+        chosen, notes = choose_part(parts, part, name, "sheet")
+        text = (Path(folder) / f"{holding[chosen]}.txt").read_text(encoding="utf-8")
+    return Text(_without_end(text), (f"{_KIND}; line numbers are its rows", *notes), "\t")
+
+
+def _without_end(text: str) -> Iterator[str]:
+    yield from text.removesuffix("\n").split("\n")
+
+
+def _convert(path: Path, folder: str, progress: Progress) -> None:
+    """Let a process of its own write the sheets; it ends when the task is cancelled."""
+    with subprocess.Popen(
+        [sys.executable, convert.__file__, str(path), folder],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    ) as process:
+        try:
+            while True:
+                progress(0.5, "reading")
+                try:
+                    _, said = process.communicate(timeout=_POLL_S)
+                    break
+                except subprocess.TimeoutExpired:
+                    continue
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode:
+        raise ValueError(one_line(said.decode("utf-8", "replace"))[:120] or "the library failed")
+
+
+def _check_size(path: Path, name: str, progress: Progress) -> None:
+    """Refuse what would fill the memory, by unpacking it once without keeping it: declared sizes may lie."""
+    total = 0
+    with zipfile.ZipFile(path) as archive:
+        if not any(info.filename in _SPREADSHEETS for info in archive.infolist()):
+            raise BadFile(f"{name} must be a spreadsheet (got a zip archive of other files)")
+        for info in archive.infolist():
+            info.file_size = _MAX_UNPACKED + 1
+            del info.CRC  # which would be that of the declared size
+            rows = columns = 0
+            with archive.open(info) as stream:
+                before = b""
+                while piece := stream.read(_CHUNK):
+                    total += len(piece)
+                    progress(total / _MAX_UNPACKED, "unpacking")
+                    if total > _MAX_UNPACKED:
+                        raise BadFile(f"{name} must unpack to at most {_MAX_UNPACKED} bytes (got more)")
+                    for letters, digits in _PLACE.findall(before + piece):
+                        rows, columns = max(rows, int(digits)), max(columns, _column_number(letters))
+                    before = piece[-64:]
+            if rows * columns > convert.MAX_CELLS:
+                raise BadFile(
+                    f"{name} must hold at most {convert.MAX_CELLS} cells in a sheet (got {rows} × {columns})"
+                )
+
+
+def _column_number(letters: bytes) -> int:
+    number = 0
+    for letter in letters.upper():
+        number = 26 * number + letter - 64
+    return number

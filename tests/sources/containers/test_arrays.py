@@ -1,0 +1,186 @@
+"""MATLAB, HDF5 and TDMS files, written by the libraries that own the formats."""
+
+import numpy as np
+import pytest
+import scipy.io
+
+from kalscope.errors import BadFile, BadSetting
+from kalscope.sources.containers.arrays import period_from
+from kalscope.sources.containers.table import MAX_NUMBERS
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.readers.recording_file import read_recording
+
+h5py = pytest.importorskip("h5py")
+nptdms = pytest.importorskip("nptdms")
+
+T = np.arange(50) * 0.02
+X = np.sin(T)
+
+
+@pytest.fixture
+def mat(tmp_path):
+    def write(part=None, **variables):
+        path = tmp_path / "log.mat"
+        scipy.io.savemat(path, variables)
+        return read_recording(path, ReadOptions(part=part))
+
+    return write
+
+
+@pytest.fixture
+def hdf5(tmp_path):
+    def write(fill, part=None):
+        path = tmp_path / "log.h5"
+        with h5py.File(path, "w") as file:
+            fill(file)
+        return read_recording(path, ReadOptions(part=part))
+
+    return write
+
+
+@pytest.fixture
+def tdms(tmp_path):
+    def write(*channels, part=None, **options):
+        path = tmp_path / "log.tdms"
+        with nptdms.TdmsWriter(path) as writer:
+            writer.write_segment([nptdms.ChannelObject(*channel) for channel in channels])
+        return read_recording(path, ReadOptions(part=part, **options))
+
+    return write
+
+
+def test_vectors_of_matlab_with_their_time(mat):
+    recording = mat(t=T, x=X[:, None], y=X[None, :] * 2, title="a text", flag=np.array([{}], dtype=object))
+    assert recording.names == ("x", "y")
+    np.testing.assert_array_equal(recording.values, np.column_stack([X, 2 * X]))
+    assert recording.sample_period == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("fs", 50.0), ("Fs", 50), ("sample_rate", 50.0), ("dt", 0.02), ("Ts", 0.02)]
+)
+def test_a_single_number_of_matlab_is_the_rate(mat, name, value):
+    recording = mat(x=X, **{name: value})
+    assert recording.names == ("x",)
+    assert recording.sample_period == pytest.approx(0.02)
+    np.testing.assert_allclose(recording.time, T)
+
+
+def test_fields_of_a_matlab_struct_and_a_matrix_are_channels(mat):
+    recording = mat(log={"time": T, "acc": np.column_stack([X, -X, X + 1])})
+    assert recording.names == ("acc[0]", "acc[1]", "acc[2]")
+    np.testing.assert_array_equal(recording.values[:, 1], -X)
+    assert recording.sample_period == pytest.approx(0.02)
+
+
+def test_a_matrix_as_wide_as_the_time_is_long_has_its_samples_in_rows(mat):
+    recording = mat(t=T, y=np.vstack([X, X + 1]))
+    np.testing.assert_array_equal(recording.values, np.column_stack([X, X + 1]))
+
+
+def test_the_longest_vectors_are_read_and_the_others_named(mat):
+    recording = mat(slow=np.arange(9.0), fast=X)
+    assert recording.names == ("fast",)
+    assert any('"slow" (9 × 1)' in note and "--part" in note for note in recording.report.notes)
+    assert len(mat(slow=np.arange(9.0), fast=X, part="slow")) == 9
+    with pytest.raises(BadSetting, match=r"fast.*got 'none such'"):
+        mat(slow=np.arange(9.0), fast=X, part="none such")
+
+
+@pytest.mark.parametrize("variables", [{"a": "text"}, {"a": 5.0}, {"a": np.zeros((0, 3))}, {"a": np.eye(3) * 1j}])
+def test_matlab_without_samples_is_refused(mat, variables):
+    with pytest.raises(BadFile, match="must hold"):
+        mat(**variables)
+
+
+def test_matlab_version_4_goes_by_its_name(tmp_path):
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, {"t": T, "x": X}, format="4")
+    np.testing.assert_array_equal(read_recording(path).values[:, 0], X)
+
+
+def test_matlab_version_73_is_hdf5(tmp_path):
+    path = tmp_path / "log.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["x"] = X[None, :]  # MATLAB stores a column as a row
+        file["t"] = T[None, :]
+        file["note"] = np.array([[104], [105]], dtype=np.uint16)
+        file["note"].attrs["MATLAB_class"] = np.bytes_("char")
+    data = bytearray(path.read_bytes())
+    data[:20] = b"MATLAB 7.3 MAT-file,"
+    path.write_bytes(data)
+    recording = read_recording(path)
+    assert recording.names == ("x",)
+    np.testing.assert_array_equal(recording.values[:, 0], X)
+
+
+def test_datasets_of_a_group_with_units_and_rate(hdf5):
+    def fill(file):
+        file["run/imu/ax"] = X
+        file["run/imu/ax"].attrs["units"] = "m/s^2"
+        file["run/imu"].attrs["other"] = 5
+        file["run/imu/sample_rate"] = 50.0
+        file["slow/temp"] = np.arange(5.0)
+
+    recording = hdf5(fill)
+    assert (recording.names, recording.units) == (("ax",), ("m/s^2",))
+    assert recording.sample_period == pytest.approx(0.02)
+    assert len(hdf5(fill, "slow")) == 5
+
+
+def test_a_table_of_fields_reads_as_pandas_writes_it(hdf5):
+    def fill(file):
+        kind = [("index", "<i8"), ("values_block_0", "<f8", (2,))]
+        table = np.zeros(50, dtype=kind)
+        table["index"], table["values_block_0"][:, 1] = np.arange(50) * 20_000_000 + 1_700_000_000_000_000_000, X
+        file["df/table"] = table
+        file["df/table"].attrs["index_kind"] = np.bytes_("datetime64[ns]")
+
+    recording = hdf5(fill)
+    assert recording.sample_period == pytest.approx(0.02)
+    np.testing.assert_array_equal(recording.channel("values_block_0[1]"), X)
+
+
+def test_nothing_leads_out_of_an_hdf5_file(hdf5, tmp_path):
+    with h5py.File(tmp_path / "secret.h5", "w") as file:
+        file["secret"] = np.arange(100.0)
+    np.arange(100.0).tofile(tmp_path / "raw.bin")
+
+    def fill(file):
+        file["x"] = X
+        file["out"] = h5py.ExternalLink("secret.h5", "/secret")
+        file["soft"] = h5py.SoftLink("/x")
+        file["round/again"] = h5py.SoftLink("/")
+        file.create_dataset("raw", (100,), "f8", external=[(str(tmp_path / "raw.bin"), 0, 800)])
+        layout = h5py.VirtualLayout((100,), "f8")
+        layout[:] = h5py.VirtualSource(str(tmp_path / "secret.h5"), "secret", (100,))
+        file.create_virtual_dataset("virtual", layout)
+
+    assert hdf5(fill).names == ("x",)
+
+
+def test_a_gigantic_dataset_of_nothing_is_refused(hdf5):
+    with pytest.raises(BadFile, match=str(MAX_NUMBERS)):
+        hdf5(lambda file: file.create_dataset("x", (1 << 40,), "f8", chunks=(1024,)))
+
+
+def test_channels_of_tdms_with_units_and_waveform(tdms):
+    waveform = {"wf_increment": 0.02, "wf_start_time": np.datetime64("2024-05-01T12:00:00"), "unit_string": "V"}
+    recording = tdms(("ai", "ch0", X, waveform), ("ai", "ch1", 2 * X, {}), ("slow", "temp", np.arange(4.0), {}))
+    assert (recording.names, recording.units) == (("ch0", "ch1"), ("V", ""))
+    np.testing.assert_array_equal(recording.values[:, 1], 2 * X)
+    assert recording.sample_period == pytest.approx(0.02)
+    assert any("2024-05-01T12:00:00" in note for note in recording.report.notes)
+    assert any('"slow" (4 × 1)' in note for note in recording.report.notes)
+
+
+def test_a_time_channel_of_tdms_is_the_time(tdms):
+    stamps = np.datetime64("2024-05-01T12:00:00", "us") + (T * 1e6).astype("timedelta64[us]")
+    recording = tdms(("g", "Time", stamps, {}), ("g", "x", X, {}), ("g", "text", np.array(["a"] * 50), {}))
+    assert recording.names == ("x",)
+    np.testing.assert_allclose(recording.time, T, atol=1e-6)
+
+
+def test_the_names_of_a_rate():
+    assert period_from("Sample Rate", 4.0) == period_from("dt", 0.25) == 0.25
+    assert period_from("gain", 4.0) is period_from("fs", 0.0) is period_from("fs", float("nan")) is None

@@ -1,0 +1,64 @@
+"""JSON documents: one value that holds all samples."""
+
+import json
+
+import numpy as np
+import pytest
+
+from kalscope.errors import BadFile, BadSetting
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.readers.recording_file import read_recording
+
+X = [round(0.5 * i, 3) for i in range(12)]
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(document, part=None, **how):
+        path = tmp_path / "log.json"
+        path.write_text(document if isinstance(document, str) else json.dumps(document, **how))
+        return read_recording(path, ReadOptions(part=part))
+
+    return read
+
+
+@pytest.mark.parametrize("how", [{}, {"indent": 2}])
+def test_a_list_of_objects(read, how):
+    recording = read([{"t": i * 0.1, "imu": {"x": x}, "who": "me"} for i, x in enumerate(X)], **how)
+    assert recording.names == ("imu.x",)
+    np.testing.assert_array_equal(recording.values[:, 0], X)
+    assert recording.sample_period == pytest.approx(0.1)
+
+
+def test_the_feeds_of_thingspeak(read):
+    feeds = [{"created_at": f"2024-01-01T00:00:{i:02}Z", "entry_id": i, "field1": str(x)} for i, x in enumerate(X)]
+    recording = read({"channel": {"id": 5, "field1": "Temperature"}, "feeds": feeds})
+    np.testing.assert_array_equal(recording.channel("field1"), X)
+    assert recording.sample_period == 1.0
+
+
+def test_an_object_of_columns(read):
+    recording = read({"time": [0.1 * i for i in range(12)], "x": X, "name": "log", "nested": [[1, 2]]})
+    assert recording.names == ("x",)
+
+
+def test_the_longest_list_is_read_and_another_by_name(read):
+    document = {"a": [{"t": 0, "x": 1}, {"t": 1, "x": 2}], "b": {"c": [{"t": i, "y": x} for i, x in enumerate(X)]}}
+    assert read(document).names == ("y",)
+    assert read(document, "a").names == ("x",)
+    with pytest.raises(BadSetting, match=r'"b\.c"'):
+        read(document, "d")
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '[{"a": 1}, {"a"', "{}", '{"a": 5}', "[]", '[{"a": "b"}]', "[1, 2", '{"']
+)
+def test_a_document_without_samples_is_refused(read, text):
+    with pytest.raises(BadFile):
+        read(text)
+
+
+def test_objects_one_a_line_are_no_document(read):
+    recording = read("".join(json.dumps({"t": i, "x": x}) + "\n" for i, x in enumerate(X)))
+    assert (recording.report.rows, recording.report.lines) == (12, 12)
+    assert not any("document" in note for note in recording.report.notes)

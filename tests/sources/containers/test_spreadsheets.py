@@ -1,0 +1,111 @@
+"""Spreadsheets, written by openpyxl."""
+
+import datetime
+import zipfile
+
+import numpy as np
+import pytest
+
+from kalscope.common.progress import Progress
+from kalscope.errors import BadFile, BadSetting, Cancelled
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.readers.recording_file import read_recording
+
+openpyxl = pytest.importorskip("openpyxl")
+pytest.importorskip("python_calamine")
+
+START = datetime.datetime(2024, 3, 1, 12, 0, 0)
+
+
+@pytest.fixture
+def book(tmp_path):
+    def write(**sheets):
+        path = tmp_path / "log.xlsx"
+        workbook = openpyxl.Workbook()
+        workbook.remove(workbook.active)
+        for title, rows in sheets.items():
+            sheet = workbook.create_sheet(title)
+            for row in rows:
+                sheet.append(row)
+        workbook.save(path)
+        return path
+
+    return write
+
+
+def rows(n=20):
+    stamps = [START + datetime.timedelta(milliseconds=500 * i) for i in range(n)]
+    return [["Time", "Temp (°C)", "State"], *([stamp, 20 + i / 8, "ok"] for i, stamp in enumerate(stamps))]
+
+
+def test_a_sheet_with_dates_units_and_text(book):
+    recording = read_recording(book(log=[["Station 5"], [], *rows()]))
+    assert (recording.names, recording.units) == (("Temp",), ("°C",))
+    np.testing.assert_array_equal(recording.values[:, 0], 20 + np.arange(20) / 8)
+    np.testing.assert_allclose(recording.time, np.arange(20) * 0.5, atol=1e-6)
+    assert recording.report.rows == 20
+
+
+def test_the_sheet_with_most_numbers_is_read_and_the_others_named(book):
+    path = book(notes=[["a note"]], small=rows(3), log=rows())
+    recording = read_recording(path)
+    assert len(recording) == 20
+    assert any('"small"' in note and "--part" in note for note in recording.report.notes)
+    assert len(read_recording(path, ReadOptions(part="small"))) == 3
+    with pytest.raises(BadSetting, match="notes"):
+        read_recording(path, ReadOptions(part="notes"))
+
+
+def test_an_empty_cell_is_a_missing_sample(book):
+    table = rows()
+    table[5][1] = None
+    assert np.isnan(read_recording(book(log=table)).values[4, 0])
+
+
+def test_a_sheet_without_numbers_is_refused(book):
+    with pytest.raises(BadFile, match="sheet with numbers"):
+        read_recording(book(log=[["a", "b"], ["c", "d"]]))
+
+
+def test_two_cells_at_the_ends_of_a_sheet_are_refused_before_they_fill_the_memory(tmp_path):
+    workbook = openpyxl.Workbook()
+    workbook.active["A1"], workbook.active["XFD1048576"] = 1, 2
+    workbook.save(tmp_path / "log.xlsx")
+    with pytest.raises(BadFile, match="cells in a sheet"):
+        read_recording(tmp_path / "log.xlsx")
+
+
+def test_an_archive_that_unpacks_to_gigabytes_is_refused(book, monkeypatch):
+    monkeypatch.setattr("kalscope.sources.containers.spreadsheets.excel._MAX_UNPACKED", 10_000)
+    with pytest.raises(BadFile, match="unpack to at most"):
+        read_recording(book(log=rows(200)))
+
+
+def test_a_zip_archive_of_other_files_is_no_spreadsheet(tmp_path):
+    for name, said in (("log.xlsx", "zip archive of other files"), ("log.zip", "zip archive")):
+        with zipfile.ZipFile(tmp_path / name, "w") as archive:
+            archive.writestr("log.csv", "a,b\n1,2\n")
+        with pytest.raises(BadFile, match=said):
+            read_recording(tmp_path / name)
+
+
+def test_a_spreadsheet_is_cancelled(book):
+    with pytest.raises(Cancelled):
+        read_recording(book(log=rows()), cancelled=lambda: True)
+    assert Progress  # the same kind of progress as every reader
+
+
+def test_a_workbook_cut_short_is_refused(book):
+    path = book(log=rows())
+    data = path.read_bytes()
+    for cut in range(200, len(data), len(data) // 5):
+        path.write_bytes(data[:cut])
+        with pytest.raises(BadFile):
+            read_recording(path)
+
+
+def test_an_old_workbook_that_is_damaged_is_refused(tmp_path):
+    path = tmp_path / "log.xls"
+    path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(2000))
+    with pytest.raises(BadFile, match="spreadsheet that is whole"):
+        read_recording(path)
