@@ -103,7 +103,7 @@ def test_how_the_file_was_read_comes_along(reopen, tmp_path, monkeypatch):
     options = options_from_text("comma", "none", None, ["-200", "n/x"], "rows")
     state = opened(open_source(name, options)).with_open(options=options)
     line = share_line(state).line
-    assert "--missing=-200.0" in line
+    assert "--missing=-200" in line
     assert essence(reopen(line)) == essence(state)
     timed = options_from_text(None, "t", "ms", [], "dt")
     state = opened(open_source(name, timed)).with_open(options=timed)

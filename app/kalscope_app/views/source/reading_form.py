@@ -1,4 +1,4 @@
-"""The form with the import options."""
+"""The form with the import options, by the words of the command line."""
 
 from __future__ import annotations
 
@@ -6,44 +6,60 @@ from collections.abc import Callable
 
 import viser
 
-from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
+from kalscope.sources.grammar.read_options import ReadOptions, option_texts, options_from_text
 from kalscope_app.views.binding import on_user
 
 
 class ReadingForm:
-    """Options in place of what was detected; empty boxes are detected."""
+    """Options in place of what was detected; empty boxes are detected. The rarer ones are one click away."""
 
     def __init__(self, gui: viser.GuiApi, read: Callable[[ReadOptions], None]) -> None:
-        self._read = read
-        self._delimiter = gui.add_dropdown(
-            "delimiter",
-            (FOUND, "comma", "semicolon", "tab", "bar", "space"),
-            hint="The character between two cells.",
+        self._gui, self._read = gui, read
+        self._shown: ReadOptions | None = None
+        self._boxes: dict[str, viser.GuiInputHandle[str]] = {}
+        self._add_choice("delimiter", MARKS, "The character between two cells.")
+        self._add_text("time_column", "time column", "Its name, its number from 1, or none.")
+        self._add_choice("time_unit", UNITS, "The unit of a numeric time column.")
+        self._add_text(
+            "missing", "missing values", "Values that mark a missing sample, separated by spaces, such as -200 400."
         )
-        self._time = gui.add_text("time column", "", hint="Its name, its number from 1, or none.")
-        self._unit = gui.add_dropdown(
-            "time unit",
-            (FOUND, "s", "ms", "us", "ns", "min", "h", "day", "year"),
-            hint="The unit of a numeric time column.",
-        )
-        self._missing = gui.add_text(
-            "missing values", "", hint="Values that mark a missing sample, separated by spaces, such as -200 400."
-        )
-        self._gaps = gui.add_dropdown("gaps in time", tuple(GAPS), hint="How long gaps are filtered.")
+        self._add_choice("gaps", GAPS, "How long gaps are filtered.", "gaps in time")
+        with gui.add_folder("More options", expand_by_default=False):
+            self._add_text("header_row", "header row", "Number of the line with the names; 0: there is none.")
+            self._add_text("unit_row", "unit row", "Number of the line with the units; 0: there is none.")
+            self._add_choice("decimal", POINTS, "The decimal mark of numbers.", "decimal mark")
+            self._add_text("time_format", "time format", "How a stamp is written, such as %d.%m.%Y %H:%M:%S.")
+            self._add_choice("day_first", ORDERS, "What 03/04/2025 is: 3 April, or March 4.", "date order")
+            self._add_text("rate", "rate (Hz)", "The sample rate, in place of that of the stamps.")
+            self._add_text("part", "part", "The sheet, topic, group or variable of a file that holds several.")
         button = gui.add_button("Re-import", hint="Also reads what was added to the file.")
         on_user(button.on_click, lambda _client: self._submit())
 
-    def _submit(self) -> None:
-        def chosen(text: str) -> str | None:
-            return None if text.strip() in ("", FOUND) else text.strip()
+    def _add_text(self, option: str, label: str, hint: str) -> None:
+        self._boxes[option] = self._gui.add_text(label, "", hint=hint)
 
+    def _add_choice(self, option: str, choices: dict[str, str], hint: str, label: str = "") -> None:
+        self._boxes[option] = self._gui.add_dropdown(label or option.replace("_", " "), tuple(choices), hint=hint)
+
+    def show(self, options: ReadOptions) -> None:
+        """Fill in what the open file was read with; what is typed stays until another is."""
+        if options is self._shown:
+            return
+        self._shown, texts = options, option_texts(options)
+        for option, box in self._boxes.items():
+            text = " ".join(texts.get(option, ()))
+            words = {meaning: word for word, meaning in CHOICES.get(option, {}).items()}
+            box.value = words.get(text, text)
+
+    def _submit(self) -> None:
+        typed = {option: box.value.strip() for option, box in self._boxes.items()}
+        given = {option: CHOICES.get(option, {}).get(text, text) or None for option, text in typed.items()}
+        order, missing = given.pop("day_first"), given.pop("missing")
         self._read(
             options_from_text(
-                chosen(self._delimiter.value),
-                chosen(self._time.value),
-                chosen(self._unit.value),
-                self._missing.value.split(),
-                GAPS[self._gaps.value],
+                missing=(missing or "").split(),
+                day_first=None if order is None else order == "day",
+                **given,
             )
         )
 
@@ -51,6 +67,11 @@ class ReadingForm:
 FOUND = "auto"
 """Detect it from the file."""
 
-
-GAPS = {"as rows": "rows", "as missing samples": "missing", "as elapsed time": "dt"}
+MARKS = {FOUND: "", **{word: word for word in ("comma", "semicolon", "tab", "bar", "space")}}
+UNITS = {FOUND: "", **{word: word for word in ("s", "ms", "us", "ns", "min", "h", "day", "year")}}
+POINTS = {FOUND: "", "point": "point", "comma": "comma"}
+ORDERS = {FOUND: "", "day first": "day", "month first": "month"}
+GAPS = {"as rows": "", "as missing samples": "missing", "as elapsed time": "dt"}
 """How long gaps in time are filtered."""
+CHOICES = {"delimiter": MARKS, "time_unit": UNITS, "decimal": POINTS, "day_first": ORDERS, "gaps": GAPS}
+"""What a menu says and the command line takes, by the name of the option."""

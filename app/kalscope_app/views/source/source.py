@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import viser
 
 from kalscope.catalogue import open_source
-from kalscope.common.text import count, duration
 from kalscope.papers.experiments import list_experiments
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -30,8 +29,8 @@ from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.slow_job import SlowJobProgress
 from kalscope_app.views.source.generator import GeneratorForm
+from kalscope_app.views.source.import_summary import import_summary
 from kalscope_app.views.source.reading_form import ReadingForm
-from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
     from kalscope.papers.parts import Experiment
@@ -75,6 +74,7 @@ class SourceView:
                     hint="Time between two samples, for a file without a time column; press Enter.",
                 )
         self._report: viser.GuiMarkdownHandle | None = None
+        self._described: Recording | None = None
         on_user(self._sample.on_update, lambda _client: self._open_sample())
         on_user(self._experiment.on_update, lambda _client: self._open_experiment())
         for subscribe in (self._open.on_click, path_form.on_submit):
@@ -87,9 +87,10 @@ class SourceView:
         with gui.add_folder("Generate a signal", expand_by_default=False):
             self._generator = GeneratorForm(gui, self._open_spec)
         with gui.add_folder("Import summary"):
-            self._report = gui.add_markdown("")
+            report = gui.add_markdown("")
             with gui.add_folder("Import options", expand_by_default=False):
                 self._reading = ReadingForm(gui, self._read_again)
+        self._report = report  # last: a frame may come at any time
 
     def add_upload(self, client: viser.ClientHandle) -> None:
         """Give one browser its own upload button: a shared one would replay each upload to new browsers."""
@@ -153,8 +154,10 @@ class SourceView:
             (title for title, name in self._experiments.items() if name == experiment), MINE
         )
         self._period.visible = not recording.sample_period or bool(self._period.value)
-        if self._report is not None:
-            self._report.content = report_text(recording)
+        if self._report is not None and recording is not self._described:  # once a recording, not once a frame
+            self._described = recording
+            self._report.content = import_summary(recording)
+            self._reading.show(frame.state.open.options)
 
 
 AUTHORS = {"noise_reducer": "Ma'arif 2019", "generalized": "Khan", "lis302dl": "interactive matter 2009"}
@@ -183,29 +186,3 @@ def read_upload(
         file.write_bytes(content)
         recording = read_recording(file, options, progress=progress, cancelled=cancelled)
     return replace(recording, source="", title=shown)
-
-
-def report_text(recording: Recording) -> str:
-    """How a recording was read, as short markdown; every piece from the file is escaped."""
-    report = recording.report
-    channels = len(recording.names)
-    lines = [f"{count(len(recording))} samples × {channels} channel{'s' if channels > 1 else ''}"]
-    if recording.sample_period:
-        lines.append(f"one sample every {duration(recording.sample_period)}")
-    else:
-        lines.append("no time column: samples are counted")
-    counts = {
-        "rejected lines": report.rejected,
-        "cells that are not numbers": report.bad_cells,
-        "steps back in time": report.clipped_times,
-        "comment lines": report.comments,
-        "blank lines": report.blank,
-    }
-    lines += [f"{what}: {count(number)}" for what, number in counts.items() if number]
-    lines += [escape_markdown(note, 160) for note in report.notes]
-    for issue in report.issues[:8]:
-        where = f"line {issue.line}" + (f", {escape_markdown(issue.column, 30)}" if issue.column else "")
-        lines.append(f"{where}: {escape_markdown(issue.reason, 80)}, “{escape_markdown(issue.text, 40)}”")
-    if len(report.issues) > 8:
-        lines.append(f"and {count(report.rejected + report.bad_cells - 8)} more")
-    return "\n".join(f"- {line}" for line in lines)

@@ -155,27 +155,43 @@ def options_from_text(
     )
 
 
-def option_words(options: ReadOptions) -> tuple[str, ...]:
-    """What was decided, in the words of the command line: ("--delimiter", "comma", "--missing=-200.0")."""
+def option_texts(options: ReadOptions) -> dict[str, tuple[str, ...]]:
+    """What was decided, as `options_from_text` takes it, by the name of its argument; `missing` may be several.
+
+    `day_first` is "day" or "month".
+    """
     column = options.time_column
     single = {
         "delimiter": _WORD_OF_DELIMITER.get(options.delimiter or ""),
         "decimal": {".": "point", ",": "comma"}.get(options.decimal or ""),
-        "header-row": "0" if options.header is False and options.header_row is None else options.header_row,
-        "unit-row": options.unit_row,
-        "time-column": column + 1 if isinstance(column, int) else column,
-        "time-unit": options.time_unit,
-        "time-format": options.time_format,
+        "header_row": "0" if options.header is False and options.header_row is None else options.header_row,
+        "unit_row": options.unit_row,
+        "time_column": column + 1 if isinstance(column, int) else column,
+        "time_unit": options.time_unit,
+        "time_format": options.time_format,
+        "day_first": {True: "day", False: "month", None: None}[options.day_first],
         "rate": None if options.rate is None else repr(options.rate),
+        "gaps": None if options.gaps == "rows" else options.gaps,
+        "part": options.part,
     }
-    words = [word for name, value in single.items() if value is not None for word in option(name, str(value))]
-    if options.day_first is not None:
-        words.append("--day-first" if options.day_first else "--month-first")
-    for value in options.missing:
-        words += option("missing", value if isinstance(value, str) else repr(value))
-    if options.gaps != "rows":
-        words += option("gaps", options.gaps)
-    return (*words, *(() if options.part is None else option("part", options.part)))
+    texts: dict[str, tuple[str, ...]] = {name: (str(value),) for name, value in single.items() if value is not None}
+    if options.missing:
+        texts["missing"] = tuple(_written(value) for value in options.missing)
+    return texts
+
+
+def option_words(options: ReadOptions) -> tuple[str, ...]:
+    """What was decided, in the words of the command line: ("--delimiter", "comma", "--missing=-200")."""
+    texts = option_texts(options)
+    order = [f"--{text}-first" for text in texts.pop("day_first", ())]
+    given = (option(name.replace("_", "-"), text) for name, values in texts.items() for text in values)
+    return (*order, *(word for words in given for word in words))
+
+
+def _written(value: float | str) -> str:
+    """A value of `missing` that reads back the same: -200 rather than -200.0."""
+    short = value if isinstance(value, str) else f"{value:.15g}"
+    return short if isinstance(value, str) or float(short) == value else repr(value)
 
 
 def option(name: str, value: str) -> tuple[str, ...]:

@@ -98,7 +98,9 @@ def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tupl
     notes: list[str] = []
     for number in options.missing_numbers:
         found = values == number
-        notes.append(f"{int(np.count_nonzero(found))} samples of {number:.15g} are missing, as requested")
+        often = int(np.count_nonzero(found))
+        samples = "1 sample" if often == 1 else f"{often} samples"
+        notes.append(f"{samples} of {number:.15g} {'is' if often == 1 else 'are'} missing, as requested")
         values[found] = np.nan
     return values, notes
 
