@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from kalscope.sources.instruments import actigraph, campbell, empatica, openbci, sample_rate, shimmer
 from kalscope.sources.instruments.dialect import dialect_of
+from kalscope.sources.instruments.metadata import MAX_LINES
 from kalscope.sources.instruments.oscilloscopes import keysight, others, rigol, siglent, tektronix
 from kalscope.sources.instruments.preface import Preface
 
@@ -23,6 +24,8 @@ _INSTRUMENTS: tuple[Callable[[Sequence[str]], Preface | None], ...] = (
     shimmer.recognise,
     sample_rate.recognise,
 )
+_MAX_LENGTH = 1 << 14
+"""No instrument writes a longer line above its samples; a table so wide is none."""
 _DELIMITERS = {",": ",", ";": ";", "\t": "\t", "\\t": "\t", "|": "|", "": "\t"}
 
 
@@ -34,7 +37,8 @@ def find_preface(head: Sequence[str]) -> Preface | None:
     """
     if not head:
         return None
-    lines = [head[0].removeprefix("\ufeff"), *head[1:]]
+    lines = [line[:_MAX_LENGTH] for line in head[:MAX_LINES]]
+    lines[0] = lines[0].removeprefix("\ufeff")
     delimiter = _separator_line(lines[0])
     if delimiter is not None:
         lines[0] = ""  # the line numbers stay
