@@ -88,7 +88,7 @@ def test_date_and_clock_in_two_columns_are_one_time():
     layout = sniff(["Date;Time;T", *[f"10/03/2004;{h}.00.00;{h},5" for h in range(10, 20)]])
     assert layout is not None
     assert layout.time is not None
-    assert layout.time.clock_index == 1
+    assert layout.time.indices == (0, 1)
 
 
 def test_units_come_from_a_row_or_from_our_comment():

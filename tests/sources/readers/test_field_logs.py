@@ -125,7 +125,6 @@ NOT_YET = {
             "tektronix_tek0000.csv",
             "asos_metar.txt",
             "torque_obd.csv",
-            "environment_canada_hourly.csv",
             "tide_elevation.dat",
             "empatica_ACC.csv",
             "empatica_HR.csv",
@@ -138,7 +137,7 @@ NOT_YET = {
         ]
     ),
     "gaps": frozenset(
-        ["arm_whole_seconds.csv", "openbci_cyton.txt", "ppg_buffered.csv", "environment_canada_hourly.csv"]
+        ["arm_whole_seconds.csv", "openbci_cyton.txt", "ppg_buffered.csv"]
     ),
     "parts": frozenset(
         [

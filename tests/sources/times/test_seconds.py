@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from kalscope.sources.grammar.timestamps import TimeColumn, parse_clock
+from kalscope.sources.grammar.clocks import parse_clock
+from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.times.seconds import nominal_period, to_seconds, unit_by_magnitude
 
 

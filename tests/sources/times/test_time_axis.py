@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from kalscope.sources.grammar.timestamps import TimeColumn, parse_year_day
+from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
 from kalscope.sources.times.time_axis import read_time, unwrap
 
 NUMBER = TimeColumn(0, "number", "ms")
@@ -81,9 +81,10 @@ def test_a_given_unit_outranks_the_columns():
         (("1972", "366", "2400"), 3 * 365 * 86400 + 86400.0),
         (("1970", "1", "60"), None),
         (("1970", "0", "0"), None),
-        (("70", "1", "0"), None),
+        (("170", "1", "0"), None),
         (("1970", "1.5", "0"), None),
     ],
 )
 def test_year_day_and_clock_make_a_stamp(cells, seconds):
-    assert parse_year_day(*cells) == (None if seconds is None else seconds * 1e6)
+    column = TimeColumn(0, "calendar", clock="hhmm", parts=(("year", 0), ("day of year", 1), ("clock", 2)))
+    assert row_stamp_parser(column, ".")(cells) == (None if seconds is None else seconds * 1e6)

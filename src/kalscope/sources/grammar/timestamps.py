@@ -1,149 +1,92 @@
-"""The stamps in the cells of a log, of every common form: pure functions on text."""
+"""Which columns of a log hold its time, and the function that reads the stamp of a row."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
-from kalscope.sources.grammar.cells import MISSING, parse_number
+from kalscope.sources.grammar.cells import parse_number
+from kalscope.sources.grammar.clocks import CLOCK_PARSERS, MAX_STAMP_LENGTH, TURNS_S, ClockForm, parse_clock
+from kalscope.sources.grammar.dates import CALENDAR_FORMS, DateOrder, day_us, year_of
+from kalscope.sources.grammar.odd_stamps import odd_parser
 
-TimeKind = Literal["number", "calendar", "clock", "yyyymmdd", "year day"]
-DateOrder = Literal["ymd", "dmy", "mdy"]
-
-SECONDS_PER_UNIT = {
-    "s": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "ns": 1e-9,
-    "min": 60.0,
-    "h": 3600.0,
-    "day": 86400.0,
-    "year": 31557600.0,  # the Julian year of 365.25 days
-}
-"""Seconds in one unit of time."""
-
-UNIT_OF_WORD = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
-    **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), "ms"),
-    **dict.fromkeys(("us", "µs", "μs", "usec", "micros", "microsecond", "microseconds"), "us"),
-    **dict.fromkeys(("ns", "nsec", "nanos", "nanosecond", "nanoseconds"), "ns"),
-    **dict.fromkeys(("min", "mins", "minute", "minutes"), "min"),
-    **dict.fromkeys(("h", "hr", "hour", "hours"), "h"),
-    **dict.fromkeys(("d", "day", "days"), "day"),
-    **dict.fromkeys(("year", "years", "yr"), "year"),
-}
-"""The unit that a word in a header names, lower case."""
+TimeKind = Literal["number", "calendar", "clock"]
+PartRole = Literal["date", "year", "month", "day", "day of year", "clock", "hour", "minute", "second"]
+StampParser = Callable[[str], "float | None"]
 
 MAX_STAMP = 1e20
 """A numeric stamp beyond this is damage: epoch nanoseconds are 1.8e18."""
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_MICROSECOND = timedelta(microseconds=1)
-_CLOCK = re.compile(r"([0-9]{1,2})[:.]([0-9]{2})(?:[:.]([0-9]{2})(?:[.,]([0-9]{1,9}))?)?")
-_DATE = re.compile(r"([0-9]{1,4})[-/.]([0-9]{1,2})[-/.]([0-9]{1,4})(?:[T ]+(.+))?")
-_ISO = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}(?:[T ].+)?")
+MAX_YEAR, MIN_YEAR = 2200, 1800
+"""Years that a column of years may hold."""
 
 
 @dataclass(frozen=True)
 class TimeColumn:
-    """Which column holds the time and how its cells are read."""
+    """Which columns hold the time and how their cells are read."""
 
     index: int
-    """Column of the stamp, from 0."""
+    """Column of the stamp, or of the first of its parts, from 0."""
     kind: TimeKind
-    """Numbers, calendar stamps (ISO 8601 or d/m/y), clock times without a date, 20260131, or a year with the
-    day of the year and the clock as 2359 in columns of their own."""
+    """Numbers, calendar stamps, or clock times without a date; the last two are read as microseconds."""
     unit: str = ""
     """Unit of a numeric stamp, a key of SECONDS_PER_UNIT; "" is decided by magnitude."""
     order: DateOrder = "ymd"
     """Order of the parts of a calendar stamp."""
-    clock_index: int | None = None
-    """Column of the clock where date and clock stand in two columns; None otherwise."""
-    day_index: int | None = None
-    """Column of the day of the year, 1 … 366, for "year day"; None otherwise."""
+    clock: ClockForm = "h:m:s"
+    """How the clock is written, where one is alone or in a column of its own."""
+    odd: str = ""
+    """How stamps that our own forms do not fit are read: "dateutil", "excel" (days since 1900), or a format of
+    `datetime.strptime`; "" where our own forms fit."""
+    parts: tuple[tuple[PartRole, int], ...] = ()
+    """(role, column) of each part where the time stands in several columns; () where it stands in one."""
+    notes: tuple[str, ...] = ()
+    """What was assumed, each a sentence."""
 
     @property
     def indices(self) -> tuple[int, ...]:
         """All columns that the time is made of."""
-        return tuple(i for i in (self.index, self.day_index, self.clock_index) if i is not None)
+        return tuple(i for _, i in self.parts) or (self.index,)
 
-
-def parse_clock(cell: str) -> float | None:
-    """Microseconds since midnight of `12:00`, `12:00:00.023`, `18.00.00`; None for anything else."""
-    match = _CLOCK.fullmatch(cell)
-    if match is None:
-        return None
-    hour, minute, second = int(match[1]), int(match[2]), int(match[3] or 0)
-    if hour > 23 or minute > 59 or second > 59:
-        return None
-    fraction = float("0." + match[4]) if match[4] else 0.0
-    return (hour * 3600 + minute * 60 + second) * 1e6 + round(fraction * 1e6)
-
-
-def parse_calendar(cell: str, order: DateOrder = "ymd") -> float | None:
-    """Microseconds since 1970 (UTC where no zone is said) of an ISO 8601 or d/m/y stamp; else None."""
-    try:
-        if _ISO.fullmatch(cell):
-            stamp = datetime.fromisoformat(cell)
-            stamp = stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)
-            return float((stamp - _EPOCH) // _MICROSECOND)
-        match = _DATE.fullmatch(cell)
-        if match is None:
-            return None
-        parts = dict(zip(order, (int(match[1]), int(match[2]), int(match[3])), strict=True))
-        year = parts["y"] + (2000 if parts["y"] < 100 else 0)
-        day = datetime(year, parts["m"], parts["d"], tzinfo=UTC)
-        clock = parse_clock(match[4].strip()) if match[4] else 0.0
-        return None if clock is None else float((day - _EPOCH) // _MICROSECOND) + clock
-    except (ValueError, OverflowError):  # 31 February, year 0, a zone of 99 hours
-        return None
-
-
-def parse_yyyymmdd(cell: str) -> float | None:
-    """Microseconds since 1970 of `19580329`; None for anything else."""
-    if not re.fullmatch("[0-9]{8}", cell):
-        return None
-    return parse_calendar(f"{cell[:4]}-{cell[4:6]}-{cell[6:]}")
-
-
-def parse_year_day(year: str, day: str, hhmm: str) -> float | None:
-    """Microseconds since 1970 of `2018`, `291`, `2359`: year, day of the year, clock; None for anything else."""
-    if not all(cell.isascii() and cell.isdecimal() for cell in (year, day, hhmm)):
-        return None
-    if not (1900 <= int(year) <= 2200 and 1 <= int(day) <= 366 and int(hhmm) <= 2400 and int(hhmm) % 100 < 60):
-        return None
-    start = datetime(int(year), 1, 1, tzinfo=UTC) + timedelta(days=int(day) - 1)
-    return float((start - _EPOCH) // _MICROSECOND) + (int(hhmm) // 100 * 60 + int(hhmm) % 100) * 60e6
+    @property
+    def turn_s(self) -> float:
+        """Seconds after which a clock begins again from 0; 0 where it never does."""
+        return TURNS_S[self.clock] if self.kind == "clock" else 0.0
 
 
 def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str]], float | None]:
-    """The function that reads the stamp of a row from all its cells, whatever columns it is made of."""
-    index, day, clock = column.index, column.day_index, column.clock_index
-    if column.kind == "year day" and day is not None and clock is not None:
-        return lambda cells: parse_year_day(cells[index], cells[day], cells[clock])
-    parse = stamp_parser(column, decimal)
-    if clock is None:
+    """The function that reads the stamp of a row from all its cells, whatever columns it is made of.
+
+    It answers microseconds for calendar stamps (since 1970, UTC where no zone is given) and clocks, the number
+    itself for numbers, and None for a missing or damaged stamp.
+    """
+    if not column.parts:
+        parse, index = stamp_parser(column, decimal), column.index
         return lambda cells: parse(cells[index])
+    places = dict(column.parts)
+    day = _day_parser(column, places, decimal)
+    since = _clock_parser(column, places, decimal)
 
-    def parse_both(cells: Sequence[str]) -> float | None:
-        date, time = parse(cells[index]), parse_clock(cells[clock])
-        return None if date is None or time is None else date + time
+    def parse_parts(cells: Sequence[str]) -> float | None:
+        start = day(cells)
+        if start is None:
+            return None
+        clock = since(cells)
+        return None if clock is None else start + clock
 
-    return parse_both
+    return parse_parts
 
 
-def stamp_parser(column: TimeColumn, decimal: str) -> Callable[[str], float | None]:
-    """The function that reads one cell of the time column; it answers None for a missing or damaged stamp."""
+def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
+    """The function that reads one cell of a time column; it answers None for a missing or damaged stamp."""
+    if column.odd:
+        return odd_parser(column.odd, decimal)
     if column.kind == "calendar":
-        return lambda cell: parse_calendar(cell, column.order)
+        return calendar_parser(column.order)
     if column.kind == "clock":
-        return parse_clock
-    if column.kind == "yyyymmdd":
-        return parse_yyyymmdd
+        return CLOCK_PARSERS[column.clock]
 
     def parse(cell: str) -> float | None:
         value = parse_number(cell, decimal)
@@ -153,31 +96,87 @@ def stamp_parser(column: TimeColumn, decimal: str) -> Callable[[str], float | No
     return parse
 
 
-def time_kind(
-    cells: Sequence[str], decimal: str, *, may_be_date: bool, share: float = 0.9
-) -> tuple[TimeKind, DateOrder] | None:
-    """The one reading that fits most of the cells that are there, the odd damaged one left aside.
+def calendar_parser(order: DateOrder) -> StampParser:
+    """As `parse_calendar`, but the form that read the last cell is tried first."""
+    forms = list(CALENDAR_FORMS)
 
-    Args:
-        cells: Cells of the column, from the head of the file.
-        decimal: Decimal mark.
-        may_be_date: True where the name allows 19580329 to be a date rather than a count.
-        share: How many of the cells must fit, 0…1.
-    """
-    cells = [cell for cell in cells if cell.lower() not in MISSING]
-    least = max(share * len(cells), 1)
+    def parse(cell: str) -> float | None:
+        if len(cell) > MAX_STAMP_LENGTH:
+            return None
+        for i, form in enumerate(forms):
+            stamp = form(cell, order)
+            if stamp is not None:
+                if i:
+                    forms.insert(0, forms.pop(i))
+                return stamp
+        return None
 
-    def fitting(parse: Callable[[str], float | None]) -> int:
-        return sum(parse(cell) is not None for cell in cells)
+    return parse
 
-    if may_be_date and fitting(parse_yyyymmdd) >= least:
-        return "yyyymmdd", "ymd"
-    if fitting(lambda cell: parse_number(cell, decimal)) >= least:
-        return "number", "ymd"
-    if fitting(parse_clock) >= least:
-        return "clock", "ymd"
-    # A day above 12 decides between 31/12 and 12/31; the day comes first where none does.
-    orders: tuple[DateOrder, ...] = ("ymd", "dmy", "mdy")
-    counts = {order: fitting(partial(parse_calendar, order=order)) for order in orders}
-    best = max(orders, key=lambda order: counts[order])
-    return ("calendar", best) if counts[best] >= least else None
+
+def _day_parser(
+    column: TimeColumn, places: dict[PartRole, int], decimal: str
+) -> Callable[[Sequence[str]], float | None]:
+    """Microseconds from 1970 to the day of a row; 0 where no column says the day."""
+    if "date" in places:
+        parse, date = stamp_parser(replace(column, kind="calendar", parts=()), decimal), places["date"]
+        return lambda cells: parse(cells[date])
+    if "year" not in places:
+        return lambda _: 0.0
+    year, month, day = places["year"], places.get("month"), places.get("day")
+    number = places.get("day of year")
+
+    def parse_day(cells: Sequence[str]) -> float | None:
+        if number is not None:
+            return _numbered_day(cells[year], cells[number])
+        first = "1" if day is None else cells[day]
+        return _written_day(cells[year], "1" if month is None else cells[month], first)
+
+    return parse_day
+
+
+def _clock_parser(
+    column: TimeColumn, places: dict[PartRole, int], decimal: str
+) -> Callable[[Sequence[str]], float | None]:
+    """Microseconds since midnight of a row; 0 where no column says the clock."""
+    if "clock" in places:
+        clock, parse = places["clock"], CLOCK_PARSERS[column.clock]
+        if column.clock == "h:m:s":
+            return lambda cells: parse_clock(cells[clock], midnight=24)
+        return lambda cells: parse(cells[clock])
+    if "hour" not in places:
+        return lambda _: 0.0
+    hour, minute, second = places["hour"], places.get("minute"), places.get("second")
+
+    def parse_three(cells: Sequence[str]) -> float | None:
+        h, m = whole(cells[hour]), 0 if minute is None else whole(cells[minute])
+        s = 0.0 if second is None else parse_number(cells[second], decimal)
+        # NaN fails the comparison as well.
+        if h is None or m is None or s is None or not (h <= 24 and m <= 59 and 0 <= s < 61):
+            return None
+        return (h * 3600 + m * 60) * 1e6 + round(s * 1e6)
+
+    return parse_three
+
+
+@lru_cache(maxsize=4096)
+def _written_day(year: str, month: str, day: str) -> float | None:
+    y, m, d = whole(year), whole(month), whole(day)
+    if y is None or m is None or d is None:
+        return None
+    full = year_of(str(y).zfill(2))
+    return None if full is None or not MIN_YEAR <= full <= MAX_YEAR else day_us(full, m, d)
+
+
+@lru_cache(maxsize=4096)
+def _numbered_day(year: str, day: str) -> float | None:
+    start, number = _written_day(year, "1", "1"), whole(day)
+    return None if start is None or number is None or not 1 <= number <= 366 else start + (number - 1) * 86400e6
+
+
+def whole(cell: str) -> int | None:
+    """The number in a cell of digits, `07` or `7.0`; None for anything else."""
+    head, mark, tail = cell.partition(".")
+    if not (head.isascii() and head.isdecimal() and len(head) <= 4) or (mark and tail.strip("0")):
+        return None
+    return int(head)

@@ -118,9 +118,9 @@ def _find_time(
 ) -> TimeColumn | None:
     if options.time_column is not None:
         labels = header.rows[-1][1] if header.rows else ()
-        return chosen_time(columns, rows, table.form.decimal, options.time_column, labels)
+        return chosen_time(columns, rows, table.form.decimal, options.time_column, labels, options)
     named = bool(header.rows) or table.form.kind != "table"
-    return find_time(columns, rows, table.form.decimal, named=named)
+    return find_time(columns, rows, table.form.decimal, named=named, options=options)
 
 
 def _in_their_places(columns: list[Column]) -> list[Column]:

@@ -1,70 +1,78 @@
-"""Which column of a log is its time: by its name, by its stamps, or by numbers that rise steadily."""
+"""Which columns of a log are its time: all that could be are weighed against each other.
+
+A name is a hint. How many rows have a stamp, whether the stamps rise, and how fine they are decide.
+"""
 
 from __future__ import annotations
 
-import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.cells import parse_number
-from kalscope.sources.grammar.timestamps import (
-    UNIT_OF_WORD,
-    DateOrder,
-    TimeColumn,
-    TimeKind,
-    parse_year_day,
-    time_kind,
-)
-from kalscope.sources.layout.columns import Cells, Column, words
+from kalscope.sources.grammar.clocks import ClockForm
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.grammar.stamp_forms import StampHints, find_stamp_form
+from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
+from kalscope.sources.layout.columns import Cells, Column
+from kalscope.sources.layout.date_columns import clock_form, named_parts, unnamed_parts
+from kalscope.sources.layout.time_evidence import Evidence, judge
+from kalscope.sources.layout.time_names import TimeName, time_name
 
-_TIME_NAMES = words(
+_MAX_ROWS = 900
+"""Rows that are weighed: the first, and some of the middle and the end."""
+_MAX_BACK, _MAX_BACK_WEAK = 0.25, 0.02
+"""Share of steps back with which numbers may be a time, by a clear name and by a mere hint."""
+_MIN_JUDGED = 8
+"""Rows from which a clear name can be wrong."""
+_MIN_FILL = 0.5
+_CLOSE = 0.5
+"""A candidate with as few points less than the best is named."""
+_DAY_US = 86400e6
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """Columns that may be the time."""
+
+    column: TimeColumn
+    """How they are read."""
+    evidence: Evidence
+    """What their stamps show."""
+    points: float
+    """Weight of name, form and evidence."""
+
+
+def find_time(
+    columns: list[Column], rows: list[Cells], decimal: str, *, named: bool, options: ReadOptions = DEFAULTS
+) -> TimeColumn | None:
+    """The candidate that bears out best that it is the time; None where there is none.
+
+    Args:
+        columns: Names and roles.
+        rows: Cells of rows from the head of the file and, where they are at hand, from its middle and end.
+        decimal: Decimal mark.
+        named: True where the names are those of the source.
+        options: Format of the stamps, order of day and month.
     """
-    t time times timestamp timestamps time_stamp datetime date_time date day ms us µs ns s sec secs
-    second seconds millis micros millisecond milliseconds microseconds nanoseconds elapsed
-    elapsed_time uptime epoch unix unixtime unix_time time_utc utc_time local_time host_time
-    device_time clock timer year zeit tiempo
-    """
-)
-_DATE_NAMES = frozenset(("date", "day", "datetime", "timestamp"))
-_DAY_OF_YEAR_NAMES = frozenset(("doy", "jday", "yday", "julian_day", "day_of_year", "dayofyear"))
-_HHMM_NAMES = frozenset(("hhmm", "mst", "lst", "utc", "gmt", "est", "pst", "cst", "time", "hour_minute"))
-
-
-def find_time(columns: list[Column], rows: list[Cells], decimal: str, *, named: bool) -> TimeColumn | None:
-    """The first column named like a time that reads as one; else stamps; else, unnamed, a rising first."""
-    parts = _year_day(columns, rows)
-    if parts is not None:
-        return parts
-    by_name = [i for i, column in enumerate(columns) if _base(column)[0] in _TIME_NAMES]
-    kinds: dict[int, tuple[TimeKind, DateOrder] | None] = {}
-    for i, column in enumerate(columns):
-        if i in by_name or column.role == "text":
-            cells = [row[i] for row in rows]
-            may_be_date = _base(column)[0] in _DATE_NAMES
-            share = 0.5 if i in by_name else 0.9
-            kinds[i] = time_kind(cells, decimal, may_be_date=may_be_date, share=share)
-    dated = [i for i, kind in kinds.items() if kind is not None and kind[0] == "calendar"]
-    clocks = [i for i, kind in kinds.items() if kind is not None and kind[0] == "clock"]
-    # A clock beside a date, on either side, is a part of it.
-    by_name = [i + 1 if i in clocks and i + 1 in dated else i for i in by_name]
-    for i in by_name + sorted(dated + clocks):
-        kind = kinds[i]
-        if kind is None:
-            continue
-        beside = [j for j in (i + 1, i - 1) if j in clocks] if kind[0] in ("calendar", "yyyymmdd") else []
-        clock = beside[0] if beside else None
-        if len(rows) > 1 and len({(row[i], row[clock] if clock is not None else "") for row in rows}) == 1:
-            continue  # a stamp that never changes is no time
-        unit = _base(columns[i])[1] if kind[0] == "number" else ""
-        return TimeColumn(i, kind[0], unit, kind[1], clock)
-    if not named and len(columns) > 1 and _rises_steadily([row[0] for row in rows], decimal):
-        return TimeColumn(0, "number")
-    return None
+    rows = _sampled(rows)
+    found = _candidates(columns, rows, decimal, options)
+    if not found:
+        return _by_numbers(columns, rows, decimal, named=named)
+    best = max(found, key=lambda candidate: candidate.points)
+    return replace(best.column, notes=(*best.column.notes, *_about_rival(best, found, columns)))
 
 
 def chosen_time(
-    columns: list[Column], rows: list[Cells], decimal: str, choice: str | int, labels: Cells = ()
+    columns: list[Column],
+    rows: list[Cells],
+    decimal: str,
+    choice: str | int,
+    labels: Cells = (),
+    options: ReadOptions = DEFAULTS,
 ) -> TimeColumn | None:
     """The time column that the user chose, by name or by index from 0; None for "none".
 
@@ -76,63 +84,176 @@ def chosen_time(
         return None
     if isinstance(choice, str):
         # As the file writes it, `time [ms]`, or as the report shows it, `time`.
-        found = [i for known in (names, list(labels)) for i, name in enumerate(known) if name == choice.strip()]
-        index = found[0] if found else -1
+        alike = [i for known in (names, list(labels)) for i, name in enumerate(known) if name == choice.strip()]
+        index = alike[0] if alike else -1
     else:
         index = choice
     if not 0 <= index < len(columns):
         shown = ", ".join(name or f"column {i}" for i, name in enumerate(names, 1))
         raise BadSetting(f'the time column must be one of {shown}, or "none" (got {choice!r})')
+    rows = _sampled(rows)
+    joined = [
+        c for c in _candidates(columns, rows, decimal, options) if index in c.column.indices and c.column.parts
+    ]
+    if joined:
+        return max(joined, key=lambda candidate: candidate.points).column
+    said = time_name(columns[index])
     cells = [row[index] for row in rows]
-    kind = time_kind(cells, decimal, may_be_date=_base(columns[index])[0] in _DATE_NAMES, share=0.5)
-    if kind is None:
+    form = find_stamp_form(cells, decimal, _hints(replace(said, strength=2), options))
+    if form is None:
         example = next(filter(None, cells), "")[:40]
+        if options.time_format is not None:
+            raise BadSetting(f"time_format must fit the stamps (got {options.time_format!r} for {example!r})")
         raise BadSetting(f"the time column must hold numbers or stamps (got {example!r})")
-    found_by_form = find_time(columns, rows, decimal, named=True)
-    if found_by_form is not None and index in found_by_form.indices:
-        return found_by_form  # with its clock in a column of its own
-    return TimeColumn(index, kind[0], _base(columns[index])[1] if kind[0] == "number" else "", kind[1])
+    return replace(form, index=index, unit=said.unit if form.kind == "number" else "")
 
 
-def _year_day(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
-    """Year, day of the year and a clock written 2359 in columns of their own, as weather stations do."""
-    bases = [re.sub(r"[\s\-.]+", "_", column.name.lower()) for column in columns]
+def _candidates(columns: list[Column], rows: list[Cells], decimal: str, options: ReadOptions) -> list[_Candidate]:
+    """All columns, alone or together, that may be the time, as they stand in the file."""
+    names = [time_name(column) for column in columns]
+    forms: dict[int, TimeColumn] = {}
+    for i, (column, name) in enumerate(zip(columns, names, strict=True)):
+        if column.role in ("row name", "row number", "empty"):
+            continue
+        if name.strength or column.role == "text" or options.time_format is not None:
+            form = find_stamp_form([row[i] for row in rows], decimal, _hints(name, options))
+            if form is not None and (name.strength or form.kind != "number"):
+                unit = name.unit if form.kind == "number" else ""
+                forms[i] = replace(form, index=i, unit=unit)
+    if options.time_format is not None and not forms:
+        raise BadSetting(f"time_format must fit a column of stamps (got {options.time_format!r}, which fits none)")
+    proposed = [*_joined(forms, names, rows, decimal), *forms.values()]
+    parts = named_parts(columns, rows) or (None if any(c.name for c in columns) else unnamed_parts(rows))
+    weighed = [_weighed(column, names, rows, decimal) for column in (*proposed, *([parts] if parts else []))]
+    return [candidate for candidate in weighed if _is_plausible(candidate, names, len(rows))]
 
-    def first(names: frozenset[str]) -> int | None:
-        return next((i for i, base in enumerate(bases) if base in names), None)
 
-    year, day, clock = first(frozenset(("year",))), first(_DAY_OF_YEAR_NAMES), first(_HHMM_NAMES)
-    if year is None or day is None or clock is None:
+def _hints(name: TimeName, options: ReadOptions) -> StampHints:
+    return StampHints(
+        is_time=name.strength == 2,
+        is_date=name.is_date,
+        may_be_spreadsheet=name.may_be_spreadsheet,
+        day_first=options.day_first,
+        time_format=options.time_format,
+    )
+
+
+def _joined(
+    forms: dict[int, TimeColumn], names: list[TimeName], rows: list[Cells], decimal: str
+) -> list[TimeColumn]:
+    """Each date with the clock of the same row, in the column beside it or in one that is named a time."""
+    dates = [i for i, form in forms.items() if form.kind == "calendar" and _has_days_only(form, rows, decimal)]
+    if not dates:
+        return []
+    clocks: dict[int, ClockForm] = {}
+    for i, form in forms.items():
+        digits = clock_form([row[i] for row in rows]) if form.kind == "number" else None
+        if form.kind == "clock" and not form.odd:
+            clocks[i] = form.clock
+        elif digits is not None:
+            clocks[i] = digits
+    joined: list[TimeColumn] = []
+    for i in dates:
+        beside = [j for j in (i + 1, i - 1) if j in clocks] + [j for j in clocks if names[j].strength == 2]
+        if beside:
+            clock = beside[0]
+            joined.append(replace(forms[i], clock=clocks[clock], parts=(("date", i), ("clock", clock))))
+    return joined
+
+
+def _has_days_only(form: TimeColumn, rows: list[Cells], decimal: str) -> bool:
+    stamps = _stamps(form, rows[:50], decimal)
+    read = stamps[np.isfinite(stamps)]
+    return bool(read.size) and bool(np.all(read % _DAY_US == 0))
+
+
+def _weighed(column: TimeColumn, names: list[TimeName], rows: list[Cells], decimal: str) -> _Candidate:
+    evidence = judge(_stamps(column, rows, decimal), column.turn_s * 1e6)
+    strength = max(names[i].strength for i in column.indices)
+    return _Candidate(column, evidence, evidence.weight + strength + _points_of_form(column, rows, decimal))
+
+
+def _points_of_form(column: TimeColumn, rows: list[Cells], decimal: str) -> float:
+    """A date with a clock says most, a bare number least."""
+    if column.kind == "calendar":
+        return 0.75 if _has_days_only(column, rows, decimal) else 1.5
+    if column.kind == "clock":
+        return 0.75
+    if column.unit in ("day", "year"):
+        return -0.5
+    stamps = _stamps(column, rows[:50], decimal)
+    return 0.75 if column.unit or _is_since_1970(stamps[np.isfinite(stamps)]) else 0.0
+
+
+def _is_plausible(candidate: _Candidate, names: list[TimeName], count: int) -> bool:
+    """False for a stamp that never changes, is mostly missing, or goes back and forth."""
+    evidence, column = candidate.evidence, candidate.column
+    clear = names[column.index].strength == 2
+    if evidence.fill < _MIN_FILL or (count > 1 and not evidence.moves):
+        return False
+    if column.kind != "number" or (clear and count < _MIN_JUDGED):
+        return True
+    return evidence.back <= (_MAX_BACK if clear else _MAX_BACK_WEAK)
+
+
+def _about_rival(best: _Candidate, found: list[_Candidate], columns: list[Column]) -> list[str]:
+    """A sentence about the next best, where it is close and its column has a name."""
+    others = [c for c in found if not {*c.column.indices} & {*best.column.indices}]
+    rival = max(others, key=lambda candidate: candidate.points, default=None)
+    if rival is None or rival.points < best.points - _CLOSE or not columns[rival.column.index].name:
+        return []
+    name = columns[rival.column.index].name
+    return [f'"{name}" could be the time as well: --time-column "{name}"']
+
+
+def _by_numbers(columns: list[Column], rows: list[Cells], decimal: str, *, named: bool) -> TimeColumn | None:
+    """Numbers whose name says no time: a first column without a name that rises, or stamps since 1970."""
+    if len(columns) < 2:
         return None
-    read = [parse_year_day(row[year], row[day], row[clock]) is not None for row in rows]
-    if sum(read) < max(1, 0.9 * len(rows)):
-        return None
-    return TimeColumn(year, "year day", clock_index=clock, day_index=day)
+    if not named and _rises_steadily([row[0] for row in rows], decimal):
+        return TimeColumn(0, "number")
+    for i, column in enumerate(columns):
+        if column.role == "channel" and _counts_from_1970([row[i] for row in rows], decimal):
+            return TimeColumn(i, "number")
+    return None
 
 
-def _base(column: Column) -> tuple[str, str]:
-    """(time name without its unit, unit of time) of a column: `time_ms`, `t` in us, `micros`, `Time (UTC)`.
-
-    A lone capital is a quantity: T is a temperature.
-    """
-    name, unit = column.name, UNIT_OF_WORD.get(column.unit.lower(), "")
-    bracket = re.fullmatch(r"(.+?)\s*\([^()]*\)", name)
-    name = bracket[1] if bracket else name
-    if len(name) == 1 and name.isupper():
-        return "", ""
-    base = re.sub(r"[\s\-.]+", "_", name.strip().lower())
-    match = re.fullmatch(r"(.+)_([a-zµμ]+)", base)
-    if match and match[2] in UNIT_OF_WORD and match[1] in _TIME_NAMES:
-        return match[1], unit or UNIT_OF_WORD[match[2]]
-    # A column called "day" may hold dates.
-    return base, unit or (UNIT_OF_WORD.get(base, "") if base != "day" else "")
+def _numbers(cells: list[str], decimal: str) -> Array:
+    stamps = np.array([value if (value := parse_number(cell, decimal)) is not None else np.nan for cell in cells])
+    return stamps[np.isfinite(stamps) & (np.abs(stamps) < 1e20)]
 
 
 def _rises_steadily(cells: list[str], decimal: str) -> bool:
     """True for eight or more rising stamps of nearly even step; a counter 0, 1, 2, … is none."""
-    stamps = np.array([value if (value := parse_number(cell, decimal)) is not None else np.nan for cell in cells])
-    stamps = stamps[np.isfinite(stamps) & (np.abs(stamps) < 1e20)]
+    stamps = _numbers(cells, decimal)
     if stamps.size < 8 or stamps.size < 0.9 * len(cells):
         return False
     steps = np.diff(stamps)
-    return bool(np.all(steps > 0) and steps.max() <= 50 * np.median(steps) and not np.all(steps == 1))
+    long = np.count_nonzero(steps > 50 * np.median(steps))
+    # Between rows of the head, the middle and the end the steps are long.
+    return bool(np.all(steps > 0) and long <= max(2, 0.01 * steps.size) and not np.all(steps == 1))
+
+
+def _counts_from_1970(cells: list[str], decimal: str) -> bool:
+    """True for eight or more rising numbers that are stamps of 2001 to 2100 in s, ms, µs or ns."""
+    if not _is_since_1970(_numbers(cells[:8], decimal)):
+        return False
+    stamps = _numbers(cells, decimal)
+    return stamps.size >= 8 and stamps.size == len(cells) and bool(np.all(np.diff(stamps) > 0))
+
+
+def _is_since_1970(stamps: Array) -> bool:
+    return bool(stamps.size) and any(size <= stamps[0] < 4.2 * size for size in (1e9, 1e12, 1e15, 1e18))
+
+
+def _stamps(column: TimeColumn, rows: Sequence[Cells], decimal: str) -> Array:
+    parse = row_stamp_parser(column, decimal)
+    return np.array([np.nan if (stamp := parse(row)) is None else stamp for row in rows])
+
+
+def _sampled(rows: list[Cells]) -> list[Cells]:
+    """The first rows, some from the middle and the last ones."""
+    if len(rows) <= _MAX_ROWS:
+        return rows
+    third, middle = _MAX_ROWS // 3, len(rows) // 2
+    return rows[:third] + rows[middle : middle + third] + rows[-third:]

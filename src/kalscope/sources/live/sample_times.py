@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kalscope.sources.grammar.timestamps import SECONDS_PER_UNIT, TimeColumn
+from kalscope.sources.grammar.time_units import SECONDS_PER_UNIT
+from kalscope.sources.grammar.timestamps import TimeColumn
 
 _LOOK = 0.2
 """Seconds of the host by which the unit of a stamp is judged, if the board does not name it."""

@@ -7,7 +7,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.sources.grammar.timestamps import SECONDS_PER_UNIT, TimeColumn
+from kalscope.sources.grammar.time_units import SECONDS_PER_UNIT
+from kalscope.sources.grammar.timestamps import TimeColumn
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -43,7 +44,7 @@ def to_seconds(stamps: Array, column: TimeColumn) -> tuple[Array, str]:
 
     Calendar and epoch stamps count from the first sample; others, years among them, as the source counts them.
     """
-    if column.kind in ("calendar", "yyyymmdd", "year day"):
+    if column.kind == "calendar":
         start = _date_text(float(stamps[0]) * 1e-6)
         return (stamps - stamps[0]) / 1e6, f"time counts from the first stamp, {start}"
     if column.kind == "clock":

@@ -1,0 +1,165 @@
+"""How the stamps of one column are written, decided once from many of its cells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kalscope.common.array import Array
+from kalscope.sources.grammar.cells import MISSING
+from kalscope.sources.grammar.clocks import CLOCK_PARSERS, MAX_STAMP_LENGTH, ClockForm
+from kalscope.sources.grammar.dates import DateOrder, parse_calendar
+from kalscope.sources.grammar.odd_stamps import (
+    DATEUTIL,
+    EXCEL,
+    check_format,
+    has_date,
+    parse_excel,
+    parse_with_dateutil,
+    parse_with_format,
+)
+from kalscope.sources.grammar.timestamps import StampParser, TimeColumn, stamp_parser
+
+_MAX_COUNTED = 300
+"""Cells by which the forms are told apart."""
+_CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "min:s", "elapsed")
+_TOLERANCE = 0.15
+"""Months of 28 to 31 days are even steps."""
+
+
+@dataclass(frozen=True)
+class StampHints:
+    """What is known about a column besides its cells."""
+
+    is_time: bool = False
+    """True where the name is one of a time: digits may be a date and a clock, and half of the cells are enough."""
+    is_date: bool = False
+    """True where the name is one of a date: 19580329 may be one."""
+    may_be_spreadsheet: bool = False
+    """True where a spreadsheet's 45123.5 may be a date."""
+    day_first: bool | None = None
+    """`ReadOptions.day_first`."""
+    time_format: str | None = None
+    """`ReadOptions.time_format`."""
+
+
+def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> TimeColumn | None:
+    """The one reading that fits most of the cells that hold a digit, the odd damaged one left aside.
+
+    Returns:
+        A TimeColumn of index 0; None where no reading fits 90 % of the cells, or half of them by name.
+
+    Raises:
+        BadSetting: the time format is none.
+    """
+    present = [cell for cell in cells if len(cell) <= MAX_STAMP_LENGTH and cell.lower() not in MISSING]
+    present = [cell for cell in present if any(c.isdigit() for c in cell)]
+    counted = present if len(present) <= _MAX_COUNTED else _spread(present)
+    least = max((0.5 if hints.is_time else 0.9) * len(counted), 1)
+
+    def fits(parse: StampParser) -> bool:
+        # Text is told from stamps by its first cells.
+        first = counted[:8]
+        return any(parse(cell) is not None for cell in first) and _count(counted, parse) >= least
+
+    if hints.time_format is not None:
+        return _by_format(hints.time_format, fits)
+    if hints.may_be_spreadsheet and fits(lambda cell: parse_excel(cell, decimal)):
+        return TimeColumn(0, "calendar", odd=EXCEL)
+    digits = (8, 12, 14) if hints.is_date else (12, 14) if hints.is_time else ()
+    if digits and fits(lambda cell: parse_calendar(cell) if cell.isdecimal() and len(cell) in digits else None):
+        return TimeColumn(0, "calendar")
+    number = TimeColumn(0, "number")
+    if fits(stamp_parser(number, decimal)):
+        return number
+    counts = {form: _count(counted, CLOCK_PARSERS[form]) for form in _CLOCK_FORMS}
+    best = max(_CLOCK_FORMS, key=lambda form: counts[form])
+    if counts[best] >= least:
+        return TimeColumn(0, "clock", clock=best)
+    return _calendar(present, counted, least, hints.day_first) or _with_dateutil(counted, hints, fits)
+
+
+def _by_format(form: str, fits: Callable[[StampParser], bool]) -> TimeColumn | None:
+    check_format(form)
+    if not fits(lambda cell: parse_with_format(cell, form)):
+        return None
+    return TimeColumn(0, "calendar" if has_date(form) else "clock", odd=form)
+
+
+def _with_dateutil(counted: list[str], hints: StampHints, fits: Callable[[StampParser], bool]) -> TimeColumn | None:
+    """A column that is named as a time, in words that only dateutil reads: it takes ten times as long a cell."""
+    order: DateOrder = "mdy" if hints.day_first is False else "dmy"
+    if not hints.is_time or not counted or not fits(lambda cell: parse_with_dateutil(cell, order)):
+        return None
+    return TimeColumn(0, "calendar", order=order, odd=DATEUTIL)
+
+
+def _calendar(present: list[str], counted: list[str], least: float, day_first: bool | None) -> TimeColumn | None:
+    orders: tuple[DateOrder, ...] = ("ymd", "dmy", "mdy")
+    if day_first is not None:
+        orders = ("ymd", "dmy") if day_first else ("ymd", "mdy")
+    if not any(parse_calendar(cell, order) is not None for cell in counted[:8] for order in orders):
+        return None
+    counts = {order: _count(counted, _in_order(order)) for order in orders}
+    likely: list[DateOrder] = [order for order in orders if counts[order] >= max(least, 0.9 * max(counts.values()))]
+    if not likely:
+        return None
+    if len(likely) == 1 or day_first is not None:
+        return TimeColumn(0, "calendar", order=max(likely, key=lambda order: counts[order]))
+    return _order_by_all(present, likely)
+
+
+def _order_by_all(cells: list[str], orders: list[DateOrder]) -> TimeColumn:
+    """Of orders that fit nearly all cells, the one that fits most; of equals the one whose stamps rise steadily."""
+    stamps = {order: _stamps(cells, _in_order(order)) for order in orders}
+    read = {order: int(np.count_nonzero(np.isfinite(stamps[order]))) for order in orders}
+    rest: list[DateOrder] = [order for order in orders if read[order] == max(read.values())]
+    quality = {order: _steadiness(stamps[order]) for order in rest}
+    best = max(rest, key=lambda order: (*quality[order], order == "dmy", order == "ymd"))
+    column = TimeColumn(0, "calendar", order=best)
+    # Where both orders mean the same day (05/05) there is nothing to decide.
+    for other in rest:
+        if quality[other] == quality[best] and not np.array_equal(stamps[other], stamps[best], equal_nan=True):
+            return replace(column, notes=(_order_note(cells[0], best, other),))
+    return column
+
+
+def _order_note(example: str, best: DateOrder, other: DateOrder) -> str:
+    names = {"dmy": "day first", "mdy": "month first", "ymd": "year first"}
+    option = {"dmy": "--day-first", "mdy": "--month-first", "ymd": '--time-format "%y-%m-%d"'}
+    return (
+        f"stamps such as {example} are read {names[best]} (assumed: no day above 12 decides);"
+        f" {option[other]} reads them {names[other]}"
+    )
+
+
+def _steadiness(stamps: Array) -> tuple[int, float, float]:
+    """How well stamps rise: minus the steps back, the share of steps near the median, and of those equal to it."""
+    steps = np.diff(stamps[np.isfinite(stamps)])
+    back = int(min(np.count_nonzero(steps < 0), np.count_nonzero(steps > 0)))
+    steps = np.abs(steps[steps != 0])
+    if not steps.size:
+        return -back, 1.0, 1.0
+    usual = float(np.median(steps))
+    near = float(np.mean(np.abs(steps - usual) <= _TOLERANCE * usual))
+    return -back, near, float(np.mean(np.abs(steps - usual) <= 0.001 * usual))
+
+
+def _in_order(order: DateOrder) -> StampParser:
+    return lambda cell: parse_calendar(cell, order)
+
+
+def _stamps(cells: Sequence[str], parse: StampParser) -> Array:
+    return np.array([np.nan if (stamp := parse(cell)) is None else stamp for cell in cells])
+
+
+def _count(cells: Sequence[str], parse: StampParser) -> int:
+    return sum(parse(cell) is not None for cell in cells)
+
+
+def _spread(cells: list[str]) -> list[str]:
+    """The first cells, and as many from everywhere behind them."""
+    half = _MAX_COUNTED // 2
+    return cells[:half] + cells[half :: max(1, (len(cells) - half) // half)]
