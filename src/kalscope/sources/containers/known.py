@@ -15,6 +15,9 @@ from kalscope.sources.containers.json_document import is_json_document, read_jso
 from kalscope.sources.containers.lvm import is_lvm, read_lvm
 from kalscope.sources.containers.mat import is_mat, read_mat
 from kalscope.sources.containers.parquet import read_parquet
+from kalscope.sources.containers.robotics.mcap import read_mcap
+from kalscope.sources.containers.robotics.rosbag import read_ros1, read_ros2
+from kalscope.sources.containers.robotics.ulog import read_ulog
 from kalscope.sources.containers.spreadsheets.excel import is_excel, read_excel
 from kalscope.sources.containers.table import Table, Text
 from kalscope.sources.containers.tdms import read_tdms
@@ -45,6 +48,10 @@ _CONTAINERS = (
     Container("a TDMS file", _begins(b"TDSm"), read_tdms),
     Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), read_hdf5),
     Container("a MATLAB file", is_mat, read_mat),
+    Container("an MCAP log", _begins(b"\x89MCAP0\r\n"), read_mcap),
+    Container("a ROS 1 bag", _begins(b"#ROSBAG V2"), read_ros1),
+    Container("a ROS 2 bag", _begins(b"SQLite format 3\0"), read_ros2),
+    Container("a ULog file", _begins(b"ULog\x01\x12\x35"), read_ulog),
     Container("a spreadsheet", is_excel, read_excel),
     Container("a JSON document", is_json_document, read_json_document),
 )

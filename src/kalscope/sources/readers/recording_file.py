@@ -22,6 +22,7 @@ from kalscope.common.progress import OnProgress, Progress
 from kalscope.errors import BadFile
 from kalscope.recording import Recording
 from kalscope.sources.containers.known import Container, find_container, read_container
+from kalscope.sources.containers.robotics.rosbag import storage_of
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.cells import is_blank, is_comment
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -71,6 +72,7 @@ def read_recording(
         above_zero("sample_period", sample_period)
     name = Path(path).name or str(path)
     progress = Progress(progress, cancelled)
+    path = storage_of(Path(path))
     with open_raw(path, progress) as raw:
         container = find_container(raw.head, name)
         reading = (

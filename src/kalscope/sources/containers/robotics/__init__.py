@@ -1,0 +1,1 @@
+"""Logs of robots and drones: topics of messages, whose numeric fields become channels."""
