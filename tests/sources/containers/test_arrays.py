@@ -5,7 +5,7 @@ import pytest
 import scipy.io
 
 from kalscope.errors import BadFile, BadSetting
-from kalscope.sources.containers.arrays import period_from
+from kalscope.sources.containers.arrays.groups import period_from
 from kalscope.sources.containers.table import MAX_NUMBERS
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording

@@ -10,17 +10,17 @@ from pathlib import Path
 from kalscope.common.progress import Progress
 from kalscope.common.text import one_line
 from kalscope.errors import BadFile, KalscopeError
-from kalscope.sources.containers.hdf5 import read_hdf5
+from kalscope.sources.containers.arrays.hdf5 import read_hdf5
+from kalscope.sources.containers.arrays.mat import is_mat, read_mat
+from kalscope.sources.containers.arrays.tdms import read_tdms
 from kalscope.sources.containers.json_document import is_json_document, read_json_document
 from kalscope.sources.containers.lvm import is_lvm, read_lvm
-from kalscope.sources.containers.mat import is_mat, read_mat
 from kalscope.sources.containers.parquet import read_parquet
 from kalscope.sources.containers.robotics.mcap import read_mcap
 from kalscope.sources.containers.robotics.rosbag import read_ros1, read_ros2
 from kalscope.sources.containers.robotics.ulog import read_ulog
 from kalscope.sources.containers.spreadsheets.excel import is_excel, read_excel
 from kalscope.sources.containers.table import Table, Text
-from kalscope.sources.containers.tdms import read_tdms
 
 ReadContainer = Callable[[Path, str, "str | None", Progress], Table | Text]
 """From the path of the content, the name of the file, the part to read and the progress to what it holds."""

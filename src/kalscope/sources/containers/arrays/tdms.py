@@ -10,7 +10,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
-from kalscope.sources.containers.arrays import Item, is_numeric, read_arrays
+from kalscope.sources.containers.arrays.groups import Item, is_numeric, read_arrays
 from kalscope.sources.containers.library import load_library
 from kalscope.sources.containers.table import MAX_NUMBERS, Table
 

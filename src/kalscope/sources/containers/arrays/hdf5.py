@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kalscope.common.progress import Progress
-from kalscope.sources.containers.arrays import Item, is_numeric, period_from, read_arrays
+from kalscope.sources.containers.arrays.groups import Item, is_numeric, period_from, read_arrays
 from kalscope.sources.containers.library import load_library
 from kalscope.sources.containers.table import Table
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
-from kalscope.sources.containers.arrays import Item, is_numeric, read_arrays
-from kalscope.sources.containers.hdf5 import read_hdf5
+from kalscope.sources.containers.arrays.groups import Item, is_numeric, read_arrays
+from kalscope.sources.containers.arrays.hdf5 import read_hdf5
 from kalscope.sources.containers.library import load_library
 from kalscope.sources.containers.table import MAX_NUMBERS, Table
 

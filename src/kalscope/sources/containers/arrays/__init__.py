@@ -1,0 +1,1 @@
+"""Files of arrays under names: MATLAB, HDF5, TDMS."""
