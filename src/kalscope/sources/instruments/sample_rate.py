@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from kalscope.sources.grammar.cells import NUMBER, is_comment
-from kalscope.sources.grammar.timestamps import SECONDS_PER_UNIT, UNIT_OF_WORD
+from kalscope.sources.grammar.time_units import SECONDS_PER_UNIT, UNIT_OF_WORD
 from kalscope.sources.instruments.metadata import in_words
 from kalscope.sources.instruments.preface import Preface
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from kalscope.sources.grammar.cells import parse_number
-from kalscope.sources.grammar.timestamps import UNIT_OF_WORD
+from kalscope.sources.grammar.time_units import UNIT_OF_WORD
 from kalscope.sources.instruments.metadata import (
     Cells,
     first_sample,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from kalscope.sources.grammar.cells import is_number
-from kalscope.sources.grammar.timestamps import UNIT_OF_WORD
+from kalscope.sources.grammar.time_units import UNIT_OF_WORD
 from kalscope.sources.instruments.metadata import (
     Cells,
     agrees,
