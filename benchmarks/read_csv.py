@@ -1,10 +1,11 @@
 """Reading a large CSV: time and memory beside DuckDB alone on the same file.
 
-    python benchmarks/read_csv.py [--rows 5000000] [--turns 5]
+    python benchmarks/read_csv.py [--rows 5000000] [--turns 5] [--before CHECKOUT]
 
 Writes a log of ROWS × 3 columns (time and two channels, 119 MB for 5,000,000 rows) into a temporary folder. Each
 measurement is a process of its own, in turns; the medians and the best are printed, and the peak of the resident
-memory above that of the process with everything imported.
+memory above that of the process with everything imported. With --before another checkout takes its turns
+as well.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-WAYS = ("kalscope", "duckdb")
+WAYS = ("kalscope", "duckdb", "before")
 BLOCK = 100_000
 
 
@@ -31,26 +32,31 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rows", type=int, default=5_000_000)
     parser.add_argument("--turns", type=int, default=5)
+    parser.add_argument("--before", type=Path, help="a checkout to compare with")
     parser.add_argument("--way", choices=WAYS, help=argparse.SUPPRESS)
     parser.add_argument("--file", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.way:
         print(json.dumps(read_once(options.way, options.file)))
     else:
-        compare(options.rows, options.turns)
+        compare(options.rows, options.turns, options.before)
 
 
-def compare(rows: int, turns: int) -> None:
+def compare(rows: int, turns: int, before: Path | None) -> None:
+    ways = WAYS if before else WAYS[:2]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "long.csv"
         write_log(file, rows)
         size = file.stat().st_size
         print(f"{rows:,} rows × 3 columns, {size / 1e6:.0f} MB, {os.cpu_count()} cores")
-        found: dict[str, list[tuple[float, float]]] = {way: [] for way in WAYS}
+        found: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
         for _ in range(turns):
-            for way in WAYS:
+            for way in ways:
                 command = [sys.executable, __file__, "--way", way, "--file", str(file)]
-                answer = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+                path = {"PYTHONPATH": f"{before}/src"} if way == "before" else {}
+                answer = subprocess.run(
+                    command, check=True, capture_output=True, text=True, env=os.environ | path
+                ).stdout
                 found[way].append(tuple(json.loads(answer)))
         for way, turns_of_way in found.items():
             seconds = [second for second, _ in turns_of_way]
@@ -59,9 +65,11 @@ def compare(rows: int, turns: int) -> None:
                 f"{way:8} {statistics.median(seconds):6.2f} s (best {min(seconds):.2f} s)"
                 f"  +{peak / 1e6:5.0f} MB = {peak / size:.1f} × the file"
             )
-        ours, theirs = ([second for second, _ in found[way]] for way in WAYS)
-        print(f"kalscope / duckdb: median {statistics.median(ours) / statistics.median(theirs):.2f}, ", end="")
-        print(f"best {min(ours) / min(theirs):.2f}")
+        ours = [second for second, _ in found["kalscope"]]
+        for way in ways[1:]:
+            theirs = [second for second, _ in found[way]]
+            print(f"kalscope / {way}: median {statistics.median(ours) / statistics.median(theirs):.2f}, ", end="")
+            print(f"best {min(ours) / min(theirs):.2f}")
 
 
 def read_once(way: str, file: str) -> tuple[float, float]:
