@@ -31,14 +31,16 @@ class Timing:
     """Where `period` comes from."""
     period: float | None
     """Sample period in s, `Recording.sample_period`; None where it is unknown."""
-    error: float = 0.0
-    """Standard error of `period` as a share of it; 0 where it was given or the stamps are even."""
+    error: float | None = 0.0
+    """Standard error of `stamps_period` as a share of it; 0 where the stamps are even, None where it is unknown."""
     stamps_period: float | None = None
     """The period in s by the stamps alone; None where they give none."""
     pauses: int = 0
     """Steps at which samples are missing: gaps in time."""
     missing: int = 0
     """Rows that `--gaps missing` puts, or did put, into the gaps."""
+    first_pause: int = 0
+    """The sample, from 1, after which the first of them comes; 0 where there is none."""
     longest_pause: float = 0.0
     """The longest of these steps in s."""
     resolution: float | None = None

@@ -1,4 +1,4 @@
-"""The array type of signals."""
+"""The array types of signals, and of places in them."""
 
 from __future__ import annotations
 
@@ -6,3 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+Indices = NDArray[np.intp]
+"""Positions in an array, from 0."""
+
+Mask = NDArray[np.bool_]
+"""True for the elements that are chosen."""

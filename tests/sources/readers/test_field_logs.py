@@ -129,16 +129,12 @@ NOT_YET = {
             "empatica_ACC.csv",
             "empatica_HR.csv",
             "empatica_IBI.csv",
-            "openbci_cyton.txt",
             "robot_currents.txt",
-            "ppg_buffered.csv",
             "dht22_field_added.csv",
             "balcony_six_date_columns.txt",
         ]
     ),
-    "gaps": frozenset(
-        ["arm_whole_seconds.csv", "openbci_cyton.txt", "ppg_buffered.csv"]
-    ),
+    "gaps": frozenset[str](),
     "parts": frozenset(
         [
             "tal_actigraph.txt",

@@ -164,7 +164,7 @@ CATALOGUE = [
     ("oxford_phone_accel/accelerometer.csv", "value 2", 61406, 61406, 0.0686045233, 2.51276667, 0.00247),
     ("oxford_phone_accel/accelerometer.csv", "value 3", 61406, 61406, 9.40792902, 4.76283127, 0.00247),
     ("oxford_phone_accel/accelerometer.csv", "value 4", 61406, 61406, 0.833512348, 3.35970451, 0.00247),
-    ("daphnet_accel/S06R02E0.csv", "ankle_vert", 7040, 7040, 1140.42812, 430.863621, 0.016),
+    ("daphnet_accel/S06R02E0.csv", "ankle_vert", 7040, 7040, 1140.42812, 430.863621, 0.015625),
     ("sea_surface_temp/sea_surface_temperature.csv", "temperature", 19226, 19226, 10.5893775, 5.35483601, 1800),
     ("cgm_glucose/CGM.csv", "glucose", 52281, 52281, 137.421912, 53.8804756, 300),
     ("cgm_glucose/CGM.csv", "isig", 52281, 51220, 18.812173, 8.39545877, 300),

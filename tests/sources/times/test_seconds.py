@@ -3,7 +3,7 @@ import pytest
 
 from kalscope.sources.grammar.clocks import parse_clock
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.times.seconds import nominal_period, to_seconds, unit_by_magnitude
+from kalscope.sources.times.seconds import to_seconds, unit_by_magnitude
 
 
 def test_a_clock_goes_on_over_midnight():
@@ -29,13 +29,3 @@ def test_a_clock_goes_on_over_midnight():
 )
 def test_the_unit_follows_from_the_size_of_stamp_and_step(stamps, unit):
     assert unit_by_magnitude(np.array(stamps, dtype=float)) == unit
-
-
-def test_the_period_is_the_median_positive_step():
-    assert nominal_period(np.array([0.0, 0.01, 0.02, 0.05, 0.03, 0.04])) == 0.01
-    assert nominal_period(np.array([5.0])) is None
-    assert nominal_period(np.array([3.0, 2.0, 1.0])) is None
-
-
-def test_stamps_coarser_than_the_sampling_have_the_mean_step():
-    assert nominal_period(np.repeat([0.0, 1.0, 2.0], 10)) == pytest.approx(2 / 29)

@@ -14,7 +14,7 @@ from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.readers.csv_rows import Tally
 from kalscope.sources.readers.sentinels import Extremes, suggest_missing
 from kalscope.sources.times.gaps import fill_gaps
-from kalscope.sources.times.time_axis import TimeAxis, read_time
+from kalscope.sources.times.time_axis import GivenPeriod, TimeAxis, counted_time, read_time
 
 Columns = dict[int, Array]
 """Columns by index, each of shape (n,): the channels and the time."""
@@ -32,7 +32,7 @@ class Reading:
     layout: Layout
     """What the columns are."""
     period: float | None = None
-    """Sample period in s that the file itself gives where no column is the time; None where it gives none."""
+    """Sample period in s that the file itself states; None where it gives none."""
 
 
 def assemble(reading: Reading, options: ReadOptions, sample_period: float | None, name: str) -> Recording:
@@ -51,7 +51,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     channels = layout.channels
     values, taken = _values(reading.columns, channels, options)
     axis = _axis(reading, len(values), options, sample_period)
-    period = sample_period or axis.period
+    timing, period = axis.timing, axis.timing.period
     notes = [*layout.notes, *axis.notes, *taken, *([tally.ending] if tally.ending else [])]
     with np.errstate(invalid="ignore"):
         ends = np.fmin.reduce(values), np.fmax.reduce(values)
@@ -62,7 +62,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
         if period is None or layout.time is None:
             raise BadSetting(f"gaps must be rows where a file has no time (got {options.gaps!r})")
         if options.gaps == "missing":
-            time, values, inserted = fill_gaps(time, values, period)
+            time, values, inserted = fill_gaps(time, values, period, axis.pauses)
             notes.append(f"{inserted} rows of missing samples were inserted into the gaps")
     report = ReadReport(
         lines=tally.lines.total(),
@@ -76,6 +76,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
         inserted=inserted,
         issues=tuple(tally.issues),
         notes=tuple(notes),
+        timing=timing,
         options=_options(options, sample_period),
     )
     names = tuple(layout.columns[i].name for i in channels)
@@ -107,12 +108,25 @@ def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tupl
 
 def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float | None) -> TimeAxis:
     column = reading.layout.time
+    given = GivenPeriod(_chosen_period(options, sample_period), reading.period)
     if column is None:
         if options.time_unit is not None:
             raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
-        period = sample_period or reading.period or 1.0
-        return TimeAxis(np.arange(n, dtype=np.float64) * period, reading.period, 0, ())
-    return read_time(reading.columns[column.index], column, options.time_unit)
+        return counted_time(n, given)
+    return read_time(reading.columns[column.index], column, options.time_unit, given, options.gaps)
+
+
+def _chosen_period(options: ReadOptions, sample_period: float | None) -> float | None:
+    """The sample period in s that the user chose, in one way or the other; None where none was."""
+    if options.rate is None:
+        return sample_period
+    period = 1.0 / options.rate
+    if sample_period is not None and abs(sample_period - period) > 1e-6 * period:
+        raise BadSetting(
+            f"rate and sample period must agree, or one be left out (got {options.rate:.9g} Hz and"
+            f" {sample_period:.9g} s)"
+        )
+    return period if sample_period is None else sample_period
 
 
 def _about_columns(layout: Layout, ends: Extremes, n: int, name: str) -> list[str]:

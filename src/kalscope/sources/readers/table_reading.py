@@ -108,4 +108,4 @@ def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading
             columns[i] = np.where(infinite, np.nan, columns[i])
     tally.lines.update(row=n - table.filled - rejected, rejected=rejected + len(table.issues), header=table.headers)
     tally.issues.extend(table.issues[:MAX_ISSUES])
-    return Reading(columns, tally, layout, table.period if layout.time is None else None)
+    return Reading(columns, tally, layout, table.period)

@@ -65,23 +65,6 @@ def to_seconds(stamps: Array, column: TimeColumn) -> tuple[Array, str]:
     return _scaled(stamps, scale), f"stamps are {said}"
 
 
-def nominal_period(time: Array, steps: Array | None = None) -> float | None:
-    """Median positive step of the stamps in s; None where no step is positive.
-
-    `steps`, their differences, may be given to save time and memory; they come back in another order.
-    Stamps coarser than the sampling (most steps are 0) have no telling step: then the mean step.
-    """
-    steps = np.diff(time) if steps is None else steps
-    positive = steps if steps.size and float(steps.min()) > 0 else steps[steps > 0]
-    if positive.size == 0:
-        return None
-    coarse = positive.size < steps.size / 2 and np.count_nonzero(steps == 0) > steps.size / 2
-    if coarse and time[-1] > time[0]:
-        return float((time[-1] - time[0]) / steps.size)
-    # The stamps were decimal text: 0.02 - 0.01 is 0.01 within 1e-9, not 0.010000000000000002.
-    return float(f"{np.median(positive, overwrite_input=True):.9g}")
-
-
 def _scaled(stamps: Array, scale: float) -> Array:
     # Dividing by 1000 rounds 3 ms to the double nearest 0.003; multiplying by 0.001 may not.
     return stamps / round(1 / scale) if scale < 1 else stamps if scale == 1 else stamps * scale

@@ -6,16 +6,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Indices
+from kalscope.recording import Gaps, RateSource, Timing
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.times.seconds import nominal_period, times, to_seconds
-
-GAP_PERIODS = 1.5
-"""A step longer than this many nominal periods is a gap: at least one sample is missing."""
+from kalscope.sources.times.even_time import place_evenly
+from kalscope.sources.times.gaps import missing_rows
+from kalscope.sources.times.sample_rate import SampleRate, find_rate
+from kalscope.sources.times.seconds import times, to_seconds
+from kalscope.sources.times.step_pattern import GAP_PERIODS
+from kalscope.sources.times.timing_text import with_words
 
 _COUNTERS = {2.0**16: "16-bit counter", 2.0**32: "32-bit counter (millis() or micros())"}
-_FEW_STEPS = 200_000
-"""Jitter is judged on at most as many steps, evenly chosen."""
+_ALIKE = 0.02
+"""A period that the file states is believed where that of the stamps is as near, as a share of it, or unsure."""
+
+
+@dataclass(frozen=True)
+class GivenPeriod:
+    """Sample periods that are known besides the stamps, in s."""
+
+    option: float | None = None
+    """What the user chose; it outranks all others."""
+    file: float | None = None
+    """What the text of the file states."""
 
 
 @dataclass(frozen=True)
@@ -24,36 +37,101 @@ class TimeAxis:
 
     time: Array
     """Seconds, shape (n,)."""
-    period: float | None
-    """Median step in s; None where no step is positive."""
+    timing: Timing
+    """The sample period, and how it was found."""
+    pauses: Indices
+    """Samples, from 0, after each of which samples are missing."""
     backward: int
     """Steps back in time."""
     notes: tuple[str, ...]
     """How the stamps were read and how even they are, each a sentence."""
 
 
-def read_time(stamps: Array, column: TimeColumn, unit: str | None = None) -> TimeAxis:
+def read_time(
+    stamps: Array,
+    column: TimeColumn,
+    unit: str | None = None,
+    given: GivenPeriod | None = None,
+    gaps: Gaps = "rows",
+) -> TimeAxis:
     """Time of the stamps, shape (n,), n >= 1, all finite, in the unit of their column.
 
     Args:
         stamps: As the cells were parsed: µs since 1970 for calendar stamps, µs for clocks, else numbers.
         column: What they are.
         unit: Unit of numeric stamps that outranks the column's; None = the column's own.
+        given: Sample periods that are known besides.
+        gaps: How gaps in time are to be read: no advice is given where that was chosen.
     """
+    given = given or GivenPeriod()
     notes: list[str] = []
     if column.kind == "number":
         column = replace(column, unit=unit or column.unit)
         stamps, said = unwrap(stamps)
         notes += said
     time, how = to_seconds(stamps, column)
-    steps = np.diff(time)
+    rate = find_rate(time)
+    crowded = rate is not None and rate.stamps in ("coarse", "bursts")
+    steps = np.diff(time) if rate is None else rate.steps.all
     backward = int(np.count_nonzero(steps < 0)) if steps.size and float(steps.min()) < 0 else 0
-    notes += [how, *_about_order(time, steps, backward)]
-    some = np.sort(steps[:: max(1, steps.size // _FEW_STEPS)])
-    period = nominal_period(time, steps)
-    if period is not None:
-        notes += _about_steps(time, steps, some, period)
-    return TimeAxis(time, period, backward, tuple(notes))
+    notes += [how, *_about_order(time, steps, backward, repeated=not crowded)]
+    if rate is None:
+        return _without_rate(time, given, backward, notes)
+    pauses = rate.pauses
+    if crowded:
+        time = place_evenly(time, rate)
+    elif given.option is not None:
+        pauses = np.flatnonzero(rate.steps.forward > GAP_PERIODS * given.option)
+    timing = _timing(time, rate, pauses, given)
+    usual = None if rate.steps.even else (rate.steps.low, rate.steps.high)
+    timing = with_words(timing, usual, given.file, gaps, len(time))
+    return TimeAxis(time, timing, pauses, backward, (*notes, *timing.notes))
+
+
+def counted_time(n: int, given: GivenPeriod, offset: float = 0.0) -> TimeAxis:
+    """Time of `n` samples without stamps: by the period that is given, else their numbers."""
+    period = given.option or given.file
+    time = offset + np.arange(n, dtype=np.float64) * (period or 1.0)
+    source: RateSource = "option" if given.option else "file" if given.file else "none"
+    timing = with_words(Timing("none", source, period), None, given.file, "rows", n)
+    return TimeAxis(time, timing, np.zeros(0, dtype=np.int64), 0, timing.notes)
+
+
+def _without_rate(time: Array, given: GivenPeriod, backward: int, notes: list[str]) -> TimeAxis:
+    """Time whose stamps never rise: all are one step of a coarse clock, unless it steps back."""
+    axis = counted_time(len(time), given, float(time[0]))
+    if given.file and len(time) > 1 and not backward:
+        time = axis.time
+    return replace(axis, time=time, backward=backward, notes=(*notes, *axis.notes))
+
+
+def _timing(time: Array, rate: SampleRate, pauses: Indices, given: GivenPeriod) -> Timing:
+    period, source = _chosen(rate, given)
+    steps = time[pauses + 1] - time[pauses]
+    return Timing(
+        stamps=rate.stamps,
+        source=source,
+        period=period,
+        error=rate.error / rate.period if np.isfinite(rate.error) else None,
+        stamps_period=rate.period,
+        pauses=int(pauses.size),
+        missing=int(missing_rows(time, pauses, period).sum()),
+        first_pause=int(pauses[0]) + 1 if pauses.size else 0,
+        longest_pause=float(steps.max(initial=0.0)),
+        resolution=rate.longest if rate.stamps == "coarse" else None,
+    )
+
+
+def _chosen(rate: SampleRate, given: GivenPeriod) -> tuple[float, RateSource]:
+    """The period that is taken, and whose it is."""
+    if given.option is not None:
+        return given.option, "option"
+    unsure = not np.isfinite(rate.error)
+    if given.file is not None and (rate.stamps in ("coarse", "bursts") or unsure):
+        off = abs(given.file - rate.period)
+        if unsure or off <= max(_ALIKE * given.file, 3 * rate.error):
+            return given.file, "file"
+    return rate.period, "stamps"
 
 
 def unwrap(stamps: Array) -> tuple[Array, list[str]]:
@@ -81,8 +159,8 @@ def unwrap(stamps: Array) -> tuple[Array, list[str]]:
     return stamps, []
 
 
-def _about_order(time: Array, steps: Array, backward: int) -> list[str]:
-    """Steps back, and stamps that come twice: at once, or again after a step back."""
+def _about_order(time: Array, steps: Array, backward: int, *, repeated: bool) -> list[str]:
+    """Steps back, and, where `repeated`, stamps that come twice: at once, or again after a step back."""
     notes: list[str] = []
     if backward:
         first = int(np.argmax(steps < 0))
@@ -90,31 +168,10 @@ def _about_order(time: Array, steps: Array, backward: int) -> list[str]:
             f"time steps back {times(backward)}, first by {-float(steps[first]):.9g} s at sample {first + 2}:"
             " the order of the file was kept"
         )
-    if steps.size and not float(steps.min()) > 0:
+    if repeated and steps.size and not float(steps.min()) > 0:
         twice = len(time) - int(np.unique(time).size)
         if twice:
             same = np.flatnonzero(steps == 0)
             where = f", first at sample {int(same[0]) + 2}" if same.size else ""
             notes.append(f"{twice} {'samples repeat' if twice > 1 else 'sample repeats'} an earlier stamp{where}")
-    return notes
-
-
-def _about_steps(time: Array, steps: Array, some: Array, period: float) -> list[str]:
-    """Jitter and gaps, in s: `steps` in any order, `some` of them in rising order."""
-    notes: list[str] = []
-    low, high = (float(some[round(share * (some.size - 1))]) for share in (0.05, 0.95))
-    if some.size > 1 and high - low > 0.01 * period:
-        notes.append(
-            f"the nominal period, {period:.6g} s, is the median step; nine of ten steps lie between"
-            f" {low:.6g} and {high:.6g} s"
-        )
-    longest = float(steps.max())
-    if longest > GAP_PERIODS * period and high <= GAP_PERIODS * period:
-        count = int(np.count_nonzero(steps > GAP_PERIODS * period))
-        first = int(np.argmax(np.diff(time) > GAP_PERIODS * period))
-        gaps = "a gap" if count == 1 else f"{count} gaps"
-        notes.append(
-            f"time has {gaps}, first after sample {first + 1}, the longest {longest:.6g} s; read it with"
-            " --gaps missing (missing samples) or --gaps dt (elapsed time)"
-        )
     return notes
