@@ -6,10 +6,9 @@ from collections import Counter
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
 from kalscope.common.text import THIN_SPACE, count, percent, sample_rate
 from kalscope.recording import LineIssue, Recording
+from kalscope.sources.times.sample_rate import find_rate
 
 MAX_SHARE = 0.02
 """More rejected lines or cells without a number than this share are worth a warning."""
@@ -130,12 +129,13 @@ def account(recording: Recording) -> str:
 
 def sample_period_conflict(recording: Recording) -> str:
     """A sentence where the sample period is not that of the recording's own time; "" where they agree to 1 %."""
-    steps = np.diff(recording.time)
-    steps = steps[steps > 0.0]
-    if recording.sample_period is None or not len(steps):
-        return ""
-    own = float(np.median(steps))
-    if abs(recording.sample_period - own) <= 0.01 * own:
+    timing = recording.report.timing
+    if timing is None:
+        rate = find_rate(recording.time)
+        own = None if rate is None else rate.period
+    else:
+        own = timing.stamps_period
+    if recording.sample_period is None or own is None or abs(recording.sample_period - own) <= 0.01 * own:
         return ""
     return f"the sample period is taken as {recording.sample_period:.6g} s; by its time it would be {own:.6g} s"
 

@@ -8,10 +8,10 @@ from kalscope.common.text import count, duration, percent, sample_rate
 from kalscope.recording import Gaps, Timing
 
 _STAMPS = {
-    "even": "from even stamps",
-    "uneven": "from uneven stamps",
-    "bursts": "from stamps that come in bursts",
-    "coarse": "from stamps of a coarse clock",
+    "even": "",
+    "uneven": " from uneven stamps",
+    "bursts": " from stamps that come in bursts",
+    "coarse": " from stamps of a coarse clock",
 }
 _SURE = 1e-4
 """A standard error below this share of the rate is not worth a word."""
@@ -43,7 +43,7 @@ def _summary(timing: Timing) -> str:
         return f"{rate} as requested"
     if timing.source == "file":
         return f"{rate} as the file says"
-    return f"{rate} {_STAMPS[timing.stamps]}{_sure(timing)}"
+    return f"{rate}{_STAMPS[timing.stamps]}{_sure(timing)}"
 
 
 def _sure(timing: Timing) -> str:
