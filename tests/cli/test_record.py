@@ -6,8 +6,6 @@ import os
 import random
 import re
 import signal
-import subprocess
-import sys
 import threading
 import time
 import tty
@@ -17,8 +15,11 @@ from pathlib import Path
 
 import pytest
 from effort import FUZZ
+from forked import Forked
+from program import command
 from waiting import PATIENCE, wait_until
 
+from kalscope.cli.app import run
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.sources.recorder.repair import repair
 
@@ -68,23 +69,25 @@ class Board:
             self.sent = due
 
 
-def command(board: Board, path: Path, *options: str) -> list[str]:
-    return [sys.executable, "-m", "kalscope.cli", "record", board.port, "-o", str(path), *options]
+def record(board: Board, path: Path, *options: str, change: str = "") -> Forked:
+    return command("record", board.port, "-o", path, *options, change=change)
+
+
+def recorded(board: Board, path: Path, *options: str) -> str:
+    """What the command says that ends by itself, with status 0."""
+    with record(board, path, *options) as process:
+        out, err = process.communicate(PATIENCE)
+    assert process.returncode == 0, err
+    return out
 
 
 @contextmanager
-def recording(board: Board, path: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+def recording(board: Board, path: Path, *options: str) -> Iterator[Forked]:
     """The command, running and past its first rows."""
-    process = subprocess.Popen(
-        command(board, path, *options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        wait_until(lambda: rows_in(path) or process.poll() is not None, "the first row", pause=0.02)
-        assert process.poll() is None, process.communicate()[1]
+    with record(board, path, *options) as process:
+        wait_until(lambda: rows_in(path) or process.returncode is not None, "the first row", pause=0.02)
+        assert process.returncode is None, process.communicate()[1]
         yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def rows_in(path: Path) -> list[tuple[float, int, float]]:
@@ -127,11 +130,9 @@ def test_a_polite_end_leaves_all_rows_and_the_account(tmp_path, end):
 def test_it_stops_after_so_many_seconds(tmp_path):
     path = tmp_path / "run.csv"
     with Board(200) as board:
-        done = subprocess.run(
-            command(board, path, "--seconds", "1.5"), capture_output=True, text=True, timeout=PATIENCE, check=True
-        )
+        said = recorded(board, path, "--seconds", "1.5")
     rows = rows_in(path)
-    assert str(path) in done.stdout
+    assert str(path) in said
     assert are_consecutive(rows)
     assert rows[-1][0] <= 2.5
 
@@ -139,13 +140,11 @@ def test_it_stops_after_so_many_seconds(tmp_path):
 def test_it_stops_once_so_many_lines_are_written_and_shows_what_was_rejected(tmp_path):
     path = tmp_path / "run.csv"
     with Board(500, other=b"1,2,3\n") as board:
-        done = subprocess.run(
-            command(board, path, "--lines", "1200"), capture_output=True, text=True, timeout=PATIENCE, check=True
-        )
-    written, rejected = map(int, ACCOUNT.search(done.stdout).groups()[1:3])
+        said = recorded(board, path, "--lines", "1200")
+    written, rejected = map(int, ACCOUNT.search(said).groups()[1:3])
     assert written == len(rows_in(path)) >= 1200
     assert rejected > 0
-    assert "run.rejects" in done.stdout
+    assert "run.rejects" in said
     assert (tmp_path / "run.rejects").read_text().count('must have 2 fields (got 3),"1,2,3"') == rejected
 
 
@@ -163,23 +162,20 @@ def test_a_board_that_goes_away_ends_it_where_that_was_asked_for(tmp_path):
 def test_lines_that_the_disk_refused_end_in_status_1(tmp_path):
     """The limit on the size of a file stands for the disk that is full."""
     path = tmp_path / "run.csv"
-    limit = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
-    limit += " resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096));"
-    with Board(2000) as board:
-        run = f"{limit} from kalscope.cli.app import run; raise SystemExit(run())"
-        argv = [sys.executable, "-c", run, "record", board.port, "-o", str(path), "--seconds", "3"]
-        done = subprocess.run(argv, capture_output=True, text=True, timeout=PATIENCE)
-    assert done.returncode == 1, done.stderr
-    assert int(ACCOUNT.search(done.stdout)[4]) > 0
+    limit = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+    limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
+    with Board(2000) as board, record(board, path, "--seconds", "3", change=limit) as process:
+        out, err = process.communicate(PATIENCE)
+    assert process.returncode == 1, err
+    assert int(ACCOUNT.search(out)[4]) > 0
     assert path.read_bytes().endswith(b"\n")
 
 
 @pytest.mark.parametrize("output", ["", ".", "/"])
-def test_a_recording_must_have_a_name(output):
-    argv = [sys.executable, "-m", "kalscope.cli", "record", "/dev/none", "-o", output]
-    done = subprocess.run(argv, capture_output=True, text=True, timeout=PATIENCE)
-    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
-    assert "a recording must be a file" in done.stderr
+def test_a_recording_must_have_a_name(capsys, output):
+    assert run(["record", "/dev/none", "-o", output]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "a recording must be a file" in line
 
 
 @pytest.mark.parametrize(
@@ -191,13 +187,10 @@ def test_a_recording_must_have_a_name(output):
         ("/dev/none@fast", [], "baud rate must be a whole number"),
     ],
 )
-def test_a_mistake_is_one_line_and_status_2_and_makes_no_file(tmp_path, port, options, says):
-    path = tmp_path / "run.csv"
-    argv = [sys.executable, "-m", "kalscope.cli", "record", port, "-o", str(path), *options]
-    done = subprocess.run(argv, capture_output=True, text=True, timeout=PATIENCE)
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
-    assert says in done.stderr
+def test_a_mistake_is_one_line_and_status_2_and_makes_no_file(tmp_path, capsys, port, options, says):
+    assert run(["record", port, "-o", str(tmp_path / "run.csv"), *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert says in line
     assert os.listdir(tmp_path) == []
 
 
@@ -210,24 +203,21 @@ def test_a_recording_that_was_killed_can_be_gone_on_with(tmp_path):
         with path.open("ab") as file:
             file.write(b"0.5,77")
         before = rows_in(path)
-        argv = command(board, path, "--resume", "--lines", "100")
-        done = subprocess.run(argv, capture_output=True, text=True, timeout=PATIENCE, check=True)
+        said = recorded(board, path, "--resume", "--lines", "100")
     rows = rows_in(path)
     assert rows[: len(before)] == before
-    assert len(rows) == len(before) + int(ACCOUNT.search(done.stdout)[2])
+    assert len(rows) == len(before) + int(ACCOUNT.search(said)[2])
     assert all(half == number / 2 for _, number, half in rows)
     assert [host for host, _, _ in rows] == sorted(host for host, _, _ in rows)
     assert (tmp_path / "run.torn").read_bytes() == b"0.5,77\n"
     assert "\n# gap restart " in path.read_text()
 
 
-def test_a_file_that_is_there_is_left_alone_and_the_port_unopened(tmp_path):
+def test_a_file_that_is_there_is_left_alone_and_the_port_unopened(tmp_path, capsys):
     path = tmp_path / "run.csv"
     path.write_text("mine")
-    argv = [sys.executable, "-m", "kalscope.cli", "record", "/dev/none", "-o", str(path)]
-    done = subprocess.run(argv, capture_output=True, text=True, timeout=PATIENCE)
-    assert (done.returncode, path.read_text()) == (2, "mine")
-    assert "run_2.csv" in done.stderr
+    assert (run(["record", "/dev/none", "-o", str(path)]), path.read_text()) == (2, "mine")
+    assert "run_2.csv" in capsys.readouterr().err
 
 
 def test_killed_at_any_moment_it_loses_a_quarter_of_a_second_at_most_and_invents_nothing(tmp_path):

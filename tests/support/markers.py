@@ -15,7 +15,7 @@ import pytest
 
 FIXTURES = {"browser": "browser", "workshop": "device"}
 """Markers by the fixture that starts the thing."""
-STARTERS = {"attack_table", "kalscope_app.guard.server", "program", "viser._viser", "wire"}
+STARTERS = {"attack_table", "forked", "kalscope_app.guard.server", "program", "viser._viser", "wire"}
 """Modules whose functions and classes start or meet a server or the program."""
 
 

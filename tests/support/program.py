@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 
+from forked import Forked
 from waiting import PATIENCE
 
 SCRIPT = """
@@ -24,26 +25,39 @@ main.main()
 
 
 @contextlib.contextmanager
-def start(folder, *arguments, change="", env=None, source="demo"):
+def start(folder, *arguments, change="", env=None, source="demo", fresh=False):
     """The program, with `change` (Python) made to it first; it is killed if it still runs when the block ends.
 
-    Its temporary files and its state are in `folder`.
+    Its temporary files and its state are in `folder`. It is forked, or with `fresh` started as a user starts it.
     """
     argv = ["kalscope", *(["open", source] if source else []), *arguments]
     (folder / "tmp").mkdir(exist_ok=True)
     own = {"TMPDIR": str(folder / "tmp"), "XDG_STATE_HOME": str(folder / "state")}
-    with subprocess.Popen(
-        [sys.executable, "-c", SCRIPT.format(change=change, argv=argv)],
-        cwd=folder,
-        env={**os.environ, **own, **(env or {})},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as program:
+    script, env = SCRIPT.format(change=change, argv=argv), {**os.environ, **own, **(env or {})}
+    with (started if fresh else Forked)(script, folder, env) as program:
         try:
             yield program
         finally:
             program.kill()
+
+
+COMMAND = """
+import sys
+from kalscope.cli.app import run
+sys.argv = {argv!r}
+sys.exit(run())
+"""
+
+
+def command(*arguments, cwd=".", change=""):
+    """A headless command, forked as `start` does; `change` (Python) is made first."""
+    argv = ["kalscope", *map(str, arguments)]
+    return Forked(change + COMMAND.format(argv=argv), cwd, os.environ)
+
+
+def started(script, cwd, env):
+    pipe = subprocess.PIPE
+    return subprocess.Popen([sys.executable, "-c", script], cwd=cwd, env=env, stdout=pipe, stderr=pipe, text=True)
 
 
 def next_line(program):

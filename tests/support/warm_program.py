@@ -1,0 +1,36 @@
+"""What the fork server has done before it forks: modules, kernels, late imports of a dashboard, and no thread."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+
+import imageio.v3  # noqa: F401 (viser's pictures)
+import serial.tools.list_ports  # noqa: F401
+
+import kalscope_app.dashboard
+import kalscope_app.guard.server  # noqa: F401 (what `open` imports)
+from kalscope.catalogue import open_source
+from kalscope.export import device_limits  # noqa: F401
+from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.frame import compute_frame
+from kalscope_app.main import run
+from kalscope_app.session.opening import opened
+from kalscope_app.studies import alternatives, channels_overview, checks, spectra, tuning_map, variant_table
+
+STUDIES = (
+    lambda state: compute_frame(state, 0, choose_samples(state.recording, state.channel, None)),
+    variant_table.VariantTable().compute,
+    tuning_map.MapMaker(),
+    checks.compute_checks,
+    channels_overview.Overviews().compute,
+    spectra.compute_spectra,
+    spectra.compute_allan,
+    alternatives.AlternativesStudy().compute,
+)
+
+demo = opened(open_source("demo"))
+for study in STUDIES:
+    study(demo)
+with contextlib.redirect_stderr(io.StringIO()):
+    run(["open", "no such file"])  # the command line is imported and built; a refusal ends it
