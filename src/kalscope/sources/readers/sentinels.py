@@ -1,4 +1,9 @@
-"""Values that may stand for "no sample", such as −200 or 400: found and asked about, never removed unasked."""
+"""Values that may stand for "no sample", such as −200 or 400: found and asked about, never removed unasked.
+
+A code is a number that nothing measures by chance, far from all that is measured. Some numbers are codes wherever
+they stand so (−999, 32767). Others are readings as well (0, 400): they are codes where they come for a moment only,
+out of a signal that goes on afterwards where it was. A motor that stands still and a lamp that is off stay so.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +16,30 @@ from kalscope.common.array import Array
 Extremes = tuple[Array, Array]
 """Smallest and largest sample of each channel, shape (channels,) each; NaN where all are missing."""
 
-_MIN_COUNT = 3
+MIN_SURE = 2
+"""Times that a number comes which is a code wherever it stands."""
+MIN_UNSURE = 3
+"""Times that any other comes, and of a long recording one sample in 2000."""
+MAX_ZEROS = 0.1
+"""The part of the samples that 0 may be; more is a state."""
+MAX_RUN = 3
+"""Samples that a code which may be a reading lasts, in the median."""
+MIN_RETURNS = 0.75
+"""The part of its runs after which the signal goes on where it was."""
+MAX_CODES = 4
+"""Different codes of one channel."""
 _MIN_DISTINCT = 3
 """Fewer values beside it and there is nothing to be far from: a switch, an event marker."""
 _SAMPLE = 20_000
+
+_LIMITS = {32767.0, -32768.0, 65535.0, 8388607.0, -8388608.0, 2147483647.0, -2147483648.0, 4294967295.0}
+"""Ends of the whole numbers of a processor."""
+_KNOWN = {-127.0, 85.0, -7999.0, 7999.0, -6999.0, 6999.0, -273.15, -273.0, 8190.0, 8191.0}
+"""DS18B20: not connected, not converted; Campbell: NAN; absolute zero; VL53L0X: out of range."""
+_UNSURE = {0.0, -1.0, 99.0, -99.0, 255.0, 1023.0, 4095.0}
+"""Nothing, an error of C, and ends of short whole numbers."""
+HUGE = 1e20
+"""Fill values of binary formats are beyond this: 1e30, 9.97e36, 3.4e38."""
 
 
 def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list[str]:
@@ -26,17 +51,16 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
         ends: Their smallest and largest samples.
 
     Returns:
-        One sentence for each value that is the smallest or largest of a channel, comes at least three times,
-        and lies further from the rest than the middle half of the rest is wide, and half of all of it.
+        One sentence for each value that is the smallest or largest of a channel, a code, and further from the rest
+        than the middle half of the rest is wide, and half of all of it.
     """
     pairs = [(float(low), float(high)) for low, high in zip(*ends, strict=True)]
-    found = dict.fromkeys(
-        value for i, (low, high) in enumerate(pairs) for value in _far_extremes(values[:, i], low, high)
-    )
+    found = dict.fromkeys(value for i, (low, high) in enumerate(pairs) for value in _codes(values[:, i], low, high))
     questions: list[str] = []
     for value in found:
         # One channel betrays the value; those that merely begin or end with it hold it as well.
         channels = [i for i, ends_of_one in enumerate(pairs) if value in ends_of_one]
+        channels = channels or [i for i in range(len(pairs)) if np.any(values[:, i] == value)]  # behind another
         count = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
         questions.append(
             f"is {value:.15g} a missing value? It occurs {count} times in {_listed([names[i] for i in channels])},"
@@ -50,23 +74,62 @@ def _listed(channels: list[str]) -> str:
     return shown if len(channels) <= 4 else f"{shown} and {len(channels) - 4} more"
 
 
-def _far_extremes(samples: Array, low: float, high: float) -> list[float]:
-    """The smallest and the largest sample, where they come often and are far from the rest."""
-    return [
-        value
-        for value, other in ((low, high), (high, low))
-        if value != other and np.isfinite(value) and _is_far(samples, value)
-    ]
+def _codes(samples: Array, low: float, high: float) -> list[float]:
+    """The codes of one channel, from the ends of its samples inwards: each hides how far the next one is."""
+    found: list[float] = []
+    rest = samples
+    while len(found) < MAX_CODES:
+        ends = [value for value in dict.fromkeys((low, high)) if _is_code(value)]
+        codes = [value for value in ends if _stands_out(rest, value, {other for other in ends if _is_sure(other)})]
+        if not codes:
+            break
+        found += codes
+        rest = np.where(np.isin(rest, codes), np.nan, rest)
+        low, high = float(np.nanmin(rest)), float(np.nanmax(rest))
+    return found
 
 
-def _is_far(samples: Array, value: float) -> bool:
-    least = max(_MIN_COUNT, samples.size // 2000)
-    if np.count_nonzero(samples == value) < least:
+def _is_code(value: float) -> bool:
+    return _is_sure(value) or value in _UNSURE or _is_round(value)
+
+
+def _is_sure(value: float) -> bool:
+    """Whether nothing measures this number by chance: −9999.9, 888.8, 32767, 1e30."""
+    digits = f"{abs(value):.10g}".replace(".", "")
+    repeated = len(digits) >= 3 and set(digits) in ({"9"}, {"8"})
+    return (
+        repeated or value in _LIMITS or value in _KNOWN or abs(value) >= HUGE or (value < 0.0 and _is_round(value))
+    )
+
+
+def _is_round(value: float) -> bool:
+    """One digit and two zeros at least: 400, −200, 20000."""
+    digits = f"{abs(value):.10g}"
+    return digits.isdecimal() and len(digits) >= 3 and not digits[1:].strip("0")
+
+
+def _stands_out(samples: Array, value: float, sure: set[float]) -> bool:
+    """Whether a code comes often enough, far from the rest, and, unless it is sure, for moments only."""
+    times = int(np.count_nonzero(samples == value))
+    if times < (MIN_SURE if value in sure else max(MIN_UNSURE, samples.size // 2000)):
         return False
-    rest = samples[np.isfinite(samples) & (samples != value)]
-    nearest = float(np.min(np.abs(rest - value)))
+    rest = samples[np.isfinite(samples) & ~np.isin(samples, [value, *sure])]
     some = rest[:: max(1, rest.size // _SAMPLE)]
     if np.unique(some).size < _MIN_DISTINCT:
         return False
+    nearest = float(np.min(np.abs(rest - value)))
     lower, upper = np.quantile(some, (0.25, 0.75))
-    return nearest > max(float(upper - lower), 0.5 * float(np.ptp(some)))
+    if nearest <= max(float(upper - lower), 0.5 * float(np.ptp(some))):
+        return False
+    usual = value != 0.0 or times <= MAX_ZEROS * samples.size
+    return value in sure or (usual and _comes_for_moments(samples, value, nearest))
+
+
+def _comes_for_moments(samples: Array, value: float, nearest: float) -> bool:
+    """Whether the signal jumps to the value and soon back to where it was."""
+    edges = np.diff(np.concatenate(([0], (samples == value).astype(np.int8), [0])))
+    first, stop = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    inner = (first > 0) & (stop < samples.size)
+    jumps = np.abs(samples[stop[inner]] - samples[first[inner] - 1])
+    returns = int(np.count_nonzero(jumps <= 0.5 * nearest))
+    return float(np.median(stop - first)) <= MAX_RUN and returns >= max(2, MIN_RETURNS * len(jumps))
