@@ -34,8 +34,6 @@ NOT_YET = {
     "kalscope.sources.grammar.cells:NUMBER",
     "kalscope.sources.grammar.line_format:_LABEL_PAIR",
     "kalscope.sources.grammar.line_format:_CHECKSUM",
-    "kalscope.sources.grammar.timestamps:_DATE",
-    r"kalscope.sources.layout.time_column:(.+?)\s*\([^()]*\)",
 }
 """Patterns that are still to be replaced."""
 

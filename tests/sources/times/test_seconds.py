@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from kalscope.sources.grammar.clocks import parse_clock
+from kalscope.sources.grammar.stamps.clocks import parse_clock
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.times.seconds import to_seconds, unit_by_magnitude
 

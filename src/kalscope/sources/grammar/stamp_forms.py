@@ -9,9 +9,9 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.sources.grammar.cells import MISSING
-from kalscope.sources.grammar.clocks import CLOCK_PARSERS, MAX_STAMP_LENGTH, ClockForm
-from kalscope.sources.grammar.dates import DateOrder, parse_calendar
-from kalscope.sources.grammar.odd_stamps import (
+from kalscope.sources.grammar.stamps.clocks import CLOCK_PARSERS, MAX_STAMP_LENGTH, ClockForm
+from kalscope.sources.grammar.stamps.dates import DateOrder, parse_calendar
+from kalscope.sources.grammar.stamps.odd_stamps import (
     DATEUTIL,
     EXCEL,
     check_format,

@@ -8,9 +8,9 @@ from functools import lru_cache
 from typing import Literal
 
 from kalscope.sources.grammar.cells import parse_number
-from kalscope.sources.grammar.clocks import CLOCK_PARSERS, MAX_STAMP_LENGTH, TURNS_S, ClockForm, parse_clock
-from kalscope.sources.grammar.dates import CALENDAR_FORMS, DateOrder, day_us, year_of
-from kalscope.sources.grammar.odd_stamps import odd_parser
+from kalscope.sources.grammar.stamps.clocks import CLOCK_PARSERS, MAX_STAMP_LENGTH, TURNS_S, ClockForm, parse_clock
+from kalscope.sources.grammar.stamps.dates import CALENDAR_FORMS, DateOrder, day_us, year_of
+from kalscope.sources.grammar.stamps.odd_stamps import odd_parser
 
 TimeKind = Literal["number", "calendar", "clock"]
 PartRole = Literal["date", "year", "month", "day", "day of year", "clock", "hour", "minute", "second"]

@@ -18,7 +18,7 @@ from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.layout.columns import Cells, Column, named_column, role_of, settle_roles
 from kalscope.sources.layout.headers import Header, read_header
 from kalscope.sources.layout.tables import HeadLine, HeadTable, best_table, candidate_lines
-from kalscope.sources.layout.time_column import chosen_time, find_time
+from kalscope.sources.layout.time.time_column import chosen_time, find_time
 
 MAX_COLUMNS = 256
 """A table wider than this is no log of samples (a list per line, an image, one case per line)."""

@@ -15,7 +15,7 @@ from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.layout.columns import Column, named_column, settle_roles
 from kalscope.sources.layout.sniffer import Layout
-from kalscope.sources.layout.time_column import chosen_time, find_time
+from kalscope.sources.layout.time.time_column import chosen_time, find_time
 from kalscope.sources.readers.assemble import Reading
 from kalscope.sources.readers.csv_rows import MAX_ISSUES, Tally
 

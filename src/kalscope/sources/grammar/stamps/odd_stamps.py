@@ -15,9 +15,9 @@ from datetime import datetime, timedelta, timezone, tzinfo
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.cells import parse_number
-from kalscope.sources.grammar.clocks import MAX_STAMP_LENGTH
-from kalscope.sources.grammar.date_words import ZONES_H
-from kalscope.sources.grammar.dates import DateOrder
+from kalscope.sources.grammar.stamps.clocks import MAX_STAMP_LENGTH
+from kalscope.sources.grammar.stamps.date_words import ZONES_H
+from kalscope.sources.grammar.stamps.dates import DateOrder
 
 EXCEL = "excel"
 """Days since 1899-12-30, as spreadsheets count them."""

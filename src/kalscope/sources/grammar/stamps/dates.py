@@ -13,8 +13,8 @@ from datetime import UTC, date, datetime
 from functools import lru_cache
 from typing import Literal
 
-from kalscope.sources.grammar.clocks import CLOCK, MAX_STAMP_LENGTH, clock_of, parse_clock
-from kalscope.sources.grammar.date_words import MONTHS, WEEKDAYS, ZONES_H
+from kalscope.sources.grammar.stamps.clocks import CLOCK, MAX_STAMP_LENGTH, clock_of, parse_clock
+from kalscope.sources.grammar.stamps.date_words import MONTHS, WEEKDAYS, ZONES_H
 
 DateOrder = Literal["ymd", "dmy", "mdy"]
 """Which of year, month and day comes first, second and third."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from kalscope.sources.grammar.clocks import CLOCK_PARSERS, ClockForm
+from kalscope.sources.grammar.stamps.clocks import CLOCK_PARSERS, ClockForm
 from kalscope.sources.grammar.timestamps import MAX_YEAR, MIN_YEAR, PartRole, TimeColumn, row_stamp_parser, whole
 from kalscope.sources.layout.columns import Cells, Column, words
 

@@ -13,14 +13,14 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.cells import parse_number
-from kalscope.sources.grammar.clocks import ClockForm
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.stamp_forms import StampHints, find_stamp_form
+from kalscope.sources.grammar.stamps.clocks import ClockForm
 from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
 from kalscope.sources.layout.columns import Cells, Column
-from kalscope.sources.layout.date_columns import clock_form, named_parts, unnamed_parts
-from kalscope.sources.layout.time_evidence import Evidence, judge
-from kalscope.sources.layout.time_names import TimeName, time_name
+from kalscope.sources.layout.time.date_columns import clock_form, named_parts, unnamed_parts
+from kalscope.sources.layout.time.evidence import Evidence, judge
+from kalscope.sources.layout.time.names import TimeName, time_name
 
 _MAX_ROWS = 900
 """Rows that are weighed: the first, and some of the middle and the end."""
