@@ -106,7 +106,9 @@ def test_a_block_holds_what_the_cells_hold(texts, form):
     assert (rows is None) == any(parse([line]) is None for line in lines)
     if rows is not None:
         cells = [split_fields(text, form.delimiter) for text in texts]
-        np.testing.assert_array_equal(rows, [[parse_number(cell, form.decimal) for cell in row] for row in cells])
+        np.testing.assert_array_equal(
+            rows.values, [[parse_number(cell, form.decimal) for cell in row] for row in cells]
+        )
 
 
 @pytest.mark.parametrize("line", ["1,2\n", "1,2,NAN\n", "1,2,1e999\n", "1,2,1_0\n", "1,2,\x1c3\n", "\n", ",,\n"])

@@ -222,7 +222,7 @@ def test_poor_but_fine_recordings_are_read_with_a_note(read, text, note):
 
 
 def test_the_first_hundred_issues_are_kept_and_all_are_counted(read):
-    recording = read("t,a\n" + "".join(f"{i},{'ERR' if i % 2 else i}\n" for i in range(1000)))
+    recording = read("t,a\n" + "".join(f"{i},{f'E{i}' if i % 2 else i}\n" for i in range(1000)))
     assert recording.report.bad_cells == 500
     assert len(recording.report.issues) == 100
     assert recording.report.issues[0].line == 3

@@ -5,12 +5,21 @@ from __future__ import annotations
 import csv
 import math
 import re
+from dataclasses import dataclass
 
 COMMENT_MARKS = ("#", "%", "//")
 """What a comment line begins with."""
 
 MISSING = frozenset({"", "nan", "+nan", "-nan", "nil", "null", "na", "n/a", "none"})
 """Cells, in lower case, that say "no sample": ordinary missing values, never reported as bad."""
+
+_MISSING_TEXT = r"""
+m - -- --- ---- ----- * ** *** **** ***** / // /// //// ///// ? ?? ??? . .. ... _ __ \n
+unavailable unknown offline disconnected missing invalid void undefined undef nodata no_data no-data
+n.a. n.a n/d n.d. n.d nd #n/a #n/a! #na #value! #div/0! #ref! #num! <na> <null> (null) nat
+"""
+MISSING_WORDS = frozenset((*_MISSING_TEXT.split(), "no data", "not available"))
+"""Other cells, in lower case, that loggers write for "no sample": missing as well, and counted in the report."""
 
 NUMBER = {
     # [0-9], not \d: float() would take the digits of any script. No hexadecimal, no infinity, no "1_000".
@@ -69,3 +78,52 @@ def parse_number(cell: str, decimal: str = ".") -> float | None:
         value = float(cell.replace(",", "."))
         return value if math.isfinite(value) else None
     return math.nan if cell.lower() in MISSING else None
+
+
+_MEASURE = re.compile(r"([-+]?(?:[0-9]+(?:[.,][0-9]+)?|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?) ?([^\s0-9.,+\-][^\s]{0,7})")
+_GROUPED = {
+    # The thousands of "1,234.5" by its decimal mark; 0,123 has none.
+    ".": re.compile(r"[-+]?[1-9][0-9]{0,2}(?:,[0-9]{3})+(?:\.[0-9]+)?"),
+    ",": re.compile(r"[-+]?[1-9][0-9]{0,2}(?:\.[0-9]{3})+(?:,[0-9]+)?"),
+}
+OTHER_MARK = {".": ",", ",": "."}
+"""The mark that is not the decimal mark, and may part the thousands."""
+
+
+@dataclass(frozen=True)
+class NumberForm:
+    """How the numbers of one column are written."""
+
+    decimal: str = "."
+    """Decimal mark, "." or ","."""
+    thousands: bool = False
+    """True where the other mark may part the thousands: 1,234.5."""
+    suffix: str = ""
+    """Unit that is written behind each number: the C of 26.69C."""
+
+    def fits(self, cell: str) -> bool:
+        """True where the whole cell is a number of this form, within float64 or not."""
+        cell = self._bare(cell)
+        grouped = self.thousands and _GROUPED[self.decimal].fullmatch(cell)
+        return bool(grouped) or NUMBER[self.decimal].fullmatch(cell) is not None
+
+    def parse(self, cell: str) -> float | None:
+        """The number in a cell, as `parse_number`."""
+        cell = self._bare(cell)
+        if self.thousands and _GROUPED[self.decimal].fullmatch(cell):
+            cell = cell.replace(OTHER_MARK[self.decimal], "")
+        return parse_number(cell, self.decimal)
+
+    def _bare(self, cell: str) -> str:
+        return cell.removesuffix(self.suffix).rstrip(" ") if self.suffix else cell
+
+
+def split_measure(cell: str) -> tuple[str, str] | None:
+    """(number, unit) of `26.69C`, `45 %`, `3,3V`, whatever the unit; None for any other cell."""
+    match = _MEASURE.fullmatch(cell) if len(cell) <= 40 else None
+    return (match[1], match[2]) if match else None
+
+
+def is_grouped(cell: str) -> bool:
+    """True for a number whose thousands are parted, or may be: 1,234.5 and 1.234."""
+    return any(pattern.fullmatch(cell) for pattern in _GROUPED.values())

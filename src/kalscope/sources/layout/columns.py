@@ -3,46 +3,23 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from kalscope.sources.grammar.cells import MISSING, is_number
-from kalscope.sources.grammar.timestamps import (
-    TimeColumn,
-)
+from kalscope.sources.grammar.cells import MISSING, NumberForm
+from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.layout.rows.kinds import ColumnType
+from kalscope.sources.layout.units import is_unit, is_unit_suffix
 
-Role = Literal["channel", "time", "text", "row name", "row number", "empty"]
-Cells = tuple[str, ...]
+Role = Literal["channel", "time", "text", "row name", "row number", "metadata", "empty"]
+"""What becomes of a column; "metadata" stands beside the data in the first rows only."""
 
-STAMP_SHAPE = re.compile(
-    r"[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}(?:[T ]+[0-9]{1,2}[:.][0-9]{2}.*)?"
-    r"|[0-9]{1,2}[:.][0-9]{2}[:.][0-9]{2}(?:[.,][0-9]+)?|[0-9]{1,2}:[0-9]{2}"
-)
 _BRACKETED = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
+_INDEX = re.compile(r"\s*(?:[0-9]+|[xyzijk])\s*", re.IGNORECASE)
 _SUFFIXED = re.compile(r"(.+?)[_ ]([A-Za-zµμ%]+)")
 
-
-def words(text: str) -> frozenset[str]:
-    """The words of a text."""
-    return frozenset(text.split())
-
-
-_UNITS = words(
-    """
-    s sec second seconds ms us µs μs ns min h d yr year years v mv uv µv a ma ua µa g mg m mm cm km
-    um µm m/s m/s2 m/s^2 m/s² m/s/s km/h mps ft in gal deg ° rad deg/s °/s dps rad/s rpm degc °c c
-    celsius f degf °f k fahrenheit kelvin % %rh rh pa hpa kpa mpa mbar bar psi hz khz mhz lux lx ppm
-    ppb count counts lsb adc raw w kw w/m2 w/m^2 w/m² n nm kg db dbm ohm kohm ω kω t ut µt gauss l
-    ml l/min bpm
-    """
-)
-# Suffixes of a channel's name that can hardly be anything else; one letter (a_g, a_x) could be.
-_SUFFIX_UNITS = words(
-    """
-    mm cm km mv ma mg ms us degc degf hpa kpa mbar hz lux ppm ppb rpm dps kg
-    """
-)
 
 HOST_AND_DEVICE = ("host time", "device time")
 """The first two columns of our own recordings of a live source: two clocks of one row, neither is a channel."""
@@ -50,9 +27,8 @@ HOST_AND_DEVICE = ("host time", "device time")
 ROW_NUMBER_NAME = "sample"
 """Header of the first column of our own CSV where a recording has no time: it counts the rows."""
 
-_ROW_NUMBER_NAMES = frozenset(
-    ("", "#", "count", "counter", "id", "idx", "index", "no", "no.", "nr", "row", "samples")
-)
+COUNTING_NAMES = frozenset(("", "#", "count", "counter", "id", "idx", "index", "no", "no.", "nr", "row", "samples"))
+"""Names, in lower case, of columns that may number the rows."""
 _MIN_COUNTED = 8
 
 
@@ -66,53 +42,45 @@ class Column:
     """Unit as the source says it; "" where it says none."""
     role: Role = "channel"
     """What becomes of it; only channels and the time are read."""
+    form: NumberForm | None = None
+    """How its numbers are written, where not as in the rest of the table."""
+    words: frozenset[str] = frozenset()
+    """Texts, in lower case, that say "no sample" in this column, besides those that say it everywhere."""
 
 
 def named_column(text: str) -> Column:
     """`accel (m/s^2)` is accel in m/s^2; `Distance_cm` keeps its name, in cm; `CO(GT)` is a name."""
     text = "".join(c for c in text if c.isprintable()).strip()[:100]
     match = _BRACKETED.fullmatch(text)
-    if match and match[1] and (match[2] is not None or _is_unit(match[3])):
-        return Column(match[1], match[2] if match[2] is not None else match[3])
+    if match and match[1]:
+        unit = match[2] if match[2] is not None else match[3]
+        # Square brackets hold a unit, unless they count or name an axis: `axisP[1]`, `acc[x]`.
+        if is_unit(unit) or (match[2] is not None and not _INDEX.fullmatch(unit)):
+            return Column(match[1], unit)
     match = _SUFFIXED.fullmatch(text)
-    if match and match[2].lower() in _SUFFIX_UNITS:
+    if match and is_unit_suffix(match[2]):
         return Column(text, match[2])
     return Column(text)
 
 
-def _is_unit(text: str) -> bool:
-    return text.strip().lower() in _UNITS or re.search(r"[/^°²³%µ]", text) is not None
-
-
-def are_units(cells: Cells) -> bool:
-    """True for a row of units: each cell empty, "-", in brackets or known."""
-    return all(not cell or cell != bare_unit(cell) or _is_unit(cell) or cell == "-" for cell in cells)
-
-
-def bare_unit(unit: str) -> str:
-    """The unit without its brackets; "" for "-"."""
-    unit = unit[1:-1] if unit[:1] + unit[-1:] in ("[]", "()") and len(unit) > 1 else unit
-    return "" if unit == "-" else unit.strip()
-
-
-def role_of(column: Column, rows: list[Cells], index: int, decimal: str) -> Role:
-    """Role of column `index` by its cells: a channel where one is a number, text where none is."""
+def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, width: int) -> Role:
+    """Role of column `index` by its cells in the head: a channel where one is a number, text where none is."""
     if column.role != "channel":
         return column.role
-    cells = [row[index] for row in rows if row[index].lower() not in MISSING]
-    if not cells:
+    if kind.kind == "empty":
         # A spreadsheet's trailing ";;": no name, nothing in it.
-        return "empty" if not column.name and len(rows[0]) > 1 else "channel"
-    if index == 0 and len(rows[0]) > 1 and _is_row_number(column.name, cells):
+        return "empty" if not column.name and width > 1 and not any(cells) else "channel"
+    said = [cell for cell in cells if cell.lower() not in MISSING]
+    if index == 0 and width > 1 and said and _is_row_number(column.name, said):
         return "row number"
-    return "channel" if any(is_number(cell, decimal) for cell in cells) else "text"
+    return "channel" if kind.numbers else "text"
 
 
 def _is_row_number(name: str, cells: list[str]) -> bool:
     """True for Kalscope's own column of row numbers, and for another column named so that counts without a gap."""
     if name == ROW_NUMBER_NAME:
         return _counts(cells)
-    if name.lower() not in _ROW_NUMBER_NAMES or len(cells) < _MIN_COUNTED or not _counts(cells):
+    if name.lower() not in COUNTING_NAMES or len(cells) < _MIN_COUNTED or not _counts(cells):
         return False
     return int(cells[-1]) - int(cells[0]) == len(cells) - 1
 

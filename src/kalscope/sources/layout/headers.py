@@ -5,14 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
-from kalscope.sources.grammar.cells import MISSING, is_comment, is_number, parse_number, split_fields
-from kalscope.sources.grammar.line_format import LineFormat
-from kalscope.sources.layout.columns import Cells, Column, are_units, bare_unit, named_column
-from kalscope.sources.layout.tables import HeadLine, HeadTable, are_names
+from kalscope.sources.grammar.cells import is_comment, is_number, parse_number, split_fields
+from kalscope.sources.layout.columns import COUNTING_NAMES, Column, named_column
+from kalscope.sources.layout.plan import Plan
+from kalscope.sources.layout.rows.body import Body
+from kalscope.sources.layout.rows.kinds import CellKinds, Cells
+from kalscope.sources.layout.rows.tables import HeadTable
+from kalscope.sources.layout.units import are_units, bare_unit, words
 
 _COMMENT_NAME_LENGTH = 40
-_MARKS = {"\t": "tabs", " ": "blanks"}
+_MIN_CODE_ROWS = 20
+
+_PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med first last")
+
+Row = tuple[int, Cells]
 
 
 @dataclass(frozen=True)
@@ -21,7 +29,7 @@ class Header:
 
     columns: tuple[Column, ...]
     """One per field of a data line, with name and unit where the file says them."""
-    rows: tuple[tuple[int, Cells], ...]
+    rows: tuple[Row, ...]
     """(line number, cells) of header and units rows, nearest to the data first."""
     first: int
     """Line number of the first data line."""
@@ -29,83 +37,153 @@ class Header:
     """What was decided, each a sentence."""
 
 
-def read_header(head: Sequence[str], lines: list[HeadLine], table: HeadTable, wanted: bool | None) -> Header:
-    """Find the names of a table's columns; `wanted` is `ReadOptions.header`."""
-    form, width = table.form, table.width
-    first = _first_row(lines, table)
-    if wanted is False:
-        return Header(_unnamed(width), (), first, (table_note(form), "no header line, as requested"))
-    above = [line for line in lines if line.number < first]
-    rows = [(line.number, tuple(split_fields(line.text, form.delimiter))) for line in reversed(above[-2:])]
-    fits = [are_names(cells, table.rows[0][1], form.decimal) and _names_fit(cells, width) for _, cells in rows]
-    if fits == [True, True] and len(rows[0][1]) == width and are_units(rows[0][1]):
-        return _with_units(rows, table, first)
-    if fits and fits[0]:
-        return _named(rows[0], table, first)
-    if wanted is None:
-        commented = _commented_header(head, table, first)
-        if commented is not None:
-            said = (table_note(form), f"names from comment line {commented[0]}")
-            return Header(_columns(commented[1], width), (commented,), first, said)
-    if (wanted or _is_code_row(table)) and len(table.rows) > 1:
-        after = table.rows[1][0]
-        said = f"names from line {table.rows[0][0]}" + ("" if wanted else ", codes unlike all numbers below")
-        return Header(_columns(table.rows[0][1], width), (table.rows[0],), after, (table_note(form), said))
-    return Header(_unnamed(width), (), first, (table_note(form), "no header line"))
+@dataclass(frozen=True)
+class _Rows:
+    """Which lines hold the names and the units."""
+
+    names: Row | None = None
+    units: Row | None = None
+    others: tuple[Row, ...] = ()
+    first: int = 0
+    said: str = "no header line"
 
 
-def table_note(form: LineFormat) -> str:
-    """The sentence about delimiter and decimal mark."""
-    mark = _MARKS.get(form.delimiter, f'"{form.delimiter}"')
-    return f'columns are separated by {mark}, the decimal mark is "{form.decimal}"'
-
-
-def _first_row(lines: list[HeadLine], table: HeadTable) -> int:
-    """Number of the first data line: lines of missing values right above the first numbers belong to it."""
-    first = table.rows[0][0]
-    for line in reversed([line for line in lines if line.number < first]):
-        cells = [cell.lower() for cell in split_fields(line.text, table.form.delimiter)]
-        if len(cells) != table.width or not all(cell in MISSING for cell in cells) or not any(cells):
-            break
-        first = line.number
-    return first
-
-
-def _with_units(rows: list[tuple[int, Cells]], table: HeadTable, first: int) -> Header:
-    columns = _columns(rows[1][1], table.width)
-    said = tuple(
-        replace(column, unit=bare_unit(unit)) if unit else column
-        for column, unit in zip(columns, rows[0][1], strict=True)
+def read_header(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds) -> Header:
+    """Find the names and units of a table's columns."""
+    found = _chosen(head, table, body, plan) or _find(head, table, body, plan, kinds)
+    notes = [found.said]
+    columns = tuple(Column("") for _ in range(table.width))
+    if found.names is not None:
+        columns, more = _named(found.names, table, body)
+        notes += more
+    if plan.preface.names:
+        columns, notes = _by_preface(plan.preface.names, table.width), [f"names by {plan.preface.instrument}"]
+    units = plan.preface.units or (found.units[1] if found.units is not None else ())
+    columns = tuple(
+        replace(column, unit=bare_unit(units[i])) if i < len(units) and units[i] else column
+        for i, column in enumerate(columns)
     )
-    note = f"names from line {rows[1][0]}, units from line {rows[0][0]}"
-    return Header(said, (rows[0], rows[1]), first, (table_note(table.form), note))
+    rows = tuple(row for row in (found.units, *found.others, found.names) if row is not None)
+    return Header(columns, tuple(sorted(rows, reverse=True)), found.first or body.first, tuple(notes))
 
 
-def _named(row: tuple[int, Cells], table: HeadTable, first: int) -> Header:
-    number, cells = row
-    notes = [table_note(table.form), f"names from line {number}"]
-    if len(cells) != table.width:
-        notes.append(f"line {number} holds {len(cells)} names for {table.width} columns")
-    return Header(_columns(cells, table.width), (row,), first, tuple(notes))
+def _chosen(head: Sequence[str], table: HeadTable, body: Body, plan: Plan) -> _Rows | None:
+    """The rows that the user or the instrument's rules name; None where they leave it open."""
+    if plan.header_row is None:
+        return None
+
+    def row(number: int | None) -> Row | None:
+        if not number or number > len(head):
+            return None
+        text = head[number - 1]
+        text = text.strip(" \t").lstrip("#%/").strip() if is_comment(text) else text
+        return number, tuple(split_fields(text, table.form.delimiter))
+
+    names, units = row(plan.header_row), row(plan.unit_row)
+    if names is None:
+        return _Rows(None, units, said="no header line, as requested")
+    if plan.unit_row is None:
+        below = [above for above in reversed(body.above) if above[0] > names[0]]
+        units = next((above for above in below if are_units(above[1])), None)
+    said = f"names from line {names[0]}" + (f", units from line {units[0]}" if units else "")
+    return _Rows(names, units, said=said)
 
 
-def _names_fit(names: Cells, width: int) -> bool:
-    """R writes one name too few (the row names have none); some loggers write more names than values."""
-    if width == 1:
-        return len(names) == 1 and len(names[0]) <= 40  # a longer single cell is a sentence
-    return len(names) == width or (width > 2 and width - 1 <= len(names) <= 2 * width)
+def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds) -> _Rows:
+    """The rows of names and units as the lines themselves show them."""
+    above = body.above
+    if above:
+        return _among(above, plan, head, table)
+    if not plan.options.header:
+        commented = _commented_header(head, table, body, kinds)
+        if commented is not None:
+            return _Rows(commented, said=f"names from comment line {commented[0]}")
+    if (plan.options.header or _is_code_row(table, body)) and len(body.rows) > 1:
+        said = f"names from line {body.rows[0][0]}"
+        said += "" if plan.options.header else ", codes unlike all numbers below"
+        return _Rows(body.rows[0], first=body.rows[1][0], said=said)
+    return _Rows()
 
 
-def _commented_header(head: Sequence[str], table: HeadTable, first: int) -> tuple[int, Cells] | None:
+def _among(above: tuple[Row, ...], plan: Plan, head: Sequence[str], table: HeadTable) -> _Rows:
+    """The names and the units among lines of text above the data, nearest first: units stand below the names."""
+    rows = list(above)
+    units = next((i for i, (_, cells) in enumerate(rows[:-1]) if are_units(cells)), None)
+    start = 0 if units is None else units + 1
+    names = next((i for i in range(start, len(rows)) if _is_telling(rows[i][1])), start)
+    found = None if units is None else rows[units]
+    if plan.unit_row is not None:
+        number = plan.unit_row
+        found = (number, tuple(split_fields(head[number - 1], table.form.delimiter))) if number else None
+    said = f"names from line {rows[names][0]}" + (f", units from line {found[0]}" if found else "")
+    others = tuple(row for i, row in enumerate(rows[:names]) if i != units)
+    return _Rows(rows[names], found, others, said=said)
+
+
+def _is_telling(cells: Cells) -> bool:
+    """True for a row of names: `Avg,Avg,Smp` and `RAW,CAL,CAL` only say what was done to each column."""
+    said = [cell.lower() for cell in cells if cell]
+    return 2 * len(set(said)) >= len(said) and not all(cell in _PROCESSING for cell in said)
+
+
+def _named(row: Row, table: HeadTable, body: Body) -> tuple[tuple[Column, ...], list[str]]:
+    """The columns by their names; rows may be wider by row names, a trailing separator or unnamed columns."""
+    (number, cells), width = row, table.width
+    trailing = 0
+    while len(cells) + trailing < width and body.types[width - 1 - trailing].kind == "empty":
+        trailing += 1
+    if len(cells) + trailing >= width:
+        notes: list[str] = []
+        if trailing:
+            notes.append("each row ends in a separator that the line of names has not")
+        elif any(cells[width:]):
+            notes.append(f"line {number} holds {len(cells)} names for {width} columns")
+        return tuple(named_column(name) for name in (*cells, *[""] * trailing)[:width]), notes
+    notes = [f"line {number} holds {len(cells)} names for {width - trailing} columns"]
+    if len(cells) == width - 1 and _are_row_names(cells[0], body):
+        return (Column("", role="row name"), *map(named_column, cells)), notes
+    more = width - trailing - len(cells)
+    names = (*cells, *[cells[-1] if more > 1 else ""] * more, *[""] * trailing)
+    return tuple(map(named_column, names)), notes
+
+
+def _are_row_names(first: str, body: Body) -> bool:
+    """True where the first column holds texts or counts the rows, as R writes them without a name of their own."""
+    if first.lower() in COUNTING_NAMES:
+        return False
+    cells = [cells[0] for _, cells in body.rows]
+    if body.types[0].kind == "text":
+        return True
+    if not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
+        return False
+    return all(int(b) == int(a) + 1 for a, b in pairwise(cells))
+
+
+def _by_preface(names: Cells, width: int) -> tuple[Column, ...]:
+    return tuple(named_column(name) for name in (*names, *[""] * width)[:width])
+
+
+def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: CellKinds) -> Row | None:
     """The last comment above the data where it is a list of names, as `# time ax ay` of numpy.savetxt."""
-    for number in range(first - 1, 0, -1):
+    below = body.rows[0][1]
+    for number in range(body.first - 1, 0, -1):
         text = head[number - 1]
         if is_comment(text):
             names = tuple(split_fields(text.strip(" \t").lstrip("#%/").strip(), table.form.delimiter))
             listed = len(names) == table.width > 1 and all(map(_is_name, names))
-            named = listed and are_names(names, table.rows[0][1], table.form.decimal)
-            return (number, names) if named else None
+            return (number, names) if listed and _are_names(names, below, kinds) else None
     return None
+
+
+def _are_names(names: Cells, below: Cells, kinds: CellKinds) -> bool:
+    """True where no cell is a number, a stamp or a missing value; one "Na" beside a name of a number is sodium."""
+    others = [name for name in names if name.lower() != "na"]
+    if any(kinds[name] in ("number", "stamp", "missing") for name in others):
+        return False
+    named = any(
+        name.lower() != "na" and kinds[under] == "number" for name, under in zip(names, below, strict=False)
+    )
+    return len(others) == len(names) or (named and len(others) == len(names) - 1)
 
 
 def _is_name(text: str) -> bool:
@@ -114,15 +192,15 @@ def _is_name(text: str) -> bool:
     return 0 < len(bare) <= _COMMENT_NAME_LENGTH and not any(c in bare for c in " \t,;|")
 
 
-def _is_code_row(table: HeadTable) -> bool:
+def _is_code_row(table: HeadTable, body: Body) -> bool:
     """True where the first row can only be codes: `94255 2018 1000 0 2010 …` above fractions of another size.
 
     The first sample must never be eaten. Three columns at least must hold a whole number five times larger
     than anything below, one of them above nothing but fractions.
     """
     decimal = table.form.decimal
-    codes, rows = table.rows[0][1], [cells for _, cells in table.rows[1:]]
-    if len(rows) < 20 or not all(is_number(cell) and cell.isdecimal() for cell in codes):
+    codes, rows = body.rows[0][1], [cells for _, cells in body.rows[1:]]
+    if len(rows) < _MIN_CODE_ROWS or not all(is_number(cell) and cell.isdecimal() for cell in codes):
         return False
     unlike, above_fractions = 0, False
     for i, code in enumerate(codes):
@@ -132,13 +210,3 @@ def _is_code_row(table: HeadTable) -> bool:
             unlike += 1
             above_fractions |= all(decimal in row[i] for row in rows)
     return unlike >= 3 and above_fractions
-
-
-def _unnamed(width: int) -> tuple[Column, ...]:
-    return tuple(Column("") for _ in range(width))
-
-
-def _columns(names: Cells, width: int) -> tuple[Column, ...]:
-    if len(names) == width - 1:
-        return (Column("", role="row name"), *(named_column(name) for name in names))
-    return tuple(named_column(name) for name in names[:width])

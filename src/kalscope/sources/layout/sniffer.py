@@ -11,13 +11,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from kalscope.sources.grammar.cells import is_comment
+from kalscope.sources.grammar.cells import NumberForm, is_comment
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.layout.columns import Cells, Column, named_column, role_of, settle_roles
+from kalscope.sources.layout.columns import Column, named_column, role_of, settle_roles
+from kalscope.sources.layout.explain import explain
 from kalscope.sources.layout.headers import Header, read_header
-from kalscope.sources.layout.tables import HeadLine, HeadTable, best_table, candidate_lines
+from kalscope.sources.layout.plan import Plan, make_plan
+from kalscope.sources.layout.rows.body import Body, find_body
+from kalscope.sources.layout.rows.kinds import CellKinds, Cells, number_form
+from kalscope.sources.layout.rows.tables import HeadLine, HeadTable, candidate_lines, candidate_tables
+from kalscope.sources.layout.rows.weigh import weigh
 from kalscope.sources.layout.time.time_column import chosen_time, find_time
 
 MAX_COLUMNS = 256
@@ -44,6 +49,12 @@ class Layout:
     """Their cells, by which a repeated header is known again."""
     notes: tuple[str, ...]
     """What was decided, each a sentence."""
+    narrow: frozenset[int] = frozenset()
+    """Widths of rows that lack their last fields, where several such rows follow each other."""
+    period: float | None = None
+    """Sample period in s that the file itself says; None where it says none."""
+    start: float | None = None
+    """Time of the first sample in s since 1970 that the file itself says; None where it says none."""
 
     @property
     def channels(self) -> list[int]:
@@ -51,55 +62,77 @@ class Layout:
         return [i for i, column in enumerate(self.columns) if column.role == "channel"]
 
 
-def sniff(head: Sequence[str], options: ReadOptions = DEFAULTS) -> Layout | None:
+def sniff(
+    head: Sequence[str], options: ReadOptions = DEFAULTS, samples: Sequence[Sequence[str]] = ()
+) -> Layout | None:
     """Find how a log is written.
 
     Args:
         head: The first lines of the file (64 KiB are plenty), without their newlines.
         options: What is decided already.
+        samples: Runs of whole lines from the middle and the end of the file, where there are any.
 
     Returns:
         None where fewer than MIN_SHARE of the lines look like data.
 
     Raises:
-        BadSetting: there is no such time column.
+        BadSetting: there is no such time column, or no such row.
     """
-    lines, marks = candidate_lines(list(head))
-    table = best_table(lines, options)
+    plan = make_plan(head, options)
+    lines, marks = candidate_lines(head, samples)
+    table, second = weigh(lines, candidate_tables(lines, plan))
     if table is None or table.width > MAX_COLUMNS:
         return None
-    if table.form.kind == "table":
-        header = read_header(head, lines, table, options.header)
-    else:
-        header = _labelled_header(table, lines)
-    said = dict(filter(None, map(_unit_comment, head)))
-    rows = [(number, cells) for number, cells in table.rows if number >= header.first]
-    columns = [replace(column, unit=said.get(column.name, column.unit)) for column in header.columns]
-    cells = [cells for _, cells in rows]
-    columns = [
-        replace(column, role=role_of(column, cells, i, table.form.decimal)) for i, column in enumerate(columns)
-    ]
-    if not header.rows and table.form.kind == "table":
+    kinds = CellKinds(table.form.decimal, options.missing_texts)
+    body = find_body(lines, table, plan, len(head), kinds)
+    is_table = table.form.kind == "table"
+    header = read_header(head, table, body, plan, kinds) if is_table else _labelled_header(table, lines)
+    body = body.starting_at(header.first)
+    columns = _described(head, header, body, kinds, plan)
+    if not header.rows and is_table:
         columns = _in_their_places(columns)
-    notes = list(header.notes)
-    if marks.checksum:
-        notes.append("each line ends with a checksum, which is checked")
+    cells = [row for _, row in (*body.rows, *body.samples)]
     if marks.stamped:
         stamps = {line.number: line.stamp for line in lines}
-        cells = [(stamps[number], *row) for number, row in rows]
+        cells = [(stamps[number], *row) for number, row in (*body.rows, *body.samples)]
         columns.insert(0, Column("time"))
-        notes.append("the Arduino IDE's stamp before each line is the time")
-    time = _find_time(columns, cells, table, header, options)
-    columns, time, more = settle_roles(columns, time)
+    time = _find_time(columns, cells, table, header, plan)
+    columns, time, about_columns = settle_roles(columns, time)
+    form = replace(table.form, stamped=marks.stamped, checksum=marks.checksum)
+    notes = (*explain(form, plan, body, columns, second), *header.notes, *about_columns, *plan.preface.notes)
     return Layout(
-        form=replace(table.form, stamped=marks.stamped, checksum=marks.checksum),
+        form=form,
         columns=tuple(columns),
         time=time,
         first_data=header.first,
         headers=frozenset(number for number, _ in header.rows),
         header_rows=tuple(cells for _, cells in header.rows),
-        notes=(*notes, *more),
+        notes=notes,
+        narrow=table.narrow,
+        period=plan.preface.period,
+        start=plan.preface.start,
     )
+
+
+def _described(head: Sequence[str], header: Header, body: Body, kinds: CellKinds, plan: Plan) -> list[Column]:
+    """The columns with their units, roles and forms of numbers."""
+    said = dict(filter(None, map(_unit_comment, head)))
+    columns: list[Column] = []
+    for i, column in enumerate(header.columns):
+        cells, kind = body.column(i), body.types[i]
+        here = cells[: len(body.rows)]
+        role = "metadata" if i in body.beside else role_of(column, here, i, kind, len(body.types))
+        form, _ = number_form(cells, kinds, plan.options.decimal) if role == "channel" else (None, False)
+        columns.append(
+            replace(
+                column,
+                role=role,
+                unit=said.get(column.name, column.unit) or (form.suffix if form else ""),
+                form=form if form != NumberForm(kinds.decimal) else None,
+                words=kind.words,
+            )
+        )
+    return columns
 
 
 def _unit_comment(line: str) -> tuple[str, str] | None:
@@ -114,13 +147,23 @@ def _unit_comment(line: str) -> tuple[str, str] | None:
 
 
 def _find_time(
-    columns: list[Column], rows: list[Cells], table: HeadTable, header: Header, options: ReadOptions
+    columns: list[Column], rows: list[Cells], table: HeadTable, header: Header, plan: Plan
 ) -> TimeColumn | None:
-    if options.time_column is not None:
+    choice = plan.options.time_column
+    if choice is None and plan.preface.time_column is not None:
+        choice = plan.preface.time_column if plan.preface.time_column >= 0 else "none"
+    if choice is not None:
         labels = header.rows[-1][1] if header.rows else ()
-        return chosen_time(columns, rows, table.form.decimal, options.time_column, labels, options)
-    named = bool(header.rows) or table.form.kind != "table"
-    return find_time(columns, rows, table.form.decimal, named=named, options=options)
+        time = chosen_time(columns, rows, table.form.decimal, choice, labels, plan.options)
+    else:
+        named = any(column.name for column in columns) or table.form.kind != "table"
+        # A field that was added later is no time of the rows before.
+        least = min(table.narrow, default=len(columns))
+        rows = [row[:least] for row in rows]
+        time = find_time(columns[:least], rows, table.form.decimal, named=named, options=plan.options)
+    if time is not None and time.kind == "number" and plan.preface.time_unit:
+        time = replace(time, unit=plan.preface.time_unit)
+    return time
 
 
 def _in_their_places(columns: list[Column]) -> list[Column]:

@@ -12,7 +12,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 from kalscope.recording import LineIssue
-from kalscope.sources.grammar.cells import is_blank, is_comment, parse_number, split_fields
+from kalscope.sources.grammar.cells import (
+    MISSING_WORDS,
+    NumberForm,
+    is_blank,
+    is_comment,
+    parse_number,
+    split_fields,
+)
 from kalscope.sources.grammar.line_format import find_labels, split_checksum, split_stamp, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import row_stamp_parser
@@ -46,6 +53,8 @@ class LineEvent:
     line, except where one line of Teleplot brings several samples."""
     issues: tuple[LineIssue, ...] = ()
     """Why it was rejected, or which of its cells are missing samples."""
+    missing: tuple[str, ...] = ()
+    """Words in its cells that say "no sample", such as M or unavailable, beside the ordinary ones."""
 
 
 class _Fault(Exception):
@@ -60,13 +69,17 @@ class LineReader:
         self._form = layout.form
         self._width = len(layout.columns)
         self._channels = layout.channels
-        self._missing = options.missing_texts
+        plain = NumberForm(layout.form.decimal)
+        self._parsers = {i: (layout.columns[i].form or plain).parse for i in self._channels}
+        self._silent = options.missing_texts
+        self._words = {i: MISSING_WORDS | layout.columns[i].words for i in self._channels}
         self._numbers = frozenset(options.missing_numbers)
         # A spreadsheet's trailing empty column may be left out.
         self._least = self._width
         while self._least > 1 and layout.columns[self._least - 1].role == "empty":
             self._least -= 1
         self._stamp = row_stamp_parser(layout.time, self._form.decimal) if layout.time else None
+        self._before = -1  # fields of the row before; -1 at the first row
         self._labels = frozenset(self._form.labels)
         names = "|".join(map(re.escape, self._form.labels))
         self._known_label = re.compile(rf"(?:^|[\s,;>])(?:{names})\s*[:=]")
@@ -78,13 +91,14 @@ class LineReader:
         if kind is not None:
             return LineEvent(number, kind, text[:MAX_TEXT_LENGTH])
         issues: list[LineIssue] = []
+        missing: list[str] = []
         try:
-            rows = self._rows(number, text, issues)
+            rows = self._rows(number, text, issues, missing)
         except _Fault as fault:
             return rejected(number, text, str(fault))
         if rows is None:
             return LineEvent(number, "text", text[:MAX_TEXT_LENGTH])
-        return LineEvent(number, "row", text[:MAX_TEXT_LENGTH], rows, tuple(issues))
+        return LineEvent(number, "row", text[:MAX_TEXT_LENGTH], rows, tuple(issues), tuple(missing))
 
     def _kind_without_data(self, text: str) -> Kind | None:
         if is_blank(text, self._form.delimiter if self._form.kind == "table" else ""):
@@ -96,7 +110,9 @@ class LineReader:
             return "header"
         return None
 
-    def _rows(self, number: int, text: str, issues: list[LineIssue]) -> tuple[tuple[float, ...], ...] | None:
+    def _rows(
+        self, number: int, text: str, issues: list[LineIssue], missing: list[str]
+    ) -> tuple[tuple[float, ...], ...] | None:
         """The rows of a line; None for prose; _Fault for a wrong shape."""
         if _CONTROL.search(text):
             # Damaged on the wire or on the disk: nor can the other cells be trusted.
@@ -105,14 +121,14 @@ class LineReader:
         if self._form.stamped:
             stamped = split_stamp(text)
             if stamped is None:
-                raise _Fault("must begin with a stamp and ->, as the other lines do")
+                raise _Fault("must begin with a stamp, as the other lines do")
             head, text = [stamped[0]], stamped[1]
         text = self._checked(text)
         if self._form.kind == "teleplot":
-            return self._teleplot(number, text, issues)
+            return self._teleplot(number, text, issues, missing)
         cells = split_fields(text, self._form.delimiter) if self._form.kind == "table" else None
         cells = self._labelled(number, text, issues) if cells is None else cells
-        return None if cells is None else (self._row(number, head + cells, issues),)
+        return None if cells is None else (self._row(number, head + cells, issues, missing),)
 
     def _checked(self, text: str) -> str:
         """The line without its checksum, which must be right where there is one."""
@@ -145,7 +161,9 @@ class LineReader:
             issues.append(LineIssue(number, "must belong to a known label, it is left out", token, ""))
         return [values.get(label, "") for label in self._form.labels]
 
-    def _teleplot(self, number: int, text: str, issues: list[LineIssue]) -> tuple[tuple[float, ...], ...] | None:
+    def _teleplot(
+        self, number: int, text: str, issues: list[LineIssue], missing: list[str]
+    ) -> tuple[tuple[float, ...], ...] | None:
         if not text.lstrip().startswith(">"):
             return None  # on a serial line Teleplot leaves all else to the program's log
         plot = split_teleplot(text)
@@ -159,12 +177,11 @@ class LineReader:
             cells[at] = value
             if timed:
                 cells[0] = stamp
-            rows.append(self._row(number, cells, issues))
+            rows.append(self._row(number, cells, issues, missing))
         return tuple(rows)
 
-    def _row(self, number: int, cells: Sequence[str], issues: list[LineIssue]) -> tuple[float, ...]:
-        if not self._least <= len(cells) <= self._width:
-            raise _Fault(f"must have {self._width} fields (got {len(cells)})")
+    def _row(self, number: int, cells: list[str], issues: list[LineIssue], missing: list[str]) -> tuple[float, ...]:
+        cells = self._whole(cells)
         layout = self.layout
         values = [math.nan] * self._width
         if layout.time is not None and self._stamp is not None:
@@ -173,15 +190,34 @@ class LineReader:
                 raise _Fault("must have a readable time stamp")
             values[layout.time.index] = stamp
         for i in self._channels:
-            if cells[i].lower() in self._missing:
+            cell = cells[i].lower()
+            if cell in self._silent:
                 continue
-            value = parse_number(cells[i], self._form.decimal)
-            if value is None:
+            value = self._parsers[i](cells[i])
+            if value is not None:
+                if value not in self._numbers:
+                    values[i] = value
+            elif cell in self._words[i]:
+                missing.append(cells[i])
+            else:
                 name = layout.columns[i].name
                 issues.append(LineIssue(number, "must be a number", cells[i][:MAX_TEXT_LENGTH], name))
-            elif value not in self._numbers:
-                values[i] = value
         return tuple(values)
+
+    def _whole(self, cells: list[str]) -> list[str]:
+        """The cells of a row, one a column: without a separator at its end, with the last ones where it lacks them.
+
+        One row that is too narrow was torn. Where another of its width stood before it, or none at all, it is of a
+        time when the logger wrote fewer fields.
+        """
+        count, before, self._before = len(cells), self._before, len(cells)
+        if count == self._width + 1 and not cells[-1]:
+            return cells[:-1]
+        if count < self._least and count in self.layout.narrow and before in (-1, count):
+            return cells + [""] * (self._width - count)
+        if not self._least <= count <= self._width:
+            raise _Fault(f"must have {self._width} fields (got {count})")
+        return cells
 
     def read_last(self, number: int, line: str, before: Sequence[str]) -> LineEvent:
         """Take a last line that has no newline: torn, unless it shows that nothing of it was cut.
@@ -200,6 +236,14 @@ class LineReader:
         if event.kind == "row" and (split_checksum(line) or self._is_whole(line, before)):
             return event
         return rejected(number, line, "must end with a newline (torn: the file ends inside this line)")
+
+    def may_follow(self, fields: int) -> bool:
+        """Whether rows of so many fields are whole after the row that was read last."""
+        return fields >= self._least or (fields in self.layout.narrow and self._before in (-1, fields))
+
+    def skip(self, fields: int) -> None:
+        """Rows of so many fields were read elsewhere."""
+        self._before = fields
 
     def _is_whole(self, line: str, before: Sequence[str]) -> bool:
         mark = self._form.decimal

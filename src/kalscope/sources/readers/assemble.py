@@ -52,7 +52,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     values, taken = _values(reading.columns, channels, options)
     axis = _axis(reading, len(values), options, sample_period)
     timing, period = axis.timing, axis.timing.period
-    notes = [*layout.notes, *axis.notes, *taken, *([tally.ending] if tally.ending else [])]
+    notes = [*layout.notes, *axis.notes, *taken, *tally.notes]
     with np.errstate(invalid="ignore"):
         ends = np.fmin.reduce(values), np.fmax.reduce(values)
     notes += _about_columns(layout, ends, len(values), name)

@@ -23,6 +23,9 @@ from kalscope.sources.readers.text_file import open_text
 MAX_ISSUES = 100
 """Issues kept word for word; all are counted."""
 
+MAX_WORDS = 8
+"""Words that say "no sample" of which the report gives the count."""
+
 BLOCK_SIZE = 1 << 18
 """Characters read at once, between two progress reports."""
 
@@ -40,6 +43,8 @@ class Tally:
     """Cells of rows that are no number."""
     issues: list[LineIssue] = field(default_factory=list["LineIssue"])
     """The first MAX_ISSUES."""
+    missing: Counter[str] = field(default_factory=Counter[str])
+    """Cells of each word that says "no sample", beside the ordinary ones."""
     ending: str = ""
     """A sentence about a last line without newline; "" where it has one."""
 
@@ -48,7 +53,17 @@ class Tally:
         self.lines[event.kind] += 1
         if event.kind == "row":
             self.bad_cells += len(event.issues)
+            self.missing.update(event.missing)
         self.issues.extend(event.issues[: MAX_ISSUES - len(self.issues)])
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences about words that say "no sample" and about a last line without newline."""
+        said = [
+            f'"{word}" is a missing sample: {count} {"cell" if count == 1 else "cells"}'
+            for word, count in self.missing.most_common(MAX_WORDS)
+        ]
+        return [*said, *([self.ending] if self.ending else [])]
 
     def take_last(self, event: LineEvent) -> None:
         """Count a last line that has no newline, and note what became of it."""
@@ -113,9 +128,10 @@ class _TableReader:
         if self._parse is None:
             for i, line in enumerate(lines, number):
                 self._take_line(i, line)
-        elif (rows := self._parse(lines)) is not None:
+        elif (rows := self._parse(lines)) is not None and self._reader.may_follow(rows.fields):
             self.tally.lines["row"] += len(lines)
-            self._rows.out.frombytes(rows.data.cast("B"))
+            self._reader.skip(rows.fields)
+            self._rows.out.frombytes(rows.values.data.cast("B"))
         elif len(lines) == 1:
             self._take_line(number, lines[0])
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,9 +17,20 @@ from kalscope.sources.layout.sniffer import Layout
 _OPEN_COMMA = re.compile(",(?![0-9])")
 """A decimal comma needs a digit after it; float() takes "5." as a number."""
 
-BlockParser = Callable[[list[str]], "Array | None"]
-"""From whole lines, newline included, to their rows of numbers, shape (lines, columns); None where one of the lines
-is not plain. A block is taken exactly where each of its lines would be taken alone."""
+
+@dataclass(frozen=True)
+class PlainRows:
+    """The rows of a block of lines."""
+
+    values: Array
+    """Numbers, shape (lines, columns), NaN where missing."""
+    fields: int
+    """Fields that each line holds; fewer than columns where the last ones are empty or lacking."""
+
+
+BlockParser = Callable[[list[str]], PlainRows | None]
+"""From whole lines, newline included, to their rows; None where one of the lines is not plain. A block is taken
+exactly where each of its lines would be taken alone."""
 
 
 def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
@@ -33,14 +45,17 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
         or form.stamped
         or form.checksum
         or (time is not None and time.kind != "number")
-        or any(column.role == "text" for column in layout.columns)
+        or any(column.role == "text" or column.form is not None for column in layout.columns)
         or any(is_number(text, form.decimal) for text in options.missing_texts)
     ):
         return None
     delimiter = None if form.delimiter == " " else form.delimiter
+    kept = width
+    while kept > 1 and layout.columns[kept - 1].role == "empty":
+        kept -= 1
     plain = f"0123456789+-eEnaN \t\n{form.delimiter}{form.decimal}".encode()
 
-    def parse(lines: list[str]) -> Array | None:
+    def parse(lines: list[str]) -> PlainRows | None:
         text = "".join(lines)
         if not text.isascii() or text.encode().translate(None, plain) or text.isspace():
             return None
@@ -49,19 +64,36 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
                 return None
             text = text.replace(",", ".")
             lines = text.splitlines()
+        if kept < width:
+            shorter = _without_ending(text, form.delimiter * (width - kept), len(lines))
+            lines = lines if shorter is text else shorter.splitlines()
+            text = shorter
+            if text.isspace():
+                return None
         rows = _loaded(lines, delimiter)
         if rows is None and delimiter is not None:
             filled = _filled(text, delimiter)
             rows = None if filled is text else _loaded(filled.splitlines(), delimiter)
-        if rows is None or rows.shape != (len(lines), width) or np.isinf(rows).any():
+        if rows is None or len(rows) != len(lines) or np.isinf(rows).any():
             return None
+        fields = rows.shape[1]
+        if fields not in (width, kept) and fields not in layout.narrow:
+            return None
+        if fields < width:
+            rows = np.hstack((rows, np.full((len(rows), width - fields), np.nan)))
         if time is not None:
             is_doubtful = ~(np.abs(rows[:, time.index]) <= MAX_STAMP)  # NaN fails as well
         else:
             is_doubtful = np.isnan(rows).all(axis=1)  # a line of delimiters alone is blank
-        return None if is_doubtful.any() else rows
+        return None if is_doubtful.any() else PlainRows(rows, fields)
 
     return parse
+
+
+def _without_ending(text: str, ending: str, count: int) -> str:
+    """The lines without the separators at their ends; `text` itself where one of the `count` lines has others."""
+    bare = text.replace(" \n", "\n") if " \n" in text else text
+    return bare.replace(f"{ending}\n", "\n") if bare.count(f"{ending}\n") == count else text
 
 
 def _loaded(lines: list[str], delimiter: str | None) -> Array | None:

@@ -14,8 +14,8 @@ from importlib.metadata import PackageNotFoundError, version
 from kalscope.common.text import one_line, unused_name
 from kalscope.recording import LineIssue
 from kalscope.sources.layout.columns import Column, named_column
+from kalscope.sources.layout.rows.kinds import only_text
 from kalscope.sources.layout.sniffer import Layout
-from kalscope.sources.layout.tables import only_text
 
 MAGIC = "# kalscope recording "
 """What a recording begins with; the version follows."""

@@ -17,7 +17,8 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.stamp_forms import StampHints, find_stamp_form
 from kalscope.sources.grammar.stamps.clocks import ClockForm
 from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
-from kalscope.sources.layout.columns import Cells, Column
+from kalscope.sources.layout.columns import Column
+from kalscope.sources.layout.rows.kinds import Cells
 from kalscope.sources.layout.time.date_columns import clock_form, named_parts, unnamed_parts
 from kalscope.sources.layout.time.evidence import Evidence, judge
 from kalscope.sources.layout.time.names import TimeName, time_name

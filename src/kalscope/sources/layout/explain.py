@@ -1,0 +1,72 @@
+"""The sentences by which a layout explains itself, and by which it names another that could be meant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from kalscope.sources.grammar.line_format import LineFormat
+from kalscope.sources.layout.columns import Column
+from kalscope.sources.layout.plan import Plan
+from kalscope.sources.layout.rows.body import Body
+from kalscope.sources.layout.rows.tables import HeadTable
+
+_MARKS = {"\t": "tabs", " ": "blanks"}
+_WORDS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
+
+
+def explain(
+    form: LineFormat, plan: Plan, body: Body, columns: Sequence[Column], second: HeadTable | None
+) -> list[str]:
+    """How the lines are split, what stands beside the data, and which other way comes close."""
+    notes = [f"written by {plan.preface.instrument}"] if plan.preface.instrument else []
+    if form.kind == "table":
+        notes.append(table_note(form))
+    if form.checksum:
+        notes.append("each line ends with a checksum, which is checked")
+    if form.stamped:
+        notes.append("the stamp before each line is the time")
+    if body.beside:
+        notes.append(f"{_places(body.beside)} metadata beside the data")
+    notes += [_about_form(column, i, form) for i, column in enumerate(columns) if column.form is not None]
+    if second is not None:
+        notes.append(_could_be(form, second))
+    return notes
+
+
+def table_note(form: LineFormat) -> str:
+    """The sentence about delimiter and decimal mark."""
+    mark = _MARKS.get(form.delimiter, f'"{form.delimiter}"')
+    return f'columns are separated by {mark}, the decimal mark is "{form.decimal}"'
+
+
+def _could_be(form: LineFormat, second: HeadTable) -> str:
+    """The sentence about a close second: what it is, and the option that would take it."""
+    other = second.form
+    count = "1 column" if second.width == 1 else f"{second.width} columns"
+    chosen: list[str] = []
+    if other.delimiter != form.delimiter:
+        chosen.append(f"--delimiter {_WORDS[other.delimiter]}")
+    if other.decimal != form.decimal:
+        chosen.append(f"--decimal {'comma' if other.decimal == ',' else 'point'}")
+    return f"it could also be {count}: {' '.join(chosen)}"
+
+
+def _about_form(column: Column, index: int, form: LineFormat) -> str:
+    name, number = f'"{column.name}"' if column.name else f"column {index + 1}", column.form
+    assert number is not None
+    said: list[str] = []
+    if number.suffix:
+        said.append(f'each number is followed by its unit, "{number.suffix}"')
+    if number.decimal != form.decimal:
+        said.append(f'the decimal mark is "{number.decimal}"')
+    if number.thousands:
+        said.append(f'"{"." if number.decimal == "," else ","}" parts the thousands')
+    return f"{name}: {', '.join(said)}"
+
+
+def _places(indices: frozenset[int]) -> str:
+    """`column 3 holds`, `columns 1, 2 and 3 hold`."""
+    numbers = [str(i + 1) for i in sorted(indices)]
+    if len(numbers) == 1:
+        return f"column {numbers[0]} holds"
+    return f"columns {', '.join(numbers[:-1])} and {numbers[-1]} hold"

@@ -1,0 +1,202 @@
+"""Where the table starts, what its columns hold, and what stands above and beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from kalscope.sources.grammar.cells import split_fields
+from kalscope.sources.layout.plan import Plan
+from kalscope.sources.layout.rows.kinds import CellKinds, Cells, ColumnType, column_type
+from kalscope.sources.layout.rows.tables import HeadLine, HeadTable
+
+MAX_HEADER_LINES = 5
+"""Lines of names, units and what was done to each column that may stand above a table."""
+MIN_BESIDE_ROWS = 16
+"""Rows it takes to judge that."""
+MAX_BESIDE = 64
+"""Rows in which metadata may stand beside the data."""
+_MAX_NAME = 40
+"""A longer single cell above a column of numbers is a sentence."""
+
+Fit = Literal["row", "partial", "void", "text"]
+"""All cells of a line suit their columns; some do; all are missing; none does, which is how names look."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """The rows of a table, and the lines above it."""
+
+    rows: tuple[tuple[int, Cells], ...]
+    """(line number, cells) of the rows of the head that look like data."""
+    samples: tuple[tuple[int, Cells], ...]
+    """The same from further down the file; their numbers only tell them apart."""
+    first: int
+    """Line number of the first row."""
+    above: tuple[tuple[int, Cells], ...]
+    """(line number, cells) of lines of text right above the first row, nearest first."""
+    types: tuple[ColumnType, ...]
+    """What each column holds."""
+    beside: frozenset[int]
+    """Columns that are filled in the first rows only: metadata beside the data."""
+
+    def starting_at(self, first: int) -> Body:
+        """The same table without the rows above line `first`."""
+        rows = tuple(row for row in self.rows if row[0] >= first)
+        return replace(self, rows=rows or self.rows, first=first)
+
+    def column(self, index: int) -> list[str]:
+        """The cells of one column: of the head, then of the samples."""
+        return [cells[index] for _, cells in self.rows] + [cells[index] for _, cells in self.samples]
+
+
+def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, size: int, kinds: CellKinds) -> Body:
+    """The rows of a table among the lines of a file.
+
+    Args:
+        lines: The lines that may hold data.
+        table: How they are split.
+        plan: What is decided already.
+        size: Lines of the head; those with a larger number come from further down.
+        kinds: The kinds of cells by the table's decimal mark.
+    """
+    rows = [row for row in table.rows if row[0] >= plan.first_row] or list(table.rows)
+    beside = _beside(rows, table.width, kinds) | {i for i in plan.preface.left_out if i < table.width}
+    types = tuple(column_type([cells[i] for _, cells in rows], kinds) for i in range(table.width))
+    if table.form.kind != "table":
+        inside = tuple(row for row in rows if row[0] <= size)
+        samples = tuple(row for row in rows if row[0] > size)
+        return Body(inside or tuple(rows[:1]), samples, rows[0][0], (), types, beside)
+    grid = _Grid(lines, table, types, beside, kinds)
+    first = grid.first_row(plan.first_row)
+    rows = grid.rows_from(first)
+    inside = tuple(row for row in rows if row[0] <= size)
+    samples = tuple(row for row in rows if row[0] > size)
+    types = tuple(column_type([cells[i] for _, cells in rows], kinds) for i in range(table.width))
+    return Body(inside or table.rows[:1], samples, first, grid.above(first), types, beside)
+
+
+def _beside(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> frozenset[int]:
+    """Columns of labels and values that stand in some of the first rows only, and empty ones up to the data."""
+    last = [max((place for place, (_, cells) in enumerate(rows) if cells[i]), default=-1) for i in range(width)]
+    brief = [0 <= place < min(MAX_BESIDE, len(rows) / 2) for place in last]
+    if len(rows) < MIN_BESIDE_ROWS:
+        return frozenset()
+    beside: set[int] = set()
+    for i in range(width - 1):
+        if brief[i] and brief[i + 1] and any(kinds[cells[i]] == "text" for _, cells in rows):
+            beside |= {i, i + 1}
+    if not beside:
+        return frozenset()
+    end = max(beside) + 1
+    while end < width and last[end] < 0:
+        end += 1
+    return frozenset(beside | {i for i in range(end) if last[i] < 0}) if end < width else frozenset(beside)
+
+
+class _Grid:
+    """The lines of a file, each split and compared with the columns of the table."""
+
+    def __init__(
+        self,
+        lines: list[HeadLine],
+        table: HeadTable,
+        types: tuple[ColumnType, ...],
+        beside: frozenset[int],
+        kinds: CellKinds,
+    ) -> None:
+        self._kinds, self._types, self._beside = kinds, types, beside
+        self._table = table
+        self._least = _least_width(table, types)
+        self._lines = [(line.number, tuple(split_fields(line.text, table.form.delimiter))) for line in lines]
+        self._fits = [self._fit(cells) for _, cells in self._lines]
+
+    def _fit(self, cells: Cells) -> Fit | None:
+        """How a line suits the columns; None where it has too few or too many cells."""
+        width = len(cells)
+        if not (self._least <= width <= self._table.width or width in self._table.narrow):
+            return None
+        said = [
+            (self._types[i].judge(cell, self._kinds), cell) for i, cell in enumerate(cells) if i not in self._beside
+        ]
+        fitting = sum(judged == "fits" for judged, _ in said)
+        strange = sum(judged == "strange" for judged, _ in said)
+        if fitting:
+            return "partial" if strange else "row"
+        known = [cell for judged, cell in said if judged == "missing" and cell and self._kinds[cell] != "text"]
+        if not strange and known:
+            return "void"
+        # "-,-,ERR" is a row of missing samples, "t,M" are names.
+        return "void" if len(known) > strange else "text"
+
+    def first_row(self, least: int) -> int:
+        """Line number of the first row, from line `least` on.
+
+        A line of names below others that are no whole rows begins the table: above it are metadata.
+        """
+        places = [i for i, (number, _) in enumerate(self._lines) if number >= least]
+        best, gained, whole, other = 0, 0, 0, 0
+        for i in places:
+            if self._fits[i] == "text" and other - 2 * whole > gained and self._is_header(i):
+                best, gained = i + 1, other - 2 * whole
+            whole += self._fits[i] == "row"
+            other += self._fits[i] == "partial"
+        places = [i for i in places if i >= best]
+        data = [i for i in places if self._fits[i] in ("row", "partial")]
+        if not data:
+            return self._table.rows[0][0]
+        start = data[0]
+        if not best:
+            start = next((i for i in data if not self._is_label(i)), start)
+        while start - 1 in places and self._fits[start - 1] == "void":
+            start -= 1
+        return self._lines[start][0]
+
+    def _is_header(self, place: int) -> bool:
+        """True for a line of text with a row right below it."""
+        below = self._fits[place + 1 : place + 1 + MAX_HEADER_LINES]
+        return "row" in below and len(self._lines[place][1]) >= self._least
+
+    def _is_label(self, place: int) -> bool:
+        """True for `Sample rate,100` with no names above it: text where the rows below have a number."""
+        if self._fits[place] != "partial" or (place and self._fits[place - 1] == "text"):
+            return False
+        first = self._lines[place][1][0]
+        return self._types[0].judge(first, self._kinds) == "strange" and any(c.isalpha() for c in first)
+
+    def rows_from(self, first: int) -> list[tuple[int, Cells]]:
+        """(line number, cells) of the rows from line `first` on, each padded to the width of the table."""
+        width = self._table.width
+        return [
+            (number, cells + ("",) * (width - len(cells)))
+            for (number, cells), fit in zip(self._lines, self._fits, strict=True)
+            if number >= first and fit in ("row", "partial", "void")
+        ]
+
+    def above(self, first: int) -> tuple[tuple[int, Cells], ...]:
+        """(line number, cells) of the lines of text right above the first row that may name its columns."""
+        lines = [line for line in self._lines if line[0] < first]
+        found: list[tuple[int, Cells]] = []
+        for number, cells in reversed(lines[-MAX_HEADER_LINES:]):
+            if not self._may_name(cells):
+                break
+            found.append((number, cells))
+        return tuple(found)
+
+    def _may_name(self, cells: Cells) -> bool:
+        """True for text in about as many cells as a row has."""
+        width = self._table.width
+        if width == 1:
+            fits = len(cells) == 1 and len(cells[0]) <= _MAX_NAME
+        else:
+            fits = max(2, self._least // 2) <= len(cells) <= 2 * width
+        return fits and any(cells) and not any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
+
+
+def _least_width(table: HeadTable, types: tuple[ColumnType, ...]) -> int:
+    """The fewest cells of a whole row: those behind the last column that is ever filled may be left out."""
+    width = table.width
+    while width > 1 and types[width - 1].kind == "empty":
+        width -= 1
+    return width

@@ -1,0 +1,172 @@
+"""What each cell of the head looks like, and what a column of such cells holds. Pure functions on cells."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from kalscope.sources.grammar.cells import (
+    MISSING,
+    MISSING_WORDS,
+    NUMBER,
+    OTHER_MARK,
+    NumberForm,
+    is_grouped,
+    split_measure,
+)
+from kalscope.sources.layout.units import is_measure
+
+Cells = tuple[str, ...]
+CellKind = Literal["number", "other number", "measure", "missing", "word", "stamp", "text"]
+"""A plain number, one with the other decimal mark or thousands, one with its unit, an ordinary missing value, a
+word that loggers write for one, a stamp, anything else."""
+
+STAMP_SHAPE = re.compile(
+    r"[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}(?:[T ]+[0-9]{1,2}[:.][0-9]{2}.*)?"
+    r"|[0-9]{1,2}[:.][0-9]{2}[:.][0-9]{2}(?:[.,][0-9]+)?(?: ?[AaPp][Mm])?|[0-9]{1,2}:[0-9]{2}(?:[.,][0-9]{1,9})?"
+    r"|[0-9]{1,4}[-/. ](?:jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]{0,6}[-/. ,].*"
+    r"|(?:mon|tue|wed|thu|fri|sat|sun)[a-z]{0,6}[, ].*[0-9]{1,2}:[0-9]{2}.*"
+    r"|[0-9]{8}[T_ ][0-9]{4,6}(?:\.[0-9]{1,6})?",
+    re.IGNORECASE,
+)
+_MAX_STAMP_LENGTH = 48
+_MIN_REPEATED = 3
+"""How often the one word of an otherwise numeric column must come to say "no sample"."""
+
+
+def is_stamp(cell: str) -> bool:
+    """True where the cell is written like a date, a clock or both."""
+    return len(cell) <= _MAX_STAMP_LENGTH and STAMP_SHAPE.fullmatch(cell) is not None
+
+
+class CellKinds(dict[str, CellKind]):
+    """The kind of each cell; a cell that comes often is judged once."""
+
+    def __init__(self, decimal: str, words: Iterable[str] = ()) -> None:
+        """Args: the decimal mark of the table, and more texts, in lower case, that say "no sample"."""
+        super().__init__()
+        self.decimal = decimal
+        self._words = MISSING_WORDS.union(words)
+
+    def __missing__(self, cell: str) -> CellKind:
+        kind = self[cell] = self._judge(cell)
+        return kind
+
+    def _judge(self, cell: str) -> CellKind:
+        if cell.lower() in MISSING:
+            return "missing"
+        if NUMBER[self.decimal].fullmatch(cell):
+            return "number"
+        if cell.lower() in self._words:
+            return "word"
+        if is_stamp(cell):
+            return "stamp"
+        if NUMBER[OTHER_MARK[self.decimal]].fullmatch(cell) or is_grouped(cell):
+            return "other number"
+        measure = split_measure(cell)
+        return "measure" if measure is not None and is_measure(measure[1]) else "text"
+
+
+def only_text(cells: Sequence[str], decimal: str) -> bool:
+    """True where no cell is a number, a stamp or a missing value, and one is there at all."""
+    kinds = CellKinds(decimal)
+    return any(cells) and all(not cell or kinds[cell] not in ("number", "stamp", "missing") for cell in cells)
+
+
+def likeness(cells: Cells, kinds: CellKinds) -> float:
+    """Share of the cells that a data line may hold, 0…1; 0 where none is a number."""
+    found = [kinds[cell] for cell in cells]
+    numbers = float(found.count("number"))
+    if "text" not in found or not any(" " in cell for cell in cells):  # "outside 21 °C, wind 3 m/s" is prose
+        numbers += found.count("measure")
+    if len(cells) > 1:  # one `12,5` alone is two numbers, or one by the other mark
+        numbers += 0.5 * found.count("other number")
+    if not numbers:
+        return 0.0
+    others = found.count("missing") + found.count("word") + found.count("stamp")
+    return (numbers + others) / len(cells)
+
+
+@dataclass(frozen=True)
+class ColumnType:
+    """What most cells of a column hold."""
+
+    kind: Literal["number", "stamp", "text", "empty"]
+    """The majority among the cells that are not missing; "empty" where all are."""
+    share: float
+    """Share of the cells that are not missing and are of that kind."""
+    numbers: int = 0
+    """How many of its cells are numbers, of whatever form."""
+    measured: bool = False
+    """True where most of the numbers are followed by their unit."""
+    words: frozenset[str] = frozenset()
+    """The one text, in lower case, that an otherwise numeric column repeats: it says "no sample"."""
+
+    def suits(self, other: ColumnType) -> bool:
+        """True where both may be parts of one column."""
+        return "empty" in (self.kind, other.kind) or self.kind == other.kind
+
+    def judge(self, cell: str, kinds: CellKinds) -> Literal["fits", "missing", "strange"]:
+        """Whether a cell may stand in this column; text fits a column of text and says nothing."""
+        kind = kinds[cell]
+        if kind in ("missing", "word") or cell.lower() in self.words:
+            return "missing"
+        if self.kind in ("text", "empty"):
+            return "missing"
+        if kind == "measure" and not self.measured:
+            return "strange"  # `5V` above numbers is a name
+        is_number = kind in ("number", "other number", "measure")
+        return "fits" if is_number == (self.kind == "number") and kind != "text" else "strange"
+
+
+def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
+    """What a column holds, by its cells."""
+    counts = Counter(kinds[cell] for cell in cells)
+    numbers = counts["number"] + counts["other number"] + counts["measure"]
+    measured = counts["measure"] > numbers / 2
+    stamps, texts = counts["stamp"], counts["text"]
+    total = numbers + stamps + texts
+    if not total:
+        return ColumnType("empty", 1.0)
+    if numbers >= _MIN_REPEATED and texts >= _MIN_REPEATED and not stamps:
+        said = {cell.lower() for cell in cells if kinds[cell] == "text"}
+        if len(said) == 1:
+            return ColumnType("number", 1.0, numbers, measured, frozenset(said))
+    if numbers >= max(stamps, texts):
+        return ColumnType("number", numbers / total, numbers, measured)
+    if stamps >= texts:
+        return ColumnType("stamp", stamps / total, numbers)
+    return ColumnType("text", texts / total, numbers)
+
+
+def number_form(cells: Sequence[str], kinds: CellKinds, wanted: str | None = None) -> tuple[NumberForm, bool]:
+    """How the numbers of a column are written, and whether they could as well be written otherwise.
+
+    The decimal mark is that of the table where that fits as many cells as any other; `wanted`, the user's choice,
+    outranks it.
+    """
+    marks = Counter(kinds[cell] for cell in cells)
+    plain = NumberForm(wanted or kinds.decimal)
+    if not marks["other number"] and not marks["measure"] and plain.decimal == kinds.decimal:
+        return plain, False
+    suffix = _common_suffix([cell for cell in cells if kinds[cell] == "measure"])
+    bases = [wanted] if wanted else [kinds.decimal, OTHER_MARK[kinds.decimal]]
+    forms = [NumberForm(mark, grouped, suffix) for grouped in (False, True) for mark in bases]
+    numeric = [cell for cell in cells if kinds[cell] in ("number", "other number", "measure")]
+    counts = {form: sum(map(form.fits, numeric)) for form in forms}
+    best = max(forms, key=lambda form: counts[form])
+    if best.decimal != kinds.decimal and not best.thousands and not wanted:
+        # "1,234" above "2,345": thousands of English writers rather than decimals of the others.
+        grouped = NumberForm(kinds.decimal, thousands=True, suffix=suffix)
+        best = grouped if counts[grouped] == counts[best] else best
+    rivals = [form for form in forms if counts[form] == counts[best] and form.decimal != best.decimal]
+    return best, bool(rivals)
+
+
+def _common_suffix(measures: list[str]) -> str:
+    """The unit behind most of the numbers; "" where there is none."""
+    found = Counter(parts[1] for cell in measures if (parts := split_measure(cell)))
+    return found.most_common(1)[0][0] if found else ""

@@ -1,0 +1,80 @@
+"""Which of the ways to split a log is the best, and which other one comes close. Pure functions."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from kalscope.sources.grammar.cells import split_fields
+from kalscope.sources.layout.rows.kinds import CellKinds, only_text
+from kalscope.sources.layout.rows.tables import HeadLine, HeadTable
+
+MIN_SHARE = 0.15
+"""Of the lines of the head, the share that must look like data: boot text may outweigh a short log."""
+MIN_TEXT_SHARE = 0.04
+"""The same for tables of mostly text, whose rows all look alike."""
+CLOSE = 0.9
+"""A second way with as large a part of the best one's score could be meant as well."""
+_MIN_ALIKE = 8
+
+
+def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | None, HeadTable | None]:
+    """(best, close second) of the ways to split the lines; None where no way makes enough of them look like data.
+
+    The second is a way that gives other rows than the best, with nearly its score.
+    """
+    found = [table for table in tables if table.score >= MIN_SHARE or _all_alike(lines, table)]
+    ranked = sorted(found, key=lambda table: _rank(lines, table), reverse=True)
+    if not ranked:
+        return None, None
+    best = ranked[0]
+    close = (table for table in ranked[1:] if _score(lines, table) >= CLOSE * _score(lines, best))
+    return best, next((table for table in close if _differs(best, table)), None)
+
+
+def _all_alike(lines: list[HeadLine], table: HeadTable) -> bool:
+    """True for a wide table of mostly text: nearly all lines are rows whose cells are of one kind a column."""
+    if table.score < MIN_TEXT_SHARE or len(table.rows) < max(_MIN_ALIKE, len(lines) / 2) or table.width < 4:
+        return False
+    return _consistency(table) > 0.9
+
+
+def _consistency(table: HeadTable) -> float:
+    """Mean share of the commonest kind among the cells of a column that are not missing, 0…1."""
+    kinds = CellKinds(table.form.decimal)
+    shares: list[float] = []
+    for i in range(table.width):
+        found = Counter(kinds[cells[i]] for _, cells in table.rows)
+        said = sum(found.values()) - found["missing"] - found["word"]
+        commonest = max((found[kind] for kind in found if kind not in ("missing", "word")), default=0)
+        shares.append(commonest / said if said else 1.0)
+    return sum(shares) / len(shares)
+
+
+def _score(lines: list[HeadLine], table: HeadTable) -> float:
+    if table.form.decimal == "," and table.width == 1 and not _names_fit(lines, table):
+        # Any "12,5" is one number as well as two: the header must speak for the one.
+        return table.score / 2
+    return table.score
+
+
+def _rank(lines: list[HeadLine], table: HeadTable) -> tuple[float, bool, bool, bool]:
+    """Best score; of equals Teleplot, the one whose header has as many cells, the one with the decimal point."""
+    fits = _names_fit(lines, table)
+    return round(_score(lines, table), 6), table.form.kind == "teleplot", fits, table.form.decimal == "."
+
+
+def _names_fit(lines: list[HeadLine], table: HeadTable) -> bool:
+    """True where the line above the first row holds one name a column."""
+    above = [line for line in lines if line.number < table.rows[0][0]]
+    if not above or table.form.kind != "table":
+        return False
+    cells = split_fields(above[-1].text, table.form.delimiter)
+    whole = table.form.decimal != "," or not any("," in cell for cell in cells)
+    return whole and only_text(cells, table.form.decimal) and len(cells) == table.width
+
+
+def _differs(best: HeadTable, other: HeadTable) -> bool:
+    """True where another way gives other rows, not the same ones by another mark."""
+    if best.form.kind != "table" or other.form.kind != "table":
+        return False
+    return best.width != other.width or [cells for _, cells in best.rows] != [cells for _, cells in other.rows]
