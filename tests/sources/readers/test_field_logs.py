@@ -118,28 +118,15 @@ UNGAPPED = [
 NOT_YET = {
     "table": frozenset(
         [
-            "tal_actigraph.txt",
-            "rigol_ds1204b.csv",
-            "rigol_ds1102e.csv",
-            "rigol_ds1052e.csv",
-            "tektronix_tek0000.csv",
-            "asos_metar.txt",
-            "torque_obd.csv",
-            "tide_elevation.dat",
             "empatica_ACC.csv",
             "empatica_HR.csv",
-            "empatica_IBI.csv",
             "robot_currents.txt",
-            "dht22_field_added.csv",
-            "balcony_six_date_columns.txt",
         ]
     ),
     "gaps": frozenset[str](),
     "parts": frozenset(
         [
-            "tal_actigraph.txt",
             "environment_canada_hourly.csv",
-            "dht22_field_added.csv",
         ]
     ),
 }
@@ -195,7 +182,6 @@ def test_neither_a_date_part_nor_metadata_is_a_channel(read, name):
     assert not any("missing value" in note for note in read(name).report.notes)
 
 
-@pytest.mark.xfail(strict=True, reason="issue 14: six date columns are on their way")
 def test_four_temperatures_under_one_name_are_four_channels(read):
     recording = read("balcony_six_date_columns.txt")
     assert len(set(recording.names)) == 4
