@@ -116,7 +116,8 @@ class LineReader:
         """The rows of a line; None for prose; _Fault for a wrong shape."""
         if _CONTROL.search(text):
             # Damaged on the wire or on the disk: nor can the other cells be trusted.
-            raise _Fault("must be printable text (got control bytes)")
+            which = "NUL" if "\0" in text else "control"
+            raise _Fault(f"must be printable text (got {which} bytes)")
         head: list[str] = []
         if self._form.stamped:
             stamped = split_stamp(text)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import hashlib
 import io
+import re
 import tempfile
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
@@ -20,12 +21,26 @@ HEAD_BYTES = 1 << 20
 """Bytes from which the form of a file is detected."""
 
 _FOREIGN = {
-    b"PK\x03\x04": "a zip archive or spreadsheet",
+    b"PK\x03\x04": "a zip archive, which must be unpacked first",
+    b"7z\xbc\xaf": "a 7-Zip archive, which must be unpacked first",
+    b"Rar!": "a RAR archive, which must be unpacked first",
+    b"BZh": "a bzip2 archive, which must be unpacked first",
+    b"\xfd7zXZ": "an xz archive, which must be unpacked first",
     b"\x89PNG": "a PNG image",
+    b"\xff\xd8\xff": "a JPEG image",
     b"%PDF": "a PDF document",
+    b"RIFF": "a WAV or AVI file",
+    b"\x93NUMPY": "a NumPy array, which numpy.savetxt or scipy.io.savemat can write as a file that is read",
+    b"ARROW1": "an Arrow file, which can be written as Parquet",
     b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces by the file itself",
 }
 _CHUNK = 1 << 20
+_HEAD = 1 << 16
+"""Bytes by which text is told from binary data."""
+_NUL_RUN = re.compile(rb"\0{16,}")
+"""So many NULs in a row are a part of the file that was never written, as on a card that lost power."""
+_MAX_CONTROL = 0.1
+"""Share of control bytes in a text file whose wire was noisy."""
 
 
 @dataclass(frozen=True)
@@ -108,12 +123,34 @@ def find_encoding(raw: RawFile, progress: Progress) -> str:
             raise BadFile(f"{name} must be a text file (got {what})")
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
-    control = sum(byte < 32 and byte not in b"\t\n\r\f" for byte in head[:65536])
-    if control > 0.1 * len(head[:65536]):
-        raise BadFile(f"{name} must be a text file (got binary data)")
+    wide = _wide_encoding(head[:_HEAD])
+    if wide is not None:
+        return wide
+    _require_text(head[:_HEAD], name)
     if head.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
     return "utf-8" if _is_utf8(raw.path, progress) else "latin-1"
+
+
+def _wide_encoding(head: bytes) -> str | None:
+    """UTF-16 without a byte order mark: of text in it every second byte is NUL, and hardly another."""
+    pairs = len(head) // 2
+    even, odd = head[0 : 2 * pairs : 2].count(0), head[1 : 2 * pairs : 2].count(0)
+    if pairs and odd > 0.8 * pairs and even < 0.05 * pairs:
+        return "utf-16-le"
+    return "utf-16-be" if pairs and even > 0.8 * pairs and odd < 0.05 * pairs else None
+
+
+def _require_text(head: bytes, name: str) -> None:
+    """BadFile where the head is no text; long runs of NULs between text are left to the reader of lines."""
+    text = _NUL_RUN.sub(b"", head)
+    control = [byte < 32 and byte not in b"\t\n\r\f" for byte in text]
+    if text and sum(control) <= _MAX_CONTROL * len(text):
+        return
+    what = "binary data"
+    if text.count(0) > 0.9 * sum(control) or not text:
+        what = f"NUL bytes, the first on line {head[: head.index(0)].count(10) + 1}"
+    raise BadFile(f"{name} must be a text file (got {what})")
 
 
 def _is_utf8(path: Path, progress: Progress) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import os
 import sqlite3
 from collections.abc import Iterator
 from functools import partial
@@ -106,7 +107,7 @@ def storage_of(path: Path) -> Path:
     Raises:
         BadFile: the bag is split into several files.
     """
-    if not (path / "metadata.yaml").is_file():
+    if not os.path.isfile(path / "metadata.yaml"):  # which answers for an impossible name as well
         return path
     files = sorted(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
     if len(files) != 1:

@@ -1,0 +1,69 @@
+"""What is text, in which encoding, and what is said of that which is none."""
+
+import numpy as np
+import pytest
+
+from kalscope.errors import BadFile
+from kalscope.sources.readers.recording_file import read_recording
+
+TEXT = "t,T (°C)\n" + "".join(f"{i / 100:.2f},{20 + i / 8:.3f}\n" for i in range(40))
+NULS = "must be printable text (got NUL bytes)"
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(data):
+        path = tmp_path / "log.csv"
+        path.write_bytes(data)
+        return read_recording(path)
+
+    return read
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16", "utf-16-le", "utf-16-be"])
+def test_every_encoding_gives_the_same_recording(read, encoding):
+    recording = read(TEXT.encode(encoding))
+    assert (recording.names, recording.units) == (("T",), ("°C",))
+    np.testing.assert_array_equal(recording.values[:, 0], 20 + np.arange(40) / 8)
+
+
+def test_a_line_with_nuls_is_rejected_and_named(read):
+    report = read(TEXT.replace("0.05,20.625", "0.05,20\x00625").encode()).report
+    assert [(issue.line, issue.reason) for issue in report.issues] == [
+        (7, "must be printable text (got NUL bytes)")
+    ]
+    assert report.rows == 39
+
+
+@pytest.mark.parametrize("size", [16, 4096, 500_000])
+def test_a_part_that_was_never_written_is_one_rejected_line(read, size):
+    text = TEXT.encode()
+    report = read(text[:300] + bytes(size) + b"\n" + text[300:].partition(b"\n")[2]).report
+    assert (report.rejected, report.issues[0].reason) == (1, NULS)
+    assert report.rows >= 38
+
+
+def test_nuls_behind_the_last_line_are_no_data(read):
+    report = read(TEXT.encode() + bytes(10_000)).report
+    assert (report.rows, report.rejected) == (40, 1)
+
+
+def test_scattered_nuls_are_refused_by_their_line(read):
+    with pytest.raises(BadFile, match="NUL bytes, the first on line 2"):
+        read(b"a,b\n" + b"1\0,\x002,3\0\n" * 50)
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [
+        (b"PK\x03\x04" + bytes(50), "zip archive"),
+        (b"\x93NUMPY\x01\x00" + bytes(50), "NumPy array"),
+        (b"RIFF\x24\x00\x00\x00WAVE", "WAV"),
+        (b"BZh91AY", "bzip2"),
+        (bytes(range(256)) * 20, "binary data"),
+        (bytes(1000), "NUL bytes, the first on line 1"),
+    ],
+)
+def test_what_is_no_text_is_named(read, data, what):
+    with pytest.raises(BadFile, match=what):
+        read(data)
