@@ -193,3 +193,55 @@ def test_actiwatch_counts_follow_seven_lines():
 
 def test_four_lines_of_text_are_no_actiwatch():
     assert find_preface(["subject", "here", "13:00", "4", "35", "V1", "M", "0", "1", "2"]) is None
+
+
+OPENSIGNALS = """
+# OpenSignals Text File Format. Version 1
+# {"00:07": {"sensor": ["ECG", "RAW"], "column": ["nSeq", "DI", "CH1", "CH2"], "time": "9:39:1.0", \
+"date": "2017-5-22", "sampling rate": 700, "label": ["CH1", "CH2"]}}
+# EndOfHeader
+0\t0\t32000\t31000\t
+1\t0\t32001\t31000\t
+2\t0\t32002\t31000\t
+"""
+
+
+def test_opensignals_say_their_columns_in_json():
+    found = preface(OPENSIGNALS)
+    assert (found.names, found.left_out) == (("nSeq", "DI", "CH1 ECG", "CH2"), {0})
+    assert (found.delimiter, found.period, found.start, found.first_row) == ("\t", 1 / 700, 1495445941, 4)
+
+
+@pytest.mark.parametrize("said", ["", "{", "[1]", "{}", '{"a": 1}', '{"a": {"column": 5}}', "{" * 9000])
+def test_opensignals_without_a_header_are_none(said):
+    assert find_preface(["# OpenSignals Text File Format", f"# {said}", "# EndOfHeader", "0\t1", "1\t1"]) is None
+
+
+BIOPAC = ["b.acq", "0.5 msec/sample", "2 channels", "EMG - EMG100C", "mV", "Clench Force", "kg"]
+
+
+@pytest.mark.parametrize("mark", [",", "\t"])
+def test_biopac_names_and_units_stand_in_lines_of_their_own(mark):
+    rows = [row.replace(",", mark) for row in ("milliSec,CH1,CH2", ",3,3", "0,0.1,1", "0.5,0.2,1")]
+    found = preface("\n".join([*BIOPAC, *rows]))
+    assert (found.names, found.units) == (("time", "EMG - EMG100C", "Clench Force"), ("ms", "mV", "kg"))
+    assert (found.period, found.time_unit, found.time_column, found.first_row) == (5e-4, "ms", 0, 10)
+
+
+def test_biopac_without_stamps():
+    found = preface("\n".join([*BIOPAC, "CH1\tCH2", "3\t3", "0.1\t1", "0.2\t1"]))
+    assert (found.names, found.time_column, found.first_row) == (("EMG - EMG100C", "Clench Force"), -1, 10)
+
+
+def test_labchart_names_its_channels():
+    found = preface("""
+Interval=\t0.001 s
+ExcelDateTime=\t4.0000500000000000e+004\t7/6/2009 12:00:00.0
+TimeFormat=\tStartOfBlock
+ChannelTitle=\tECG\tPulse
+Range=\t10.000 V\t200.0 mV
+0\t0.1\t0.2
+0.001\t0.1\t0.2
+""")
+    assert (found.names, found.period, found.time_unit) == (("time", "ECG", "Pulse"), 0.001, "s")
+    assert (found.delimiter, found.first_row, found.start) == ("\t", 6, 1246881600)

@@ -10,14 +10,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from kalscope.sources.grammar.cells import is_number
-from kalscope.sources.instruments.metadata import MAX_LINES
+from kalscope.sources.instruments.metadata import KEPT_COMMA, MAX_LINES
 from kalscope.sources.instruments.preface import Preface
 
 _LOOKED_AT = 40
 _MIN_SHARE = 0.6
 """Above this share of the lines; the text above an ActiGraph's table has no delimiter."""
 _MAX_CELLS = 50
-_KEPT = "\x1f"  # a comma that is part of a text, while "," stands for the delimiter
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class Dialect:
         lines = list(head[:MAX_LINES])
         if self.delimiter == ",":
             return lines
-        comma = "." if self.decimal == "," else _KEPT
+        comma = "." if self.decimal == "," else KEPT_COMMA
         return [line.replace(",", comma).replace(self.delimiter, ",") for line in lines]
 
     def restored(self, preface: Preface) -> Preface:
@@ -45,9 +44,9 @@ class Dialect:
             preface,
             delimiter=preface.delimiter and self.delimiter,
             decimal=(preface.decimal and self.decimal) or None,
-            names=tuple(name.replace(_KEPT, ",") for name in preface.names),
-            units=tuple(unit.replace(_KEPT, ",") for unit in preface.units),
-            notes=tuple(note.replace(_KEPT, ",") for note in preface.notes),
+            names=tuple(name.replace(KEPT_COMMA, ",") for name in preface.names),
+            units=tuple(unit.replace(KEPT_COMMA, ",") for unit in preface.units),
+            notes=tuple(note.replace(KEPT_COMMA, ",") for note in preface.notes),
         )
 
 
@@ -56,9 +55,15 @@ def dialect_of(head: Sequence[str]) -> Dialect:
     lines = [line for line in head[:_LOOKED_AT] if line.strip()]
     for delimiter in (";", "\t"):
         marked = [line for line in lines if delimiter in line]
-        if lines and len(marked) >= _MIN_SHARE * len(lines):
+        # The text above the table has other marks: the second half counts as well.
+        below = lines[len(lines) // 2 :]
+        if marked and any(_share(part, delimiter) >= _MIN_SHARE for part in (lines, below)):
             return Dialect(delimiter, _decimal_of(line.split(delimiter) for line in marked))
     return Dialect()
+
+
+def _share(lines: Sequence[str], delimiter: str) -> float:
+    return sum(delimiter in line for line in lines) / len(lines)
 
 
 def _decimal_of(rows: Iterable[Sequence[str]]) -> str:

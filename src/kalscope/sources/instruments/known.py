@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from kalscope.sources.instruments import actigraph, campbell, empatica, openbci, sample_rate, shimmer
+from kalscope.sources.instruments import actigraph, campbell, empatica, openbci, physiology, sample_rate, shimmer
 from kalscope.sources.instruments.dialect import dialect_of
 from kalscope.sources.instruments.metadata import MAX_LINES
 from kalscope.sources.instruments.oscilloscopes import keysight, others, rigol, siglent, tektronix
@@ -14,6 +14,7 @@ from kalscope.sources.instruments.preface import Preface
 _INSTRUMENTS: tuple[Callable[[Sequence[str]], Preface | None], ...] = (
     campbell.recognise,
     openbci.recognise,
+    physiology.recognise,
     actigraph.recognise,
     rigol.recognise,
     tektronix.recognise,

@@ -13,6 +13,9 @@ from kalscope.sources.grammar.cells import is_number, parse_number, split_fields
 
 Cells = tuple[str, ...]
 
+KEPT_COMMA = "\x1f"
+"""A comma that is part of a text, where "," stands for the delimiter of a file (`dialect`)."""
+
 MIN_PERIOD = 1e-15
 """A shorter period, and a longer one than its inverse, is damage, s."""
 
