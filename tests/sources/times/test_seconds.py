@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from kalscope.sources.grammar.stamps.clocks import parse_clock
+from kalscope.sources.grammar.stamps.clocks import CLOCK_PARSERS, parse_clock
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.times.seconds import to_seconds, unit_by_magnitude
 
@@ -12,12 +12,28 @@ def test_a_clock_goes_on_over_midnight():
 
 
 @pytest.mark.parametrize(
+    ("clock", "cells", "seconds"),
+    [
+        ("min:s", ["59:59.5", "00:00.5"], [0, 1]),
+        ("elapsed", ["99:59:59", "100:00:00", "0:00:00"], [0, 1, -359999]),
+    ],
+)
+def test_minutes_begin_again_at_the_hour_and_elapsed_time_never_does(clock, cells, seconds):
+    stamps = np.array([CLOCK_PARSERS[clock](cell) for cell in cells])
+    assert to_seconds(stamps, TimeColumn(0, "clock", clock=clock))[0].tolist() == seconds
+
+
+@pytest.mark.parametrize(
     ("stamps", "unit"),
     [
         ([0, 1, 2], "s"),
         ([0.0, 8.5, 17.1], "s"),
         ([0, 60, 120], "s"),
+        ([0, 3600, 7200], "s"),
         ([0, 10, 20], "ms"),
+        ([0, 1000, 2000], "ms"),
+        ([3, 1004, 2006], "ms"),
+        ([0, 60000, 120000], "ms"),
         ([0, 10000, 20011], "us"),
         ([584065454762638, 584065474483599], "ns"),
         ([1.7e9, 1.7e9 + 1], "s"),

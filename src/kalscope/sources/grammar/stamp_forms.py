@@ -130,8 +130,8 @@ def _order_note(example: str, best: DateOrder, other: DateOrder) -> str:
     names = {"dmy": "day first", "mdy": "month first", "ymd": "year first"}
     option = {"dmy": "--day-first", "mdy": "--month-first", "ymd": '--time-format "%y-%m-%d"'}
     return (
-        f"stamps such as {example} are read {names[best]} (assumed: no day above 12 decides);"
-        f" {option[other]} reads them {names[other]}"
+        f"stamps such as {example} are read {names[best]} (assumed, nothing decides);"
+        f" they could also be {names[other]}: {option[other]}"
     )
 
 

@@ -109,7 +109,7 @@ def settle_roles(
         if tuple(column.name for column in columns[:2]) == HOST_AND_DEVICE and {*taken} <= {0, 1}:
             taken = (0, 1)
         columns = [replace(column, role="time") if i in taken else column for i, column in enumerate(columns)]
-        notes = [f'"{columns[time.index].name or f"column {time.index + 1}"}" is the time']
+        notes = [f'"{columns[time.index].name or f"column {time.index + 1}"}" is the time', *time.notes]
     channels = [i for i, column in enumerate(columns) if column.role == "channel"]
     columns = list(columns)
     for i, name in zip(channels, distinct_names([columns[i].name for i in channels]), strict=True):

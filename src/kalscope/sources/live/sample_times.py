@@ -22,7 +22,6 @@ _SOON = 64
 _TICK = 1e-6
 """Least step of host time, s."""
 _COUNTERS = (2.0**16, 2.0**32)
-_DAY = 86400.0
 _STEPS = 4096
 """Steps from which period and jitter are judged."""
 _PAUSE = 0.5
@@ -174,7 +173,7 @@ class LiveTime:
             return 0.0
         scale = self._scale or 1.0
         if self._column is not None and self._column.kind == "clock":
-            return _DAY if step < -_DAY / 2 else 0.0
+            return self._column.turn_s if step < -self._column.turn_s / 2 else 0.0
         for size in _COUNTERS:
             turn = size * scale
             if self._stamp < turn and raw >= 0 and abs(step + turn - waited) <= 1.0 + 0.5 * waited:

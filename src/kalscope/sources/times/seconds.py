@@ -16,8 +16,9 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 def unit_by_magnitude(stamps: Array) -> str:
     """Unit of numeric stamps that name none: epoch stamps by their size, integer counters by their step.
 
-    A sensor samples between once a second and a thousand times a second: integer steps of thousands are
-    then microseconds, of millions nanoseconds. Whole minutes stay seconds, and so do all fractions.
+    The most plausible rate decides: a sensor samples between every other second and 500 times a second, so that
+    integer steps of 2000 and more are microseconds, of two millions nanoseconds. Steps that divide an hour or
+    are hours stay seconds, and so do all fractions; minutes of milliseconds stay milliseconds.
     """
     low, high = float(stamps.min()), float(stamps.max())
     step = _median_step(stamps[:100_000])
@@ -28,9 +29,12 @@ def unit_by_magnitude(stamps: Array) -> str:
         counter = unit == "s" and whole and step >= 1000 and step % 60 != 0
         if size <= low and high < 4.2 * size and not counter:
             return unit
-    if not whole or step < 2 or step % 60 == 0:
+    minutes = step > 0 and step % 60 == 0
+    if not whole or step < 2 or (minutes and (3600 % step == 0 or step % 3600 == 0)):
         return "s"
-    return "ms" if step < 1000 else "us" if step < 1e6 else "ns"
+    if step < 2000 or step % 60_000 == 0:
+        return "ms"
+    return "us" if step < 2e6 else "ns"
 
 
 def is_epoch(stamps: Array, unit: str) -> bool:
@@ -48,14 +52,16 @@ def to_seconds(stamps: Array, column: TimeColumn) -> tuple[Array, str]:
         start = _date_text(float(stamps[0]) * 1e-6)
         return (stamps - stamps[0]) / 1e6, f"time counts from the first stamp, {start}"
     if column.kind == "clock":
-        # A clock that jumps back by more than half a day has passed midnight.
-        days = np.cumsum(np.diff(stamps, prepend=stamps[0]) < -43200e6)
-        seconds = (stamps - stamps[0]) / 1e6 + 86400.0 * days
+        # A clock that jumps back by more than half a turn has begun its next one.
+        turn = column.turn_s
+        turns = np.cumsum(np.diff(stamps, prepend=stamps[0]) < -0.5e6 * turn) if turn else np.zeros(len(stamps))
+        seconds = (stamps - stamps[0]) / 1e6 + turn * turns
         start = timedelta(microseconds=float(stamps[0]))
-        passed = f"; the clock passes midnight {times(int(days[-1]))}" if days[-1] else ""
+        what = "midnight" if turn == 86400.0 else "the hour"
+        passed = f"; the clock passes {what} {times(int(turns[-1]))}" if turns[-1] else ""
         return seconds, f"time counts from the first stamp, {start} on the clock{passed}"
     unit = column.unit or unit_by_magnitude(stamps)
-    said = f"read as {unit}" if column.unit else f"read as {unit} (assumed from their size; no unit given)"
+    said = f"read as {unit}" if column.unit else f"read as {unit} (assumed from their size: --time-unit changes it)"
     scale = SECONDS_PER_UNIT[unit]
     if unit == "year":
         return stamps * scale, f"stamps are {said}"

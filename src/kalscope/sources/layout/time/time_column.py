@@ -30,7 +30,7 @@ _MAX_BACK, _MAX_BACK_WEAK = 0.25, 0.02
 _MIN_JUDGED = 8
 """Rows from which a clear name can be wrong."""
 _MIN_FILL = 0.5
-_CLOSE = 0.5
+_CLOSE = 1.0
 """A candidate with as few points less than the best is named."""
 _DAY_US = 86400e6
 
@@ -58,9 +58,14 @@ def find_time(
         decimal: Decimal mark.
         named: True where the names are those of the source.
         options: Format of the stamps, order of day and month.
+
+    Raises:
+        BadSetting: the format of the stamps fits no column.
     """
     rows = _sampled(rows)
     found = _candidates(columns, rows, decimal, options)
+    if options.time_format is not None and not found:
+        raise BadSetting(f"time_format must fit a column of stamps (got {options.time_format!r}, which fits none)")
     if not found:
         return _by_numbers(columns, rows, decimal, named=named)
     best = max(found, key=lambda candidate: candidate.points)
@@ -121,8 +126,6 @@ def _candidates(columns: list[Column], rows: list[Cells], decimal: str, options:
             if form is not None and (name.strength or form.kind != "number"):
                 unit = name.unit if form.kind == "number" else ""
                 forms[i] = replace(form, index=i, unit=unit)
-    if options.time_format is not None and not forms:
-        raise BadSetting(f"time_format must fit a column of stamps (got {options.time_format!r}, which fits none)")
     proposed = [*_joined(forms, names, rows, decimal), *forms.values()]
     parts = named_parts(columns, rows) or (None if any(c.name for c in columns) else unnamed_parts(rows))
     weighed = [_weighed(column, names, rows, decimal) for column in (*proposed, *([parts] if parts else []))]
@@ -204,7 +207,7 @@ def _about_rival(best: _Candidate, found: list[_Candidate], columns: list[Column
     if rival is None or rival.points < best.points - _CLOSE or not columns[rival.column.index].name:
         return []
     name = columns[rival.column.index].name
-    return [f'"{name}" could be the time as well: --time-column "{name}"']
+    return [f'the time could also be "{name}": --time-column "{name}"']
 
 
 def _by_numbers(columns: list[Column], rows: list[Cells], decimal: str, *, named: bool) -> TimeColumn | None:

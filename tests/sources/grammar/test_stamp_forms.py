@@ -1,0 +1,133 @@
+"""Which form a column of stamps is in, decided once for the whole column."""
+
+from datetime import datetime, timedelta
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope.errors import BadSetting
+from kalscope.sources.grammar.stamp_forms import StampHints, find_stamp_form
+from kalscope.sources.grammar.timestamps import stamp_parser
+
+TIME, DATE = StampHints(is_time=True), StampHints(is_time=True, is_date=True)
+START = datetime(2024, 3, 13, 9, 30)
+
+
+def found(cells, hints=TIME, decimal="."):
+    form = find_stamp_form(cells, decimal, hints)
+    return form and (form.kind, form.order, form.clock, form.odd)
+
+
+def days(order, count=11, step=1, start=datetime(2024, 1, 1)):
+    pattern = {"dmy": "%d/%m/%Y", "mdy": "%m/%d/%Y"}[order]
+    return [(start + timedelta(days=step * i)).strftime(pattern) for i in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("cells", "form"),
+    [
+        (["0.5", "1", "1.5e3"], ("number", "ymd", "h:m:s", "")),
+        (["12:00", "12:01"], ("clock", "ymd", "h:m:s", "")),
+        (["56:36.147", "56:36.148"], ("clock", "ymd", "min:s", "")),
+        (["09:59", "59:59"], ("clock", "ymd", "min:s", "")),
+        (["23:59:59", "24:00:00", "125:03:11"], ("clock", "ymd", "elapsed", "")),
+        (["0:00:01", "1 day, 0:00:01"], ("clock", "ymd", "elapsed", "")),
+        (["2024-03-13 09:30", "2024-03-13 09:31"], ("calendar", "ymd", "h:m:s", "")),
+        (["20240313_093000", "20240313_093001"], ("calendar", "ymd", "h:m:s", "")),
+        (["20240313093000", "20240313093001"], ("calendar", "ymd", "h:m:s", "")),
+        (["10/14/2018 00:01"], ("calendar", "mdy", "h:m:s", "")),
+        (["14/10/2018"], ("calendar", "dmy", "h:m:s", "")),
+        (["13th of March 2024 9:30 pm", "13th of March 2024 9:31 pm"], ("calendar", "dmy", "h:m:s", "dateutil")),
+        (["hello", "world 3"], None),
+        ([], None),
+        (["", "nan"], None),
+    ],
+)
+def test_the_form_that_fits_most_cells_is_found(cells, form):
+    assert found(cells) == form
+
+
+def test_eight_digits_and_day_numbers_are_dates_only_where_the_name_allows():
+    assert found(["19580329"], DATE) == ("calendar", "ymd", "h:m:s", "")
+    assert found(["19580329"]) == ("number", "ymd", "h:m:s", "")
+    assert found(["45123.5"], DATE) == ("number", "ymd", "h:m:s", "")
+    spreadsheet = StampHints(is_time=True, is_date=True, may_be_spreadsheet=True)
+    assert found(["45123.5"], spreadsheet) == ("calendar", "ymd", "h:m:s", "excel")
+    form = find_stamp_form(["45123,5"], ",", spreadsheet)
+    assert stamp_parser(form, ",")("45123,5") == datetime(2023, 7, 16, 12).timestamp() * 1e6
+
+
+def test_a_day_above_twelve_anywhere_decides():
+    for order, cell in (("dmy", "13/03/2024"), ("mdy", "03/13/2024")):
+        cells = ["03/04/2024"] * 500 + [cell] + ["05/04/2024"] * 500
+        assert found(cells)[1] == order
+
+
+@pytest.mark.parametrize("order", ["dmy", "mdy"])
+@pytest.mark.parametrize(("step", "count"), [(1, 12), (2, 6), (3, 4)])
+def test_even_steps_decide_where_no_day_is_above_twelve(order, step, count):
+    cells = days(order, count, step)
+    assert all(int(part) <= 12 for cell in cells for part in cell.split("/")[:2])
+    form = find_stamp_form(cells, ".", TIME)
+    assert (form.order, form.notes) == (order, ())
+
+
+@pytest.mark.parametrize("order", ["dmy", "mdy"])
+def test_a_log_that_passes_midnight_decides(order):
+    pattern = {"dmy": "%d/%m/%Y %H:%M", "mdy": "%m/%d/%Y %H:%M"}[order]
+    start = datetime(2024, 3, 4, 20)
+    form = find_stamp_form([(start + timedelta(minutes=10 * i)).strftime(pattern) for i in range(60)], ".", TIME)
+    assert (form.order, form.notes) == (order, ())
+
+
+def test_monthly_stamps_are_even_over_the_new_year():
+    cells = [f"01/{month:02}/{year}" for year in (2022, 2023) for month in range(1, 13)]
+    assert found(cells)[1] == "dmy"
+
+
+def test_where_nothing_decides_the_day_comes_first_and_the_note_names_the_option():
+    cells = [f"03/04/2024 12:00:{i:02}" for i in range(60)]
+    form = find_stamp_form(cells, ".", TIME)
+    assert form.order == "dmy"
+    assert "--month-first" in form.notes[0]
+    assert not find_stamp_form([cell.replace("03/04", "04/04") for cell in cells], ".", TIME).notes
+
+
+@pytest.mark.parametrize(("day_first", "order"), [(True, "dmy"), (False, "mdy")])
+def test_the_user_decides_the_order(day_first, order):
+    form = find_stamp_form(["03/04/2024"], ".", StampHints(day_first=day_first))
+    assert (form.order, form.notes) == (order, ())
+    assert find_stamp_form(["2024-03-04"], ".", StampHints(day_first=day_first)).order == "ymd"
+
+
+@given(
+    damaged=st.lists(st.integers(10, 99), max_size=9, unique=True),
+    order=st.sampled_from(["dmy", "mdy"]),
+)
+def test_damaged_cells_change_nothing(damaged, order):
+    cells = days(order, 100, 1, START)
+    for i in damaged:
+        cells[i] = cells[i][:-1] + "x"
+    assert found(cells, StampHints())[1] == order
+
+
+def test_a_format_of_the_user_is_the_form():
+    hints = StampHints(time_format="%H-%M-%S.%f")
+    form = find_stamp_form(["01-00-00.5", "01-00-01.5"], ".", hints)
+    assert (form.kind, form.odd) == ("clock", "%H-%M-%S.%f")
+    assert stamp_parser(form, ".")("01-00-00.5") == 3600.5e6
+    form = find_stamp_form(["2024|073"], ".", StampHints(time_format="%Y|%j"))
+    assert form.kind == "calendar"
+    assert stamp_parser(form, ".")("1970|002") == 86400e6
+    assert find_stamp_form(["12:00"], ".", StampHints(time_format="%d.%m.%Y")) is None
+
+
+@pytest.mark.parametrize("form", ["%Q", "abc", ""])
+def test_a_format_that_is_none_is_refused(form):
+    with pytest.raises(BadSetting, match="time_format must"):
+        find_stamp_form(["12:00"], ".", StampHints(time_format=form))
+
+
+def test_long_cells_are_no_stamps():
+    assert found(["1" * 65_536, "2024-03-13 " + " " * 65_536]) is None

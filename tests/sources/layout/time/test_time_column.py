@@ -1,0 +1,184 @@
+"""The time among several columns that could be: a name is a hint; fill, order and resolution decide."""
+
+import random
+from datetime import datetime, timedelta
+
+import pytest
+
+from kalscope.errors import BadSetting
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
+from kalscope.sources.layout.columns import Column, named_column
+from kalscope.sources.layout.time.time_column import chosen_time, find_time
+
+N = 60
+START = datetime(2024, 3, 4, 9, 30)
+NOISE = [f"{random.Random(i).gauss(20, 1):.3f}" for i in range(N)]
+DAY_US = 86400e6
+
+
+def iso(step, **change):
+    return [(START + timedelta(seconds=step * i)).isoformat(" ", **change) for i in range(N)]
+
+
+def stamps(pattern, step=1.0):
+    return [(START + timedelta(seconds=step * i)).strftime(pattern) for i in range(N)]
+
+
+def made(named):
+    """Columns and rows of a table."""
+    columns = [
+        Column(c.name, c.unit, "channel" if any(cell.replace(".", "").isdigit() for cell in cells) else "text")
+        for c, cells in ((named_column(name), cells) for name, cells in named.items())
+    ]
+    return columns, list(zip(*named.values(), strict=True))
+
+
+def time_of(named, options=None):
+    columns, rows = made(named)
+    return find_time(columns, rows, ".", named=any(named), options=options or ReadOptions())
+
+
+def name_of(named):
+    time = time_of(named)
+    return [list(named)[i] for i in time.indices] if time else []
+
+
+def test_a_date_with_a_clock_outranks_the_number_of_the_day():
+    day = [str(1 + i // 24) for i in range(N)]
+    assert name_of({"Day": day, "Date/Time": iso(3600), "Temp": NOISE}) == ["Date/Time"]
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        NOISE,  # goes back and forth
+        ["" if i % 3 else str(i) for i in range(N)],  # half empty
+        [str(i // 20) for i in range(N)],  # coarser
+        ["7"] * N,  # never changes
+    ],
+)
+@pytest.mark.parametrize("is_first", [True, False])
+def test_a_full_rising_fine_column_outranks_a_better_name(bad, is_first):
+    good = [f"{1551453301 + 0.02 * i:.3f}" for i in range(N)]
+    named = {"t": bad, "timestamp": good, "a": NOISE}
+    assert name_of(named if is_first else dict(reversed(named.items()))) == ["timestamp"]
+
+
+def test_a_fine_device_clock_outranks_a_host_clock_of_whole_seconds():
+    host = [(START + timedelta(seconds=i // 10)).isoformat(" ") for i in range(N)]
+    assert name_of({"host": host, "millis": [str(100 * i) for i in range(N)], "a": NOISE}) == ["millis"]
+
+
+def test_a_column_that_is_nearly_as_good_is_named():
+    named = {"timestamp": iso(1), "time_ms": [str(1000 * i) for i in range(N)], "a": NOISE}
+    time = time_of(named)
+    assert any('"time_ms"' in note and "--time-column" in note for note in time.notes)
+    assert not time_of({"timestamp": iso(1), "a": NOISE}).notes
+
+
+def test_numbers_that_go_back_and_forth_are_no_time_whatever_their_name():
+    assert name_of({"t": NOISE, "h": NOISE[::-1]}) == []
+    assert name_of({"reaction_time_ms": NOISE, "a": NOISE}) == []
+
+
+@pytest.mark.parametrize("date", ["%d.%m.%Y", "%Y-%m-%d", "%m/%d/%Y", "%Y%m%d", "%d-%b-%Y"])
+@pytest.mark.parametrize("clock", ["%H:%M:%S", "%H.%M.%S", "%I:%M:%S %p", "%H%M%S"])
+@pytest.mark.parametrize("is_date_first", [True, False])
+def test_a_date_and_a_clock_beside_it_are_one_time(date, clock, is_date_first):
+    named = {"Date": stamps(date, 700), "Time": stamps(clock, 700)}
+    columns, rows = made({**(named if is_date_first else dict(reversed(named.items()))), "a": NOISE})
+    day_first = None if date != "%m/%d/%Y" else False
+    time = find_time(columns, rows, ".", named=True, options=ReadOptions(day_first=day_first))
+    assert sorted(time.indices) == [0, 1]
+    parse = row_stamp_parser(time, ".")
+    steps = {b - a for a, b in zip(map(parse, rows), map(parse, rows[1:]), strict=False)}
+    assert steps == {700e6}
+
+
+def test_a_stamp_that_has_its_clock_takes_no_other():
+    named = {"Date/Time": iso(60), "Clock": stamps("%H:%M:%S", 60), "a": NOISE}
+    assert name_of(named) == ["Date/Time"]
+
+
+SIX = {"Year": "%Y", "Month": "%m", "Day": "%d", "Hour": "%H", "Minute": "%M", "Second": "%S"}
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        SIX,
+        {"YEAR": "%Y", "mon": "%m", "dd": "%d", "hr": "%H", "min": "%M"},
+        {"#YY": "%y", "MM": "%m", "DD": "%d", "hh": "%H", "mm": "%M"},
+        {"Year": "%Y", "Month": "%m", "Day": "%d", "Time": "%H:%M"},
+        {"Year": "%Y", "DOY": "%j", "HHMM": "%H%M"},
+        {"year": "%Y", "day_of_year": "%j", "hour": "%H", "minute": "%M"},
+    ],
+)
+def test_date_columns_of_any_name_are_one_time(parts):
+    columns, rows = made({**{name: stamps(code, 60) for name, code in parts.items()}, "a": NOISE})
+    time = find_time(columns, rows, ".", named=True)
+    assert sorted(time.indices) == list(range(len(parts)))
+    parse = row_stamp_parser(time, ".")
+    assert [parse(row) for row in rows] == [
+        ((START - datetime(1970, 1, 1)).total_seconds() + 60 * i) * 1e6 for i in range(N)
+    ]
+
+
+@pytest.mark.parametrize("has_day_of_year", [True, False])
+def test_date_columns_without_a_header_are_known_by_their_ranges(has_day_of_year):
+    codes = ["%Y", *(["%j"] if has_day_of_year else []), "%m", "%d", "%H", "%M"]
+    columns = [Column("") for _ in (*codes, 0)]
+    rows = list(zip(*(stamps(code, 60) for code in codes), NOISE, strict=True))
+    time = find_time(columns, rows, ".", named=False)
+    parse = row_stamp_parser(time, ".")
+    assert time.indices == tuple(range(len(codes)))
+    assert parse(rows[5]) - parse(rows[0]) == 300e6
+
+
+def test_a_damaged_part_is_no_stamp():
+    parts = (("year", 0), ("month", 1), ("day", 2), ("hour", 3), ("minute", 4), ("second", 5))
+    parse = row_stamp_parser(TimeColumn(0, "calendar", parts=parts), ".")
+    row = ["1970", "1", "2", "0", "0", "1.25"]
+    assert parse(row) == DAY_US + 1.25e6
+    for i, bad in enumerate(["19x0", "13", "32", "25", "60", "nan"]):
+        assert parse([*row[:i], bad, *row[i + 1 :]]) is None
+        assert parse([*row[:i], "", *row[i + 1 :]]) is None
+
+
+def test_the_chosen_column_is_read_as_its_name_says():
+    columns, rows = made({"Time in seconds": [str(10 * i) for i in range(N)], "a": NOISE})
+    for choice in ("Time in seconds", 0):
+        time = chosen_time(columns, rows, ".", choice)
+        assert (time.kind, time.unit) == ("number", "s")
+
+
+def test_choosing_a_part_chooses_the_whole():
+    columns, rows = made({**{name: stamps(code) for name, code in SIX.items()}, "a": NOISE})
+    assert chosen_time(columns, rows, ".", "Hour").indices == (0, 1, 2, 3, 4, 5)
+
+
+def test_any_column_of_numbers_may_be_chosen_and_text_may_not():
+    columns, rows = made({"x": NOISE, "place": ["here"] * N})
+    assert chosen_time(columns, rows, ".", "x").index == 0
+    assert chosen_time(columns, rows, ".", "none") is None
+    with pytest.raises(BadSetting, match="must hold numbers or stamps"):
+        chosen_time(columns, rows, ".", "place")
+    with pytest.raises(BadSetting, match="must be one of"):
+        chosen_time(columns, rows, ".", "y")
+
+
+def test_a_time_format_finds_its_column_and_says_where_it_fits_none():
+    named = {"when": stamps("%H-%M-%S"), "time": stamps("%d.%m.%Y"), "a": NOISE}
+    assert time_of(named, ReadOptions(time_format="%H-%M-%S")).index == 0
+    with pytest.raises(BadSetting, match=r"time_format must fit.*%j"):
+        time_of(named, ReadOptions(time_format="%j:%H"))
+    columns, rows = made(named)
+    with pytest.raises(BadSetting, match=r"time_format must fit.*04\.03\.2024"):
+        chosen_time(columns, rows, ".", "time", options=ReadOptions(time_format="%H:%M"))
+
+
+def test_stamps_since_1970_need_no_name():
+    named = {"x": [str(1551453301000 + 20 * i) for i in range(N)], "a": NOISE}
+    assert name_of(named) == ["x"]
+    assert name_of({"x": [str(15000 + 20 * i) for i in range(N)], "a": NOISE}) == []
