@@ -116,13 +116,7 @@ UNGAPPED = [
 ]
 
 NOT_YET = {
-    "table": frozenset(
-        [
-            "empatica_ACC.csv",
-            "empatica_HR.csv",
-            "robot_currents.txt",
-        ]
-    ),
+    "table": frozenset([]),
     "gaps": frozenset[str](),
     "parts": frozenset(
         [

@@ -18,8 +18,13 @@ Pairs = list[tuple[str, str]]
 _BETWEEN_PAIRS = re.compile(r"[,;&\t]")
 _TOKEN = re.compile(r'"[^"]*"|[^\s,;&="]+|=')
 _LABEL_PAIR = re.compile(r"([^\s:]+)\s*:\s*(\S+)")
-# The Arduino IDE writes "->", PlatformIO's monitor ">".
-_MONITOR_STAMP = re.compile(r"\s*([0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]+)?)\s*-?>\s?(.*)", re.DOTALL)
+_STAMP = r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9})?)"
+# The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
+_AFTER_STAMP = r"(?:[ \t]{0,4}-?>|:(?=[ \t])|[ \t]-(?=[ \t]|$))"
+_AFTER_BRACKET = r"[ \t]?(?:->|[>:]|-(?=[ \t]))?"
+_LINE_STAMP = re.compile(
+    rf"[ \t]{{0,8}}(?:{_STAMP}{_AFTER_STAMP}|\[{_STAMP}\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL
+)
 _CHECKSUM = re.compile(r"\s*\$?(.*)\*([0-9A-Fa-f]{2})\s*", re.DOTALL)
 _TELEPLOT = re.compile(r"\s*>([^:>|§]+):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
 
@@ -36,8 +41,10 @@ class LineFormat:
     """Decimal mark, "." or ","; never equal to the delimiter."""
     labels: tuple[str, ...] = ()
     """Labels in column order; () for a table."""
+    complete: bool = False
+    """True where nearly every line holds all the labels: one that lacks some was damaged."""
     stamped: bool = False
-    """True where each line begins with the Arduino IDE's `12:00:00.023 -> `; that stamp is cell 0."""
+    """True where each line begins with the `12:00:00.023 -> ` of a serial monitor; that stamp is cell 0."""
     checksum: bool = False
     """True where each line ends with a checksum: one without it was cut."""
 
@@ -127,9 +134,9 @@ def split_teleplot(line: str) -> Teleplot | None:
 
 
 def split_stamp(line: str) -> tuple[str, str] | None:
-    """(`12:00:00.023`, rest) of a line copied from the Arduino IDE's monitor; None for any other line."""
-    match = _MONITOR_STAMP.fullmatch(line)
-    return (match[1], match[2]) if match else None
+    """(`12:00:00.023`, rest) of a line before which a serial monitor wrote its stamp; None for any other line."""
+    match = _LINE_STAMP.fullmatch(line)
+    return (match[1] or match[2], match[3]) if match else None
 
 
 def split_checksum(line: str) -> tuple[str, int, int] | None:

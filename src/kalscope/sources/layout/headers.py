@@ -57,7 +57,7 @@ def read_header(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, k
         columns, more = _named(found.names, table, body)
         notes += more
     if plan.preface.names:
-        columns, notes = _by_preface(plan.preface.names, table.width), [f"names by {plan.preface.instrument}"]
+        columns, notes = _by_preface(plan.preface.names, table.width), []
     units = plan.preface.units or (found.units[1] if found.units is not None else ())
     columns = tuple(
         replace(column, unit=bare_unit(units[i])) if i < len(units) and units[i] else column

@@ -56,6 +56,9 @@ class Layout:
     start: float | None = None
     """Time of the first sample in s since 1970 that the file itself says; None where it says none."""
 
+    offset: float = 0.0
+    """Time of the first sample in s, where no column is the time."""
+
     @property
     def channels(self) -> list[int]:
         """Indices of the columns that are channels."""
@@ -81,7 +84,7 @@ def sniff(
     plan = make_plan(head, options)
     lines, marks = candidate_lines(head, samples)
     table, second = weigh(lines, candidate_tables(lines, plan))
-    if table is None or table.width > MAX_COLUMNS:
+    if table is None or table.width > MAX_COLUMNS or table.rows[0][0] > len(head):
         return None
     kinds = CellKinds(table.form.decimal, options.missing_texts)
     body = find_body(lines, table, plan, len(head), kinds)
@@ -111,6 +114,7 @@ def sniff(
         narrow=table.narrow,
         period=plan.preface.period,
         start=plan.preface.start,
+        offset=plan.preface.offset or 0.0,
     )
 
 

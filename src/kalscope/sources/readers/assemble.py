@@ -112,7 +112,7 @@ def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float |
     if column is None:
         if options.time_unit is not None:
             raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
-        return counted_time(n, given)
+        return counted_time(n, given, reading.layout.offset)
     return read_time(reading.columns[column.index], column, options.time_unit, given, options.gaps)
 
 

@@ -30,7 +30,14 @@ from kalscope.sources.layout.sniffer import Layout, sniff
 from kalscope.sources.readers.assemble import Reading, assemble
 from kalscope.sources.readers.csv_rows import read_rows
 from kalscope.sources.readers.table_reading import reading_of
-from kalscope.sources.readers.text_file import RawFile, find_encoding, open_raw, open_text, text_as_file
+from kalscope.sources.readers.text_file import (
+    RawFile,
+    find_encoding,
+    open_raw,
+    open_text,
+    sample_lines,
+    text_as_file,
+)
 
 HEAD_BYTES = (65536, 1 << 20)
 """How much is sniffed: 64 KiB, and where that shows no data (a long preamble) 1 MiB."""
@@ -90,7 +97,7 @@ def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Readin
     layout = _sniff_head(raw, encoding, options)
     table, tally = read_rows(raw.path, encoding, layout, options, progress)
     columns = {i: table[:, i] for i in (*layout.channels, *(layout.time.indices if layout.time else ()))}
-    return Reading(columns, tally, layout)
+    return Reading(columns, tally, layout, layout.period)
 
 
 def _read_container(container: Container, raw: RawFile, options: ReadOptions, progress: Progress) -> Reading:
@@ -110,7 +117,8 @@ def _sniff_head(raw: RawFile, encoding: str, options: ReadOptions) -> Layout:
         lines = list(open_text(io.BytesIO(data[:size]), encoding))
         if raw.size > size and len(lines) > 1:
             lines.pop()  # cut by us
-        layout = sniff([line.rstrip("\n") for line in lines], options)
+        samples = sample_lines(raw, encoding) if raw.size > size else ()
+        layout = sniff([line.rstrip("\n") for line in lines], options, samples)
         if layout is not None:
             if layout.channels:
                 return layout

@@ -42,6 +42,9 @@ _NUL_RUN = re.compile(rb"\0{16,}")
 _MAX_CONTROL = 0.1
 """Share of control bytes in a text file whose wire was noisy."""
 
+SAMPLE_BYTES = 16384
+"""Bytes of each of the places further down where the form is checked."""
+
 
 @dataclass(frozen=True)
 class RawFile:
@@ -165,6 +168,19 @@ def _is_utf8(path: Path, progress: Progress) -> bool:
     except UnicodeDecodeError:
         return False
     return True
+
+
+def sample_lines(raw: RawFile, encoding: str) -> list[list[str]]:
+    """Whole lines from the middle and from the end of a file; none of one that is encoded in pairs of bytes."""
+    if encoding.startswith("utf-16"):
+        return []
+    samples: list[list[str]] = []
+    with raw.path.open("rb") as file:
+        for start in (raw.size // 2, raw.size - SAMPLE_BYTES):
+            file.seek(max(start, 0))
+            lines = list(open_text(io.BytesIO(file.read(SAMPLE_BYTES)), encoding))
+            samples.append([line.rstrip("\n") for line in lines[1:-1]])  # the others may be cut
+    return samples
 
 
 def open_text(file: BinaryIO, encoding: str) -> io.TextIOWrapper:

@@ -27,6 +27,8 @@ MIN_UNIFORM_LINES = 20
 """Lines it takes to judge that."""
 MAX_JUDGED = 500
 """Rows by which those of two widths are compared."""
+MIN_COMPLETE, MIN_COMPLETE_ROWS = 0.95, 20
+"""Share of labelled lines that hold every label, and how many there must be, for the others to be damaged."""
 MIN_RUN = 8
 """Lines in a row of another width that are no damage: the logger gained a field."""
 
@@ -185,7 +187,10 @@ def _labelled(lines: list[HeadLine], plan: Plan) -> HeadTable | None:
     rows = tuple(row for row in rows if likeness(row[1], kinds))
     if not rows:
         return None
-    return HeadTable(len(rows) / len(lines), LineFormat("labels", ",", ".", labels), len(labels), rows)
+    whole = sum(found.keys() >= set(labels) for _, found in pairs)
+    complete = len(rows) >= MIN_COMPLETE_ROWS and whole >= MIN_COMPLETE * len(rows)
+    form = LineFormat("labels", ",", ".", labels, complete=complete)
+    return HeadTable(len(rows) / len(lines), form, len(labels), rows)
 
 
 def _teleplot(lines: list[HeadLine]) -> HeadTable | None:
