@@ -206,6 +206,7 @@ def _tuning(recording: Recording, answers: list[Answer], output: Path) -> tuple[
     """The tuning file of the channels that have a pair, and notes about it for the user."""
     from kalscope.cli.tune.page import VERDICT_WORDS
     from kalscope.filtering.arrays import scalar
+    from kalscope.sources.readers import account
     from kalscope.tuning.tuning import ChannelTuning, Tuning
 
     found = [
@@ -217,9 +218,9 @@ def _tuning(recording: Recording, answers: list[Answer], output: Path) -> tuple[
     ]
     without = [f"{one.channel}: {VERDICT_WORDS[one.verdict]}" for one in answers if one.found.params is None]
     if not found:
-        raise BadSetting(
-            f"-o needs a usable q and r, and the record gives none ({'; '.join(without)}): {_instead(answers[0])}"
-        )
+        lost = "".join(f"{sentence}. " for sentence in account.warnings(recording))
+        none = f"-o needs a usable q and r, and the record gives none ({'; '.join(without)})"
+        raise BadSetting(f"{lost}{none}: {_instead(answers[0])}")
     notes = [f"left out of the tuning: {'; '.join(without)}"] if without else []
     kept = _kept(recording, {one.channel for one in answers}, output)
     if kept:

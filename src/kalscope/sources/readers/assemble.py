@@ -12,6 +12,7 @@ from kalscope.recording import ReadReport, Recording
 from kalscope.sources.grammar.read_options import ReadOptions, option, option_words
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.readers.csv_rows import Tally
+from kalscope.sources.readers.refusals import no_rows
 from kalscope.sources.readers.sentinels import Extremes, suggest_missing
 from kalscope.sources.times.gaps import fill_gaps
 from kalscope.sources.times.time_axis import GivenPeriod, TimeAxis, counted_time, read_time
@@ -44,10 +45,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     """
     tally, layout = reading.tally, reading.layout
     if not tally.lines["row"]:
-        last = tally.issues[-1].reason if tally.issues else "no data lines"
-        raise BadFile(
-            f"{name} must hold a whole line of numbers (got {tally.lines['rejected']} rejected lines: {last})"
-        )
+        raise no_rows(name, tally.lines["rejected"], tally.issues)
     channels = layout.channels
     values, taken = _values(reading.columns, channels, options)
     axis = _axis(reading, len(values), options, sample_period)

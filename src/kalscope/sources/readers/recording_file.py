@@ -19,16 +19,15 @@ from pathlib import Path
 
 from kalscope.common.checks import above_zero
 from kalscope.common.progress import OnProgress, Progress
-from kalscope.errors import BadFile
 from kalscope.recording import Recording
 from kalscope.sources.containers.known import Container, find_container, read_container
 from kalscope.sources.containers.robotics.rosbag import storage_of
 from kalscope.sources.containers.table import Table
-from kalscope.sources.grammar.cells import is_blank, is_comment
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import Layout, sniff
 from kalscope.sources.readers.assemble import Reading, assemble
 from kalscope.sources.readers.csv_rows import read_rows
+from kalscope.sources.readers.refusals import no_channel, no_table, refuse_markup
 from kalscope.sources.readers.table_reading import reading_of
 from kalscope.sources.readers.text_file import (
     RawFile,
@@ -111,10 +110,10 @@ def _read_container(container: Container, raw: RawFile, options: ReadOptions, pr
 
 
 def _sniff_head(raw: RawFile, encoding: str, options: ReadOptions) -> Layout:
-    name, data = raw.name, raw.head
     lines: list[str] = []
     for size in HEAD_BYTES:
-        lines = list(open_text(io.BytesIO(data[:size]), encoding))
+        lines = list(open_text(io.BytesIO(raw.head[:size]), encoding))
+        refuse_markup(raw.name, lines)
         if raw.size > size and len(lines) > 1:
             lines.pop()  # cut by us
         samples = sample_lines(raw, encoding) if raw.size > size else ()
@@ -122,14 +121,7 @@ def _sniff_head(raw: RawFile, encoding: str, options: ReadOptions) -> Layout:
         if layout is not None:
             if layout.channels:
                 return layout
-            raise BadFile(f"{name} must hold a column of numbers besides the time (got only text)")
+            raise no_channel(raw.name, lines)
         if raw.size <= size:
             break
-    said = [line for line in lines if not is_blank(line) and not is_comment(line)]
-    if not said:
-        raise BadFile(f"{name} must hold lines of numbers (got {len(lines)} blank or comment lines)")
-    if len(said) <= 2:
-        raise BadFile(f"{name} must hold numbers below its header (got only {said[0].strip()[:80]!r})")
-    raise BadFile(
-        f"{name} must be a table of numbers, one sample a line (got text such as {said[-1].strip()[:60]!r})"
-    )
+    raise no_table(raw.name, lines, options)

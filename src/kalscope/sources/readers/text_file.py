@@ -150,7 +150,8 @@ def _require_text(head: bytes, name: str) -> None:
     control = [byte < 32 and byte not in b"\t\n\r\f" for byte in text]
     if text and sum(control) <= _MAX_CONTROL * len(text):
         return
-    what = "binary data"
+    first = next(at for at, byte in enumerate(head) if byte < 32 and byte not in b"\t\n\r\f")
+    what = f"binary data, the first byte is 0x{head[first]:02X}, on line {head[:first].count(10) + 1}"
     if text.count(0) > 0.9 * sum(control) or not text:
         what = f"NUL bytes, the first on line {head[: head.index(0)].count(10) + 1}"
     raise BadFile(f"{name} must be a text file (got {what})")
