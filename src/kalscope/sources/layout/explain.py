@@ -25,8 +25,10 @@ def explain(
         notes.append("each line ends with a checksum, which is checked")
     if form.stamped:
         notes.append("the stamp before each line is the time")
-    if body.beside:
-        notes.append(f"{_places(body.beside)} metadata beside the data")
+    left_out = body.beside & plan.preface.left_out
+    for places, what in ((left_out, "no samples"), (body.beside - left_out, "metadata beside the data")):
+        if places:
+            notes.append(f"{_places(places)} {what}")
     notes += [_about_form(column, i, form) for i, column in enumerate(columns) if column.form is not None]
     if second is not None:
         notes.append(_could_be(form, second))

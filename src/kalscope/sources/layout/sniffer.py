@@ -55,6 +55,8 @@ class Layout:
     """Sample period in s that the file itself says; None where it says none."""
     start: float | None = None
     """Time of the first sample in s since 1970 that the file itself says; None where it says none."""
+    offset: float = 0.0
+    """Stamp of the first sample in s where no column is the time: an oscilloscope counts from its trigger."""
 
     offset: float = 0.0
     """Time of the first sample in s, where no column is the time."""
