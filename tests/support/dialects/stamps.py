@@ -120,7 +120,7 @@ def written(
     """(names, cells) of a form."""
     when = [start + timedelta(microseconds=int(at)) for at in micros]
     if form in _NUMBERS:
-        return _numbers(rng, form, start, micros, decimal)
+        return _numbers(rng, form, start, micros, decimal, delimiter)
     if form == "two columns":
         date = rng.choice(["%Y-%m-%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y"])
         names = rng.choice([("Date", "Time"), ("date", "time"), ("DATE", "CLOCK")])
@@ -170,7 +170,7 @@ _NUMBERS = {  # µs in one unit, names
 
 
 def _numbers(
-    rng: Random, form: str, start: datetime, micros: np.ndarray, decimal: str
+    rng: Random, form: str, start: datetime, micros: np.ndarray, decimal: str, delimiter: str
 ) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
     unit, names = _NUMBERS[form]
     epoch = (start - datetime(1970, 1, 1)) // timedelta(microseconds=1) if form.startswith("epoch") else 0
@@ -179,4 +179,5 @@ def _numbers(
         cells = [f"{count // 1_000_000}{decimal}{count % 1_000_000 // 1000:03}" for count in counts]
     else:
         cells = [str(count // int(unit)) for count in counts]
+    names = tuple(name for name in names if delimiter != " " or " " not in name)
     return (rng.choice(names),), tuple((cell,) for cell in cells)

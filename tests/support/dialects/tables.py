@@ -87,7 +87,7 @@ def make_table(rng: Random) -> Case:
     columns = list(map(list, zip(*cells, strict=True)))
     names, units, labels = headings(rng, width, delimiter, header)
     case.names, case.units = (names if header else ()), units
-    unit_row = header and case.stamps is not None and any(units) and rng.random() < 0.3 and labels != names
+    unit_row = header and delimiter != " " and case.stamps is not None and any(units) and rng.random() < 0.3
     labels = list(names) if unit_row else labels
     suffix_units(rng, case, columns, delimiter, header=header)
     heads, unit_cells = list(labels), list(units)
