@@ -1,6 +1,8 @@
 """Which tests start a browser, a simulated board, a server or another process, read from what they use.
 
-So no test can be forgotten: `make test-fast` leaves out every marked one.
+So no test can be forgotten: `make test-fast` leaves out every marked one. What reads the recordings beside the
+repository runs without coverage: it is skipped where they are absent, so the report is the same everywhere; and it
+reads millions of lines, which takes twice as long traced.
 """
 
 from __future__ import annotations
@@ -8,7 +10,8 @@ from __future__ import annotations
 import inspect
 import os
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import CodeType, FunctionType
 
 import pytest
@@ -17,6 +20,7 @@ FIXTURES = {"browser": "browser", "workshop": "device"}
 """Markers by the fixture that starts the thing."""
 STARTERS = {"attack_table", "forked", "kalscope_app.guard.server", "program", "viser._viser", "wire"}
 """Modules whose functions and classes start or meet a server or the program."""
+SHARED_DATA = (Path(__file__).parents[3] / "shared" / "data").resolve()
 
 
 def mark(item: pytest.Item) -> None:
@@ -28,27 +32,47 @@ def mark(item: pytest.Item) -> None:
         if fixture in fixtures:
             item.add_marker(marker)
     functions = [item.function, *(one.func for definitions in fixtures.values() for one in definitions)]
-    if any(starts_something(function, set()) for function in functions):
+    if any(uses(function, starts_something, set()) for function in functions):
         item.add_marker("server")
+    parameters = item.callspec.params.values() if hasattr(item, "callspec") else ()
+    if any(map(is_shared, parameters)) or any(uses(function, names_shared, set()) for function in functions):
+        item.add_marker("no_cover")
 
 
-def starts_something(function: object, seen: set[object]) -> bool:
-    """Whether a function, or one of its module that it uses, starts a process or a server."""
+def uses(function: object, holds: Callable[[str, object, FunctionType], bool], seen: set[object]) -> bool:
+    """Whether `holds` is true of a global name of a function, or of one of its module that it uses."""
     function = inspect.unwrap(function) if callable(function) else function
     if not isinstance(function, FunctionType) or function in seen:
         return False
     seen.add(function)
     for name in names_in(function.__code__):
         value = function.__globals__.get(name)
-        if value is subprocess or (name == "openpty" and os in function.__globals__.values()):
+        if holds(name, value, function):
             return True
         module = getattr(value, "__module__", None)
-        if callable(value) and module in STARTERS:
-            return True
         parts = list(vars(value).values()) if inspect.isclass(value) else [value]
-        if module == function.__module__ and any(starts_something(part, seen) for part in parts):
+        if module == function.__module__ and any(uses(part, holds, seen) for part in parts):
             return True
     return False
+
+
+def starts_something(name: str, value: object, function: FunctionType) -> bool:
+    """Whether this is a process or a server."""
+    opens_terminal = name == "openpty" and os in function.__globals__.values()
+    return (
+        value is subprocess
+        or opens_terminal
+        or (callable(value) and getattr(value, "__module__", None) in STARTERS)
+    )
+
+
+def names_shared(_name: str, value: object, _function: FunctionType) -> bool:
+    """Whether this is a path of a real recording."""
+    return is_shared(value)
+
+
+def is_shared(value: object) -> bool:
+    return isinstance(value, Path) and value.resolve().is_relative_to(SHARED_DATA)
 
 
 def names_in(code: CodeType) -> Iterator[str]:
