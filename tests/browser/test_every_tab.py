@@ -1,4 +1,7 @@
-"""Every tab of both panels, at three sizes and in both themes: nothing cut, nothing empty, a picture of each."""
+"""Every tab of both panels, at three sizes and in both themes: nothing cut, nothing empty, a picture of each.
+
+The map beside them is drawn at one size, in both themes; test_map.py draws it at all three.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +81,7 @@ def show_right(screen, name):
 def test_every_tab_fits_its_panel_and_has_something_to_show(browser, tmp_path, width, height):
     with (
         dashboard(RECORDING, cwd=tmp_path) as url,
-        Screen(browser, url, width=width, height=height, canvas=True) as screen,
+        Screen(browser, url, width=width, height=height, canvas=width == 1600) as screen,
     ):
         screen.wait_for_fit()
         screen.page.get_by_role("button", name="Pin this setting").click()
