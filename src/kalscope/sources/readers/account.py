@@ -50,9 +50,6 @@ def warnings(recording: Recording) -> tuple[str, ...]:
     bad = report.bad_cells / max(1, report.rows * len(recording.names))
     if bad > MAX_SHARE:
         found.append(f"{percent(bad)} of the cells are not numbers{_first(cells)}")
-        text, often = Counter(issue.text for issue in cells).most_common(1)[0] if cells else ("", 0)
-        if often > 0.5 * len(cells) and text.isprintable():
-            found[-1] += f"; if {text!r} means that there is no sample, read with --missing={text}"
     return tuple(_plain(sentence) for sentence in found)
 
 
