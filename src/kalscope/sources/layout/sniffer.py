@@ -58,9 +58,6 @@ class Layout:
     offset: float = 0.0
     """Stamp of the first sample in s where no column is the time: an oscilloscope counts from its trigger."""
 
-    offset: float = 0.0
-    """Time of the first sample in s, where no column is the time."""
-
     @property
     def channels(self) -> list[int]:
         """Indices of the columns that are channels."""
