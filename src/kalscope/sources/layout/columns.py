@@ -13,7 +13,7 @@ from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.layout.rows.kinds import ColumnType
 from kalscope.sources.layout.units import is_unit, is_unit_suffix
 
-Role = Literal["channel", "time", "text", "row name", "row number", "metadata", "empty"]
+Role = Literal["channel", "time", "text", "row name", "row number", "metadata", "empty", "series"]
 """What becomes of a column; "metadata" stands beside the data in the first rows only."""
 
 _BRACKETED = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")

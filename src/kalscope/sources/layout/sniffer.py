@@ -18,6 +18,7 @@ from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.layout.columns import Column, named_column, role_of, settle_roles
 from kalscope.sources.layout.explain import explain
 from kalscope.sources.layout.headers import Header, read_header
+from kalscope.sources.layout.long_table import mark_series
 from kalscope.sources.layout.plan import Plan, make_plan
 from kalscope.sources.layout.rows.body import Body, find_body
 from kalscope.sources.layout.rows.kinds import CellKinds, Cells, number_form
@@ -99,9 +100,17 @@ def sniff(
         cells = [(stamps[number], *row) for number, row in (*body.rows, *body.samples)]
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
+    columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
+    about_columns = (*about_series, *about_columns)
     form = replace(table.form, stamped=marks.stamped, checksum=marks.checksum)
-    notes = (*explain(form, plan, body, columns, second), *header.notes, *about_columns, *plan.preface.notes)
+    notes = (
+        *explain(form, plan, body, columns, second),
+        *header.notes,
+        *about_series,
+        *about_columns,
+        *plan.preface.notes,
+    )
     return Layout(
         form=form,
         columns=tuple(columns),

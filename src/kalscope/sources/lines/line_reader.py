@@ -23,6 +23,7 @@ from kalscope.sources.grammar.cells import (
 from kalscope.sources.grammar.line_format import find_labels, split_checksum, split_stamp, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import row_stamp_parser
+from kalscope.sources.layout.long_table import MAX_SERIES
 from kalscope.sources.layout.sniffer import Layout
 
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
@@ -79,6 +80,9 @@ class LineReader:
         while self._least > 1 and layout.columns[self._least - 1].role == "empty":
             self._least -= 1
         self._stamp = row_stamp_parser(layout.time, self._form.decimal) if layout.time else None
+        self._series = [i for i, column in enumerate(layout.columns) if column.role == "series"]
+        self.series: dict[tuple[str, ...], int] = {}
+        """The names of a long table and their numbers, which stand in its first "series" column."""
         self._before = -1  # fields of the row before; -1 at the first row
         self._labels = frozenset(self._form.labels)
         names = "|".join(map(re.escape, self._form.labels))
@@ -192,6 +196,8 @@ class LineReader:
             if stamp is None:
                 raise _Fault("must have a readable time stamp")
             values[layout.time.index] = stamp
+        if self._series:
+            values[self._series[0]] = self._number_of(tuple(cells[i] for i in self._series))
         for i in self._channels:
             cell = cells[i].lower()
             if cell in self._silent:
@@ -206,6 +212,11 @@ class LineReader:
                 name = layout.columns[i].name
                 issues.append(LineIssue(number, "must be a number", cells[i][:MAX_TEXT_LENGTH], name))
         return tuple(values)
+
+    def _number_of(self, name: tuple[str, ...]) -> int:
+        if name not in self.series and len(self.series) >= MAX_SERIES:
+            raise _Fault(f"must be of one of the first {MAX_SERIES} names")
+        return self.series.setdefault(name, len(self.series))
 
     def _whole(self, cells: list[str]) -> list[str]:
         """The cells of a row, one a column: without a separator at its end, with the last ones where it lacks them.

@@ -45,6 +45,8 @@ class Tally:
     """The first MAX_ISSUES."""
     missing: Counter[str] = field(default_factory=Counter[str])
     """Cells of each word that says "no sample", beside the ordinary ones."""
+    series: tuple[tuple[str, ...], ...] = ()
+    """The names of a long table, in the order of their numbers."""
     ending: str = ""
     """A sentence about a last line without newline; "" where it has one."""
 
@@ -119,6 +121,7 @@ class _TableReader:
     def finish(self) -> Array:
         """The rows, shape (rows, width)."""
         self._rows.finish()
+        self.tally.series = tuple(self._reader.series)
         return np.frombuffer(self._rows.out, dtype=np.float64).reshape(-1, len(self._layout.columns))
 
     def _take_rows(self, lines: list[str], number: int) -> None:

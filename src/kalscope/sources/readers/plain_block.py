@@ -45,7 +45,7 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
         or form.stamped
         or form.checksum
         or (time is not None and time.kind != "number")
-        or any(column.role == "text" or column.form is not None for column in layout.columns)
+        or any(column.role in ("text", "series") or column.form is not None for column in layout.columns)
         or any(is_number(text, form.decimal) for text in options.missing_texts)
     ):
         return None

@@ -27,6 +27,7 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import Layout, sniff
 from kalscope.sources.readers.assemble import Reading, assemble
 from kalscope.sources.readers.csv_rows import read_rows
+from kalscope.sources.readers.long_table import is_long, widened
 from kalscope.sources.readers.refusals import no_channel, no_table, refuse_markup
 from kalscope.sources.readers.table_reading import reading_of
 from kalscope.sources.readers.text_file import (
@@ -95,6 +96,8 @@ def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Readin
     encoding = find_encoding(raw, progress)
     layout = _sniff_head(raw, encoding, options)
     table, tally = read_rows(raw.path, encoding, layout, options, progress)
+    if is_long(layout):
+        return widened(table, tally, layout, options.part, raw.name)
     columns = {i: table[:, i] for i in (*layout.channels, *(layout.time.indices if layout.time else ()))}
     return Reading(columns, tally, layout, layout.period)
 

@@ -1,0 +1,124 @@
+"""Long tables: one value a row, beside its name, as Home Assistant, InfluxDB and databases export them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from kalscope.errors import BadSetting
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.readers.recording_file import read_recording
+
+X = np.round(np.random.default_rng(2).normal(20, 1, 30), 3)
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(text, name="log.csv", **options):
+        path = tmp_path / name
+        path.write_text(text)
+        return read_recording(path, ReadOptions(**options))
+
+    return read
+
+
+def stamp(i, step=10, fraction=""):
+    s = i * step
+    return f"2024-05-01T{s // 3600:02}:{s // 60 % 60:02}:{s % 60:02}{fraction}Z"
+
+
+def test_the_history_of_home_assistant(read):
+    rows = [f"sensor.kitchen,{x},{stamp(i, 10, '.250')}" for i, x in enumerate(X)]
+    rows[7] = f"sensor.kitchen,unavailable,{stamp(7, 10, '.250')}"
+    rows += [f"sensor.hall,{x},{stamp(i, 37)}" for i, x in enumerate(X[:20])]
+    rows += [f"light.hall,{'on' if i % 2 else 'off'},{stamp(i, 60)}" for i in range(6)]
+    text = "entity_id,state,last_changed\n" + "\n".join(rows) + "\n"
+    recording = read(text)
+    assert recording.names == ("sensor.kitchen",)
+    want = X.copy()
+    want[7] = np.nan
+    np.testing.assert_array_equal(recording.values[:, 0], want)
+    assert recording.sample_period == 10.0
+    notes = " ".join(recording.report.notes)
+    assert '"sensor.hall" (20 × 1)' in notes
+    assert "light.hall" in notes
+    report = recording.report
+    assert report.lines == text.count("\n") == report.rows + report.headers
+    np.testing.assert_array_equal(read(text, part="sensor.hall").values[:, 0], X[:20])
+    with pytest.raises(BadSetting, match=r"sensor\.kitchen"):
+        read(text, part="sensor.cellar")
+
+
+def test_annotated_csv_of_influxdb(read):
+    lines = [
+        "#group,false,false,true,true,false,false,true,true,true",
+        "#datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,dateTime:RFC3339,double,string,string,string",
+        "#default,mean,,,,,,,,",
+        ",result,table,_start,_stop,_time,_value,_field,_measurement,room",
+    ]
+    for table, (field, scale) in enumerate([("humidity", 2), ("temperature", 1)]):
+        lines += [
+            f",,{table},{stamp(0)},{stamp(400)},{stamp(i)},{x * scale:.3f},{field},air,kitchen"
+            for i, x in enumerate(X)
+        ]
+        lines.append("")
+    recording = read("\n".join(lines) + "\n")
+    assert recording.names == ("humidity", "temperature")
+    np.testing.assert_allclose(recording.values, np.column_stack([2 * X, X]), atol=1e-9)
+    assert recording.sample_period == 10.0
+
+
+def test_tags_of_influxdb_tell_series_apart(read):
+    rows = [
+        f",,0,{stamp(i)},{x + k},temperature,air,{room}"
+        for k, room in enumerate(["hall", "kitchen"])
+        for i, x in enumerate(X)
+    ]
+    recording = read(",result,table,_time,_value,_field,_measurement,room\n" + "\n".join(rows) + "\n")
+    assert recording.names == ("hall", "kitchen")
+
+
+def test_time_name_value_and_unit(read):
+    rows = [f"{i * 0.5};{name};{x};{unit}" for i, x in enumerate(X) for name, unit in (("T", "°C"), ("p", "hPa"))]
+    recording = read("time;sensor;value;unit\n" + "\n".join(rows) + "\n")
+    assert (recording.names, recording.units) == (("T", "p"), ("°C", "hPa"))
+    np.testing.assert_array_equal(recording.values, np.column_stack([X, X]))
+    assert recording.sample_period == 0.5
+
+
+def test_a_name_that_misses_a_stamp_has_a_missing_sample(read):
+    rows = [f"{i},{name},{x}" for i, x in enumerate(X) for name in ("a", "b") if (i, name) != (4, "b")]
+    recording = read("time,name,value\n" + "\n".join(rows) + "\n")
+    assert recording.names == ("a", "b")
+    assert np.flatnonzero(np.isnan(recording.values[:, 1])).tolist() == [4]
+
+
+def test_without_time_the_values_are_counted(read):
+    rows = [f"{name},{x}" for x in X for name in ("a", "b")]
+    recording = read("name,value\n" + "\n".join(rows) + "\n")
+    np.testing.assert_array_equal(recording.values, np.column_stack([X, X]))
+    assert recording.sample_period is None
+
+
+def test_the_answer_of_thingsboard(read):
+    document = {
+        key: [{"ts": 1_700_000_000_000 + 5000 * i, "value": str(x)} for i, x in enumerate(X)] for key in ("t", "h")
+    }
+    recording = read(json.dumps(document), "log.json")
+    assert recording.names == ("t", "h")
+    assert recording.sample_period == 5.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time,value,status\n" + "".join(f"{i},{x},{'ok' if i % 3 else 'low'}\n" for i, x in enumerate(X)),
+        "time,sensor,temp,hum\n" + "".join(f"{i},kitchen,{x},{x}\n" for i, x in enumerate(X)),
+        "time,name,value,other\n" + "".join(f"{i},a,{x},{x}\n" for i, x in enumerate(X)),
+        "time,name,value\n" + "".join(f"{i},run{i},{x}\n" for i, x in enumerate(X)),
+    ],
+)
+def test_a_table_with_text_beside_its_values_is_no_long_one(read, text):
+    recording = read(text)
+    assert len(recording) == len(X)
+    assert recording.names[0] in ("value", "temp")
