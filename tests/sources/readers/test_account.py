@@ -102,3 +102,8 @@ def test_nothing_unprintable_of_a_file_is_said():
     recording = Recording(np.arange(9.0), ("a",), ("",), np.zeros((9, 1)), None, report)
     said = [summary(recording), *warnings(recording), *account(recording).splitlines()]
     assert all(c.isprintable() or c == THIN_SPACE for line in said for c in line)
+
+
+def test_a_single_line_is_no_warning_however_short_the_file(read):
+    assert warnings(read([*ROWS[:9], "x"])) == ()
+    assert warnings(read([*ROWS[:9], "x", "y", *ROWS[9:20]])) != ()

@@ -32,6 +32,9 @@ SPECIFICATIONS = {
 }
 """The options that specify the filter: the word of `find_parameters`, and its value over that of the option."""
 
+MAX_OTHERS = 24
+"""Channels beside the tuned one that are named; a car sends hundreds."""
+
 
 @reads_source
 def tune_command(
@@ -184,8 +187,9 @@ def _text(recording: Recording, answers: list[Answer]) -> str:
     pages += f"\n{'-' * WIDTH}\n".join(text_of(answer, recording) for answer in answers)
     others = [name for name in recording.names if name not in {answer.channel for answer in answers}]
     if others:
-        words = ", ".join(with_kinds(recording, others))
-        more = textwrap.wrap(f"Other channels (--channel, --all): {words}", WIDTH)
+        words = ", ".join(with_kinds(recording, others[:MAX_OTHERS]))
+        rest = f" and {len(others) - MAX_OTHERS} more" if len(others) > MAX_OTHERS else ""
+        more = textwrap.wrap(f"Other channels (--channel, --all): {words}{rest}", WIDTH)
         pages += "\n" + "\n".join(more) + "\n"
     return pages
 

@@ -11,7 +11,7 @@ from kalscope.recording import LineIssue, Recording
 from kalscope.sources.times.sample_rate import find_rate
 
 MAX_SHARE = 0.02
-"""More rejected lines or cells without a number than this share are worth a warning."""
+"""More rejected lines or cells without a number than this share are worth a warning; a single one is not."""
 
 _SHORT = {
     "must have a readable": "no readable time",
@@ -45,10 +45,10 @@ def warnings(recording: Recording) -> tuple[str, ...]:
     cells = [issue for issue in report.issues if issue.column is not None]
     lines = [issue for issue in report.issues if issue.column is None]
     rejected = report.rejected / max(1, report.rejected + report.rows)
-    if rejected > MAX_SHARE:
+    if rejected > MAX_SHARE and report.rejected > 1:
         found.append(f"{percent(rejected)} of the lines were rejected{_first(lines)}")
     bad = report.bad_cells / max(1, report.rows * len(recording.names))
-    if bad > MAX_SHARE:
+    if bad > MAX_SHARE and report.bad_cells > 1:
         found.append(f"{percent(bad)} of the cells are not numbers{_first(cells)}")
     return tuple(_plain(sentence) for sentence in found)
 
