@@ -251,6 +251,10 @@ def test_picoscope_puts_units_in_brackets_and_an_empty_line(blank):
     assert (found.time_unit, found.first_row) == ("ms", 4)
 
 
+def test_picoscope_writes_infinity_where_a_channel_is_out_of_range():
+    assert preface("Time,Channel A\n(ms),(V)\n\n-0.1,∞\n0.0,-∞\n0.1,4.8").first_row == 4
+
+
 def test_picoscope_takes_the_decimal_comma_of_its_computer():
     found = preface("Time;Channel A\n(µs);(V)\n\n-0,00500800;12,12598419\n-0,00250400;12,1")
     assert (found.delimiter, found.decimal, found.time_unit) == (";", ",", "us")

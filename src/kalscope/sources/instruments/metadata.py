@@ -73,6 +73,11 @@ def first_sample(rows: Sequence[Cells], after: int = 0) -> int | None:
     return next((i for i in range(after, len(rows)) if is_sample(rows[i])), None)
 
 
+def first_stamp(rows: Sequence[Cells], after: int) -> int | None:
+    """Index of the first row that begins with a number, whatever follows ("∞", 0x00); None where there is none."""
+    return next((i for i in range(after, len(rows)) if is_sample(rows[i][:1])), None)
+
+
 def index_of(rows: Sequence[Cells], *firsts: str) -> int | None:
     """Index of the first row whose first cell is one of `firsts`, in lower case; None where there is none."""
     return next((i for i, cells in enumerate(rows) if cells and cells[0].lower() in firsts), None)

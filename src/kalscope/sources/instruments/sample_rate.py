@@ -58,16 +58,16 @@ def recognise(head: Sequence[str]) -> Preface | None:
         for key, value in _settings(text):
             period = _period(key, value)
             if period is not None:
-                found.setdefault(period, f"{key} {value}".strip())
+                found.setdefault(period, key)
                 lines += 1
     # A key on line after line is a value of each, as `dt: 12` from a board.
     if len(found) != 1 or lines > 2:
         return None
-    period, text = next(iter(found.items()))
+    period, key = next(iter(found.items()))
     return Preface(
         "",
         period=period,
-        notes=(f'"{text}" above the table: the sample interval is {in_words(period)}',),
+        notes=(f'"{key}" above the table gives a sample interval of {in_words(period)}',),
     )
 
 

@@ -14,10 +14,10 @@ from kalscope.sources.grammar.cells import parse_number
 from kalscope.sources.instruments.metadata import (
     Cells,
     first_sample,
+    first_stamp,
     in_words,
     index_of,
     inverse,
-    is_sample,
     positive,
     said,
     table_rows,
@@ -56,7 +56,7 @@ def _names_channels(cells: Cells) -> bool:
 def _counted(rows: list[Cells], at: int) -> Preface | None:
     """`X,CH1,Start,Increment` above `Sequence,Volt,-6e-3,1e-6`: numbered samples, the time in the second line."""
     names, says = rows[at - 1], rows[at]
-    first = next((i for i in range(at + 1, len(rows)) if is_sample(rows[i][:1])), None)
+    first = first_stamp(rows, at + 1)
     bases = [name.lower() for name in names]
     if first is None or "start" not in bases or "increment" not in bases:
         return None

@@ -13,7 +13,7 @@ from kalscope.sources.grammar.time_units import UNIT_OF_WORD
 from kalscope.sources.instruments.metadata import (
     Cells,
     agrees,
-    first_sample,
+    first_stamp,
     in_words,
     is_sample,
     positive,
@@ -89,7 +89,7 @@ def _numbers(cells: Cells) -> bool:
 def _above(rows: list[Cells]) -> Preface | None:
     """Settings line by line, then `TIME,CH1,CH2`; an MSO writes those of its digital lines beside them."""
     at = next((i for i, cells in enumerate(rows) if len(cells) > 1 and cells[0].upper() == "TIME"), None)
-    first = first_sample(rows, at + 1) if at is not None else None
+    first = first_stamp(rows, at + 1) if at is not None else None
     if at is None or first is None or not any(cells and cells[0].lower() in _SETTINGS[1:] for cells in rows[:at]):
         return None
     names, width = rows[at], len(rows[at])

@@ -9,7 +9,7 @@ from kalscope.sources.grammar.time_units import UNIT_OF_WORD
 from kalscope.sources.instruments.metadata import (
     Cells,
     agrees,
-    first_sample,
+    first_stamp,
     in_words,
     is_sample,
     unit_in,
@@ -48,7 +48,7 @@ def trace(
         names: Names of the columns; () for those of that row.
         period: Sample period in s that the metadata give; not used where the stamps contradict it.
     """
-    units, first = trace_units(rows[units_at]), first_sample(rows, units_at + 1)
+    units, first = trace_units(rows[units_at]), first_stamp(rows, units_at + 1)
     if units is None or first is None or len(rows[first]) > len(units):
         return None
     names = names or (rows[header_at] if header_at is not None else ())
