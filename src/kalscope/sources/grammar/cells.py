@@ -23,7 +23,7 @@ MISSING_WORDS = frozenset((*_MISSING_TEXT.split(), "no data", "not available"))
 
 NUMBER = {
     # [0-9], not \d: float() would take the digits of any script. No hexadecimal, no infinity, no "1_000".
-    ".": re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"),
+    ".": re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"),
     # A decimal comma needs a digit after it, else "155," of "155, 0.76" would be a number.
     ",": re.compile(r"[-+]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:[eE][-+]?[0-9]+)?"),
 }

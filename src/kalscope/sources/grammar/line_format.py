@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import reduce
+from string import hexdigits
 from typing import Literal
 
 from kalscope.sources.grammar.cells import is_number
@@ -17,7 +18,8 @@ Pairs = list[tuple[str, str]]
 
 _BETWEEN_PAIRS = re.compile(r"[,;&\t]")
 _TOKEN = re.compile(r'"[^"]*"|[^\s,;&="]+|=')
-_LABEL_PAIR = re.compile(r"([^\s:]+)\s*:\s*(\S+)")
+# A label begins at a word's beginning and is never given back, else each place of a long word would be tried.
+_LABEL_PAIR = re.compile(r"(?<![^\s:])([^\s:]++)\s*+:\s*(\S+)")
 _STAMP = r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9})?)"
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
 _AFTER_STAMP = r"(?:[ \t]{0,4}-?>|:(?=[ \t])|[ \t]-(?=[ \t]|$))"
@@ -25,7 +27,7 @@ _AFTER_BRACKET = r"[ \t]?(?:->|[>:]|-(?=[ \t]))?"
 _LINE_STAMP = re.compile(
     rf"[ \t]{{0,8}}(?:{_STAMP}{_AFTER_STAMP}|\[{_STAMP}\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL
 )
-_CHECKSUM = re.compile(r"\s*\$?(.*)\*([0-9A-Fa-f]{2})\s*", re.DOTALL)
+_HEXADECIMAL = frozenset(hexdigits)
 _TELEPLOT = re.compile(r"\s*>([^:>|§]+):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
 
 
@@ -144,7 +146,9 @@ def split_checksum(line: str) -> tuple[str, int, int] | None:
 
     As in NMEA 0183: two hexadecimal digits, the XOR of all bytes between a leading `$`, if any, and the `*`.
     """
-    match = _CHECKSUM.fullmatch(line)
-    if match is None:
+    text = line.strip()
+    mark, digits = text[-3:-2], text[-2:]
+    if mark != "*" or not set(digits) <= _HEXADECIMAL:
         return None
-    return match[1], int(match[2], 16), reduce(int.__xor__, match[1].encode(), 0)
+    payload = text[:-3].removeprefix("$")
+    return payload, int(digits, 16), reduce(int.__xor__, payload.encode(), 0)
