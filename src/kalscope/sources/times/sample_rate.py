@@ -99,8 +99,8 @@ def _guess(time: Array, steps: Steps, *, recur: bool) -> _Guess | None:
         changes = np.flatnonzero(steps.all > 0)
         period = median * (changes.size - 1) / max(1, int(changes[-1] - changes[0])) if changes.size > 1 else median
         return _Guess("coarse", period, median, max(GAP_PERIODS * median, median + 2 * period))
-    low, high = np.quantile(steps.all, (0.25, 0.75))
-    jitter = float(high - low) / 1.35
+    near = steps.all[np.abs(steps.all - median) <= 0.5 * median]
+    jitter = float(np.std(near))
     single = _Guess("uneven", median, median, max(GAP_PERIODS * median, median + 4 * jitter))
     if not recur and one_sample_a_step(steps):
         return single

@@ -8,8 +8,8 @@ import numpy as np
 
 from kalscope.common.array import Array
 
-GAP_PERIODS = 1.5
-"""A step longer than this many sample periods may be a gap: at least one sample is missing."""
+GAP_PERIODS = 1.5 * (1 + 1e-6)
+"""A step longer than this many sample periods may be a gap: at least one sample is missing. 3 ms is 1.5 × 2 ms."""
 
 _SOME_STEPS = 200_000
 """Spread and resolution are judged on at most as many steps, evenly chosen."""
@@ -96,7 +96,7 @@ def one_sample_a_step(steps: Steps, share: float = 0.8) -> bool:
     if near >= share * usual.size:
         return True
     few_back = bool(np.count_nonzero(usual <= 0) <= 0.05 * usual.size)
-    return few_back and median >= _GRID_TICKS * _resolution(steps) and _on_grid(usual[usual > 0], median)
+    return few_back and _on_grid(usual[usual > 0], median)
 
 
 def returns_to_grid(steps: Steps) -> bool:
@@ -132,7 +132,17 @@ def long_steps_recur(steps: Steps) -> bool:
     if tight and (float(np.median(rows)) > _MAX_BURST_ROWS or slow):
         return False  # a logger that records for a while and sleeps
     share = float(lengths.sum()) / float(steps.forward[steps.forward > 0].sum())
-    return _regular(rows) or share > 0.5
+    usual = float(np.median(lengths))
+    if _regular(rows) or (share > 0.5 and usual > 3 * median):
+        return True
+    return _made_up_for(np.clip(steps.all, 0.0, 3 * usual), 4 * float(np.median(rows)))
+
+
+def _made_up_for(steps: Array, rows: float) -> bool:
+    """True where a long step comes after short ones, as on a coarse clock: lost samples come at random."""
+    size = int(max(8, min(rows, steps.size // 16)))
+    sums = steps[: steps.size // size * size].reshape(-1, size).sum(axis=1)
+    return sums.size >= 16 and float(np.var(sums)) < 0.3 * size * float(np.var(steps))
 
 
 def _regular(rows: Array) -> bool:
@@ -143,14 +153,14 @@ def _regular(rows: Array) -> bool:
 def _on_grid(steps: Array, median: float) -> bool:
     """True where nearly all steps are multiples of the median one."""
     some = _some(steps) / median
-    return bool(np.count_nonzero(np.abs(some - np.rint(some)) <= 0.05) >= 0.95 * some.size)
+    return bool(np.count_nonzero(np.abs(some - np.rint(some)) <= 0.15) >= 0.95 * some.size)
 
 
 def _resolution(steps: Steps) -> float:
     """Least difference between two steps that differ: the step of the clock, or less."""
-    values = np.unique(np.rint(_some(steps.all) / (1e-6 * steps.median)))
-    values = np.union1d(values, [0.0])
-    return float(np.diff(values).min(initial=np.inf)) * 1e-6 * steps.median
+    unit = 1e-6 * steps.median
+    between = np.diff(np.sort(np.append(np.rint(_some(steps.all) / unit), 0.0)))
+    return float(np.min(between[between > 0], initial=np.inf)) * unit
 
 
 def _some(steps: Array) -> Array:

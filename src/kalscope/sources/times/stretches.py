@@ -89,13 +89,15 @@ def pooled_slope(time: Array, index: Indices, stretches: Stretches, usual_rows: 
     starts, sizes = stretches.starts, stretches.sizes.astype(np.float64)
     x = (index - stretches.spread(index[starts])).astype(np.float64)
     t = time - stretches.spread(time[starts])
-    mean_x, mean_t = (np.add.reduceat(values, starts) / sizes for values in (x, t))
-    x -= stretches.spread(mean_x)
-    spread = np.add.reduceat(x * x, starts)
+    sum_x, sum_t = (np.add.reduceat(values, starts) for values in (x, t))
+    t *= x
+    together = np.add.reduceat(t, starts) - sum_x * sum_t / sizes
+    x *= x
+    spread = np.add.reduceat(x, starts) - sum_x * sum_x / sizes
     known = spread > 0
     if not known.any():
         return None
-    slopes = np.add.reduceat(x * (t - stretches.spread(mean_t)), starts)[known] / spread[known]
+    slopes = together[known] / spread[known]
     length = np.sqrt(12.0 * spread[known] / sizes[known])
     weight = length**3 / (length**2 + (8.0 * usual_rows) ** 2)
     return float(np.sum(weight * slopes) / np.sum(weight))
