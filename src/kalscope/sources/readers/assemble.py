@@ -105,12 +105,12 @@ def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tupl
 
 
 def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float | None) -> TimeAxis:
-    column = reading.layout.time
-    given = GivenPeriod(_chosen_period(options, sample_period), reading.period)
+    layout, column = reading.layout, reading.layout.time
+    given = GivenPeriod(_chosen_period(options, sample_period), reading.period or layout.period)
     if column is None:
         if options.time_unit is not None:
             raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
-        return counted_time(n, given, reading.layout.offset)
+        return counted_time(n, given, layout.offset, layout.start)
     return read_time(reading.columns[column.index], column, options.time_unit, given, options.gaps)
 
 

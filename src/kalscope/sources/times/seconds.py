@@ -49,7 +49,7 @@ def to_seconds(stamps: Array, column: TimeColumn) -> tuple[Array, str]:
     Calendar and epoch stamps count from the first sample; others, years among them, as the source counts them.
     """
     if column.kind == "calendar":
-        start = _date_text(float(stamps[0]) * 1e-6)
+        start = date_text(float(stamps[0]) * 1e-6)
         return (stamps - stamps[0]) / 1e6, f"time counts from the first stamp, {start}"
     if column.kind == "clock":
         # A clock that jumps back by more than half a turn has begun its next one.
@@ -66,7 +66,7 @@ def to_seconds(stamps: Array, column: TimeColumn) -> tuple[Array, str]:
     if unit == "year":
         return stamps * scale, f"stamps are {said}"
     if is_epoch(stamps, unit):
-        start = _date_text(float(stamps[0]) * scale)
+        start = date_text(float(stamps[0]) * scale)
         return _scaled(stamps - stamps[0], scale), f"stamps are {said} since 1970; time counts from {start}"
     return _scaled(stamps, scale), f"stamps are {said}"
 
@@ -81,7 +81,8 @@ def times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
 
 
-def _date_text(seconds: float) -> str:
+def date_text(seconds: float) -> str:
+    """The date and clock, UTC, of seconds since 1970."""
     try:
         return (_EPOCH + timedelta(seconds=seconds)).isoformat()
     except OverflowError:  # a zone can push a stamp of year 1 or 9999 over the calendar's edge

@@ -12,7 +12,7 @@ from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.times.even_time import place_evenly
 from kalscope.sources.times.gaps import missing_rows
 from kalscope.sources.times.sample_rate import SampleRate, find_rate
-from kalscope.sources.times.seconds import times, to_seconds
+from kalscope.sources.times.seconds import date_text, times, to_seconds
 from kalscope.sources.times.step_pattern import GAP_PERIODS
 from kalscope.sources.times.timing_text import with_words
 
@@ -88,13 +88,25 @@ def read_time(
     return TimeAxis(time, timing, pauses, backward, (*notes, *timing.notes))
 
 
-def counted_time(n: int, given: GivenPeriod, offset: float = 0.0) -> TimeAxis:
-    """Time of `n` samples without stamps: by the period that is given, else their numbers."""
+def counted_time(n: int, given: GivenPeriod, offset: float = 0.0, start: float | None = None) -> TimeAxis:
+    """Time of `n` samples without stamps: by the period that is given, else their numbers.
+
+    Args:
+        n: How many.
+        given: Sample periods that are known.
+        offset: Time of the first sample in s, where a period is given.
+        start: When the first sample was taken, in s since 1970; None where that is not known.
+    """
     period = given.option or given.file
-    time = offset + np.arange(n, dtype=np.float64) * (period or 1.0)
+    time = np.arange(n, dtype=np.float64)
+    if period is not None:
+        time = offset + time * period
     source: RateSource = "option" if given.option else "file" if given.file else "none"
     timing = with_words(Timing("none", source, period), None, given.file, "rows", n)
-    return TimeAxis(time, timing, np.zeros(0, dtype=np.int64), 0, timing.notes)
+    notes: list[str] = []
+    if period is not None and start is not None:
+        notes = [f"time counts from {date_text(start)}"]
+    return TimeAxis(time, timing, np.zeros(0, dtype=np.int64), 0, (*notes, *timing.notes))
 
 
 def _without_rate(time: Array, given: GivenPeriod, backward: int, notes: list[str]) -> TimeAxis:
