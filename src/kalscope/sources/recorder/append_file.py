@@ -33,6 +33,14 @@ _FULL = {
 _fdatasync = getattr(os, "fdatasync", os.fsync)
 
 
+def write_some(fd: int, data: memoryview) -> int:
+    """Write as much as the disk takes, at least a byte; a disk that takes nothing is full."""
+    count = os.write(fd, data)
+    if count == 0:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    return count
+
+
 @dataclass(frozen=True, slots=True)
 class _Entry:
     """What is written whole or not at all."""
@@ -79,8 +87,8 @@ class AppendFile:
         """True where nothing waits."""
         return not self._waiting
 
-    def open(self, *, new: bool) -> None:
-        """Open the file, as a new one (FileExistsError if it exists), or to append to it.
+    def open(self, *, new: bool) -> int:
+        """Open the file, as a new one (FileExistsError if it exists), or to append to it; returns its descriptor.
 
         Raises:
             OSError: It cannot be opened.
@@ -95,6 +103,7 @@ class AppendFile:
             os.close(fd)
             raise
         self._fd = fd
+        return fd
 
     def put(self, data: bytes, at: float, lines: int = 0) -> bool:
         """Queue one entry for the next flush; False where it is lost because too much waits already."""
@@ -178,11 +187,10 @@ class AppendFile:
         data = memoryview(b"".join(entry.data for entry in self._waiting))
         done, error = 0, None
         try:
-            if self._fd is None:
-                self.open(new=False)
+            fd = self.open(new=False) if self._fd is None else self._fd
             self._cut_back()
             while done < len(data):
-                done += self._write_some(data[done:])
+                done += write_some(fd, data[done:])
         except OSError as failure:
             error = failure
         except BadFile as failure:  # another program records it by now
@@ -201,13 +209,6 @@ class AppendFile:
             with suppress(OSError):  # tried again before the next write
                 self._cut_back()
         return lines, error
-
-    def _write_some(self, data: memoryview) -> int:
-        assert self._fd is not None
-        count = os.write(self._fd, data)
-        if count == 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return count
 
     def _cut_back(self) -> None:
         """Cut what a refused write left behind the last whole entry."""
