@@ -1,6 +1,7 @@
 """Every command that reads a file takes every option about reading it, and they reach the reader."""
 
 import inspect
+from pathlib import Path
 
 import pytest
 from typer import Typer
@@ -9,7 +10,7 @@ from typer.testing import CliRunner
 from kalscope.cli.app import app, run
 from kalscope.cli.options import read_options, reads_source
 from kalscope.errors import BadSetting
-from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions, option_words, options_from_text
+from kalscope.sources.grammar.read_options import DEFAULTS, OPTIONS, ReadOptions, option_words, options_from_text
 from kalscope_app.main import open_dashboard
 
 WRONG = [
@@ -55,7 +56,8 @@ def test_every_field_of_the_options_can_be_given_and_has_a_line_of_help():
     fields = set(inspect.signature(ReadOptions).parameters)
     assert fields - {"header"} == set(inspect.signature(read_options).parameters)  # header: `--header-row 0`
     shown = CliRunner().invoke(app, ["filter", "--help"]).output
-    assert all(f"--{name.replace('_', '-')}" in shown for name in fields - {"header"})
+    assert {f"--{name.replace('_', '-')}" for name in fields - {"header"}} | {"--month-first"} == set(OPTIONS)
+    assert [option for option in OPTIONS if option not in shown] == []
 
 
 EXAMPLES = [
@@ -86,3 +88,8 @@ def test_a_rate_may_bear_its_unit_and_nothing_else():
     assert options_from_text(rate="250 Hz").rate == 250.0
     with pytest.raises(BadSetting, match="rate must be"):
         options_from_text(rate="250 kHz")
+
+
+def test_the_page_on_reading_names_every_option_and_command():
+    page = (Path(__file__).parents[2] / "docs" / "reading-files.md").read_text("utf-8")
+    assert [option for option in OPTIONS if f"`{option}" not in page] == []

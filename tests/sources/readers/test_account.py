@@ -93,6 +93,7 @@ def test_the_account_goes_into_json_whole(read):
     assert (plain["lines"], plain["rows"], plain["rejected"], plain["headers"]) == (202, 200, 1, 1)
     assert plain["issues"][0]["line"] == 11
     assert plain["options"] == ["--delimiter", "comma", "--missing=-200"]
+    assert {"--time-column", "--rate"} <= set(plain["overrule_with"])
     assert plain["notes"] == list(recording.report.notes)
 
 

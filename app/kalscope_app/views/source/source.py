@@ -60,7 +60,9 @@ class SourceView:
         with gui.add_folder("Your own file") as self._own:
             with gui.add_form(None) as path_form:
                 self._path = gui.add_text(
-                    "path", "", hint="A CSV or Parquet file on this computer, of any size; press Enter to open it."
+                    "path",
+                    "",
+                    hint="A log or measurement file on this computer, of any size; press Enter to open it.",
                 )
             self._open = gui.add_button("Open this path", hint="Open the file at this path.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
@@ -98,7 +100,7 @@ class SourceView:
             button = client.gui.add_upload_button(
                 "Upload a file …",
                 mime_type="*/*",
-                hint="A CSV file of up to 64 MB; larger ones by their path.",
+                hint="A log or measurement file of up to 64 MB; larger ones by their path.",
             )
 
         def take(_event: viser.GuiEvent[Any]) -> None:

@@ -101,6 +101,13 @@ DEFAULTS = ReadOptions()
 """Everything is detected."""
 
 
+OPTIONS = (
+    *("--delimiter", "--decimal", "--header-row", "--unit-row", "--time-column", "--time-unit", "--time-format"),
+    *("--day-first", "--month-first", "--rate", "--missing", "--gaps", "--part"),
+)
+"""The options of the command line that overrule what was detected."""
+
+
 def options_from_text(
     delimiter: str | None = None,
     time_column: str | None = None,

@@ -8,6 +8,7 @@ from typing import Any
 
 from kalscope.common.text import THIN_SPACE, count, percent, sample_rate
 from kalscope.recording import LineIssue, Recording
+from kalscope.sources.grammar.read_options import OPTIONS
 from kalscope.sources.times.sample_rate import find_rate
 
 MAX_SHARE = 0.02
@@ -55,8 +56,8 @@ def warnings(recording: Recording) -> tuple[str, ...]:
 
 def as_plain(recording: Recording) -> dict[str, Any]:
     """The whole account as JSON can say it; numbers may be infinite."""
-    report = asdict(recording.report)
-    return {"summary": summary(recording), "warnings": list(warnings(recording)), **report}
+    said = {"summary": summary(recording), "warnings": list(warnings(recording))}
+    return {**said, **asdict(recording.report), "overrule_with": list(OPTIONS)}
 
 
 def _many(n: int, noun: str) -> str:

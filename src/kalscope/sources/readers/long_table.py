@@ -69,7 +69,12 @@ def widened(table: Array, tally: Tally, layout: Layout, part: str | None, name: 
     time = None if layout.time is None else replace(layout.time, index=0, parts=())
     if time is None:
         columns, data = columns[1:], {i - 1: column for i, column in data.items() if i}
-    return Reading(data, tally, replace(layout, columns=tuple(columns), time=time, notes=(*layout.notes, *notes)), layout.period)
+    return Reading(
+        data,
+        tally,
+        replace(layout, columns=tuple(columns), time=time, notes=(*layout.notes, *notes)),
+        layout.period,
+    )
 
 
 def _listed(names: list[str]) -> str:
