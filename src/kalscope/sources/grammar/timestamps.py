@@ -8,8 +8,22 @@ from functools import lru_cache
 from typing import Literal
 
 from kalscope.sources.grammar.cells import parse_number
-from kalscope.sources.grammar.stamps.clocks import CLOCK_PARSERS, MAX_STAMP_LENGTH, TURNS_S, ClockForm, parse_clock
-from kalscope.sources.grammar.stamps.dates import CALENDAR_FORMS, DateOrder, day_us, year_of
+from kalscope.sources.grammar.stamps.clocks import (
+    CLOCK_PARSERS,
+    MAX_STAMP_LENGTH,
+    TURNS_S,
+    ClockForm,
+    parse_clock,
+    quick_clock,
+)
+from kalscope.sources.grammar.stamps.dates import (
+    CALENDAR_FORMS,
+    DateOrder,
+    day_us,
+    parse_calendar,
+    parse_iso,
+    year_of,
+)
 from kalscope.sources.grammar.stamps.odd_stamps import odd_parser
 
 TimeKind = Literal["number", "calendar", "clock"]
@@ -97,12 +111,20 @@ def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
 
 
 def calendar_parser(order: DateOrder) -> StampParser:
-    """As `parse_calendar`, but the form that read the last cell is tried first."""
+    """As `parse_calendar`, but faster: days are remembered, and the form that read the last cell is tried first."""
     forms = list(CALENDAR_FORMS)
 
     def parse(cell: str) -> float | None:
         if len(cell) > MAX_STAMP_LENGTH:
             return None
+        stamp = parse_iso(cell, order)
+        if stamp is not None:
+            return stamp
+        head, _, tail = cell.rpartition(" ")
+        clock = quick_clock(tail)
+        day = None if clock is None or not head else _whole_day(head, order)
+        if clock is not None and day is not None:
+            return day + clock
         for i, form in enumerate(forms):
             stamp = form(cell, order)
             if stamp is not None:
@@ -112,6 +134,13 @@ def calendar_parser(order: DateOrder) -> StampParser:
         return None
 
     return parse
+
+
+@lru_cache(maxsize=4096)
+def _whole_day(text: str, order: DateOrder) -> float | None:
+    """Microseconds from 1970 to the day of a text without a clock; None for anything else."""
+    stamp = None if ":" in text else parse_calendar(text, order)
+    return stamp if stamp is not None and stamp % 86400e6 == 0 else None
 
 
 def _day_parser(

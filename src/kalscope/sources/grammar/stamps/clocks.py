@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from datetime import time
 from typing import Literal
 
 ClockForm = Literal["h:m:s", "min:s", "elapsed", "hhmm", "hhmmss"]
@@ -36,10 +37,25 @@ _ELAPSED = re.compile(
 )
 
 
+def quick_clock(cell: str) -> float | None:
+    """Microseconds since midnight of `07:18`, `07:18:47`, `07:18:47.375`; None may still be a clock."""
+    size = len(cell)
+    if cell[2:3] != ":" or cell[:2] == "24" or not (size in (5, 8) or (cell[8:9] in ".," and cell[9:].isdecimal())):
+        return None
+    try:
+        clock = time.fromisoformat(cell)
+    except ValueError:
+        return None
+    return ((clock.hour * 60 + clock.minute) * 60 + clock.second) * 1e6 + clock.microsecond
+
+
 def parse_clock(cell: str, midnight: int = 0) -> float | None:
     """Microseconds since midnight of `12:00`, `12:00:00.023`, `18.00.00`, `7:03 PM`; 24:00 if `midnight` is 24."""
     if len(cell) > MAX_STAMP_LENGTH:
         return None
+    quick = quick_clock(cell)
+    if quick is not None:
+        return quick
     match = _CLOCK.fullmatch(cell)
     return None if match is None else clock_of(match.groups(), midnight=midnight)
 

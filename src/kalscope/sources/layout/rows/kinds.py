@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from kalscope.sources.grammar.cells import (
     is_grouped,
     split_measure,
 )
+from kalscope.sources.grammar.stamps.shapes import is_stamp
 from kalscope.sources.layout.units import is_measure
 
 Cells = tuple[str, ...]
@@ -24,22 +24,8 @@ CellKind = Literal["number", "other number", "measure", "missing", "word", "stam
 """A plain number, one with the other decimal mark or thousands, one with its unit, an ordinary missing value, a
 word that loggers write for one, a stamp, anything else."""
 
-STAMP_SHAPE = re.compile(
-    r"[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}(?:[T ]+[0-9]{1,2}[:.][0-9]{2}.*)?"
-    r"|[0-9]{1,2}[:.][0-9]{2}[:.][0-9]{2}(?:[.,][0-9]+)?(?: ?[AaPp][Mm])?|[0-9]{1,2}:[0-9]{2}(?:[.,][0-9]{1,9})?"
-    r"|[0-9]{1,4}[-/. ](?:jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]{0,6}[-/. ,].*"
-    r"|(?:mon|tue|wed|thu|fri|sat|sun)[a-z]{0,6}[, ].*[0-9]{1,2}:[0-9]{2}.*"
-    r"|[0-9]{8}[T_ ][0-9]{4,6}(?:\.[0-9]{1,6})?",
-    re.IGNORECASE,
-)
-_MAX_STAMP_LENGTH = 48
 _MIN_REPEATED = 3
 """How often the one word of an otherwise numeric column must come to say "no sample"."""
-
-
-def is_stamp(cell: str) -> bool:
-    """True where the cell is written like a date, a clock or both."""
-    return len(cell) <= _MAX_STAMP_LENGTH and STAMP_SHAPE.fullmatch(cell) is not None
 
 
 class CellKinds(dict[str, CellKind]):

@@ -18,8 +18,9 @@ from kalscope.sources.grammar.line_format import (
     split_teleplot,
 )
 from kalscope.sources.grammar.read_options import DELIMITERS
+from kalscope.sources.grammar.stamps.shapes import is_stamp
 from kalscope.sources.layout.plan import Plan
-from kalscope.sources.layout.rows.kinds import CellKinds, Cells, column_type, is_stamp, likeness, only_text
+from kalscope.sources.layout.rows.kinds import CellKinds, Cells, column_type, likeness, only_text
 
 MIN_UNIFORM = 0.6
 """Of the lines with numbers, the share that must have one width: records of several lines are no table."""
