@@ -1,8 +1,6 @@
 """ROS bags, MCAP and ULog files, written by the libraries that own the formats; ULog by its specification."""
 
-import json
 import sqlite3
-import struct
 
 import numpy as np
 import pytest
@@ -16,109 +14,21 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 pytest.importorskip("pyulog")
 
-from mcap.writer import Writer as McapWriter
-from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
-
-START = 1_700_000_000_000_000_000
-STEP = 10_000_000
-N = 25
-X = np.sin(np.arange(N) / 4)
-IMU, FLOAT, TEXT = "sensor_msgs/msg/Imu", "std_msgs/msg/Float64", "std_msgs/msg/String"
-TOPICS = (("/imu", IMU), ("/temp", FLOAT), ("/note", TEXT))
-
-
-def store_of(version):
-    return get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
-
-
-def imu(store, i, version):
-    types = store.types
-    stamp = types["builtin_interfaces/msg/Time"](sec=1_600_000_000, nanosec=i * STEP)
-    extra = {"seq": i} if version == 1 else {}
-    vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-    return types[IMU](
-        header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="imu", **extra),
-        orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
-        orientation_covariance=np.zeros(9),
-        angular_velocity=vector(x=0.0, y=0.0, z=0.0),
-        angular_velocity_covariance=np.zeros(9),
-        linear_acceleration=vector(x=X[i], y=-X[i], z=9.81),
-        linear_acceleration_covariance=np.zeros(9),
-    )
-
-
-def write_ros1(path, compression=None):
-    store = store_of(1)
-    bag = Writer1(path)
-    if compression:
-        bag.set_compression(compression)
-    with bag as writer:
-        topics = [writer.add_connection(topic, kind, typestore=store) for topic, kind in TOPICS]
-        for i in range(N):
-            at = START + 2 * i * STEP
-            writer.write(topics[0], at, store.serialize_ros1(imu(store, i, 1), IMU))
-            if i % 5 == 0:
-                writer.write(topics[1], at + 1, store.serialize_ros1(store.types[FLOAT](data=20.0 + i), FLOAT))
-                writer.write(topics[2], at + 2, store.serialize_ros1(store.types[TEXT](data="ok"), TEXT))
-    return path
-
-
-def write_ros2(path, storage):
-    store = store_of(2)
-    with Writer2(path, version=9, storage_plugin=storage) as writer:
-        topics = [writer.add_connection(topic, kind, typestore=store) for topic, kind in TOPICS]
-        for i in range(N):
-            at = START + 2 * i * STEP
-            writer.write(topics[0], at, store.serialize_cdr(imu(store, i, 2), IMU))
-            if i % 5 == 0:
-                writer.write(topics[1], at + 1, store.serialize_cdr(store.types[FLOAT](data=20.0 + i), FLOAT))
-                writer.write(topics[2], at + 2, store.serialize_cdr(store.types[TEXT](data="ok"), TEXT))
-    return path
-
-
-def write_json_mcap(path, **options):
-    with path.open("wb") as file:
-        writer = McapWriter(file, **options)
-        writer.start()
-        schema = writer.register_schema(name="Pose", encoding="jsonschema", data=b'{"type": "object"}')
-        pose = writer.register_channel(topic="/pose", message_encoding="json", schema_id=schema)
-        blob = writer.register_channel(topic="/blob", message_encoding="protobuf", schema_id=schema)
-        for i in range(N):
-            data = json.dumps({"position": {"x": X[i], "list": [i, 2 * i]}, "name": "robot"}).encode()
-            writer.add_message(channel_id=pose, log_time=START + i * STEP, data=data, publish_time=START)
-            writer.add_message(channel_id=blob, log_time=START + i * STEP, data=b"\x08\x01", publish_time=START)
-        writer.finish()
-    return path
-
-
-def write_ulog(path):
-    """Header, two formats, their subscriptions and data; docs.px4.io/main/en/dev_log/ulog_file_format.html."""
-
-    def message(kind, body):
-        return struct.pack("<HB", len(body), ord(kind)) + body
-
-    out = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 5_000_000)
-    out += message("B", bytes(40))
-    out += message("F", b"sensor_combined:uint64_t timestamp;float[3] gyro_rad;uint8_t[4] _padding0;int32_t dt;")
-    out += message("F", b"battery:uint64_t timestamp;float voltage_v;")
-    for number, (instance, name) in enumerate([(0, b"sensor_combined"), (0, b"battery"), (1, b"battery")]):
-        out += message("A", struct.pack("<BH", instance, number) + name)
-    for i in range(N):
-        out += message("D", struct.pack("<HQfff4xi", 0, 5_000_000 + 4000 * i, X[i], 0.0, 1.0, 4000))
-    for i in range(4):
-        out += message("D", struct.pack("<HQf", 1, 5_000_000 + 100_000 * i, 12.0 + i))
-        out += message("D", struct.pack("<HQf", 2, 5_000_000 + 100_000 * i, 24.0 + i))
-    path.write_bytes(out)
-    return path
-
+from made_containers import (
+    Compression,
+    N,
+    StoragePlugin,
+    X,
+    write_json_mcap,
+    write_ros1,
+    write_ros2,
+    write_ulog,
+)
 
 WRITERS = {
     "ros1": lambda folder: write_ros1(folder / "log.bag"),
-    "ros1 bz2": lambda folder: write_ros1(folder / "log.bag", Writer1.CompressionFormat.BZ2),
-    "ros1 lz4": lambda folder: write_ros1(folder / "log.bag", Writer1.CompressionFormat.LZ4),
+    "ros1 bz2": lambda folder: write_ros1(folder / "log.bag", Compression.BZ2),
+    "ros1 lz4": lambda folder: write_ros1(folder / "log.bag", Compression.LZ4),
     "ros2 sqlite": lambda folder: write_ros2(folder / "log", StoragePlugin.SQLITE3),
     "ros2 mcap": lambda folder: write_ros2(folder / "log", StoragePlugin.MCAP),
 }
