@@ -86,14 +86,17 @@ def _followed(residual: Array, stretches: Stretches, bent: Mask, rows: int) -> A
     # The last block of a stretch goes up to its end, so that no sample lies far from a middle.
     ends = (stretches.starts + stretches.sizes - rows)[bent & (stretches.sizes >= rows)]
     first = np.union1d(first[bent[run]], ends)
-    middle = first + (rows - 1) / 2
-    edges = np.concatenate((stretches.starts[bent], (stretches.starts + stretches.sizes - 1)[bent]))
-    late = _block_means(residual, first, rows)
-    nearest = np.searchsorted(middle, edges)
-    starts = np.minimum(nearest[: len(edges) // 2], len(middle) - 1)
-    stops = np.maximum(nearest[len(edges) // 2 :] - 1, 0)
+    middle, late = first + (rows - 1) / 2, _block_means(residual, first, rows)
+    # Before the first middle and behind the last one the line goes on as it does between the nearest two.
+    starts, stops = stretches.starts[bent], (stretches.starts + stretches.sizes - 1)[bent]
+    lowest, highest = np.searchsorted(middle, starts), np.searchsorted(middle, stops) - 1
+    edges = np.concatenate((starts, stops))
+    outer = np.concatenate((lowest, highest))
+    inner = np.concatenate((np.minimum(lowest + 1, highest), np.maximum(highest - 1, lowest)))
+    apart = middle[inner] - middle[outer]
+    slope = (late[inner] - late[outer]) / np.where(apart == 0.0, 1.0, apart)
     at = np.concatenate((middle, edges))
-    values = np.concatenate((late, late[starts], late[stops]))
+    values = np.concatenate((late, late[outer] + slope * (edges - middle[outer])))
     order = np.argsort(at, kind="stable")
     return np.interp(np.arange(len(residual)), at[order], values[order])
 
