@@ -506,3 +506,15 @@ def test_how_the_file_was_read_comes_first_and_whole_in_json(log: Path, capsys: 
 def test_what_cannot_be_tuned_is_tried_again_with_the_same_reading(log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log), "--channel", "stuck", "--time-column", "1"]) == 0
     assert f"kalscope tune {log} --time-column 1 --channel stuck --lag-ms" in capsys.readouterr().out
+
+
+def test_a_reading_that_failed_is_named_before_a_sensor_that_is_stuck(tmp_path: Path, capsys: Captured) -> None:
+    rows = [f"{i},21.0" if i < 60 else "sensor lost" for i in range(317)]
+    path = tmp_path / "lost.csv"
+    path.write_text("\n".join(["t,temp", *rows, ""]))
+    assert run(["tune", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("lost.csv: 60 rows, 1 channel, 1.00 Hz; 257 lines rejected: another number of fields\n")
+    assert out.index("81 % of the lines were rejected") < out.index("Mend the reading first") < out.index("stuck")
+    assert run(["tune", str(path), "-o", str(tmp_path / "t.toml")]) == 2
+    assert "kalscope: 81 % of the lines were rejected, the first is line 62" in capsys.readouterr().err

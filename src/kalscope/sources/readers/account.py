@@ -37,6 +37,8 @@ def summary(recording: Recording) -> str:
         line += f"; {_many(report.rejected, 'line')} rejected{_short_reason(recording)}"
     if report.bad_cells:
         line += f"; {_many(report.bad_cells, 'cell')} without a number"
+    if report.comments > max(1.0, MAX_SHARE * report.lines):
+        line += f"; {_many(report.comments, 'line')} of comments and text"
     return _plain(line)
 
 
