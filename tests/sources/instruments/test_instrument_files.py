@@ -175,3 +175,39 @@ def test_a_trace_without_stamps_counts_from_the_trigger(name, tmp_path):
     path = tmp_path / "file.csv"
     path.write_text("\n".join(FILES[name][0]) + "\n", encoding="utf-8")
     assert read_recording(path).time == pytest.approx(T * 1e-5 - 1e-4)
+
+
+def quoted(line):
+    return line if '"' in line else ",".join(f'"{cell}"' if cell else cell for cell in line.split(","))
+
+
+MANGLED = {
+    "blank lines above": lambda text: ["", "", *text],
+    "each line end doubled": lambda text: "\n\n".join(text).split("\n"),
+    "blanks behind commas": lambda text: [line.replace(",", ", ") for line in text],
+    "all cells quoted": lambda text: [quoted(line) for line in text],
+    "one more separator": lambda text: [line + "," for line in text],
+    "a line for a spreadsheet": lambda text: ["sep=,", *text],
+}
+NAMES = [
+    "rigol numbered",
+    "rigol settings",
+    "tektronix above",
+    "siglent",
+    "picoscope",
+    "campbell",
+    "empatica",
+    "openbci",
+]
+
+
+@pytest.mark.parametrize("mangling", MANGLED)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_file_that_a_script_copied(name, mangling, tmp_path):
+    text, names, units, period = FILES[name]
+    path = tmp_path / "file.csv"
+    path.write_text("\n".join(MANGLED[mangling](text)) + "\n", encoding="utf-8")
+    recording = read_recording(path)
+    assert (recording.names, recording.units) == (words(names), words(units))
+    assert recording.values[:, 0] == pytest.approx(A)
+    assert recording.sample_period == pytest.approx(period, rel=1e-6)

@@ -245,3 +245,7 @@ Range=\t10.000 V\t200.0 mV
 """)
     assert (found.names, found.period, found.time_unit) == (("time", "ECG", "Pulse"), 0.001, "s")
     assert (found.delimiter, found.first_row, found.start) == ("\t", 6, 1246881600)
+
+
+def test_openbci_without_a_sample_as_yet():
+    assert preface("\n".join(head(OPENBCI)[:5])).first_row == 6

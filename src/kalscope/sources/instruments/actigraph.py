@@ -82,7 +82,7 @@ def _actiwatch(head: Sequence[str]) -> Preface | None:
         time_column=-1,
         period=period,
         start=start.timestamp(),
-        notes=(f"Actiwatch: sample interval {in_words(period)} from line 4",),
+        notes=(f"Actiwatch: sample interval {in_words(period)} from its fourth line",),
     )
 
 

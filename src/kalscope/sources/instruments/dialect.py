@@ -1,7 +1,7 @@
-"""The marks that a spreadsheet, or the computer's country, puts in place of "," and ".".
+"""The first lines of a file in one form, so that the rule of an instrument knows one only.
 
-An oscilloscope's file that was saved again, or that a German computer wrote, has ";" between its cells and decimal
-commas. Its first lines are put back, so that the rule of an instrument knows one form.
+A file that a spreadsheet saved again, that a German computer wrote, or that a script copied, has ";" or tabs
+between its cells, decimal commas, quotes around all of them, blank lines, or a line `sep=;` above.
 """
 
 from __future__ import annotations
@@ -9,57 +9,104 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from kalscope.sources.grammar.cells import is_number
+from kalscope.sources.grammar.cells import is_number, split_fields
 from kalscope.sources.instruments.metadata import KEPT_COMMA, MAX_LINES
 from kalscope.sources.instruments.preface import Preface
 
+_MAX_LENGTH = 1 << 14
+"""No instrument writes a longer line above its samples; a table so wide is none."""
 _LOOKED_AT = 40
 _MIN_SHARE = 0.6
 """Above this share of the lines; the text above an ActiGraph's table has no delimiter."""
+_MAX_BLANK = 0.4
+"""Above this share, blank lines are none of the instrument's own, as where a line end was doubled."""
 _MAX_CELLS = 50
+_TOLD = {",": ",", ";": ";", "\t": "\t", "\\t": "\t", "|": "|"}
 
 
 @dataclass(frozen=True)
-class Dialect:
-    """The marks of one file."""
+class PlainHead:
+    """The first lines of a file, as they are written with "," and ".", without quotes."""
 
-    delimiter: str = ","
-    """Between the cells."""
-    decimal: str = "."
-    """Decimal mark; "" where no number among the first lines has one."""
-
-    def plain(self, head: Sequence[str]) -> list[str]:
-        """The first lines as they are written with "," and "."; each line keeps its number."""
-        lines = list(head[:MAX_LINES])
-        if self.delimiter == ",":
-            return lines
-        comma = "." if self.decimal == "," else KEPT_COMMA
-        return [line.replace(",", comma).replace(self.delimiter, ",") for line in lines]
+    lines: tuple[str, ...]
+    """Without the lines `sep=` and blank ones above the first text."""
+    numbers: tuple[int, ...]
+    """Line number in the file, from 1, of each."""
+    delimiter: str
+    """Between the cells in the file."""
+    decimal: str
+    """Decimal mark in the file; "" where no number among these lines has one."""
+    told: str | None
+    """The delimiter that a line `sep=` names; None where there is none."""
 
     def restored(self, preface: Preface) -> Preface:
-        """The preface of those lines with the marks of the file."""
-        if self.delimiter == ",":
-            return preface
+        """What was found in these lines, with the marks and line numbers of the file."""
+        own = self.delimiter == ","
         return replace(
             preface,
-            delimiter=preface.delimiter and self.delimiter,
-            decimal=(preface.decimal and self.decimal) or None,
-            names=tuple(name.replace(KEPT_COMMA, ",") for name in preface.names),
-            units=tuple(unit.replace(KEPT_COMMA, ",") for unit in preface.units),
-            notes=tuple(note.replace(KEPT_COMMA, ",") for note in preface.notes),
+            delimiter=(preface.delimiter and self.delimiter) or self.told,
+            decimal=preface.decimal if own else (preface.decimal and self.decimal) or None,
+            header_row=self._number(preface.header_row),
+            unit_row=self._number(preface.unit_row),
+            first_row=self._number(preface.first_row),
+            names=tuple(_with_commas(name) for name in preface.names),
+            units=tuple(_with_commas(unit) for unit in preface.units),
+            notes=tuple(_with_commas(note) for note in preface.notes),
         )
 
+    def _number(self, row: int | None) -> int | None:
+        if not row or row <= len(self.numbers):
+            return self.numbers[row - 1] if row else row
+        return self.numbers[-1] + row - len(self.numbers)  # a table that has no rows as yet
 
-def dialect_of(head: Sequence[str]) -> Dialect:
-    """The dialect of the first lines: ";" or a tab on nearly each, with decimal commas or without."""
-    lines = [line for line in head[:_LOOKED_AT] if line.strip()]
+
+def plain_head(head: Sequence[str]) -> PlainHead:
+    """The first MAX_LINES lines in one form."""
+    kept = [(i, line[:_MAX_LENGTH]) for i, line in enumerate(head[:MAX_LINES], 1)]
+    if kept:
+        kept[0] = (1, kept[0][1].removeprefix("\ufeff"))
+    told = _told(kept[0][1]) if kept else None
+    kept = kept[1:] if told else kept
+    blank = sum(not line.strip() for _, line in kept)
+    if blank > _MAX_BLANK * len(kept):
+        kept = [(i, line) for i, line in kept if line.strip()]
+    while kept and not kept[0][1].strip():
+        kept = kept[1:]
+    delimiter, decimal = _marks([line for _, line in kept])
+    lines = tuple(_plain(line, delimiter, decimal) for _, line in kept)
+    return PlainHead(lines, tuple(i for i, _ in kept), delimiter, decimal, told)
+
+
+def _told(line: str) -> str | None:
+    """The delimiter that a first line `sep=;` tells a spreadsheet; None for any other line."""
+    text = line.strip(' "\r').lower() if len(line) < 12 else ""
+    return _TOLD.get(text[4:]) if text.startswith("sep=") else None
+
+
+def _plain(line: str, delimiter: str, decimal: str) -> str:
+    comma = "." if decimal == "," else KEPT_COMMA
+    if "{" in line:  # JSON, whose quotes and commas are its own
+        return line.replace(",", KEPT_COMMA)
+    cells = [cell.replace(",", comma) for cell in split_fields(line, delimiter)]
+    while cells and not cells[-1]:
+        cells.pop()
+    return ",".join(cells)
+
+
+def _with_commas(text: str) -> str:
+    return text.replace(KEPT_COMMA, ",")
+
+
+def _marks(lines: Sequence[str]) -> tuple[str, str]:
+    """(delimiter, decimal mark): ";" or a tab on most lines, with decimal commas or without; else "," and "."."""
+    looked = [line for line in lines[:_LOOKED_AT] if line.strip()]
     for delimiter in (";", "\t"):
-        marked = [line for line in lines if delimiter in line]
+        marked = [line for line in looked if delimiter in line]
         # The text above the table has other marks: the second half counts as well.
-        below = lines[len(lines) // 2 :]
-        if marked and any(_share(part, delimiter) >= _MIN_SHARE for part in (lines, below)):
-            return Dialect(delimiter, _decimal_of(line.split(delimiter) for line in marked))
-    return Dialect()
+        below = looked[len(looked) // 2 :]
+        if marked and any(_share(part, delimiter) >= _MIN_SHARE for part in (looked, below)):
+            return delimiter, _decimal_of(line.split(delimiter) for line in marked)
+    return ",", "."
 
 
 def _share(lines: Sequence[str], delimiter: str) -> float:

@@ -37,7 +37,7 @@ def recognise(head: Sequence[str]) -> Preface | None:
             time_column=0,
             time_unit="s",
             start=float(first[0]),
-            notes=(f"{_NAME}: intervals between beats, stamped in seconds since the start in line 1",),
+            notes=(f"{_NAME}: intervals between beats, stamped in seconds since the start in its first row",),
         )
     if not _same(first) or not _same(second) or len(first) != len(second) or not _is_start(first[0]):
         return None
@@ -59,7 +59,7 @@ def recognise(head: Sequence[str]) -> Preface | None:
         time_column=-1,
         period=1 / rate,
         start=float(first[0]),
-        notes=(f"{_NAME}: start from line 1, rate {rate:g} Hz from line 2",),
+        notes=(f"{_NAME}: start and rate, {rate:g} Hz, from its first two rows",),
     )
 
 

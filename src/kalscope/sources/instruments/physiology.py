@@ -59,7 +59,7 @@ def _opensignals(head: Sequence[str]) -> Preface | None:
     if not names or len(cells_of(head[at])) != len(names):
         return None
     period = inverse(positive(str(devices[0].get("sampling rate", ""))))
-    interval = f", sample interval {in_words(period)} from line 2" if period else ""
+    interval = f", sample interval {in_words(period)} from its header" if period else ""
     return Preface(
         "OpenSignals",
         delimiter=",",
@@ -125,7 +125,7 @@ def _biopac(rows: list[Cells], at: int) -> Preface | None:
         time_column=0 if timed else -1,
         time_unit=unit if timed else None,
         period=period,
-        notes=(f"BIOPAC AcqKnowledge: {count} channels, sample interval {in_words(period)} from line {at + 1}",),
+        notes=(f"BIOPAC AcqKnowledge: {count} channels, sample interval {in_words(period)} from its header",),
     )
 
 

@@ -74,7 +74,7 @@ def _preface(above: list[tuple[int, Cells]], first: int) -> Preface | None:
         left_out=frozenset(stamps) - {time if time is not None else -1},
         time_column=time,
         time_unit=UNIT_OF_WORD.get(bare[time].lower()) if time is not None else None,
-        notes=(f"Shimmer: names from line {header + 1}, units from line {unit_row + 1}",),
+        notes=("Shimmer: names and units from the rows above the samples",),
     )
 
 

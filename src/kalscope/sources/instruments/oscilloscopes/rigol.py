@@ -67,7 +67,7 @@ def _counted(rows: list[Cells], at: int) -> Preface | None:
     units = tuple(unit_in(cell) or "" for cell in says[:width])
     # Pods of eight digital lines, written 0x00, are no samples.
     pods = {i for i, name in enumerate(names[:width]) if name.upper().startswith("D") and "-" in name}
-    interval = f"sample interval {in_words(period)} from line {at + 1}" if period else "it gives no sample interval"
+    interval = f"sample interval {in_words(period)} from its header" if period else "it gives no sample interval"
     return Preface(
         _NAME,
         delimiter=",",
@@ -95,7 +95,7 @@ def _in_one_line(rows: list[Cells]) -> Preface | None:
         return None
     if not timed and period is None:
         return None
-    interval = f", sample interval {in_words(period)} from line 1" if period else ""
+    interval = f", sample interval {in_words(period)} from its header" if period else ""
     return Preface(
         _NAME,
         delimiter=",",
