@@ -62,3 +62,22 @@ def test_objects_one_a_line_are_no_document(read):
     recording = read("".join(json.dumps({"t": i, "x": x}) + "\n" for i, x in enumerate(X)))
     assert (recording.report.rows, recording.report.lines) == (12, 12)
     assert not any("document" in note for note in recording.report.notes)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+def test_objects_one_a_line_are_lines_in_any_encoding(tmp_path, encoding, newline):
+    path = tmp_path / "log.txt"
+    path.write_bytes("".join(f'{{"t": {i / 10}, "temp": {20 + i}}}{newline}' for i in range(20)).encode(encoding))
+    recording = read_recording(path)
+    assert (len(recording), recording.names, recording.report.lines) == (20, ("temp",), 20)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le"])
+def test_a_document_is_one_in_any_encoding(tmp_path, encoding):
+    path = tmp_path / "log.json"
+    path.write_bytes(
+        ('{"feeds":\n[' + ", ".join(f'{{"temp": {20 + i}}}' for i in range(20)) + "]}").encode(encoding)
+    )
+    recording = read_recording(path)
+    assert (len(recording), recording.names) == (20, ("temp",))

@@ -21,6 +21,8 @@ from kalscope.sources.grammar.json_line import find_object, load_json
 MAX_BYTES = 1 << 28
 """Largest document, in bytes: it is held in memory as a whole. Objects one a line may be of any number."""
 
+_BEFORE = b"\xef\xbb\xbf\xff\xfe\0 \t\r\n"
+"""What may stand before the first mark: byte order marks, blanks, and the empty halves of UTF-16."""
 _MAX_DEPTH = 4
 _KIND = "a JSON document"
 Rows = list[dict[str, Any]]
@@ -28,13 +30,14 @@ Rows = list[dict[str, Any]]
 
 def is_json_document(head: bytes, name: str) -> bool:
     """True where the whole file is one value, and not one object on each line."""
-    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    if text[:1] == b"[":
-        return text[1:].lstrip()[:1] in (b"{", b"[") and (name.endswith(".json") or text[1:].lstrip()[:1] == b"{")
-    if text[:1] != b"{":
+    if head.lstrip(_BEFORE)[:1] not in (b"{", b"["):
         return False
-    first, _, rest = text.partition(b"\n")
-    return not rest.strip() or find_object(first.decode("utf-8", "replace")) is None
+    text = head.decode(json.detect_encoding(head), "replace").lstrip("\ufeff \t\r\n")
+    if text[:1] == "[":
+        inside = text[1:].lstrip()[:1]
+        return inside in ("{", "[") and (name.endswith(".json") or inside == "{")
+    first, *rest = text.replace("\r", "\n").split("\n")
+    return find_object(first) is None or not any(line.strip("\0 \t") for line in rest)
 
 
 def read_json_document(path: Path, name: str, part: str | None, progress: Progress) -> Text:
@@ -48,7 +51,8 @@ def read_json_document(path: Path, name: str, part: str | None, progress: Progre
     if size > MAX_BYTES:
         raise BadFile(f"{name} must be at most {MAX_BYTES} bytes, or hold one object a line (got {size} bytes)")
     progress(0.0, "reading")
-    document = load_json(path.read_bytes().decode("utf-8-sig", "replace"))
+    data = path.read_bytes()
+    document = load_json(data.decode(json.detect_encoding(data), "replace"))
     progress(0.5, "reading")
     found = dict(_tables("", document, 0))
     parts = [Part(key, len(rows), len(rows[0])) for key, rows in found.items()]
