@@ -10,12 +10,12 @@ from itertools import pairwise
 from kalscope.sources.grammar.cells import is_comment, is_number, parse_number, split_fields
 from kalscope.sources.layout.columns import COUNTING_NAMES, Column, named_column
 from kalscope.sources.layout.plan import Plan
-from kalscope.sources.layout.rows.body import Body
+from kalscope.sources.layout.rows.body import Body, header_cells
 from kalscope.sources.layout.rows.kinds import CellKinds, Cells
 from kalscope.sources.layout.rows.tables import HeadTable
 from kalscope.sources.layout.units import are_units, bare_unit, words
 
-_COMMENT_NAME_LENGTH = 40
+_COMMENT_NAME_LENGTH, _COMMENT_NAME_WORDS = 40, 3
 _MIN_CODE_ROWS = 20
 
 _PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med first last")
@@ -77,7 +77,7 @@ def _chosen(head: Sequence[str], table: HeadTable, body: Body, plan: Plan) -> _R
             return None
         text = head[number - 1]
         text = text.strip(" \t").lstrip("#%/").strip() if is_comment(text) else text
-        return number, tuple(split_fields(text, table.form.delimiter))
+        return number, header_cells(text, table.form.delimiter, table.width)
 
     names, units = row(plan.header_row), row(plan.unit_row)
     if names is None:
@@ -92,12 +92,13 @@ def _chosen(head: Sequence[str], table: HeadTable, body: Body, plan: Plan) -> _R
 def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds) -> _Rows:
     """The rows of names and units as the lines themselves show them."""
     above = body.above
-    if above:
+    commented = _commented_header(head, table, body, kinds) if not plan.options.header else None
+    if above and not (commented and len(above) == 1 and are_units(above[0][1])):
         return _among(above, plan, head, table)
-    if not plan.options.header:
-        commented = _commented_header(head, table, body, kinds)
-        if commented is not None:
-            return _Rows(commented, said=f"names from comment line {commented[0]}")
+    if commented is not None:
+        units = above[0] if above else None
+        said = f"names from comment line {commented[0]}" + (f", units from line {units[0]}" if units else "")
+        return _Rows(commented, units, said=said)
     if (plan.options.header or _is_code_row(table, body)) and len(body.rows) > 1:
         said = f"names from line {body.rows[0][0]}"
         said += "" if plan.options.header else ", codes unlike all numbers below"
@@ -169,8 +170,13 @@ def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: 
     for number in range(body.first - 1, 0, -1):
         text = head[number - 1]
         if is_comment(text):
-            names = tuple(split_fields(text.strip(" \t").lstrip("#%/").strip(), table.form.delimiter))
-            listed = len(names) == table.width > 1 and all(map(_is_name, names))
+            bare = text.strip(" \t").lstrip("#%/").strip()
+            names = header_cells(bare, table.form.delimiter, table.width)
+            if names[0] == "" and len(names) > 1:
+                names = ("#", *names[1:])  # `#,level,flow`: the mark is the name of a counter
+            trailing = table.width - len(names)
+            full = trailing >= 0 and all(kind.kind == "empty" for kind in body.types[len(names) :])
+            listed = full and table.width > 1 and all(map(_is_name, names))
             return (number, names) if listed and _are_names(names, below, kinds) else None
     return None
 
@@ -187,9 +193,10 @@ def _are_names(names: Cells, below: Cells, kinds: CellKinds) -> bool:
 
 
 def _is_name(text: str) -> bool:
-    """A word, with its unit in brackets perhaps: no sentence."""
+    """A few words, with their unit in brackets perhaps: no sentence."""
     bare = text.partition("[")[0].partition("(")[0].strip()
-    return 0 < len(bare) <= _COMMENT_NAME_LENGTH and not any(c in bare for c in " \t,;|")
+    few = len(bare.split()) <= _COMMENT_NAME_WORDS
+    return 0 < len(bare) <= _COMMENT_NAME_LENGTH and few and not any(c in bare for c in "\t,;|")
 
 
 def _is_code_row(table: HeadTable, body: Body) -> bool:

@@ -38,6 +38,12 @@ def is_unit(text: str) -> bool:
     return text in _UNITS or spaced or _SIGNS.search(text) is not None
 
 
+def _is_unit_alone(text: str) -> bool:
+    """True for a unit with nothing around it: m/s is one, Date/Time and Load[%] are none."""
+    parts = [part.strip("^-+0123456789 ") for part in text.lower().split("/")]
+    return is_unit(text) and "[" not in text and "(" not in text and (len(parts) == 1 or parts[-1] in _UNITS)
+
+
 def is_measure(text: str) -> bool:
     """True for a unit that may stand behind each number of a column: the C of 26.69C, the % of 45%."""
     return text.lower() in _UNITS
@@ -57,5 +63,5 @@ def bare_unit(unit: str) -> str:
 def are_units(cells: tuple[str, ...]) -> bool:
     """True for a row of units: half of its cells or more are known, the others are short or "-", none is long."""
     said = [cell for cell in cells if cell and cell != "-"]
-    known = sum(cell != bare_unit(cell) or is_unit(cell) for cell in said)
+    known = sum(cell != bare_unit(cell) or _is_unit_alone(cell) for cell in said)
     return known > 0 and 2 * known >= len(said) and all(len(cell) <= 16 for cell in said)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -10,6 +11,7 @@ from kalscope.sources.grammar.cells import split_fields
 from kalscope.sources.layout.plan import Plan
 from kalscope.sources.layout.rows.kinds import CellKinds, Cells, ColumnType, column_type
 from kalscope.sources.layout.rows.tables import HeadLine, HeadTable
+from kalscope.sources.layout.units import are_units
 
 MAX_HEADER_LINES = 5
 """Lines of names, units and what was done to each column that may stand above a table."""
@@ -17,6 +19,7 @@ MIN_BESIDE_ROWS = 16
 """Rows it takes to judge that."""
 MAX_BESIDE = 64
 """Rows in which metadata may stand beside the data."""
+_WIDE_GAP = re.compile(r"[ \t]{2,}|\t")
 _MAX_NAME = 40
 """A longer single cell above a column of numbers is a sentence."""
 
@@ -109,6 +112,7 @@ class _Grid:
         self._kinds, self._types, self._beside = kinds, types, beside
         self._table = table
         self._least = _least_width(table, types)
+        self._texts = {line.number: line.text for line in lines}
         self._lines = [(line.number, tuple(split_fields(line.text, table.form.delimiter))) for line in lines]
         self._fits = [self._fit(cells) for _, cells in self._lines]
 
@@ -178,10 +182,14 @@ class _Grid:
         """(line number, cells) of the lines of text right above the first row that may name its columns."""
         lines = [line for line in self._lines if line[0] < first]
         found: list[tuple[int, Cells]] = []
-        for number, cells in reversed(lines[-MAX_HEADER_LINES:]):
+        for number, _ in reversed(lines[-MAX_HEADER_LINES:]):
+            cells = header_cells(self._texts[number], self._table.form.delimiter, self._least)
             if not self._may_name(cells):
                 break
             found.append((number, cells))
+        if found and len(found[0][1]) < self._least:
+            alike = sum(len(cells) == len(found[0][1]) for _, cells in lines[-MAX_HEADER_LINES:])
+            return () if alike > 1 else tuple(found)  # `Gain;24` above `Site;Barn 7` are pairs, no names
         return tuple(found)
 
     def _may_name(self, cells: Cells) -> bool:
@@ -192,6 +200,28 @@ class _Grid:
         else:
             fits = max(2, self._least // 2) <= len(cells) <= 2 * width
         return fits and any(cells) and not any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
+
+
+def header_cells(text: str, delimiter: str, width: int) -> Cells:
+    """The cells of a line above `width` columns.
+
+    Between blanks a unit in brackets belongs to the name before it (`t [us]   torque`), names may hold a blank
+    where several part them, and a row of units may lack that of the time.
+    """
+    cells = tuple(split_fields(text, delimiter))
+    if delimiter != " " or len(cells) == width:
+        return cells
+    joined: list[str] = []
+    for cell in cells:
+        if joined and cell[0] in "[(" and cell[-1] in "])":
+            joined[-1] += f" {cell}"
+        else:
+            joined.append(cell)
+    wide = tuple(cell.strip() for cell in _WIDE_GAP.split(text.strip()))
+    fitting = next((found for found in (tuple(joined), wide) if len(found) == width), cells)
+    if len(fitting) == width - 1 and are_units(fitting) and text.startswith(" "):
+        return ("", *fitting)
+    return fitting
 
 
 def _least_width(table: HeadTable, types: tuple[ColumnType, ...]) -> int:

@@ -30,8 +30,8 @@ MAX_JUDGED = 500
 """Rows by which those of two widths are compared."""
 MIN_COMPLETE, MIN_COMPLETE_ROWS = 0.95, 20
 """Share of labelled lines that hold every label, and how many there must be, for the others to be damaged."""
-MIN_RUN = 8
-"""Lines in a row of another width that are no damage: the logger gained a field."""
+MIN_RUN, MIN_NAMED_RUN = 8, 3
+"""Lines in a row of another width that are no damage: the logger gained a field; and below its name."""
 
 
 @dataclass(frozen=True)
@@ -142,11 +142,12 @@ def _grown(
             runs[-1] = (runs[-1][0], runs[-1][1] + 1, runs[-1][2])
         else:
             runs.append((len(cells), 1, i))
-    long = [run for run in runs if run[1] >= MIN_RUN and run[0] > 1]
+    long = [run for run in runs if run[1] >= MIN_NAMED_RUN and run[0] > 1]
+    widest = max((run[0] for run in long), default=width)
+    named = bool(long) and any(len(cells) == widest and not likely[number] for number, cells in split[: long[0][2]])
+    long = long if named else [run for run in long if run[1] >= MIN_RUN]
     if len({run[0] for run in long}) < 2 or width not in {run[0] for run in long}:
         return width, frozenset()
-    widest = max(run[0] for run in long)
-    named = any(len(cells) == widest and not likely[number] for number, cells in split[: long[0][2]])
     first = long[0][2] if named else next(run[2] for run in long if run[0] == widest)
     narrow = frozenset(run[0] for run in long if run[0] < widest and run[2] >= first)
     wide = [cells for number, cells in split if len(cells) == widest and likely[number]][:MAX_JUDGED]

@@ -70,7 +70,10 @@ def _names_fit(lines: list[HeadLine], table: HeadTable) -> bool:
         return False
     cells = split_fields(above[-1].text, table.form.delimiter)
     whole = table.form.decimal != "," or not any("," in cell for cell in cells)
-    return whole and only_text(cells, table.form.decimal) and len(cells) == table.width
+    width = table.width
+    while width > 1 and len(cells) < width and not any(row[width - 1] for _, row in table.rows):
+        width -= 1  # a separator at the end of each row
+    return whole and only_text(cells, table.form.decimal) and len(cells) == width
 
 
 def _differs(best: HeadTable, other: HeadTable) -> bool:
