@@ -40,7 +40,7 @@ class LineFormat:
     delimiter: str = ","
     """Between the cells of a table: one of `, ; TAB |`, or a space for any run of blanks."""
     decimal: str = "."
-    """Decimal mark, "." or ","; never equal to the delimiter."""
+    """Decimal mark, "." or ","; equal to the delimiter only where numbers are quoted."""
     labels: tuple[str, ...] = ()
     """Labels in column order; () for a table."""
     complete: bool = False

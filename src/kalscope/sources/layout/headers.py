@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from kalscope.sources.grammar.cells import is_comment, is_number, parse_number, split_fields
+from kalscope.sources.grammar.cells import COMMENT_MARKS, is_comment, is_number, parse_number, split_fields
 from kalscope.sources.layout.columns import COUNTING_NAMES, Column, named_column
 from kalscope.sources.layout.plan import Plan
 from kalscope.sources.layout.rows.body import Body, header_cells
@@ -116,9 +116,21 @@ def _among(above: tuple[Row, ...], plan: Plan, head: Sequence[str], table: HeadT
     if plan.unit_row is not None:
         number = plan.unit_row
         found = (number, tuple(split_fields(head[number - 1], table.form.delimiter))) if number else None
+    elif found is None:
+        found = _commented_units(head, rows[names][0], rows[0][0], table)
     said = f"names from line {rows[names][0]}" + (f", units from line {found[0]}" if found else "")
     others = tuple(row for i, row in enumerate(rows[:names]) if i != units)
     return _Rows(rows[names], found, others, said=said)
+
+
+def _commented_units(head: Sequence[str], names: int, last: int, table: HeadTable) -> Row | None:
+    """A row of units right below the names that begins with nothing and %, and so looks like a comment."""
+    for number in range(names + 1, min(last + 2, len(head) + 1)):
+        text = head[number - 1]
+        cells = tuple(split_fields(text, table.form.delimiter))
+        if is_comment(text) and len(cells) == table.width and are_units(cells):
+            return number, cells
+    return None
 
 
 def _is_telling(cells: Cells) -> bool:
@@ -170,15 +182,21 @@ def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: 
     for number in range(body.first - 1, 0, -1):
         text = head[number - 1]
         if is_comment(text):
-            bare = text.strip(" \t").lstrip("#%/").strip()
-            names = header_cells(bare, table.form.delimiter, table.width)
-            if names[0] == "" and len(names) > 1:
-                names = ("#", *names[1:])  # `#,level,flow`: the mark is the name of a counter
-            trailing = table.width - len(names)
-            full = trailing >= 0 and all(kind.kind == "empty" for kind in body.types[len(names) :])
+            names = _commented_cells(text, table.form.delimiter, table.width)
+            full = len(names) <= table.width and all(kind.kind == "empty" for kind in body.types[len(names) :])
             listed = full and table.width > 1 and all(map(_is_name, names))
             return (number, names) if listed and _are_names(names, below, kinds) else None
     return None
+
+
+def _commented_cells(text: str, delimiter: str, width: int) -> Cells:
+    """The cells of a comment line, without empty ones at its end; in `#,level,flow` the mark is a name itself."""
+    cells = tuple(split_fields(text.strip(" "), delimiter)) if delimiter != " " else ()
+    if len(cells) < 2 or cells[0] not in COMMENT_MARKS:
+        cells = header_cells(text.strip(" \t").lstrip("#%/").strip(), delimiter, width)
+    while len(cells) > 1 and not cells[-1]:
+        cells = cells[:-1]
+    return cells
 
 
 def _are_names(names: Cells, below: Cells, kinds: CellKinds) -> bool:

@@ -86,7 +86,7 @@ def sniff(
     table, second = weigh(lines, candidate_tables(lines, plan))
     if table is None or table.width > MAX_COLUMNS or table.rows[0][0] > len(head):
         return None
-    kinds = CellKinds(table.form.decimal, options.missing_texts)
+    kinds = CellKinds(table.form.decimal, options.missing_texts, table.form.delimiter)
     body = find_body(lines, table, plan, len(head), kinds)
     is_table = table.form.kind == "table"
     header = read_header(head, table, body, plan, kinds) if is_table else _labelled_header(table, lines)

@@ -44,6 +44,7 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
         form.kind != "table"
         or form.stamped
         or form.checksum
+        or form.decimal == form.delimiter  # inside quotes
         or (time is not None and time.kind != "number")
         or any(column.role in ("text", "series") or column.form is not None for column in layout.columns)
         or any(is_number(text, form.decimal) for text in options.missing_texts)

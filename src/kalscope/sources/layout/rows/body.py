@@ -19,6 +19,18 @@ MIN_BESIDE_ROWS = 16
 """Rows it takes to judge that."""
 MAX_BESIDE = 64
 """Rows in which metadata may stand beside the data."""
+_PAIR_LABELS = frozenset(
+    """
+    sample rate|sampling rate|sample frequency|sampling frequency|sample interval|sample period|sampling interval
+    record length|serial number|serial no|serial no.|serial|operator|user|site|station|station name|location|gain
+    firmware|firmware version|software version|version|model|model number|device|device id|instrument|manufacturer
+    latitude|longitude|elevation|altitude|province|start time|start date|created|comment|comments|title|project
+    """.replace("\n", "|")
+    .replace("    ", "")
+    .strip("|")
+    .split("|")
+)
+"""What is said in pairs above a table, in lower case."""
 _WIDE_GAP = re.compile(r"[ \t]{2,}|\t")
 _MAX_NAME = 40
 """A longer single cell above a column of numbers is a sentence."""
@@ -164,10 +176,18 @@ class _Grid:
 
     def _is_label(self, place: int) -> bool:
         """True for `Sample rate,100` with no names above it: text where the rows below have a number."""
-        if self._fits[place] != "partial" or (place and self._fits[place - 1] == "text"):
+        if self._fits[place] != "partial":
             return False
-        first = self._lines[place][1][0]
-        return self._types[0].judge(first, self._kinds) == "strange" and any(c.isalpha() for c in first)
+        cells = self._lines[place][1]
+        if self._types[0].judge(cells[0], self._kinds) != "strange" or not any(c.isalpha() for c in cells[0]):
+            return False
+        return self._is_pair(cells) or not place or self._fits[place - 1] != "text"
+
+    def _is_pair(self, cells: Cells) -> bool:
+        """True for `Sample Rate,100 Hz`: something that is said about a recording, and what."""
+        label = cells[0].partition("(")[0].partition("[")[0].strip(" :=").lower()
+        said = [cell for cell in cells[1:] if cell]
+        return label in _PAIR_LABELS and len(said) == 1 and self._types[0].kind in ("number", "stamp")
 
     def rows_from(self, first: int) -> list[tuple[int, Cells]]:
         """(line number, cells) of the rows from line `first` on, each padded to the width of the table."""
@@ -199,7 +219,12 @@ class _Grid:
             fits = len(cells) == 1 and len(cells[0]) <= _MAX_NAME
         else:
             fits = max(2, self._least // 2) <= len(cells) <= 2 * width
-        return fits and any(cells) and not any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
+        return (
+            fits
+            and any(cells)
+            and not self._is_pair(cells)
+            and not any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
+        )
 
 
 def header_cells(text: str, delimiter: str, width: int) -> Cells:
@@ -219,8 +244,8 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
             joined.append(cell)
     wide = tuple(cell.strip() for cell in _WIDE_GAP.split(text.strip()))
     fitting = next((found for found in (tuple(joined), wide) if len(found) == width), cells)
-    if len(fitting) == width - 1 and are_units(fitting) and text.startswith(" "):
-        return ("", *fitting)
+    if len(fitting) < width and are_units(fitting) and text.startswith((" ", "\t")):
+        return ("",) * (width - len(fitting)) + fitting
     return fitting
 
 

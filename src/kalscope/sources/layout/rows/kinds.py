@@ -20,9 +20,12 @@ from kalscope.sources.grammar.stamps.shapes import is_stamp
 from kalscope.sources.layout.units import is_measure
 
 Cells = tuple[str, ...]
-CellKind = Literal["number", "other number", "measure", "missing", "word", "stamp", "text"]
-"""A plain number, one with the other decimal mark or thousands, one with its unit, an ordinary missing value, a
-word that loggers write for one, a stamp, anything else."""
+CellKind = Literal["number", "other number", "grouped", "measure", "missing", "word", "stamp", "text"]
+"""A plain number, one with the other decimal mark, one whose thousands are or may be parted, one with its unit, an
+ordinary missing value, a word that loggers write for one, a stamp, anything else."""
+
+NUMERIC: tuple[CellKind, ...] = ("number", "other number", "grouped", "measure")
+"""The kinds that are numbers."""
 
 _MIN_REPEATED = 3
 """How often the one word of an otherwise numeric column must come to say "no sample"."""
@@ -31,10 +34,12 @@ _MIN_REPEATED = 3
 class CellKinds(dict[str, CellKind]):
     """The kind of each cell; a cell that comes often is judged once."""
 
-    def __init__(self, decimal: str, words: Iterable[str] = ()) -> None:
-        """Args: the decimal mark of the table, and more texts, in lower case, that say "no sample"."""
+    def __init__(self, decimal: str, words: Iterable[str] = (), delimiter: str = "") -> None:
+        """Args: decimal mark of the table, more texts, in lower case, that say "no sample", and the delimiter."""
         super().__init__()
         self.decimal = decimal
+        # In the quotes of a comma file "1,234" may be either.
+        self._quoted = decimal == delimiter
         self._words = MISSING_WORDS.union(words)
 
     def __missing__(self, cell: str) -> CellKind:
@@ -45,15 +50,20 @@ class CellKinds(dict[str, CellKind]):
         if cell.lower() in MISSING:
             return "missing"
         if NUMBER[self.decimal].fullmatch(cell):
-            return "number"
+            return "grouped" if self._quoted and is_grouped(cell) else "number"
         if cell.lower() in self._words:
             return "word"
-        if is_stamp(cell):
-            return "stamp"
-        if NUMBER[OTHER_MARK[self.decimal]].fullmatch(cell) or is_grouped(cell):
-            return "other number"
-        measure = split_measure(cell)
-        return "measure" if measure is not None and is_measure(measure[1]) else "text"
+        return "stamp" if is_stamp(cell) else _odd_kind(cell, self.decimal)
+
+
+def _odd_kind(cell: str, decimal: str) -> CellKind:
+    """The kind of a cell that is no plain number, no missing value and no stamp."""
+    if is_grouped(cell):
+        return "grouped"
+    if NUMBER[OTHER_MARK[decimal]].fullmatch(cell):
+        return "other number"
+    measure = split_measure(cell)
+    return "measure" if measure is not None and is_measure(measure[1]) else "text"
 
 
 def only_text(cells: Sequence[str], decimal: str) -> bool:
@@ -69,7 +79,7 @@ def likeness(cells: Cells, kinds: CellKinds) -> float:
     if "text" not in found or not any(" " in cell for cell in cells):  # "outside 21 °C, wind 3 m/s" is prose
         numbers += found.count("measure")
     if len(cells) > 1:  # one `12,5` alone is two numbers, or one by the other mark
-        numbers += 0.5 * found.count("other number")
+        numbers += 0.25 * found.count("other number") + 0.5 * found.count("grouped")
     if not numbers:
         return 0.0
     others = found.count("missing") + found.count("word") + found.count("stamp")
@@ -104,14 +114,14 @@ class ColumnType:
             return "missing"
         if kind == "measure" and not self.measured:
             return "strange"  # `5V` above numbers is a name
-        is_number = kind in ("number", "other number", "measure")
+        is_number = kind in NUMERIC
         return "fits" if is_number == (self.kind == "number") and kind != "text" else "strange"
 
 
 def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     """What a column holds, by its cells."""
     counts = Counter(kinds[cell] for cell in cells)
-    numbers = counts["number"] + counts["other number"] + counts["measure"]
+    numbers = sum(counts[kind] for kind in NUMERIC)
     measured = counts["measure"] > numbers / 2
     stamps, texts = counts["stamp"], counts["text"]
     total = numbers + stamps + texts
@@ -136,12 +146,13 @@ def number_form(cells: Sequence[str], kinds: CellKinds, wanted: str | None = Non
     """
     marks = Counter(kinds[cell] for cell in cells)
     plain = NumberForm(wanted or kinds.decimal)
-    if not marks["other number"] and not marks["measure"] and plain.decimal == kinds.decimal:
+    odd = marks["other number"] + marks["grouped"] + marks["measure"]
+    if not odd and plain.decimal == kinds.decimal:
         return plain, False
     suffix = _common_suffix([cell for cell in cells if kinds[cell] == "measure"])
     bases = [wanted] if wanted else [kinds.decimal, OTHER_MARK[kinds.decimal]]
     forms = [NumberForm(mark, grouped, suffix) for grouped in (False, True) for mark in bases]
-    numeric = [cell for cell in cells if kinds[cell] in ("number", "other number", "measure")]
+    numeric = [cell for cell in cells if kinds[cell] in NUMERIC]
     counts = {form: sum(map(form.fits, numeric)) for form in forms}
     best = max(forms, key=lambda form: counts[form])
     if best.decimal != kinds.decimal and not best.thousands and not wanted:

@@ -96,11 +96,12 @@ def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
             if undivided:
                 continue  # the same lines, undivided, were judged with another mark
             undivided = True
-        for decimal in ".,":
-            # Decimal commas inside the quotes of a comma file are settled column by column.
-            quoted = decimal != plan.decimal == delimiter and any('"' in line.text for line in lines)
-            if decimal != delimiter and (plan.decimal in (None, decimal) or quoted):
-                candidates.append(_as_table(split, LineFormat("table", delimiter, decimal), kinds[decimal]))
+        for decimal in ".," if plan.decimal is None else plan.decimal:
+            form = LineFormat("table", delimiter, decimal)
+            if decimal != delimiter:
+                candidates.append(_as_table(split, form, kinds[decimal]))
+            elif any('"' in line.text for line in lines):  # decimal commas inside the quotes of a comma file
+                candidates.append(_as_table(split, form, CellKinds(decimal, plan.options.missing_texts, delimiter)))
     return [table for table in candidates if table is not None]
 
 

@@ -14,6 +14,8 @@ MIN_TEXT_SHARE = 0.04
 """The same for tables of mostly text, whose rows all look alike."""
 CLOSE = 0.9
 """A second way with as large a part of the best one's score could be meant as well."""
+TABS = 0.75
+"""Rows between tabs with as large a part of the score of rows between blanks are meant."""
 _MIN_ALIKE = 8
 
 
@@ -23,6 +25,9 @@ def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | N
     The second is a way that gives other rows than the best, with nearly its score.
     """
     found = [table for table in tables if table.score >= MIN_SHARE or _all_alike(lines, table)]
+    tabs = max((table.score for table in found if table.form.delimiter == "\t"), default=0.0)
+    # Where tabs part the rows, blanks are inside the cells: of a stamp, of a text.
+    found = [table for table in found if table.form.delimiter != " " or TABS * table.score > tabs]
     ranked = sorted(found, key=lambda table: _rank(lines, table), reverse=True)
     if not ranked:
         return None, None
