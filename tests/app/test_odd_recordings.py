@@ -21,6 +21,7 @@ from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.changes.variants import pin_present
 from kalscope_app.session.changes.view import set_map_colour, set_match_by, set_window
 from kalscope_app.session.opening import opened
+from kalscope_app.views.map import view as map_view
 
 RNG = np.random.default_rng(71)
 
@@ -113,6 +114,7 @@ class Bench:
 def bench(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, guarded_server(port=0) as guarded:
         patch.setattr(studies, "IDLE_DELAY", 0.0)
+        patch.setattr(map_view, "SIZE", (200.0, 400.0))  # a quarter of the pixels to draw and to pack
         dashboard = Dashboard(guarded.server, opened(RECORDINGS["truth"]), tmp_path_factory.mktemp("out"))
         dashboard.start()
         yield Bench(dashboard)
