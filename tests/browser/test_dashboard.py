@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 import tomllib
 
 import numpy as np
 import pytest
+from program import command
 from screen import FIND, Screen
+from waiting import PATIENCE
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params
 from kalscope.papers.experiments import list_experiments, open_experiment
@@ -215,8 +215,8 @@ def test_the_saved_file_reopens_the_same_filter_and_filters_alike_without_a_dash
     seen = np.genfromtxt(tmp_path / "downloaded-filtered.csv", delimiter=",", names=True)
     assert np.array_equal(seen["volume_filtered"], filtered(nile, q=1469.1, r=15099))
 
-    command = [sys.executable, "-m", "kalscope.cli", "filter", "sample:nile", "--config", "tuning.toml"]
-    subprocess.run([*command, "-o", "out.csv"], cwd=tmp_path, check=True, capture_output=True)
+    with command("filter", "sample:nile", "--config", "tuning.toml", "-o", "out.csv", cwd=tmp_path) as headless:
+        assert headless.wait(PATIENCE) == 0
     assert (tmp_path / "out.csv").read_bytes() == (tmp_path / "downloaded-filtered.csv").read_bytes()
 
     again = start("--config", "tuning.toml")

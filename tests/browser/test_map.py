@@ -198,17 +198,17 @@ def test_the_map_can_be_hidden_and_coloured_by_lag_and_looked_at_straight_again(
     screen.wait_for_map()
     by_likelihood = screen.map_picture()
     screen.choose("map coloured by", "lag")
-    wait_until(lambda: differ(screen.map_picture(), by_likelihood), "the map in other colours")
+    wait_until(lambda: differ(screen.map_picture(), by_likelihood), "the map in other colours", pause=0.2)
     (by_lag,) = wait_until(screen.settled_map, "a map that stays the same")
     screen.shot("map-by-lag")
     left, top, *_ = screen.page.evaluate(CANVAS)
     screen.page.mouse.move(left + 200, top + 300)
     for _ in range(5):
         screen.page.mouse.wheel(0, -300)
-    wait_until(lambda: differ(screen.map_picture(), by_lag), "the map zoomed")
+    wait_until(lambda: differ(screen.map_picture(), by_lag), "the map zoomed", pause=0.2)
     screen.shot("map-zoomed")
     screen.page.get_by_role("button", name=re.compile("Reset map view")).click()
-    wait_until(lambda: not differ(screen.map_picture(), by_lag), "the map as before")
+    wait_until(lambda: not differ(screen.map_picture(), by_lag), "the map as before", pause=0.2)
     screen.shot("map-flat-again")
 
 

@@ -146,7 +146,7 @@ class Screen:
 
     def wait_for_picture(self, holds):
         """Until `holds` is true of the page's pixels, (height, width, 3): no script can read what WebGL drew."""
-        wait_until(lambda: holds(pixels(self.page.screenshot())), "the picture")
+        wait_until(lambda: holds(pixels(self.page.screenshot())), "the picture", pause=0.2)  # a look is much work
 
     def shot(self, name):
         ARTEFACTS.mkdir(exist_ok=True)

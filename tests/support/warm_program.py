@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import io
 
-import imageio.v3  # noqa: F401 (viser's pictures)
+import imageio.v3
+import numpy as np
 import serial.tools.list_ports  # noqa: F401
 
 import kalscope_app.dashboard
@@ -32,5 +33,6 @@ STUDIES = (
 demo = opened(open_source("demo"))
 for study in STUDIES:
     study(demo)
+imageio.v3.imwrite("<bytes>", np.zeros((2, 2), np.uint8), extension=".png")  # as viser makes pictures
 with contextlib.redirect_stderr(io.StringIO()):
     run(["open", "no such file"])  # the command line is imported and built; a refusal ends it
