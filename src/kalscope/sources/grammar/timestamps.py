@@ -56,6 +56,8 @@ class TimeColumn:
     `datetime.strptime`; "" where our own forms fit."""
     parts: tuple[tuple[PartRole, int], ...] = ()
     """(role, column) of each part where the time stands in several columns; () where it stands in one."""
+    also: tuple[int, ...] = ()
+    """Other columns that only repeat a part of it: a year, a month, an hour."""
     notes: tuple[str, ...] = ()
     """What was assumed, each a sentence."""
 

@@ -136,6 +136,15 @@ def test_date_columns_without_a_header_are_known_by_their_ranges(has_day_of_year
     assert parse(rows[5]) - parse(rows[0]) == 300e6
 
 
+def test_columns_that_repeat_a_part_of_the_time_are_taken_with_it():
+    parts = {name: stamps(code, 3600) for name, code in SIX.items()}
+    named = {"Date/Time": iso(3600), **parts, "hr": NOISE}
+    time = time_of(named)
+    assert (time.indices, time.also) == ((0,), (1, 2, 3, 4, 5, 6))
+    parts["Day"] = parts["Day"][::-1]  # a day of something else
+    assert time_of({"Date/Time": iso(3600), "Day": parts["Day"], "a": NOISE}).also == ()
+
+
 def test_a_damaged_part_is_no_stamp():
     parts = (("year", 0), ("month", 1), ("day", 2), ("hour", 3), ("minute", 4), ("second", 5))
     parse = row_stamp_parser(TimeColumn(0, "calendar", parts=parts), ".")

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from datetime import datetime, timedelta
 
+import numpy as np
+
+from kalscope.common.array import Array
 from kalscope.sources.grammar.stamps.clocks import CLOCK_PARSERS, ClockForm
 from kalscope.sources.grammar.timestamps import MAX_YEAR, MIN_YEAR, PartRole, TimeColumn, row_stamp_parser, whole
 from kalscope.sources.layout.columns import Column
@@ -20,6 +25,7 @@ _ROLE_OF_NAME: dict[str, PartRole] = {
     **dict.fromkeys(words("second seconds sec secs ss s sekunde segundo"), "second"),
     **dict.fromkeys(words("hhmm hhmmss mst lst utc gmt est pst cst hour_minute time clock zeit uhrzeit"), "clock"),
 }
+_EPOCH, _MAX_US = datetime(1970, 1, 1), 6e16  # 1 to 3871: within the calendar of datetime
 _IN_ORDER: tuple[PartRole, ...] = ("year", "month", "day", "hour", "minute", "second")
 _RANGES: tuple[tuple[int, int], ...] = (
     (MIN_YEAR + 100, MAX_YEAR - 100),
@@ -74,6 +80,37 @@ def unnamed_parts(rows: list[Cells]) -> TimeColumn | None:
             if all(days[0](row) == days[1](row) for row in rows):
                 return replace(numbered, parts=(*numbered.parts, *parts[1:]))
     return None
+
+
+def repeated_parts(columns: list[Column], rows: list[Cells], stamps: Array) -> tuple[int, ...]:
+    """Columns that only repeat a part of the time: a year, a month, an hour beside a whole stamp.
+
+    Args:
+        columns: Names and roles.
+        rows: Their cells.
+        stamps: Microseconds since 1970 of the rows, NaN where unreadable, shape (n,).
+    """
+    known = np.flatnonzero(np.abs(stamps) < _MAX_US).tolist()
+    read = [(_EPOCH + timedelta(microseconds=float(stamps[i])), rows[i]) for i in known]
+    found: list[int] = []
+    for i, column in enumerate(columns):
+        part = _PARTS.get(_role(column.name, {}) or "clock")
+        if part is None or column.role != "channel" or not read:
+            continue
+        if all(part(at) == whole(row[i]) for at, row in read):
+            found.append(i)
+    return tuple(found)
+
+
+_PARTS: dict[PartRole, Callable[[datetime], int]] = {
+    "year": lambda at: at.year,
+    "month": lambda at: at.month,
+    "day": lambda at: at.day,
+    "day of year": lambda at: at.timetuple().tm_yday,
+    "hour": lambda at: at.hour,
+    "minute": lambda at: at.minute,
+    "second": lambda at: at.second,
+}
 
 
 def clock_form(cells: list[str]) -> ClockForm | None:

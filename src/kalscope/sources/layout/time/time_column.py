@@ -19,7 +19,7 @@ from kalscope.sources.grammar.stamps.clocks import ClockForm
 from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
 from kalscope.sources.layout.columns import Column
 from kalscope.sources.layout.rows.kinds import Cells
-from kalscope.sources.layout.time.date_columns import clock_form, named_parts, unnamed_parts
+from kalscope.sources.layout.time.date_columns import clock_form, named_parts, repeated_parts, unnamed_parts
 from kalscope.sources.layout.time.evidence import Evidence, judge
 from kalscope.sources.layout.time.names import TimeName, time_name
 
@@ -69,7 +69,8 @@ def find_time(
     if not found:
         return _by_numbers(columns, rows, decimal, named=named)
     best = max(found, key=lambda candidate: candidate.points)
-    return replace(best.column, notes=(*best.column.notes, *_about_rival(best, found, columns)))
+    column = replace(best.column, notes=(*best.column.notes, *_about_rival(best, found, columns)))
+    return _with_repeated(column, columns, rows, decimal)
 
 
 def chosen_time(
@@ -102,7 +103,8 @@ def chosen_time(
         c for c in _candidates(columns, rows, decimal, options) if index in c.column.indices and c.column.parts
     ]
     if joined:
-        return max(joined, key=lambda candidate: candidate.points).column
+        best = max(joined, key=lambda candidate: candidate.points).column
+        return _with_repeated(best, columns, rows, decimal)
     said = time_name(columns[index])
     cells = [row[index] for row in rows]
     form = find_stamp_form(cells, decimal, _hints(replace(said, strength=2), options))
@@ -111,7 +113,16 @@ def chosen_time(
         if options.time_format is not None:
             raise BadSetting(f"time_format must fit the stamps (got {options.time_format!r} for {example!r})")
         raise BadSetting(f"the time column must hold numbers or stamps (got {example!r})")
-    return replace(form, index=index, unit=said.unit if form.kind == "number" else "")
+    column = replace(form, index=index, unit=said.unit if form.kind == "number" else "")
+    return _with_repeated(column, columns, rows, decimal)
+
+
+def _with_repeated(column: TimeColumn, columns: list[Column], rows: list[Cells], decimal: str) -> TimeColumn:
+    """The time with the columns that only repeat a part of it, which are no channels either."""
+    if column.kind != "calendar":
+        return column
+    others = repeated_parts(columns, rows, _stamps(column, rows, decimal))
+    return replace(column, also=tuple(i for i in others if i not in column.indices))
 
 
 def _candidates(columns: list[Column], rows: list[Cells], decimal: str, options: ReadOptions) -> list[_Candidate]:
