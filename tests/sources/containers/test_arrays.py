@@ -73,6 +73,12 @@ def test_fields_of_a_matlab_struct_and_a_matrix_are_channels(mat):
     assert recording.sample_period == pytest.approx(0.02)
 
 
+def test_a_time_beside_a_struct_is_its_time(mat):
+    recording = mat(t=T, log={"x": X, "y": 2 * X}, other=np.arange(7.0))
+    assert recording.names == ("x", "y")
+    assert recording.sample_period == pytest.approx(0.02)
+
+
 def test_a_matrix_as_wide_as_the_time_is_long_has_its_samples_in_rows(mat):
     recording = mat(t=T, y=np.vstack([X, X + 1]))
     np.testing.assert_array_equal(recording.values, np.column_stack([X, X + 1]))

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from kalscope.errors import BadFile
+from kalscope.errors import BadFile, BadSetting
+from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
 
 duckdb = pytest.importorskip("duckdb")
@@ -60,3 +61,12 @@ def test_a_damaged_parquet_file_is_refused(tmp_path):
     path.write_bytes(b"PAR1" + bytes(200) + b"PAR1")
     with pytest.raises(BadFile, match="must be a Parquet file that is whole"):
         read_recording(path)
+
+
+@pytest.mark.parametrize("name", ["log.parquet", "log.csv"])
+def test_a_part_of_a_file_of_one_table_is_refused(tmp_path, name):
+    path = tmp_path / name
+    form = name.partition(".")[2]
+    duckdb.execute(f"COPY (SELECT i * 0.1 AS t, i * 2 AS x FROM range(9) r(i)) TO '{path}' (FORMAT {form})")
+    with pytest.raises(BadSetting, match="holds one table"):
+        read_recording(path, ReadOptions(part="x"))

@@ -104,6 +104,7 @@ def test_the_answer_of_thingsboard(read):
     document = {
         key: [{"ts": 1_700_000_000_000 + 5000 * i, "value": str(x)} for i, x in enumerate(X)] for key in ("t", "h")
     }
+    assert read(json.dumps(document), "log.json", part="h").names == ("t", "h")
     recording = read(json.dumps(document), "log.json")
     assert recording.names == ("t", "h")
     assert recording.sample_period == 5.0

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
-from kalscope.sources.containers.parts import Part, choose_part
+from kalscope.sources.containers.parts import Part, choose_text_part
 from kalscope.sources.containers.table import Text
 from kalscope.sources.grammar.json_line import find_object, load_json
 
@@ -56,9 +56,9 @@ def read_json_document(path: Path, name: str, part: str | None, progress: Progre
     progress(0.5, "reading")
     found = dict(_tables("", document, 0))
     parts = [Part(key, len(rows), len(rows[0])) for key, rows in found.items()]
-    chosen, notes = choose_part(parts, part, name, "list")
+    chosen, notes, inner = choose_text_part(parts, part, name, "list")
     rows = list(found.values())[chosen]
-    return Text(map(_line, rows), (f"{_KIND}; line numbers count its objects", *notes))
+    return Text(map(_line, rows), (f"{_KIND}; line numbers count its objects", *notes), part=inner)
 
 
 def _line(row: dict[str, Any]) -> str:

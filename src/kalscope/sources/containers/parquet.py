@@ -10,6 +10,7 @@ import numpy as np
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
 from kalscope.sources.containers.library import load_library
+from kalscope.sources.containers.parts import refuse_part
 from kalscope.sources.containers.table import MAX_NUMBERS, Table
 
 _DATES = ("DATE", "TIMESTAMP")
@@ -19,12 +20,15 @@ _NUMBERS = (
 )
 
 
-def read_parquet(path: Path, name: str, part: str | None, progress: Progress) -> Table:  # noqa: ARG001 (one table)
+def read_parquet(path: Path, name: str, part: str | None, progress: Progress) -> Table:
     """Read a Parquet file.
 
     Raises:
         BadFile: it holds no column of numbers, too many rows, or DuckDB is not installed.
+        BadSetting: a part is wanted.
     """
+    refuse_part(part, name)
+    progress(0.0, "reading")
     duckdb = load_library("duckdb", "duckdb", name, "a Parquet file")
     connection = duckdb.connect(config={"autoinstall_known_extensions": False, "autoload_known_extensions": False})
     try:

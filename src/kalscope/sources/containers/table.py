@@ -60,3 +60,5 @@ class Text:
     """What was decided, each a sentence."""
     delimiter: str | None = None
     """Between the cells; None where the lines name their values."""
+    part: str | None = None
+    """The part that is to be chosen in the text: a name of a long table."""

@@ -21,6 +21,7 @@ from kalscope.common.checks import above_zero
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.recording import Recording
 from kalscope.sources.containers.known import Container, find_container, read_container
+from kalscope.sources.containers.parts import refuse_part
 from kalscope.sources.containers.robotics.rosbag import storage_of
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -98,6 +99,7 @@ def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Readin
     table, tally = read_rows(raw.path, encoding, layout, options, progress)
     if is_long(layout):
         return widened(table, tally, layout, options.part, raw.name)
+    refuse_part(options.part, raw.name)
     columns = {i: table[:, i] for i in (*layout.channels, *(layout.time.indices if layout.time else ()))}
     return Reading(columns, tally, layout, layout.period)
 
@@ -106,7 +108,7 @@ def _read_container(container: Container, raw: RawFile, options: ReadOptions, pr
     held = read_container(container, raw.path, raw.name, options.part, progress.part(0.0, 0.5))
     if isinstance(held, Table):
         return reading_of(held, options)
-    options = replace(options, delimiter=held.delimiter or options.delimiter)
+    options = replace(options, delimiter=held.delimiter or options.delimiter, part=held.part)
     with text_as_file(held.lines, raw, progress.part(0.5, 0.75)) as text:
         reading = _read_text(text, options, progress.part(0.75, 1.0))
     return replace(reading, layout=replace(reading.layout, notes=(*held.notes, *reading.layout.notes)))

@@ -95,10 +95,12 @@ def read_arrays(
     ]
     chosen, said = choose_part(parts, wanted, name, "group of arrays of one length")
     (group, n), found = list(groups.items())[chosen]
-    if parts[chosen].channels > MAX_COLUMNS or n * parts[chosen].channels > MAX_NUMBERS:
+    if group:  # a time beside the group serves it as well
+        found = [*groups.get(("", n), []), *found]
+    width = sum(_width(item, n) for item in found)
+    if width > MAX_COLUMNS or n * width > MAX_NUMBERS:
         raise BadFile(
-            f"{name} must hold at most {MAX_COLUMNS} columns and {MAX_NUMBERS} numbers in a part"
-            f" (got {n} × {parts[chosen].channels})"
+            f"{name} must hold at most {MAX_COLUMNS} columns and {MAX_NUMBERS} numbers a part (got {n} × {width})"
         )
     names: list[str] = []
     units: list[str] = []

@@ -15,7 +15,7 @@ from kalscope.common.progress import Progress
 from kalscope.common.text import one_line
 from kalscope.errors import BadFile
 from kalscope.sources.containers.library import load_library
-from kalscope.sources.containers.parts import Part, choose_part
+from kalscope.sources.containers.parts import Part, choose_text_part
 from kalscope.sources.containers.spreadsheets import convert
 from kalscope.sources.containers.table import Text
 
@@ -55,9 +55,9 @@ def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> T
         said = json.loads((Path(folder) / "sheets.json").read_text(encoding="utf-8"))
         holding = [i for i, sheet in enumerate(said) if sheet["numbers"]]
         parts = [Part(said[i]["name"], said[i]["rows"], said[i]["columns"]) for i in holding]
-        chosen, notes = choose_part(parts, part, name, "sheet")
+        chosen, notes, inner = choose_text_part(parts, part, name, "sheet")
         text = (Path(folder) / f"{holding[chosen]}.txt").read_text(encoding="utf-8")
-    return Text(_without_end(text), (f"{_KIND}; line numbers are its rows", *notes), "\t")
+    return Text(_without_end(text), (f"{_KIND}; line numbers are its rows", *notes), "\t", inner)
 
 
 def _without_end(text: str) -> Iterator[str]:
