@@ -25,6 +25,7 @@ TABLE = ["t,a", "0,1", "1,2", "2,3"]
         ('"Epoch Length:","30","seconds",""', 30.0),
         ("Logging interval: 00:10:00", 600.0),
         ("Sample Rate 100 Hz", 0.01),
+        ("Sampling Rate (Hz)|128", 1 / 128),
         ("# Sampling Period = 4us", 4e-6),
         ("Abtastrate: 50 Hz", 0.02),
         ("#Sample rate: 1e+06Hz", 1e-6),

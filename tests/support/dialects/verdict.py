@@ -14,7 +14,7 @@ from kalscope.recording import Recording
 from kalscope.sources.readers.recording_file import read_recording
 
 QUESTIONS = ("could also be", "?", "ambiguous")
-RATE_TOLERANCE = {"burst": 0.1, "coarse": 0.04, "pause": 0.01, "jitter": 0.02, "even": 1e-3}
+RATE_TOLERANCE = {"burst": 0.1, "coarse": 0.04, "pause": 0.01, "jitter": 0.04, "even": 1e-3}
 """Of the period, relative; a burst's last samples may be missing from its stretch."""
 
 

@@ -44,6 +44,7 @@ _HERTZ = {
     **dict.fromkeys(("ghz", "gs/s", "gsa/s"), 1e9),
 }
 _SECONDS = {"": 1.0} | {word: SECONDS_PER_UNIT[unit] for word, unit in UNIT_OF_WORD.items()}
+_SEPARATORS = str.maketrans(";\t|", ",,,")
 _MIN_PERIOD, _MAX_PERIOD = 1e-13, 1e8
 
 
@@ -79,7 +80,7 @@ def _settings(text: str) -> list[tuple[str, str]]:
     """(key, value) of `# rate: 250 Hz`, `a = 1, fs = 100 Hz`, `Sample Interval,1.0E-6,s`, `Sample Rate 100 Hz`."""
     text = text.lstrip("#%/; \t").lower()
     pairs: list[tuple[str, str]] = []
-    parts = [part.strip(" \t\"'") for part in text.replace(";", ",").replace("\t", ",").split(",")]
+    parts = [part.strip(" \t\"'") for part in text.translate(_SEPARATORS).split(",")]
     for i, part in enumerate(parts if len(parts) <= _MAX_PARTS else ()):
         key, mark, value = part.rpartition("=") if "=" in part else part.partition(":")
         if not mark or not value.strip():

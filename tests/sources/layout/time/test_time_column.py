@@ -191,3 +191,5 @@ def test_stamps_since_1970_need_no_name():
     named = {"x": [str(1551453301000 + 20 * i) for i in range(N)], "a": NOISE}
     assert name_of(named) == ["x"]
     assert name_of({"x": [str(15000 + 20 * i) for i in range(N)], "a": NOISE}) == []
+    assert name_of({"x": [str(1551453301000 + 80 * (i // 4)) for i in range(N)], "a": NOISE}) == ["x"]
+    assert name_of({"x": [str(1551453301000 + 80 * (i // N)) for i in range(N)], "a": NOISE}) == []

@@ -29,6 +29,8 @@ _MAX_BACK, _MAX_BACK_WEAK = 0.25, 0.02
 """Share of steps back with which numbers may be a time, by a clear name and by a mere hint."""
 _MIN_JUDGED = 8
 """Rows from which a clear name can be wrong."""
+_MIN_STEPS_FROM_1970 = 3
+"""Steps forward that stamps since 1970 without a name must show; between them they may stand still."""
 _MIN_FILL = 0.5
 _CLOSE = 1.0
 """A candidate with as few points less than the best is named."""
@@ -250,11 +252,16 @@ def _rises_steadily(cells: list[str], decimal: str) -> bool:
 
 
 def _counts_from_1970(cells: list[str], decimal: str) -> bool:
-    """True for eight or more rising numbers that are stamps of 2001 to 2100 in s, ms, µs or ns."""
+    """True for eight or more rising numbers that are stamps of 2001 to 2100 in s, ms, µs or ns.
+
+    A burst of samples may share its stamp.
+    """
     if not _is_since_1970(_numbers(cells[:8], decimal)):
         return False
     stamps = _numbers(cells, decimal)
-    return stamps.size >= 8 and stamps.size == len(cells) and bool(np.all(np.diff(stamps) > 0))
+    steps = np.diff(stamps)
+    rising = bool(np.all(steps >= 0)) and np.count_nonzero(steps) >= _MIN_STEPS_FROM_1970
+    return rising and stamps.size >= 8 and stamps.size == len(cells)
 
 
 def _is_since_1970(stamps: Array) -> bool:
