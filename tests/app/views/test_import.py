@@ -7,7 +7,11 @@ import pytest
 
 from kalscope.recording import LineIssue, ReadReport, Recording
 from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
+from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.frame import compute_frame
 from kalscope_app.guard.server import guarded_server
+from kalscope_app.session.opening import opened
+from kalscope_app.views.charts.signal import heading_of
 from kalscope_app.views.source.import_summary import import_summary
 from kalscope_app.views.source.reading_form import ReadingForm
 
@@ -86,3 +90,12 @@ def test_nothing_of_a_file_is_markup():
 def test_a_growing_recording_is_not_judged_at_every_frame():
     live = replace(recording(ReadReport(lines=50, rows=50)), sha256="")
     assert "not shown first" not in import_summary(live)
+
+
+def test_the_heading_points_to_the_summary_where_part_of_a_file_was_lost():
+    def heading(report):
+        state = opened(recording(report))
+        return heading_of(compute_frame(state, 0, choose_samples(state.recording, state.channel, None)))
+
+    assert "unreadable" not in heading(ReadReport(lines=51, rows=50, rejected=1))
+    assert "**part of it was unreadable: see Source**" in heading(ReadReport(lines=55, rows=50, rejected=5))

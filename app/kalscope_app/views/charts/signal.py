@@ -9,6 +9,7 @@ import viser
 
 from kalscope.common.array import Array
 from kalscope.common.text import count, number, sample_rate
+from kalscope.sources.readers.account import warnings
 from kalscope_app.engine.frame import Frame
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, Palette, axes, gappy, line, short
@@ -132,6 +133,8 @@ def heading_of(frame: Frame) -> str:
         parts.append(sample_rate(record.sample_period))
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
+    if frame.state.live is None and warnings(record):
+        parts.append("**part of it was unreadable: see Source**")
     if shown.decimated:
         plotted, all_samples = count(len(shown.indices)), count(shown.last - shown.first)
         parts.append(f"plotting {plotted} of {all_samples} samples; statistics use all")
