@@ -20,6 +20,7 @@ _BETWEEN_PAIRS = re.compile(r"[,;&\t]")
 _TOKEN = re.compile(r'"[^"]*"|[^\s,;&="]+|=')
 # A label begins at a word's beginning and is never given back, else each place of a long word would be tried.
 _LABEL_PAIR = re.compile(r"(?<![^\s:])([^\s:]++)\s*+:\s*(\S+)")
+_STAMP_REACH = 24  # the first colon of a clock behind a date
 _STAMP = r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9})?)"
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
 _AFTER_STAMP = r"(?:[ \t]{0,4}-?>|:(?=[ \t])|[ \t]-(?=[ \t]|$))"
@@ -71,6 +72,8 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
         line, or a label is a number (`12:30:05`). Between commas a bare number could be the decimals of the value
         before it, so there it is refused as well.
     """
+    if ":" not in line and "=" not in line:
+        return None
     text = line.strip().removeprefix(">")
     ignored: list[str] = []
     if text.startswith("{"):
@@ -137,6 +140,8 @@ def split_teleplot(line: str) -> Teleplot | None:
 
 def split_stamp(line: str) -> tuple[str, str] | None:
     """(`12:00:00.023`, rest) of a line before which a serial monitor wrote its stamp; None for any other line."""
+    if ":" not in line[:_STAMP_REACH]:
+        return None
     match = _LINE_STAMP.fullmatch(line)
     return (match[1] or match[2], match[3]) if match else None
 

@@ -76,7 +76,8 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, size: int, ki
         size: Lines of the head; those with a larger number come from further down.
         kinds: The kinds of cells by the table's decimal mark.
     """
-    rows = [row for row in table.rows if row[0] >= plan.first_row] or list(table.rows)
+    least = plan.first_row
+    rows = [row for row in table.rows if row[0] >= least] or list(table.rows)
     beside = _beside(rows, table.width, kinds) | {i for i in plan.preface.left_out if i < table.width}
     types = tuple(column_type([cells[i] for _, cells in rows], kinds) for i in range(table.width))
     if table.form.kind != "table":
@@ -84,7 +85,7 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, size: int, ki
         samples = tuple(row for row in rows if row[0] > size)
         return Body(inside or tuple(rows[:1]), samples, rows[0][0], (), types, beside)
     grid = _Grid(lines, table, types, beside, kinds)
-    first = grid.first_row(plan.first_row)
+    first = grid.first_row(least)
     rows = grid.rows_from(first)
     inside = tuple(row for row in rows if row[0] <= size)
     samples = tuple(row for row in rows if row[0] > size)

@@ -27,6 +27,7 @@ ordinary missing value, a word that loggers write for one, a stamp, anything els
 NUMERIC: tuple[CellKind, ...] = ("number", "other number", "grouped", "measure")
 """The kinds that are numbers."""
 
+_NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
 _MIN_REPEATED = 3
 """How often the one word of an otherwise numeric column must come to say "no sample"."""
 
@@ -53,7 +54,9 @@ class CellKinds(dict[str, CellKind]):
             return "grouped" if self._quoted and is_grouped(cell) else "number"
         if cell.lower() in self._words:
             return "word"
-        return "stamp" if is_stamp(cell) else _odd_kind(cell, self.decimal)
+        # Most other cells of a log are several numbers, split at another mark than theirs.
+        is_listed = not cell.strip(_NUMERIC_CHARACTERS) and any(mark in cell for mark in ",;|\t")
+        return "stamp" if not is_listed and is_stamp(cell) else _odd_kind(cell, self.decimal)
 
 
 def _odd_kind(cell: str, decimal: str) -> CellKind:

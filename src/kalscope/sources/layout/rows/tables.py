@@ -20,12 +20,14 @@ from kalscope.sources.grammar.line_format import (
 from kalscope.sources.grammar.read_options import DELIMITERS
 from kalscope.sources.grammar.stamps.shapes import is_stamp
 from kalscope.sources.layout.plan import Plan
-from kalscope.sources.layout.rows.kinds import CellKinds, Cells, column_type, likeness, only_text
+from kalscope.sources.layout.rows.kinds import NUMERIC, CellKinds, Cells, column_type, likeness, only_text
 
 MIN_UNIFORM = 0.6
 """Of the lines with numbers, the share that must have one width: records of several lines are no table."""
 MIN_UNIFORM_LINES = 20
 """Lines it takes to judge that."""
+_SOME = 64
+"""Lines of which one shows that a file may hold one column."""
 MAX_JUDGED = 500
 """Rows by which those of two widths are compared."""
 MIN_COMPLETE, MIN_COMPLETE_ROWS = 0.95, 20
@@ -89,13 +91,8 @@ def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
     """Every way to split the lines, with how much each makes them look like data."""
     candidates = [] if plan.delimiter else [_teleplot(lines), _labelled(lines, plan)]
     kinds = {mark: CellKinds(mark, plan.options.missing_texts) for mark in ".,"}
-    undivided = False
-    for delimiter in (plan.delimiter,) if plan.delimiter else DELIMITERS:
+    for delimiter in (plan.delimiter,) if plan.delimiter else _delimiters(lines, kinds):
         split = [(line.number, tuple(split_fields(line.text, delimiter))) for line in lines]
-        if all(len(cells) <= 1 for _, cells in split):
-            if undivided:
-                continue  # the same lines, undivided, were judged with another mark
-            undivided = True
         for decimal in ".," if plan.decimal is None else plan.decimal:
             form = LineFormat("table", delimiter, decimal)
             if decimal != delimiter:
@@ -103,6 +100,21 @@ def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
             elif any('"' in line.text for line in lines):  # decimal commas inside the quotes of a comma file
                 candidates.append(_as_table(split, form, CellKinds(decimal, plan.options.missing_texts, delimiter)))
     return [table for table in candidates if table is not None]
+
+
+def _delimiters(lines: list[HeadLine], kinds: dict[str, CellKinds]) -> list[str]:
+    """The delimiters that are in the lines, and one that is not where some of the lines are a single number."""
+    found = [mark for mark in DELIMITERS if any(_holds(line.text, mark) for line in lines)]
+    some = [line.text.strip(" \t") for line in lines[:: max(1, len(lines) // _SOME)]]
+    if not found or any(known[text] in NUMERIC for known in kinds.values() for text in some):
+        absent = next((mark for mark in DELIMITERS if mark not in found), None)
+        found = [mark for mark in DELIMITERS if mark in found or mark == absent]
+    return found
+
+
+def _holds(text: str, delimiter: str) -> bool:
+    """True where a line has the delimiter between two cells."""
+    return delimiter in text if delimiter != " " else " " in text.strip(" \t") or "\t" in text
 
 
 def _as_table(split: list[tuple[int, Cells]], form: LineFormat, kinds: CellKinds) -> HeadTable | None:
