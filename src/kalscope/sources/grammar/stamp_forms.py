@@ -27,6 +27,7 @@ _MAX_COUNTED = 300
 _CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "min:s", "elapsed")
 _TOLERANCE = 0.15
 """Months of 28 to 31 days are even steps."""
+_MANY_TIMES = 5.0
 
 
 @dataclass(frozen=True)
@@ -112,12 +113,17 @@ def _calendar(present: list[str], counted: list[str], least: float, day_first: b
 
 
 def _order_by_all(cells: list[str], orders: list[DateOrder]) -> TimeColumn:
-    """Of orders that fit nearly all cells, the one that fits most; of equals the one whose stamps rise steadily."""
+    """Of orders that fit nearly all cells, the one that fits most; of equals the one whose stamps rise steadily.
+
+    Where nothing decides, the day comes first, unless the log would then last many times longer.
+    """
     stamps = {order: _stamps(cells, _in_order(order)) for order in orders}
     read = {order: int(np.count_nonzero(np.isfinite(stamps[order]))) for order in orders}
     rest: list[DateOrder] = [order for order in orders if read[order] == max(read.values())]
     quality = {order: _steadiness(stamps[order]) for order in rest}
-    best = max(rest, key=lambda order: (*quality[order], order == "dmy", order == "ymd"))
+    shortest = min(_span(stamps[order]) for order in rest)
+    likely = {order: _span(stamps[order]) <= _MANY_TIMES * shortest for order in rest}
+    best = max(rest, key=lambda order: (*quality[order], likely[order], order == "dmy", order == "ymd"))
     column = TimeColumn(0, "calendar", order=best)
     # Where both orders mean the same day (05/05) there is nothing to decide.
     for other in rest:
@@ -133,6 +139,11 @@ def _order_note(example: str, best: DateOrder, other: DateOrder) -> str:
         f"stamps such as {example} are read {names[best]} (assumed, nothing decides);"
         f" they could also be {names[other]}: {option[other]}"
     )
+
+
+def _span(stamps: Array) -> float:
+    read = stamps[np.isfinite(stamps)]
+    return float(np.ptp(read)) if read.size else 0.0
 
 
 def _steadiness(stamps: Array) -> tuple[int, float, float]:

@@ -24,7 +24,7 @@ from kalscope.sources.grammar.stamps.dates import (
     parse_iso,
     year_of,
 )
-from kalscope.sources.grammar.stamps.odd_stamps import odd_parser
+from kalscope.sources.grammar.stamps.odd_stamps import odd_parser, parse_with_format
 
 TimeKind = Literal["number", "calendar", "clock"]
 PartRole = Literal["date", "year", "month", "day", "day of year", "clock", "hour", "minute", "second"]
@@ -35,6 +35,8 @@ MAX_STAMP = 1e20
 
 MAX_YEAR, MIN_YEAR = 2200, 1800
 """Years that a column of years may hold."""
+
+_MAX_PARTS_LENGTH = 24
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,9 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
         parse, index = stamp_parser(column, decimal), column.index
         return lambda cells: parse(cells[index])
     places = dict(column.parts)
+    if "%" in column.odd:
+        date, clock, form = places["date"], places["clock"], column.odd
+        return lambda cells: parse_with_format(f"{cells[date]} {cells[clock]}", form)
     day = _day_parser(column, places, decimal)
     since = _clock_parser(column, places, decimal)
 
@@ -159,9 +164,12 @@ def _day_parser(
 
     def parse_day(cells: Sequence[str]) -> float | None:
         if number is not None:
-            return _numbered_day(cells[year], cells[number])
-        first = "1" if day is None else cells[day]
-        return _written_day(cells[year], "1" if month is None else cells[month], first)
+            parts = (cells[year], cells[number])
+        else:
+            parts = (cells[year], "1" if month is None else cells[month], "1" if day is None else cells[day])
+        if sum(map(len, parts)) > _MAX_PARTS_LENGTH:  # long texts are not remembered
+            return None
+        return _numbered_day(*parts) if len(parts) == 2 else _written_day(*parts)
 
     return parse_day
 
