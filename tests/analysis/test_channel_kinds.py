@@ -77,6 +77,11 @@ NAMED = [
     ("status", RNG.integers(0, 4, N), kinds.CODE),
     ("gpsLat", 48.1 + 1e-4 * NOISE, kinds.POSITION),
     ("longitude", 11.5 + 1e-4 * NOISE, kinds.POSITION),
+    ("seq", np.where(ROWS % 50 == 7, ROWS + 2, ROWS), kinds.COUNTER),
+    ("frame", np.cumsum(RNG.integers(1, 4, N)), kinds.COUNTER),
+    ("Timestamp", 20 * (np.cumsum(RNG.integers(0, 3, N)) // 4), kinds.CLOCK),
+    ("a", 1_700_000_000 + ROWS // 13, kinds.CLOCK),
+    ("a", 1.7e9 + np.cumsum(RNG.integers(0, 2, N) * 0.25), kinds.CLOCK),
 ]
 
 
@@ -85,9 +90,15 @@ def test_a_name_tells_apart_what_looks_alike(name, z, expected):
     assert kind(z, name) == expected
 
 
-@pytest.mark.parametrize("name", ["seconds", "lat", "count", "status", "year", "dt"])
+@pytest.mark.parametrize("name", ["seconds", "lat", "count", "status", "year", "dt", "mm", "min", "seq"])
 def test_a_name_alone_decides_nothing(name):
     assert kind(50.0 * NOISE, name) == kinds.MEASUREMENT
+
+
+@pytest.mark.parametrize("name", ["temp_min", "rain_mm", "T", "min", "t_max"])
+def test_a_warming_in_whole_degrees_is_no_part_of_a_date(name):
+    warming = np.rint(5.0 + ROWS / 60 + RNG.normal(0.0, 0.6, N))
+    assert kind(warming, name) == kinds.MEASUREMENT
 
 
 @pytest.mark.parametrize("n", [1, 3, 7])

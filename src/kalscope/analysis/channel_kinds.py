@@ -63,22 +63,26 @@ _TIME_WORDS = {
 }
 _COUNT_WORDS = {
     *("n", "no", "nr", "count", "counter", "index", "idx", "seq", "sequence", "record", "row", "sample", "samples"),
-    *("entry", "packet"),
+    *("entry", "packet", "frame", "scan", "num", "number", "line", "cycle"),
 }
 _STEP_WORDS = {"dt", "delta", "interval", "step", "period", "loop"}
 _PLACE_WORDS = {"lat", "latitude", "lon", "long", "lng", "longitude"}
 _NO_NAME = {"value", "column"}
 """What a column without a name is called."""
 _DATE_PARTS = {
-    **dict.fromkeys(("year", "yr", "yyyy"), (1900, 2200)),
-    **dict.fromkeys(("month", "mon", "mm"), (1, 12)),
-    **dict.fromkeys(("day", "dd", "dom", "weekday"), (0, 31)),
+    **dict.fromkeys(("year", "yyyy"), (1900, 2200)),
+    **dict.fromkeys(("month",), (1, 12)),
+    **dict.fromkeys(("day", "weekday"), (0, 31)),
     **dict.fromkeys(("doy", "jday", "yday"), (1, 366)),
-    **dict.fromkeys(("hour", "hr", "hh"), (0, 24)),
-    **dict.fromkeys(("minute", "min", "second", "sec", "ss"), (0, 60)),
+    **dict.fromkeys(("hour",), (0, 24)),
+    **dict.fromkeys(("minute", "second"), (0, 60)),
     **dict.fromkeys(("hhmm",), (0, 2400)),
 }
 """Limits of a part of a date or clock, by the words of its name."""
+_DATE_WORDS = _DATE_PARTS.keys() | {"yr", "mon", "mm", "dd", "hr", "hh", "min", "ss"}
+"""The same words and those that mean something else as well: a minimum, millimetres."""
+EPOCH = 9e8
+"""Stamps since 1970 are larger, in every unit."""
 
 
 def default_channel(recording: Recording) -> str:
@@ -151,18 +155,20 @@ class _Channel:
 
     @cached_property
     def rise(self) -> _Rise | None:
-        """How the samples rise; None where they do not only rise and begin again."""
+        """How the samples rise; None where they do more than rise, begin again and step back a little."""
         z, steps = self.z, np.diff(self.z)
         up, falls = steps[steps > 0.0], np.flatnonzero(steps < 0.0)
         if not len(up) or len(falls) > 0.2 * len(steps):
             return None
         # What wraps falls to where it begins. Runs of a long recording meet twice, there a fall says nothing.
         low, high = (float(end) for end in np.quantile(z, (0.01, 0.99)))
-        if np.count_nonzero(z[falls + 1] <= low + 0.1 * (high - low)) + 2 < 0.9 * len(falls):
+        grows = float(-np.sum(steps[falls])) <= 0.05 * float(np.sum(up))
+        begins_again = np.count_nonzero(z[falls + 1] <= low + 0.1 * (high - low)) + 2 >= 0.9 * len(falls)
+        if not begins_again and not grows:
             return None
         usual = float(np.median(up))
         even = np.count_nonzero(up == usual) / len(up)
-        return _Rise(len(steps), len(up) + len(falls), len(falls), usual, even)
+        return _Rise(len(steps), len(up) + len(falls), len(falls), usual, even, grows)
 
 
 @dataclass(frozen=True)
@@ -179,6 +185,9 @@ class _Rise:
     """The median of those that rise."""
     even: float
     """The part of those that rise by exactly that, 0…1."""
+
+    grows: bool
+    """Whether what falls is little of what rises, as where packets arrive out of order."""
 
     @property
     def always(self) -> bool:
@@ -198,7 +207,7 @@ def _is_date_part(it: _Channel) -> bool:
     limits = [_DATE_PARTS[word] for word in it.words if word in _DATE_PARTS]
     if it.whole and any(first <= np.min(it.z) and np.max(it.z) <= last for first, last in limits):
         return True
-    rise, named = it.rise, bool(it.words & (_TIME_WORDS | _DATE_PARTS.keys())) or it.words <= _NO_NAME
+    rise, named = it.rise, it.words <= (_TIME_WORDS | _DATE_WORDS) or it.words <= _NO_NAME
     return rise is not None and it.whole and named and rise.usual == 1.0 and rise.even >= 0.9 and not _counts(rise)
 
 
@@ -210,13 +219,15 @@ def _is_counter(it: _Channel) -> bool:
     rise, named = it.rise, bool(it.words & _COUNT_WORDS)
     if rise is None or not it.whole:
         return False
-    return (_counts(rise) and (rise.usual == 1.0 or named)) or (named and rise.falls <= 2)
+    return (_counts(rise) and (rise.usual == 1.0 or named)) or (named and (rise.falls <= 2 or rise.grows))
 
 
 def _is_clock(it: _Channel) -> bool:
-    rise, named = it.rise, bool(it.words & (_TIME_WORDS | _DATE_PARTS.keys()))
+    rise, named = it.rise, bool(it.words & (_TIME_WORDS | _DATE_WORDS))
     if rise is None:
         return False
+    if rise.falls <= 2 and (np.min(it.z) > EPOCH or it.words & (_TIME_WORDS - {"t"})):  # t may be a temperature
+        return True
     return (it.whole and _counts(rise)) or (rise.always and (named or (it.whole and rise.steps >= 20)))
 
 
