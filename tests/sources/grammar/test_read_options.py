@@ -156,6 +156,32 @@ def test_gaps_become_time_steps_and_steps_back_are_none(read):
     np.testing.assert_allclose(recording.steps(), [1, 1, 1, 4, 1, 0, 1.5, 1], rtol=1e-9)
 
 
+def test_a_rate_is_a_sample_period_in_other_words(read):
+    assert read(TIMED, rate=25.0).sample_period == read(TIMED, period=0.04).sample_period == 0.04
+    assert read(TIMED, rate=25.0, period=0.04).sample_period == 0.04
+    assert read("a\n1\n2\n3\n", rate=4.0).time.tolist() == [0, 0.25, 0.5]
+    with pytest.raises(BadSetting, match=r"rate and sample period must agree.*got 25 Hz and 0\.5 s"):
+        read(TIMED, rate=25.0, period=0.5)
+
+
+def test_a_rate_above_the_table_is_taken_where_there_are_no_stamps(read):
+    text = "# Sampling Rate: 250 Hz\na,b\n" + "".join(f"{i % 7},{i % 3}\n" for i in range(50))
+    recording = read(text)
+    assert (recording.sample_period, recording.report.timing.source) == (0.004, "file")
+    assert recording.time[:3].tolist() == [0, 0.004, 0.008]
+    assert read(text, rate=100.0).sample_period == 0.01
+
+
+def test_a_clock_of_whole_seconds_gets_no_rows_within_a_second(read):
+    rows = "".join(f"12:00:{i // 7:02},{i % 5}\n" for i in range(280))
+    recording = read(f"clock,a\n{rows}", gaps="missing")
+    assert (recording.report.inserted, len(recording)) == (0, 280)
+    np.testing.assert_allclose(np.diff(recording.time), 1 / 7, rtol=1e-3)
+    paused = "".join(f"12:00:{i // 7 + 9 * (i >= 140):02},{i % 5}\n" for i in range(280))
+    recording = read(f"clock,a\n{paused}", gaps="missing")
+    assert (recording.report.timing.pauses, recording.report.inserted) == (1, 63)
+
+
 def test_a_gap_of_years_is_no_million_rows(read):
     text = "t,a\n" + "".join(f"{i},1\n" for i in range(20)) + "1e9,2\n"
     with pytest.raises(BadSetting, match='must not be "missing"'):

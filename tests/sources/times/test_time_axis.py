@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
-from kalscope.sources.times.time_axis import read_time, unwrap
+from kalscope.sources.times.time_axis import GivenPeriod, counted_time, read_time, unwrap
 
 NUMBER = TimeColumn(0, "number", "ms")
 
@@ -68,6 +68,58 @@ def test_gaps_are_counted_and_the_choice_is_named():
     notes = " ".join(read_time(stamps, NUMBER).notes)
     assert "2 gaps, first after sample 50, the longest 3.81 s" in notes
     assert "--gaps missing" in notes
+
+
+def test_the_advice_says_how_many_rows_it_would_add():
+    short, long = np.arange(100) * 10.0, np.concatenate((np.arange(50), 10_000 + np.arange(50))) * 10.0
+    short[50:] += 30.0
+    assert "adds 3 rows of missing samples" in " ".join(read_time(short, NUMBER).notes)
+    said = " ".join(read_time(long, NUMBER).notes)
+    assert "read it with --gaps dt (elapsed time): --gaps missing would add 9\u202f950 rows" in said
+    assert "read it with" not in " ".join(read_time(short, NUMBER, gaps="dt").notes)
+
+
+WHOLE_SECONDS = np.floor(np.arange(7000) / 67) * 1000
+
+
+def test_a_coarse_clock_has_neither_gaps_nor_repeated_samples():
+    axis = read_time(WHOLE_SECONDS, NUMBER)
+    assert axis.timing.period == pytest.approx(1 / 67, rel=1e-3)
+    assert (axis.timing.stamps, axis.timing.resolution, axis.timing.pauses) == ("coarse", 1.0, 0)
+    assert not any("repeat" in note or "gap" in note for note in axis.notes)
+    assert "the clock is one of whole seconds: samples were placed evenly between its steps, 67.0 Hz" in axis.notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "given", "source", "rate", "said"),
+    [
+        (WHOLE_SECONDS, GivenPeriod(file=1 / 66.5), "file", 66.5, "the one that the file gives, 66.5 Hz"),
+        (WHOLE_SECONDS, GivenPeriod(file=1 / 33), "stamps", 67, "gives a sample rate of 33.0 Hz, but its stamps"),
+        (WHOLE_SECONDS, GivenPeriod(0.015, 1 / 66.5), "option", 1 / 0.015, "the clock is one of whole seconds"),
+        (np.arange(500) * 10.0, GivenPeriod(file=0.0101), "stamps", 100, "stamps are read as ms"),
+        (np.arange(500) * 10.0, GivenPeriod(file=0.02), "stamps", 100, "gives a sample rate of 50.0 Hz, but its"),
+        (np.arange(500) * 10.0, GivenPeriod(option=0.02), "option", 50, "stamps are read as ms"),
+        (np.full(50, 7000.0), GivenPeriod(file=0.02), "file", 50, "stamps are read as ms"),
+    ],
+)
+def test_a_rate_that_is_given_has_its_place(stamps, given, source, rate, said):
+    axis = read_time(stamps, NUMBER, given=given)
+    assert axis.timing.source == source
+    assert axis.timing.period == pytest.approx(1 / rate, rel=1e-3)
+    assert any(said in note for note in axis.notes)
+
+
+def test_samples_without_stamps_are_counted_in_the_period_that_is_given():
+    assert counted_time(4, GivenPeriod()).time.tolist() == [0, 1, 2, 3]
+    axis = counted_time(4, GivenPeriod(file=0.5), offset=-1.0, start=1.5e9)
+    assert axis.time.tolist() == [-1, -0.5, 0, 0.5]
+    assert (axis.timing.source, axis.timing.summary) == ("file", "2.00 Hz as the file says")
+    assert axis.notes == ("time counts from 2017-07-14T02:40:00+00:00",)
+
+
+def test_a_clock_that_shows_one_second_only_counts_on_in_the_period_of_the_file():
+    axis = read_time(np.full(5, 3.0), TimeColumn(0, "number", "s"), given=GivenPeriod(file=0.25))
+    assert axis.time.tolist() == [3.0, 3.25, 3.5, 3.75, 4.0]
 
 
 def test_a_given_unit_outranks_the_columns():

@@ -26,6 +26,10 @@ from kalscope.sources.times.stretches import Stretches, lasting_steps, pooled_sl
 
 _NO_PAUSES = np.zeros(0, dtype=np.int64)
 _MIN_BLOCKS = 8
+_MIN_CHANGES = 3
+"""Changes of a coarse clock, from which on its rate is known."""
+_STEADY = 0.1
+"""Half of the spacings of blocks of rows lie this close, as a share of the middle one, where rows come steadily."""
 _BURST_SHARE = 2 / 3
 """Where more of the time passes in steps longer than 1.5 periods, the rows come in bursts."""
 
@@ -100,8 +104,8 @@ def _guess(time: Array, steps: Steps, *, recur: bool) -> _Guess | None:
         period = median * (changes.size - 1) / max(1, int(changes[-1] - changes[0])) if changes.size > 1 else median
         return _Guess("coarse", period, median, max(GAP_PERIODS * median, median + 2 * period))
     near = steps.all[np.abs(steps.all - median) <= 0.5 * median]
-    jitter = float(np.std(near))
-    single = _Guess("uneven", median, median, max(GAP_PERIODS * median, median + 4 * jitter))
+    jitter = float(np.std(near)) if near.size else 0.0
+    single = _Guess("uneven", median, median, max(GAP_PERIODS * median, median + 5 * jitter))
     if not recur and one_sample_a_step(steps):
         return single
     scale = _steady_scale(time)
@@ -110,26 +114,32 @@ def _guess(time: Array, steps: Steps, *, recur: bool) -> _Guess | None:
     period, rows = scale
     whole = steps.all[: steps.all.size // rows * rows].reshape(-1, rows)
     usual = max(float(np.median(whole.max(axis=1))), period)
-    return _Guess("bursts", period, usual, 2 * usual)
+    return _Guess("bursts", period, usual, 2.5 * usual)
 
 
 def _steady_scale(time: Array) -> tuple[float, int] | None:
-    """(period, rows): the fewest rows, a power of 2, whose mean stamps come steadily, and their spacing a row."""
+    """(period, rows): the fewest rows, a power of 2, whose mean stamps come steadily, and their spacing a row.
+
+    Where none do, those that come most steadily, if they do so at all.
+    """
     means, rows = time, 1
+    best, least = None, 0.35
     while len(means) > 2 * _MIN_BLOCKS:
         half = len(means) // 2
         means, rows = (means[0 : 2 * half : 2] + means[1 : 2 * half : 2]) / 2, 2 * rows
         spacing = np.diff(means) / rows
         low, middle, high = np.quantile(spacing, (0.25, 0.5, 0.75))
-        if middle <= 0 or high - low > 0.1 * middle:
+        if middle <= 0 or high - low >= least * middle:
             continue
         long = spacing > GAP_PERIODS * middle
         pauses = np.count_nonzero(np.diff(long.astype(np.int8)) == 1) + int(long[0])
         few = pauses < 5 or float(spacing[long].sum()) <= 0.5 * float(spacing[spacing > 0].sum())
         near = np.count_nonzero(np.abs(spacing - middle) <= 0.5 * middle)
         if few and near >= 0.75 * spacing.size:
-            return float(middle), rows
-    return None
+            best, least = (float(middle), rows), float((high - low) / middle)
+            if least <= _STEADY:
+                break
+    return best
 
 
 def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
@@ -139,14 +149,14 @@ def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
     pauses = lasting_steps(time, steps.all, candidates, guess.period, rows)
     stretches = _stretches(steps, pauses, guess.usual)
     usual_rows = guess.usual / guess.period
-    slope = None
-    if guess.stamps == "coarse":
-        slope = _slope_of_changes(time, steps, stretches)
-    if slope is None:
+    fitted = _slope_of_changes(time, steps, stretches) if guess.stamps == "coarse" else None
+    error = slope_error(time, stretches)
+    if fitted is not None:
+        slope, error = fitted[0], min(fitted[1], error)
+    else:
         slope = pooled_slope(time, np.arange(len(time)), stretches, usual_rows)
     if slope is None or slope <= 0:
         slope = guess.period
-    error = slope_error(time, stretches)
     if guess.stamps == "uneven" and abs(slope - steps.median) <= 3 * error:
         slope = steps.median  # the usual step says the same
     stamps = guess.stamps
@@ -160,15 +170,24 @@ def _stretches(steps: Steps, pauses: Indices, usual: float) -> Stretches:
     return split(steps.all.size + 1, np.union1d(pauses, back))
 
 
-def _slope_of_changes(time: Array, steps: Steps, stretches: Stretches) -> float | None:
-    """Seconds a sample by the first rows of each new stamp: the row at which a coarse clock moves on is exact."""
+def _slope_of_changes(time: Array, steps: Steps, stretches: Stretches) -> tuple[float, float] | None:
+    """Seconds a sample and their standard error by the first rows of each new stamp; None where there are few.
+
+    The row at which a coarse clock moves on is exact to a sample.
+    """
     first = np.concatenate(([False], steps.all > 0))
     first[stretches.starts] = False  # after a pause a stamp may have begun before
     at = np.flatnonzero(first)
-    if at.size < 2:
+    if at.size < _MIN_CHANGES:
         return None
     run = stretches.spread(np.arange(len(stretches.sizes)))[at]
-    return pooled_slope(time[at], at, split(at.size, np.flatnonzero(np.diff(run))), 0.0)
+    slope = pooled_slope(time[at], at, split(at.size, np.flatnonzero(np.diff(run))), 0.0)
+    same = np.diff(run) == 0
+    if slope is None or not same.any():
+        return None
+    rows = np.diff(at)[same]
+    late = np.diff(time[at])[same] - slope * rows
+    return slope, math.sqrt(1.2 * (float(np.mean(late**2)) * late.size + slope**2)) / float(rows.sum())
 
 
 def _in_bursts(steps: Steps, pauses: Indices, period: float) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Indices, Mask
 
 GAP_PERIODS = 1.5 * (1 + 1e-6)
 """A step longer than this many sample periods may be a gap: at least one sample is missing. 3 ms is 1.5 × 2 ms."""
@@ -86,7 +86,9 @@ def is_coarse(steps: Steps) -> bool:
     tick = steps.median
     alike = np.count_nonzero(np.abs(positive - tick) <= 0.25 * tick)
     longer = np.count_nonzero(positive > 1.25 * tick)
-    return bool(alike >= 0.8 * positive.size and longer <= 0.05 * positive.size + 2)
+    # Where each step of the clock holds many samples, a short record has few steps, and pauses are many among them.
+    pauses = 0.05 * positive.size + (6 if share >= 0.8 else 2)
+    return bool(alike >= (0.6 if share >= 0.8 else 0.8) * positive.size and longer <= pauses)
 
 
 def one_sample_a_step(steps: Steps, share: float = 0.8) -> bool:
@@ -122,30 +124,39 @@ def long_steps_recur(steps: Steps) -> bool:
     where = np.flatnonzero(long)
     if where.size < _MIN_RECURRENCES:
         return False
-    lengths = steps.forward[where]
-    if _on_grid(lengths, median) and median >= _GRID_TICKS * _resolution(steps):
+    lengths, rows = steps.forward[where], np.diff(where)
+    usual, fine = float(np.median(lengths)), median >= _GRID_TICKS * _resolution(steps)
+    ordinary = np.where(steps.all > 2.5 * usual, median, np.maximum(steps.all, 0.0))
+    if _made_up_for(ordinary, 4 * float(np.median(rows))):
+        return not _sleeps(steps, long, rows, usual)
+    if fine and _on_grid(lengths, median):
         return False  # lost samples of an even series
-    rows = np.diff(where)
-    inner = np.sort(_some(steps.all[~long]))
-    tight = inner[round(0.95 * (inner.size - 1))] - inner[round(0.05 * (inner.size - 1))] <= _EVEN * median
-    slow = median >= _MAX_BURST_STEP and float(np.median(lengths)) >= 3 * median
-    if tight and (float(np.median(rows)) > _MAX_BURST_ROWS or slow):
-        return False  # a logger that records for a while and sleeps
-    share = float(lengths.sum()) / float(steps.forward[steps.forward > 0].sum())
-    usual = float(np.median(lengths))
-    if _regular(rows) or (share > 0.5 and usual > 3 * median):
+    # Of samples lost at random some are neighbours; of a coarse clock's steps hardly any is two samples too long.
+    neighbours = where.size**2 / steps.all.size
+    if not fine and neighbours >= 10 and np.count_nonzero(lengths > 2.5 * median) < 0.3 * neighbours:
         return True
-    return _made_up_for(np.clip(steps.all, 0.0, 3 * usual), 4 * float(np.median(rows)))
+    share = float(lengths.sum()) / float(steps.forward[steps.forward > 0].sum())
+    recurs = _regular(rows) or (share > 0.5 and usual > 3 * median)
+    return recurs and not _sleeps(steps, long, rows, usual)
+
+
+def _sleeps(steps: Steps, long: Mask, rows: Indices, usual: float) -> bool:
+    """True for a logger that records for a while, evenly, and then sleeps."""
+    inner = np.sort(_some(steps.all[~long]))
+    width = inner[round(0.95 * (inner.size - 1))] - inner[round(0.05 * (inner.size - 1))]
+    slow = steps.median >= _MAX_BURST_STEP and usual >= 3 * steps.median
+    return bool(width <= _EVEN * steps.median and (np.median(rows) > _MAX_BURST_ROWS or slow))
 
 
 def _made_up_for(steps: Array, rows: float) -> bool:
     """True where a long step comes after short ones, as on a coarse clock: lost samples come at random."""
     size = int(max(8, min(rows, steps.size // 16)))
     sums = steps[: steps.size // size * size].reshape(-1, size).sum(axis=1)
-    return sums.size >= 16 and float(np.var(sums)) < 0.3 * size * float(np.var(steps))
+    most = 0.3 if sums.size < 64 else 0.5
+    return sums.size >= 16 and float(np.var(sums)) < most * size * float(np.var(steps))
 
 
-def _regular(rows: Array) -> bool:
+def _regular(rows: Indices) -> bool:
     low, middle, high = np.quantile(rows, (0.1, 0.5, 0.9))
     return bool(high - low <= max(1.0, _REGULAR * middle))
 
