@@ -110,7 +110,7 @@ class Recording:
     values: Array
     """Samples, shape (n, channels); NaN is a missing sample, never inf."""
     sample_period: float | None
-    """Nominal sample period in s, the median step; None where the source has no time."""
+    """Nominal sample period in s, see `ReadReport.timing`; None where the source has no time."""
     report: ReadReport = field(default_factory=ReadReport)
     """How the source was read; empty for synthetic signals."""
     truth: Array | None = None

@@ -87,7 +87,8 @@ def test_a_coarse_clock_has_neither_gaps_nor_repeated_samples():
     assert axis.timing.period == pytest.approx(1 / 67, rel=1e-3)
     assert (axis.timing.stamps, axis.timing.resolution, axis.timing.pauses) == ("coarse", 1.0, 0)
     assert not any("repeat" in note or "gap" in note for note in axis.notes)
-    assert "the clock is one of whole seconds: samples were placed evenly between its steps, 67.0 Hz" in axis.notes[-1]
+    assert axis.notes[-1].startswith("the clock is one of whole seconds: samples were placed evenly between its")
+    assert "67.0 Hz" in axis.notes[-1]
 
 
 @pytest.mark.parametrize(

@@ -62,8 +62,8 @@ def read_recording(
     Args:
         path: The file.
         options: What is decided by the caller instead.
-        sample_period: Nominal sample period in s, > 0; overrides the median step of the time column, and
-            gives a file without one its time.
+        sample_period: Nominal sample period in s, > 0; overrides that of the stamps, and gives a file
+            without a time column its time. `options.rate` says the same in Hz.
         progress: Called from the first second on with the fraction done, 0…1, and what is being done.
         cancelled: Asked as often whether to stop.
 
