@@ -100,6 +100,14 @@ def test_units_come_from_a_row_or_from_our_comment():
     assert layout.columns[1].unit == "1e8 m3"
 
 
+@pytest.mark.parametrize("names", ["seconds pressure", "hum Hour Minute Second"])
+def test_names_that_could_be_units_are_names_below_a_sentence(names):
+    rows = [" ".join(f"{i}.5" for _ in names.split()) for i in range(20)]
+    layout = sniff(["Data logger export", names, *rows])
+    assert layout is not None
+    assert (layout.headers, [column.name for column in layout.columns]) == (frozenset({2}), names.split())
+
+
 @pytest.mark.parametrize("filling", [" ", "\t", "a ", ":", " :", "#"])
 def test_a_long_unit_comment_is_no_unit_and_is_passed_over_at_once(filling):
     # Half a minute for 4,800 blanks once; 64,000 would outlast any test run.

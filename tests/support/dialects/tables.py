@@ -147,6 +147,9 @@ def lose_some(rng: Random, case: Case, cells: list[list[str]], delimiter: str) -
         places |= {(i, rng.randrange(width)) for i in range(rng.randint(1, 12))}
         if rng.random() < 0.5 and case.stamps is not None:
             places |= {(i, j) for i in range(rng.randint(1, 12)) for j in range(width)}
+    if word == "" and case.stamps is None:
+        # A row of separators alone is what a spreadsheet makes of nothing.
+        places = {(i, j) for i, j in places if j > 0}
     for i, j in places:
         cells[i][j] = word
         case.values[i, j] = np.nan

@@ -109,7 +109,14 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
 def _among(above: tuple[Row, ...], plan: Plan, head: Sequence[str], table: HeadTable) -> _Rows:
     """The names and the units among lines of text above the data, nearest first: units stand below the names."""
     rows = list(above)
-    units = next((i for i, (_, cells) in enumerate(rows[:-1]) if are_units(cells)), None)
+    units = next(
+        (
+            i
+            for i, (_, cells) in enumerate(rows[:-1])
+            if are_units(cells) and _stand_below(cells, rows[i + 1][1], table.form.delimiter)
+        ),
+        None,
+    )
     start = 0 if units is None else units + 1
     names = next((i for i in range(start, len(rows)) if _is_telling(rows[i][1])), start)
     found = None if units is None else rows[units]
@@ -131,6 +138,13 @@ def _commented_units(head: Sequence[str], names: int, last: int, table: HeadTabl
         if is_comment(text) and len(cells) == table.width and are_units(cells):
             return number, cells
     return None
+
+
+def _stand_below(units: Cells, names: Cells, delimiter: str) -> bool:
+    """True where units may stand below these names: `seconds pressure` below a sentence are names themselves."""
+    bracketed = all(cell != bare_unit(cell) for cell in units if cell)
+    spare = abs(len(names) - len(units))
+    return bracketed or spare == 0 or (spare == 1 and delimiter != " ")
 
 
 def _is_telling(cells: Cells) -> bool:
