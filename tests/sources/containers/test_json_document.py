@@ -81,3 +81,8 @@ def test_a_document_is_one_in_any_encoding(tmp_path, encoding):
     )
     recording = read_recording(path)
     assert (len(recording), recording.names) == (20, ("temp",))
+
+
+def test_objects_one_a_line_below_a_torn_one_are_no_document(read):
+    recording = read('{"t": 5, "x"\n' + "".join(json.dumps({"t": i, "x": x}) + "\n" for i, x in enumerate(X)))
+    assert (recording.report.rows, recording.report.lines) == (12, 13)

@@ -16,28 +16,14 @@ from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
 from kalscope.sources.containers.parts import Part, choose_text_part
 from kalscope.sources.containers.table import Text
-from kalscope.sources.grammar.json_line import find_object, load_json
+from kalscope.sources.grammar.json_line import load_json
 
 MAX_BYTES = 1 << 28
 """Largest document, in bytes: it is held in memory as a whole. Objects one a line may be of any number."""
 
-_BEFORE = b"\xef\xbb\xbf\xff\xfe\0 \t\r\n"
-"""What may stand before the first mark: byte order marks, blanks, and the empty halves of UTF-16."""
 _MAX_DEPTH = 4
 _KIND = "a JSON document"
 Rows = list[dict[str, Any]]
-
-
-def is_json_document(head: bytes, name: str) -> bool:
-    """True where the whole file is one value, and not one object on each line."""
-    if head.lstrip(_BEFORE)[:1] not in (b"{", b"["):
-        return False
-    text = head.decode(json.detect_encoding(head), "replace").lstrip("\ufeff \t\r\n")
-    if text[:1] == "[":
-        inside = text[1:].lstrip()[:1]
-        return inside in ("{", "[") and (name.endswith(".json") or inside == "{")
-    first, *rest = text.replace("\r", "\n").split("\n")
-    return find_object(first) is None or not any(line.strip("\0 \t") for line in rest)
 
 
 def read_json_document(path: Path, name: str, part: str | None, progress: Progress) -> Text:

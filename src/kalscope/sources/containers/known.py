@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import json
+import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,17 +13,20 @@ from pathlib import Path
 from kalscope.common.progress import Progress
 from kalscope.common.text import one_line
 from kalscope.errors import BadFile, KalscopeError
-from kalscope.sources.containers.arrays.hdf5 import read_hdf5
-from kalscope.sources.containers.arrays.mat import is_mat, read_mat
-from kalscope.sources.containers.arrays.tdms import read_tdms
-from kalscope.sources.containers.json_document import is_json_document, read_json_document
-from kalscope.sources.containers.lvm import is_lvm, read_lvm
-from kalscope.sources.containers.parquet import read_parquet
-from kalscope.sources.containers.robotics.mcap import read_mcap
-from kalscope.sources.containers.robotics.rosbag import read_ros1, read_ros2
-from kalscope.sources.containers.robotics.ulog import read_ulog
-from kalscope.sources.containers.spreadsheets.excel import is_excel, read_excel
 from kalscope.sources.containers.table import Table, Text
+from kalscope.sources.grammar.json_line import find_object
+
+OLD_EXCEL = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+"""How a workbook of Excel before 2007 begins."""
+
+_LABVIEW = b"LabVIEW Measurement"
+_BEFORE_JSON = b"\xef\xbb\xbf\xff\xfe\0 \t\r\n"
+"""What may stand before the first mark: byte order marks, blanks, and the empty halves of UTF-16."""
+_MAX_LINES = 50
+"""First lines by which a JSON document is told from one object a line."""
+
+Recogniser = Callable[[bytes, str], bool]
+"""Whether the head of a file, and its name in lower case, are of a kind."""
 
 ReadContainer = Callable[[Path, str, "str | None", Progress], Table | Text]
 """From the path of the content, the name of the file, the part to read and the progress to what it holds."""
@@ -32,28 +38,62 @@ class Container:
 
     kind: str
     """What it is, for messages: "a Parquet file"."""
-    recognise: Callable[[bytes, str], bool]
-    """Whether the head of a file, and its name in lower case, are of this kind."""
-    read: ReadContainer
-    """Its reader."""
+    recognise: Recogniser
+    """Whether a file is one."""
+    reader: str
+    """Its `ReadContainer`, "module.function" in this package: imported where a file needs it."""
 
 
-def _begins(*magic: bytes) -> Callable[[bytes, str], bool]:
+def _begins(*magic: bytes) -> Recogniser:
     return lambda head, _: head.startswith(magic)
 
 
+def _is_mat(head: bytes, name: str) -> bool:
+    """Version 4 has no mark, it goes by the name."""
+    return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")) or (
+        name.endswith(".mat") and not head.startswith((b"\x89HDF", b"PK", b"\x1f\x8b")) and b"\0" in head[:20]
+    )
+
+
+def _is_excel(head: bytes, name: str) -> bool:
+    """A zip archive goes by what its head names, or by its name."""
+    return head.startswith(OLD_EXCEL) or (
+        head.startswith(b"PK\x03\x04")
+        and (
+            name.endswith((".xlsx", ".xlsm", ".ods")) or b"xl/" in head or b"opendocument.spreadsheet" in head[:200]
+        )
+    )
+
+
+def _is_json_document(head: bytes, name: str) -> bool:
+    """The whole file is one value, and not one object on each line."""
+    if head.lstrip(_BEFORE_JSON)[:1] not in (b"{", b"["):
+        return False
+    text = head.decode(json.detect_encoding(head), "replace").lstrip("\ufeff \t\r\n")
+    if text[:1] == "[":
+        inside = text[1:].lstrip()[:1]
+        return inside == "{" or (inside == "[" and name.endswith(".json"))
+    lines = [line for line in text.replace("\r", "\n").split("\n") if line.strip("\0 \t")][:_MAX_LINES]
+    # The first line may be torn, so that others must show what the file is.
+    return len(lines) == 1 or sum(find_object(line) is not None for line in lines) < 2
+
+
 _CONTAINERS = (
-    Container("a Parquet file", _begins(b"PAR1"), read_parquet),
-    Container("a LabVIEW measurement file", is_lvm, read_lvm),
-    Container("a TDMS file", _begins(b"TDSm"), read_tdms),
-    Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), read_hdf5),
-    Container("a MATLAB file", is_mat, read_mat),
-    Container("an MCAP log", _begins(b"\x89MCAP0\r\n"), read_mcap),
-    Container("a ROS 1 bag", _begins(b"#ROSBAG V2"), read_ros1),
-    Container("a ROS 2 bag", _begins(b"SQLite format 3\0"), read_ros2),
-    Container("a ULog file", _begins(b"ULog\x01\x12\x35"), read_ulog),
-    Container("a spreadsheet", is_excel, read_excel),
-    Container("a JSON document", is_json_document, read_json_document),
+    Container("a Parquet file", _begins(b"PAR1"), "parquet.read_parquet"),
+    Container(
+        "a LabVIEW measurement file",
+        _begins(b"LabVIEW Measurement", b"\xef\xbb\xbfLabVIEW Measurement"),
+        "lvm.read_lvm",
+    ),
+    Container("a TDMS file", _begins(b"TDSm"), "arrays.tdms.read_tdms"),
+    Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), "arrays.hdf5.read_hdf5"),
+    Container("a MATLAB file", _is_mat, "arrays.mat.read_mat"),
+    Container("an MCAP log", _begins(b"\x89MCAP0\r\n"), "robotics.mcap.read_mcap"),
+    Container("a ROS 1 bag", _begins(b"#ROSBAG V2"), "robotics.rosbag.read_ros1"),
+    Container("a ROS 2 bag", _begins(b"SQLite format 3\0"), "robotics.rosbag.read_ros2"),
+    Container("a ULog file", _begins(b"ULog\x01\x12\x35"), "robotics.ulog.read_ulog"),
+    Container("a spreadsheet", _is_excel, "spreadsheets.excel.read_excel"),
+    Container("a JSON document", _is_json_document, "json_document.read_json_document"),
 )
 
 
@@ -76,9 +116,26 @@ def read_container(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # libraries warn of what is odd in a file
-            return container.read(path, name, part, progress)
+            module, _, function = container.reader.rpartition(".")
+            read: ReadContainer = getattr(importlib.import_module(f"{__package__}.{module}"), function)
+            return read(path, name, part, progress)
     except KalscopeError:
         raise
     except Exception as error:  # a damaged file may raise anything in a library
         said = one_line(str(error))[:120] or type(error).__name__
         raise BadFile(f"{name} must be {container.kind} that is whole (got: {said})") from None
+
+
+def storage_of(path: Path) -> Path:
+    """The file that holds the messages of a ROS 2 bag, which is a folder; any other path itself.
+
+    Raises:
+        BadFile: the bag is split into several files.
+    """
+    if not os.path.isfile(path / "metadata.yaml"):  # which answers for an impossible name as well
+        return path
+    files = sorted(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+    if len(files) != 1:
+        listed = ", ".join(file.name for file in files[:8]) or "none"
+        raise BadFile(f"{path.name} must be a bag of one .db3 or .mcap file (got {listed}); open one of them")
+    return files[0]

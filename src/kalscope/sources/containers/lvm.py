@@ -60,11 +60,6 @@ class _Series:
     filled: int = 0
 
 
-def is_lvm(head: bytes, name: str) -> bool:  # noqa: ARG001 (its first line is plain enough)
-    """True for a file that begins as the specification demands."""
-    return head.removeprefix(b"\xef\xbb\xbf").startswith(MAGIC.encode())
-
-
 def read_lvm(path: Path, name: str, part: str | None, progress: Progress) -> Table:
     """Read a LabVIEW measurement file.
 

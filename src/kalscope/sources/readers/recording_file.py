@@ -20,9 +20,8 @@ from pathlib import Path
 from kalscope.common.checks import above_zero
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.recording import Recording
-from kalscope.sources.containers.known import Container, find_container, read_container
+from kalscope.sources.containers.known import Container, find_container, read_container, storage_of
 from kalscope.sources.containers.parts import refuse_part
-from kalscope.sources.containers.robotics.rosbag import storage_of
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import Layout, sniff

@@ -21,13 +21,6 @@ _CLASSES = frozenset(("double", "single", "logical", "struct", *_WHOLE))
 """Classes of variables that may hold numbers; cells, text, functions and objects are left unread."""
 
 
-def is_mat(head: bytes, name: str) -> bool:
-    """True for a file that begins as a MATLAB file; version 4 has no mark, it goes by the name."""
-    return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")) or (
-        name.endswith(".mat") and not head.startswith((b"\x89HDF", b"PK", b"\x1f\x8b")) and b"\0" in head[:20]
-    )
-
-
 def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Table:
     """Read the variables of a MATLAB file: vectors, matrices, the fields of structs.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bz2
-import os
 import sqlite3
 from collections.abc import Iterator
 from functools import partial
@@ -99,18 +98,3 @@ def read_ros2(path: Path, name: str, part: str | None, progress: Progress) -> Ta
         return read_topics(topics, part, name, kind, progress)
     finally:
         connection.close()
-
-
-def storage_of(path: Path) -> Path:
-    """The file that holds the messages of a ROS 2 bag, which is a folder; any other path itself.
-
-    Raises:
-        BadFile: the bag is split into several files.
-    """
-    if not os.path.isfile(path / "metadata.yaml"):  # which answers for an impossible name as well
-        return path
-    files = sorted(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
-    if len(files) != 1:
-        listed = ", ".join(file.name for file in files[:8]) or "none"
-        raise BadFile(f"{path.name} must be a bag of one .db3 or .mcap file (got {listed}); open one of them")
-    return files[0]

@@ -14,13 +14,13 @@ from pathlib import Path
 from kalscope.common.progress import Progress
 from kalscope.common.text import one_line
 from kalscope.errors import BadFile
+from kalscope.sources.containers.known import OLD_EXCEL
 from kalscope.sources.containers.library import load_library
 from kalscope.sources.containers.parts import Part, choose_text_part
 from kalscope.sources.containers.spreadsheets import convert
 from kalscope.sources.containers.table import Text
 
 _KIND = "a spreadsheet"
-_OLD_EXCEL = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 _MAX_UNPACKED = 1 << 29
 """Bytes of XML; more is an archive made to fill the memory."""
 _CHUNK = 1 << 20
@@ -28,15 +28,6 @@ _PLACE = re.compile(rb"""\sr\s?=\s?["']([A-Za-z]{0,3})([0-9]{1,7})["']""")
 _SPREADSHEETS = ("xl/workbook.xml", "content.xml")
 _POLL_S = 0.05
 """Between two looks at whether the user has cancelled, s."""
-
-
-def is_excel(head: bytes, name: str) -> bool:
-    """True for a spreadsheet: a zip archive or an old workbook, by what the head names or by the name."""
-    if head.startswith(_OLD_EXCEL):
-        return True
-    return head.startswith(b"PK\x03\x04") and (
-        name.endswith((".xlsx", ".xlsm", ".ods")) or b"xl/" in head or b"opendocument.spreadsheet" in head[:200]
-    )
 
 
 def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> Text:
@@ -48,7 +39,7 @@ def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> T
     """
     load_library("python_calamine", "python-calamine", name, _KIND)
     with path.open("rb") as file:
-        if file.read(len(_OLD_EXCEL)) != _OLD_EXCEL:
+        if file.read(len(OLD_EXCEL)) != OLD_EXCEL:
             _check_size(path, name, progress.part(0.0, 0.3))
     with tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder:
         _convert(path, folder, progress.part(0.3, 1.0))
