@@ -61,3 +61,8 @@ def judge(stamps: Array, turn: float = 0.0) -> Evidence:
         even=even,
         moves=bool(sizes.size),
     )
+
+
+def is_since_1970(stamps: Array) -> bool:
+    """True where the first stamp is one of 2001 to 2100, counted from 1970 in s, ms, µs or ns."""
+    return bool(stamps.size) and any(size <= float(stamps[0]) < 4.2 * size for size in (1e9, 1e12, 1e15, 1e18))
