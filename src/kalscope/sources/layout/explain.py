@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from kalscope.sources.grammar.cells import NumberForm
 from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.layout.columns import Column
 from kalscope.sources.layout.plan import Plan
@@ -30,9 +31,22 @@ def explain(
         if places:
             notes.append(f"{_places(places)} {what}")
     notes += [_about_form(column, i, form) for i, column in enumerate(columns) if column.form is not None]
+    if body.narrow:
+        fields = " or ".join(map(str, sorted(body.narrow)))
+        notes.append(f"rows of {fields} fields in a row lack the last columns, which the logger wrote later")
     if second is not None:
         notes.append(_could_be(form, second))
     return notes
+
+
+def explain_doubt(column: Column, index: int, form: NumberForm, rival: NumberForm, cells: Sequence[str]) -> str:
+    """The question about a column whose numbers could be written in two ways."""
+    example = next(cell for cell in cells if form.fits(cell) and form.parse(cell) != rival.parse(cell))
+    word = "comma" if rival.decimal == "," else "point"
+    return (
+        f'is "{example}" in {_named(column, index)} {form.parse(example):.15g} or {rival.parse(example):.15g}?'
+        f" It was read as the first; --decimal {word} takes the second"
+    )
 
 
 def table_note(form: LineFormat) -> str:
@@ -54,7 +68,7 @@ def _could_be(form: LineFormat, second: HeadTable) -> str:
 
 
 def _about_form(column: Column, index: int, form: LineFormat) -> str:
-    name, number = f'"{column.name}"' if column.name else f"column {index + 1}", column.form
+    name, number = _named(column, index), column.form
     assert number is not None
     said: list[str] = []
     if number.suffix:
@@ -64,6 +78,10 @@ def _about_form(column: Column, index: int, form: LineFormat) -> str:
     if number.thousands:
         said.append(f'"{"." if number.decimal == "," else ","}" parts the thousands')
     return f"{name}: {', '.join(said)}"
+
+
+def _named(column: Column, index: int) -> str:
+    return f'"{column.name}"' if column.name else f"column {index + 1}"
 
 
 def _places(indices: frozenset[int]) -> str:

@@ -16,7 +16,7 @@ from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.layout.columns import Column, named_column, role_of, settle_roles
-from kalscope.sources.layout.explain import explain
+from kalscope.sources.layout.explain import explain, explain_doubt
 from kalscope.sources.layout.headers import Header, read_header
 from kalscope.sources.layout.long_table import mark_series
 from kalscope.sources.layout.plan import Plan, make_plan
@@ -91,7 +91,7 @@ def sniff(
     is_table = table.form.kind == "table"
     header = read_header(head, table, body, plan, kinds) if is_table else _labelled_header(table, lines)
     body = body.starting_at(header.first)
-    columns = _described(head, header, body, kinds, plan)
+    columns, doubtful = _described(head, header, body, kinds, plan)
     if not header.rows and is_table:
         columns = _in_their_places(columns)
     cells = [row for _, row in (*body.rows, *body.samples)]
@@ -102,10 +102,10 @@ def sniff(
     time = _find_time(columns, cells, table, header, plan)
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
-    about_columns = (*about_series, *about_columns)
     form = replace(table.form, stamped=marks.stamped, checksum=marks.checksum)
     notes = (
         *explain(form, plan, body, columns, second),
+        *doubtful,
         *header.notes,
         *about_series,
         *about_columns,
@@ -119,22 +119,27 @@ def sniff(
         headers=frozenset(number for number, _ in header.rows),
         header_rows=tuple(cells for _, cells in header.rows),
         notes=notes,
-        narrow=table.narrow,
+        narrow=body.narrow,
         period=plan.preface.period,
         start=plan.preface.start,
         offset=plan.preface.offset or 0.0,
     )
 
 
-def _described(head: Sequence[str], header: Header, body: Body, kinds: CellKinds, plan: Plan) -> list[Column]:
-    """The columns with their units, roles and forms of numbers."""
+def _described(
+    head: Sequence[str], header: Header, body: Body, kinds: CellKinds, plan: Plan
+) -> tuple[list[Column], list[str]]:
+    """The columns with their units, roles and forms of numbers; sentences about forms that are in doubt."""
     said = dict(filter(None, map(_unit_comment, head)))
     columns: list[Column] = []
+    doubtful: list[str] = []
     for i, column in enumerate(header.columns):
         cells, kind = body.column(i), body.types[i]
         here = cells[: len(body.rows)]
         role = "metadata" if i in body.beside else role_of(column, here, i, kind, len(body.types))
-        form, _ = number_form(cells, kinds, plan.options.decimal) if role == "channel" else (None, False)
+        form, rival = number_form(cells, kinds, plan.options.decimal) if role == "channel" else (None, None)
+        if form is not None and rival is not None:
+            doubtful.append(explain_doubt(column, i, form, rival, cells))
         columns.append(
             replace(
                 column,
@@ -144,7 +149,7 @@ def _described(head: Sequence[str], header: Header, body: Body, kinds: CellKinds
                 words=kind.words,
             )
         )
-    return columns
+    return columns, doubtful
 
 
 def _unit_comment(line: str) -> tuple[str, str] | None:

@@ -12,7 +12,8 @@ def words(text: str) -> frozenset[str]:
 
 _UNITS = words(
     """
-    s sec second seconds ms msec us usec µs μs ns min mins minute minutes h hr hour hours d day days yr year years
+    s sec second seconds secs ms msec msecs millis us usec µs μs ns min mins minute minutes h hr hour hours
+    d day days yr year years
     v volt volts mv uv µv kv a amp amps ampere amperes ma ua µa na g mg kg m mm cm km um µm meter meters
     metre metres
     m/s m/s2 m/s^2 m/s² m/s/s km/h kph mph mps knots kn ft in gal deg ° degree degrees rad deg/s °/s dps rad/s rpm
@@ -40,8 +41,9 @@ def is_unit(text: str) -> bool:
 
 def _is_unit_alone(text: str) -> bool:
     """True for a unit with nothing around it: m/s is one, Date/Time and Load[%] are none."""
-    parts = [part.strip("^-+0123456789 ") for part in text.lower().split("/")]
-    return is_unit(text) and "[" not in text and "(" not in text and (len(parts) == 1 or parts[-1] in _UNITS)
+    parts = [part.strip("()^-+23 ") for part in text.lower().split("/")]
+    marked = any(mark in text for mark in "°²³%µ") and "[" not in text and "(" not in text
+    return marked or all(part in _UNITS for part in parts)
 
 
 def is_measure(text: str) -> bool:

@@ -55,6 +55,8 @@ class Body:
     """What each column holds."""
     beside: frozenset[int]
     """Columns that are filled in the first rows only: metadata beside the data."""
+    narrow: frozenset[int] = frozenset()
+    """Widths of rows that lack their last cells."""
 
     def starting_at(self, first: int) -> Body:
         """The same table without the rows above line `first`."""
@@ -90,7 +92,7 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, size: int, ki
     inside = tuple(row for row in rows if row[0] <= size)
     samples = tuple(row for row in rows if row[0] > size)
     types = tuple(column_type([cells[i] for _, cells in rows], kinds) for i in range(table.width))
-    return Body(inside or table.rows[:1], samples, first, grid.above(first), types, beside)
+    return Body(inside or table.rows[:1], samples, first, grid.above(first), types, beside, table.narrow)
 
 
 def _beside(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> frozenset[int]:

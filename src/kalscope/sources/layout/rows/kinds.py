@@ -81,6 +81,8 @@ def likeness(cells: Cells, kinds: CellKinds) -> float:
     numbers = float(found.count("number"))
     if "text" not in found or not any(" " in cell for cell in cells):  # "outside 21 °C, wind 3 m/s" is prose
         numbers += found.count("measure")
+    if len(cells) == 1 and found[0] == "grouped":
+        numbers += "." in cells[0] and "," in cells[0]
     if len(cells) > 1:  # one `12,5` alone is two numbers, or one by the other mark
         numbers += 0.25 * found.count("other number") + 0.5 * found.count("grouped")
     if not numbers:
@@ -141,8 +143,10 @@ def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     return ColumnType("text", texts / total, numbers)
 
 
-def number_form(cells: Sequence[str], kinds: CellKinds, wanted: str | None = None) -> tuple[NumberForm, bool]:
-    """How the numbers of a column are written, and whether they could as well be written otherwise.
+def number_form(
+    cells: Sequence[str], kinds: CellKinds, wanted: str | None = None
+) -> tuple[NumberForm, NumberForm | None]:
+    """How the numbers of a column are written, and how they could as well be; None where nothing else fits.
 
     The decimal mark is that of the table where that fits as many cells as any other; `wanted`, the user's choice,
     outranks it.
@@ -151,7 +155,7 @@ def number_form(cells: Sequence[str], kinds: CellKinds, wanted: str | None = Non
     plain = NumberForm(wanted or kinds.decimal)
     odd = marks["other number"] + marks["grouped"] + marks["measure"]
     if not odd and plain.decimal == kinds.decimal:
-        return plain, False
+        return plain, None
     suffix = _common_suffix([cell for cell in cells if kinds[cell] == "measure"])
     bases = [wanted] if wanted else [kinds.decimal, OTHER_MARK[kinds.decimal]]
     forms = [NumberForm(mark, grouped, suffix) for grouped in (False, True) for mark in bases]
@@ -162,8 +166,12 @@ def number_form(cells: Sequence[str], kinds: CellKinds, wanted: str | None = Non
         # "1,234" above "2,345": thousands of English writers rather than decimals of the others.
         grouped = NumberForm(kinds.decimal, thousands=True, suffix=suffix)
         best = grouped if counts[grouped] == counts[best] else best
-    rivals = [form for form in forms if counts[form] == counts[best] and form.decimal != best.decimal]
-    return best, bool(rivals)
+    rivals = [
+        form
+        for form in forms
+        if counts[form] == counts[best] and any(form.parse(cell) != best.parse(cell) for cell in numeric)
+    ]
+    return best, next(iter(rivals), None)
 
 
 def _common_suffix(measures: list[str]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from kalscope.sources.grammar.cells import split_fields
+from kalscope.sources.grammar.cells import is_grouped, split_fields
 from kalscope.sources.layout.rows.kinds import CellKinds, only_text
 from kalscope.sources.layout.rows.tables import HeadLine, HeadTable
 
@@ -32,7 +32,7 @@ def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | N
     if not ranked:
         return None, None
     best = ranked[0]
-    close = (table for table in ranked[1:] if _score(lines, table) >= CLOSE * _score(lines, best))
+    close = (table for table in ranked[1:] if _likely(lines, table) >= CLOSE * _score(lines, best))
     return best, next((table for table in close if _differs(best, table)), None)
 
 
@@ -60,6 +60,12 @@ def _score(lines: list[HeadLine], table: HeadTable) -> float:
         # Any "12,5" is one number as well as two: the header must speak for the one.
         return table.score / 2
     return table.score
+
+
+def _likely(lines: list[HeadLine], table: HeadTable) -> float:
+    """The score by which a second is close: of `1.013,25` alone on each line, that of one whole number."""
+    alone = table.width == 1 and all(is_grouped(cells[0]) for _, cells in table.rows)
+    return table.score if alone else _score(lines, table)
 
 
 def _rank(lines: list[HeadLine], table: HeadTable) -> tuple[float, bool, bool, bool]:

@@ -1,0 +1,177 @@
+"""Tables as loggers and instruments write them: where they start, what their columns are, what stands beside."""
+
+import numpy as np
+import pytest
+
+from kalscope.errors import BadSetting
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.readers.recording_file import read_recording
+
+PAIRS = [(f"{0.1 * i:.1f}", f"{20 + i % 7}") for i in range(30)]
+ROWS = "".join(f"{t},{a}\n" for t, a in PAIRS)
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_text(text, **options):
+        path = tmp_path / "log.csv"
+        path.write_bytes(text.encode())
+        return read_recording(path, ReadOptions(**options))
+
+    return read_text
+
+
+def notes_of(recording):
+    return "\n".join(recording.report.notes)
+
+
+@pytest.mark.parametrize("ending", [",", ", "])
+@pytest.mark.parametrize("header", ["t,a,b\n", "t,a,b,\n", "t,a,b\ns,V,m\n", ""])
+def test_a_separator_at_the_end_of_each_row_shifts_no_column(read, header, ending):
+    recording = read(header + "".join(f"{i / 10},{i % 7},{i % 5}{ending}\n" for i in range(30)))
+    assert recording.names == (("a", "b") if header else ("value 1", "value 2"))
+    np.testing.assert_array_equal(recording.channel(recording.names[1]), [i % 5 for i in range(30)])
+    assert recording.report.rejected == 0
+
+
+def test_a_name_too_few_means_row_names_where_the_first_column_counts_and_the_last_is_filled(read):
+    recording = read('"a","b"\n' + "".join(f'"{i}",{i % 7},{i % 5}\n' for i in range(1, 30)))
+    assert recording.names == ("a", "b")
+    assert recording.values[:3].tolist() == [[1, 1], [2, 2], [3, 3]]
+
+
+@pytest.mark.parametrize("word", ["M", "NA", "-", "--", "unavailable", "unknown", "offline", "n.a.", "#N/A", "***"])
+def test_first_rows_without_a_sample_do_not_take_the_header_with_them(read, word):
+    recording = read(
+        "t,a,b\n" + f"0,{word},{word}\n1,{word},{word}\n" + "".join(f"{i},{i % 5},3\n" for i in range(2, 30))
+    )
+    assert (recording.names, len(recording), recording.report.bad_cells) == (("a", "b"), 30, 0)
+    assert np.isnan(recording.values[:2]).all()
+    assert word == "NA" or f'"{word}" is a missing sample: 4 cells' in notes_of(recording)
+
+
+def test_rows_without_a_sample_that_no_header_precedes_are_rows(read):
+    recording = read("".join(f"2026-01-01 00:{i:02}:00\t{'NA' if i < 9 else i}\n" for i in range(30)))
+    assert len(recording) == 30
+    assert np.isnan(recording.values[:9]).all()
+
+
+def test_the_one_text_that_numbers_share_their_column_with_says_missing_and_two_are_damage(read):
+    recording = read("t,a\n" + "".join(f"{i},{'FAULT' if i % 4 == 0 else i}\n" for i in range(40)))
+    assert '"FAULT" is a missing sample: 10 cells' in notes_of(recording)
+    assert recording.report.bad_cells == 0
+    recording = read("t,a\n" + "".join(f"{i},{f'E{i}' if i % 4 == 0 else i}\n" for i in range(40)))
+    assert recording.report.bad_cells == 10
+
+
+def test_several_rows_above_the_data_are_names_units_and_what_was_done(read):
+    recording = read("x_a,x_b,x_c\nRAW,CAL,CAL\nno_units,m/(sec^2),degC\n" + "1,2.5,3\n2,4.5,6\n" * 9)
+    assert recording.names == ("x_a", "x_b", "x_c")
+    assert recording.units == ("", "m/(sec^2)", "degC")
+    assert recording.report.headers == 3
+
+
+def test_names_that_a_blank_parts_keep_their_units_between_runs_of_blanks(read):
+    rows = "".join(f"{t}   {a}   5\n" for t, a in PAIRS)
+    assert read("t [s]   flow rate   RH\n" + rows).names == ("flow rate", "RH")
+    assert read("t (s)  a (V)  b (m)\n" + rows).units == ("V", "m")
+
+
+def test_a_counter_whose_name_is_a_comment_mark_is_no_comment(read):
+    recording = read("#,level [m],flow\n" + "".join(f"{i},{i % 7},{i % 5}\n" for i in range(1, 30)))
+    assert recording.names == ("level", "flow")
+
+
+def test_an_index_in_brackets_is_no_unit(read):
+    recording = read("t,axisP[1],axisP[2],acc[x],gX [V]\n" + "".join(f"{i},1,2,3,{i % 3}\n" for i in range(30)))
+    assert recording.names == ("axisP[1]", "axisP[2]", "acc[x]", "gX")
+    assert recording.units == ("", "", "", "V")
+
+
+def test_a_name_for_several_columns_is_that_of_each(read):
+    recording = read(
+        "t;place;Temperature (C)\n" + "".join(f"{i / 10};{i % 3};{i};{i + 1};{i + 2};\n" for i in range(30))
+    )
+    assert recording.names == ("place", "Temperature", "Temperature 2", "Temperature 3")
+
+
+@pytest.mark.parametrize("mark", [",", ";", "|"])
+def test_pairs_above_a_table_are_neither_rows_nor_names(read, mark):
+    pairs = "Operator,J. Smith\nGain,24\nSample Rate,100 Hz\nOffset,3\n".replace(",", mark)
+    assert read(pairs + ("t,a\n" + ROWS).replace(",", mark)).names == ("a",)
+    recording = read(pairs + ROWS.replace(",", mark))
+    assert (recording.names, len(recording)) == (("value 1",), 30)
+
+
+def test_metadata_beside_the_data_is_found_and_left_out(read):
+    beside = ["Model,X1", "Record Length,30", "Gain,3", *[","] * 27]
+    recording = read("".join(f"{text},,{t},{a}\n" for text, (t, a) in zip(beside, PAIRS, strict=True)))
+    np.testing.assert_array_equal(recording.values[:, -1], [float(a) for _, a in PAIRS])
+    assert "columns 1, 2 and 3 hold metadata beside the data" in notes_of(recording)
+
+
+def test_rows_from_before_a_field_was_added_lack_it_and_a_lone_short_row_is_torn(read):
+    recording = read("a,b,c\n" + "1.5,2\n2.5,3\n" * 10 + "7.5,1,4\n2,3,4\n" * 10 + "1,2\n3,4,5\n")
+    assert recording.names == ("a", "b", "c")
+    assert (recording.report.rows, recording.report.rejected) == (41, 1)
+    assert np.isnan(recording.values[:20, 2]).all()
+    assert np.isfinite(recording.values[20:40]).all()
+    assert "rows of 2 fields" in notes_of(recording)
+
+
+@pytest.mark.parametrize(
+    ("cell", "value", "unit"),
+    [
+        ("26.{}C", 26.0, "C"),
+        ("4{}%", 40.0, "%"),
+        ("3.{} V", 3.0, "V"),
+        ('"12,{}"', 12.0, ""),
+        ('"1,23{}.5"', 1230.5, ""),
+        ("+1.{}", 1.0, ""),
+        ("1{}e-3", 0.01, ""),
+    ],
+)
+def test_the_numbers_of_a_column_are_read_by_the_form_that_all_have(read, cell, value, unit):
+    recording = read("t,a\n" + "".join(f"{t},{cell.format(i % 7)}\n" for i, (t, _) in enumerate(PAIRS)))
+    assert recording.values[0, 0] == value
+    assert recording.units == (unit,)
+    assert recording.report.bad_cells == 0
+
+
+def test_thousands_and_decimals_are_told_apart_by_all_cells_or_asked_about(read):
+    rows = "".join(f"{i};{'1.' if i % 2 else ''}{i + 100},25\n" for i in range(30))
+    assert read("d;x\n" + rows).channel("x")[:2].tolist() == [100.25, 1101.25]
+    asked = read("t,x\n" + "".join(f'{t},"1,{i + 100}"\n' for i, (t, _) in enumerate(PAIRS)))
+    assert "--decimal comma takes the second" in notes_of(asked)
+    asked = read("".join(f"1.{i + 100},25\n" for i in range(30)))
+    assert "it could also be 1 column: --delimiter semicolon" in notes_of(asked)
+
+
+def test_the_user_says_which_rows_hold_names_and_units(read):
+    text = "junk,1\nt,a\nfoo,bar\n" + ROWS
+    recording = read(text, header_row=2, unit_row=3)
+    assert (recording.names, recording.units, len(recording)) == (("a",), ("bar",), 30)
+    assert read("t,a\ns,V\n" + ROWS, unit_row=0).units == ("",)
+    assert read("t,a\n" + ROWS, header_row=0).names == ("value 1",)
+    with pytest.raises(BadSetting, match="--header-row 999"):
+        read(text, header_row=999)
+
+
+def test_a_wanted_header_is_the_line_of_names_and_not_a_row_below_it(read):
+    assert read("t,a\n" + ROWS, header=True).names == ("a",)
+    assert read("7,8\n9,8\n3,5\n2,5\n", header=True).names == ("7", "8")
+
+
+def test_a_stamp_before_labels_is_the_time_and_a_line_that_lacks_labels_is_damaged(read):
+    lines = [f"2026-01-01 00:00:{i:02} - a: {i}\tb: {i % 5}\n" for i in range(40)]
+    lines[20:20] = ["2026-01-01 00:00:20 - ready\n", "2026-01-01 00:00:20 - a: 7\n"]
+    recording = read("".join(lines))
+    assert (recording.names, len(recording), recording.report.rejected) == (("a", "b"), 40, 1)
+    assert recording.sample_period == pytest.approx(1.0)
+
+
+def test_what_stands_only_further_down_is_seen_as_well(read):
+    empty = "".join(f"{i / 10:.1f},{i % 7},-,\n" for i in range(9000))
+    recording = read("t,a,b,c\n" + empty + "".join(f"{i / 10:.1f},{i % 7},ok,3C\n" for i in range(9000, 16000)))
+    assert recording.names == ("a", "c")
+    assert recording.units == ("", "C")
