@@ -6,6 +6,7 @@ tags (units, start, step), a row of names, and rows. Segments of the same channe
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -25,6 +26,8 @@ MAGIC = "LabVIEW Measurement"
 _MAX_ISSUES = 100
 _X = "X_Value"
 _LINES_PER_REPORT = 4096
+_PLAIN = dict.fromkeys(map(ord, "0123456789+-.,eE\t ;"))
+"""Marks of a row of numbers, which `str.translate` takes away."""
 
 
 @dataclass
@@ -35,6 +38,8 @@ class _Segment:
     """Cells of each tag, by column; those of the file header where the segment gives none."""
     names: list[str] = field(default_factory=list[str])
     """The row of names; empty until it is read."""
+    numeric: list[int] = field(default_factory=list[int])
+    """Columns of the channels and of the x axes."""
     rows: list[list[float]] = field(default_factory=list["list[float]"])
     """The numbers, one a column; NaN in columns of text."""
     filled: int = 0
@@ -119,9 +124,14 @@ class _Reader:
             if number % _LINES_PER_REPORT == 0:
                 self._progress(number / len(lines), "reading")
             cells = line.split(self._separator)
-            if segment is not None and segment.names and self._is_row(cells):
-                self._take_row(segment, number, line, cells, torn == number)
-                continue
+            if segment is not None and segment.numeric:
+                plain = self._plain_row(segment, line, cells) if number != torn else None
+                if plain is not None:
+                    segment.rows.append(plain)
+                    continue
+                if self._is_row(cells):
+                    self._take_row(segment, number, line, cells, torn == number)
+                    continue
             self.headers += 1
             if self._is_skipped(line):
                 continue
@@ -138,6 +148,9 @@ class _Reader:
                     segment = _Segment(dict(file_tags))
                     self.segments.append(segment)
                 segment.names = [cell.strip() for cell in cells]
+                has_x = segment.tag("X_Columns", 1).lower() != "no"
+                named = [j for j, name in enumerate(segment.names) if has_x and name == _X]
+                segment.numeric = sorted({*named, *_channels(segment)}) if _channels(segment) else []
             elif cells[0] == "Decimal_Separator":
                 self.decimal = "," if cells[1:] and cells[1].strip() == "," else "."
             (file_tags if segment is None else segment.tags)[cells[0].strip()] = cells
@@ -155,6 +168,21 @@ class _Reader:
         first = cells[0].strip()
         return any(map(str.strip, cells)) and (not first or parse_number(first, self.decimal) is not None)
 
+    def _plain_row(self, segment: _Segment, line: str, cells: list[str]) -> list[float] | None:
+        """The numbers of a row that holds nothing else; None for any other line."""
+        if line.translate(_PLAIN) or len(cells) <= segment.numeric[-1]:
+            return None
+        if self.decimal == ",":
+            cells = [cell.replace(",", ".") for cell in cells]
+        try:
+            numbers = [float(cells[j]) for j in segment.numeric]
+        except ValueError:
+            return None
+        row = [math.nan] * len(segment.names)
+        for j, value in zip(segment.numeric, numbers, strict=True):
+            row[j] = value
+        return row if all(map(math.isfinite, numbers)) else None
+
     def _take_row(self, segment: _Segment, number: int, line: str, cells: list[str], is_torn: bool) -> None:
         channels = _channels(segment)
         row = [np.nan] * len(segment.names)
@@ -169,7 +197,7 @@ class _Reader:
                 segment.rows.append(row)  # the sensor did sample then
                 segment.filled += 1
             return
-        for j in (j for j, name in enumerate(segment.names) if j in channels or name == _X):
+        for j in segment.numeric:
             value = parse_number(cells[j].strip(), self.decimal)
             row[j] = np.nan if value is None else value
         segment.rows.append(row)
