@@ -28,6 +28,9 @@ NUMERIC: tuple[CellKind, ...] = ("number", "other number", "grouped", "measure")
 """The kinds that are numbers."""
 
 _NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
+_ANY_DIGIT = str.maketrans("123456789", "000000000")
+_MIN_SHAPE, _MIN_JUDGED = 8, 3
+"""Characters from which the shape of a cell tells a stamp, and how many cells of it must agree."""
 _MIN_REPEATED = 3
 """How often the one word of an otherwise numeric column must come to say "no sample"."""
 
@@ -42,6 +45,7 @@ class CellKinds(dict[str, CellKind]):
         # In the quotes of a comma file "1,234" may be either.
         self._quoted = decimal == delimiter
         self._words = MISSING_WORDS.union(words)
+        self._shapes: dict[str, int] = {}
 
     def __missing__(self, cell: str) -> CellKind:
         kind = self[cell] = self._judge(cell)
@@ -56,7 +60,19 @@ class CellKinds(dict[str, CellKind]):
             return "word"
         # Most other cells of a log are several numbers, split at another mark than theirs.
         is_listed = not cell.strip(_NUMERIC_CHARACTERS) and any(mark in cell for mark in ",;|\t")
-        return "stamp" if not is_listed and is_stamp(cell) else _odd_kind(cell, self.decimal)
+        return "stamp" if not is_listed and self._is_stamp(cell) else _odd_kind(cell, self.decimal)
+
+    def _is_stamp(self, cell: str) -> bool:
+        """Whether a cell is a stamp; cells that differ in their digits only are judged by the first few."""
+        shape = cell.translate(_ANY_DIGIT)
+        if len(cell) < _MIN_SHAPE or len(cell) - shape.count("0") < 2:
+            return is_stamp(cell)  # 12.50 may be a clock, 99.50 is none
+        known = self._shapes.get(shape, 0)
+        if abs(known) >= _MIN_JUDGED:
+            return known > 0
+        found = is_stamp(cell)
+        self._shapes[shape] = known + (1 if found else -1)
+        return found
 
 
 def _odd_kind(cell: str, decimal: str) -> CellKind:
