@@ -121,7 +121,7 @@ class _Reader:
         segment: _Segment | None = None
         torn = len(lines) if lines[-1].strip() else 0
         for number, line in enumerate(lines[: len(lines) if torn else -1], 1):
-            if number % _LINES_PER_REPORT == 0:
+            if number % _LINES_PER_REPORT == 1:
                 self._progress(number / len(lines), "reading")
             cells = line.split(self._separator)
             if segment is not None and segment.numeric:

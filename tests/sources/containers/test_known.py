@@ -1,0 +1,77 @@
+"""What all containers share: known by content, cancelled like any reader, refused without their library."""
+
+import gzip
+import sys
+
+import numpy as np
+import pytest
+
+from kalscope.errors import BadFile, BadSetting, Cancelled
+from kalscope.sources.containers.parts import Part, choose_part
+from kalscope.sources.readers.recording_file import read_recording
+
+for module in ("h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog"):
+    pytest.importorskip(module)
+
+from made_containers import CONTAINERS  # noqa: E402
+
+LIBRARIES = {
+    "log.h5": ("h5py", "h5py"),
+    "log.tdms": ("nptdms", "npTDMS"),
+    "log.xlsx": ("python_calamine", "python-calamine"),
+    "log.parquet": ("duckdb", "duckdb"),
+    "log.ulg": ("pyulog", "pyulog"),
+    "log.mcap": ("mcap.stream_reader", "mcap"),
+    "log.bag": ("rosbags.rosbag1", "rosbags"),
+    "log.db3": ("rosbags.typesys", "rosbags"),
+}
+
+
+@pytest.fixture(params=CONTAINERS)
+def container(request, tmp_path):
+    return CONTAINERS[request.param](tmp_path / request.param)
+
+
+def test_a_container_is_known_by_its_content_also_when_packed(container, tmp_path):
+    recording = read_recording(container)
+    packed = tmp_path / f"{container.name}.gz"
+    packed.write_bytes(gzip.compress(container.read_bytes()))
+    again = read_recording(packed)
+    assert again.names == recording.names
+    np.testing.assert_array_equal(again.values, recording.values)
+    assert recording.report.rows == recording.report.lines - recording.report.headers == len(recording)
+
+
+def test_a_container_is_cancelled_and_reports_its_progress(container):
+    with pytest.raises(Cancelled):
+        read_recording(container, cancelled=lambda: True)
+    done = []
+    read_recording(container, progress=lambda fraction, text: done.append((fraction, text)))
+    assert done
+    assert all(0.0 <= fraction <= 1.0 and text for fraction, text in done)
+
+
+@pytest.mark.parametrize("name", LIBRARIES)
+def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name):
+    path = CONTAINERS[name](tmp_path / name)
+    module, package = LIBRARIES[name]
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(BadFile, match=rf"needs {package} .*kalscope\[formats\]"):
+        read_recording(path)
+
+
+PARTS = [Part("/imu/accel", 100, 3), Part("/gps/fix", 500, 2), Part("/imu/gyro", 10, 3)]
+
+
+def test_the_part_with_most_numbers_or_the_one_that_is_wanted():
+    assert choose_part(PARTS, None, "log", "topic")[0] == 1
+    assert choose_part(PARTS, "/imu/gyro", "log", "topic")[0] == 2
+    assert choose_part(PARTS, "accel", "log", "topic")[0] == 0
+    assert choose_part(PARTS[:1], None, "log", "topic") == (0, ())
+
+
+@pytest.mark.parametrize("wanted", ["", "o", "imu"])
+def test_a_part_that_is_none_or_several_is_refused_with_the_choices(wanted):
+    parts = [*PARTS, Part("/servo", 1, 1)]
+    with pytest.raises(BadSetting, match=r"/imu/gyro.*/servo"):
+        choose_part(parts, wanted, "log", "topic")
