@@ -44,6 +44,7 @@ def test_elapsed_hours_go_on_above_24(us):
     h, m, s, us = parts(us)
     true = (h * 3600 + m * 60 + s) * 10**6 + us
     assert parse_elapsed(f"{h}:{m:02}:{s:02}.{us:06}") == true
+    assert parse_elapsed(f"-{h}:{m:02}:{s:02}.{us:06}") == -true
     assert parse_elapsed(f"{h // 24} days, {h % 24}:{m:02}:{s:02}.{us:06}") == true
     assert parse_elapsed(f"{h // 24}.{h % 24:02}:{m:02}:{s:02}.{us:06}") == true
 
@@ -67,6 +68,9 @@ def test_digits_read_what_was_written(us):
         ("12:00", 43200),
         ("18.00.00", 64800),
         ("7:03:05 P.M.", 68585),
+        ("18:6:3", 65163),
+        ("3:4", None),
+        ("1.2.3", None),
         ("12:00:00:250", 43200.25),
         ("12:00:00:5", 43200.005),
         ("24:00", None),

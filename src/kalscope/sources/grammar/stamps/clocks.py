@@ -26,14 +26,15 @@ TURNS_S: dict[ClockForm, float] = {
 MAX_STAMP_LENGTH = 64
 """A longer cell is no stamp."""
 
-CLOCK = r"([0-9]{1,2})([:.])([0-9]{2})(?:\%s([0-9]{2})(?:([.,:])([0-9]{1,9}))?)?(?: {0,2}([AaPp])\.?[Mm]\.?)?"
-"""The pattern of a time of day; %s stands for the number of its second group. Groups: hour, mark, minute, second,
-mark of the fraction, fraction, the letter of AM or PM."""
+CLOCK = (
+    r"([0-9]{1,2})([:.])([0-9]{1,2})(?:([:.])([0-9]{1,2})(?:([.,:])([0-9]{1,9}))?)?(?: {0,2}([AaPp])\.?[Mm]\.?)?"
+)
+"""The pattern of a time of day. Groups: hour, mark, minute, mark, second, mark, fraction, letter of AM or PM."""
 
-_CLOCK = re.compile(CLOCK % 2)
+_CLOCK = re.compile(CLOCK)
 _MINUTES = re.compile(r"([0-9]{1,4}):([0-5][0-9])(?:[.,]([0-9]{1,9}))?")
 _ELAPSED = re.compile(
-    r"(?:([0-9]{1,5})(?: days?,? |d |\.))?([0-9]{1,6}):([0-5][0-9]):([0-5][0-9])(?:[.,]([0-9]{1,9}))?"
+    r"([-+]?)(?:([0-9]{1,5})(?: days?,? |d |\.))?([0-9]{1,6}):([0-5][0-9]):([0-5][0-9])(?:[.,]([0-9]{1,9}))?"
 )
 
 
@@ -64,11 +65,15 @@ def clock_of(groups: tuple[str | None, ...], *, midnight: int = 0) -> float | No
     """Microseconds since midnight of the groups of CLOCK.
 
     Args:
-        groups: Hour, mark, minute, second, mark of the fraction, fraction, "a" or "p".
+        groups: Hour, mark, minute, mark, second, mark, fraction, "a" or "p".
         midnight: 24 where 24:00 may end a day, else 0.
     """
-    hour, _, minute, second, mark, fraction, half = groups
+    hour, separator, minute, other, second, mark, fraction, half = groups
     h, m, s = int(hour or 0), int(minute or 0), int(second or 0)
+    if other not in (None, separator):
+        return None
+    if (len(minute or "") < 2 or len(second or "00") < 2) and (second is None or separator != ":"):
+        return None  # 18:6:3 is a clock; 3:4 and 1.2.3 are not
     if half is not None:
         if not 1 <= h <= 12:
             return None
@@ -96,13 +101,14 @@ def parse_minutes(cell: str) -> float | None:
 
 
 def parse_elapsed(cell: str) -> float | None:
-    """Microseconds of `125:03:11.5`, `1 day, 0:00:05`, `2.13:00:00`: hours that go on above 24, and days."""
+    """Microseconds of `125:03:11.5`, `1 day, 0:00:05`, `-00:00:05`: hours that go on above 24, days, a sign."""
     match = _ELAPSED.fullmatch(cell)
     if match is None:
         return None
-    days, hour, minute, second, fraction = match.groups()
+    sign, days, hour, minute, second, fraction = match.groups()
     total = int(days or 0) * 86400 + int(hour) * 3600 + int(minute) * 60 + int(second)
-    return total * 1e6 + fraction_us(fraction)
+    since = total * 1e6 + fraction_us(fraction)
+    return -since if sign == "-" else since
 
 
 def parse_hhmm(cell: str) -> float | None:

@@ -34,11 +34,12 @@ _NAMED = re.compile(
     rf"(?:([0-9]{{1,4}})[-/., ]{{1,2}}({_WORD})[-/., ]{{1,2}}([0-9]{{1,4}})"
     rf"|({_WORD})[-/., ]{{1,2}}([0-9]{{1,2}})[-/., ]{{1,2}}([0-9]{{1,4}}))"
 )
-_ZONE = r"(?: ?([A-Za-z]{1,4}))?(?: ?([-+])([0-9]{1,2}):?([0-9]{2})?)?(?: ?[\[(][A-Za-z0-9_/+-]{1,40}[\])])?"
-_REST = re.compile(rf"[T _,;:-]{{1,3}}{CLOCK % 2}{_ZONE}")
-_CTIME = re.compile(
-    rf"(?:([^\W\d_]{{2,10}})[.,]? )?({_WORD}) {{1,2}}([0-9]{{1,2}}),? {CLOCK % 5}{_ZONE} ([0-9]{{4}})"
+_ZONE = (
+    r"(?: ?([A-Za-z]{1,4}))?(?: ?([-+])([0-9]{1,2}):?([0-9]{2})?(?: [A-Z]{3,4})?)?"  # Go: +0800 CST
+    r"(?: ?[\[(][A-Za-z0-9_/+ -]{1,40}[\])])?"  # Java: [Europe/Berlin], JavaScript: (China Standard Time)
 )
+_REST = re.compile(rf"[T _,;:-]{{1,3}}{CLOCK}{_ZONE}")
+_CTIME = re.compile(rf"(?:([^\W\d_]{{2,10}})[.,]? )?({_WORD}) {{1,2}}([0-9]{{1,2}}),? {CLOCK}{_ZONE} ([0-9]{{4}})")
 _COMPACT = re.compile(rf"([0-9]{{8}})(?:[T_ -]?([0-9]{{6}}|[0-9]{{4}})(?:[.,]?([0-9]{{1,9}}))?{_ZONE})?")
 
 
@@ -98,8 +99,8 @@ def parse_ctime(cell: str, order: DateOrder) -> float | None:
     if match is None or not is_weekday(match[1]):
         return None
     groups = match.groups()
-    day = _day(groups[1], groups[2], groups[14], "mdy")
-    return None if day is None else _added(day, groups[3:10], groups[10:14])
+    day = _day(groups[1], groups[2], groups[-1], "mdy")
+    return None if day is None else _added(day, groups[3:-5], groups[-5:-1])
 
 
 def parse_compact(cell: str, order: DateOrder) -> float | None:
@@ -114,7 +115,7 @@ def parse_compact(cell: str, order: DateOrder) -> float | None:
         return day
     if fraction and len(digits) == 4:
         return None
-    clock = (digits[:2], ":", digits[2:4], digits[4:] or None, ".", fraction, None)
+    clock = (digits[:2], ":", digits[2:4], ":", digits[4:] or None, ".", fraction, None)
     return _added(day, clock, tuple(zone))
 
 
@@ -186,7 +187,7 @@ def _with_rest(day: float, rest: str) -> float | None:
     if match is None:
         return None
     groups = match.groups()
-    return _added(day, groups[:7], groups[7:])
+    return _added(day, groups[:-4], groups[-4:])
 
 
 def _added(day: float, clock: tuple[str | None, ...], zone: tuple[str | None, ...]) -> float | None:
