@@ -21,7 +21,6 @@ def verdicts(tmp_path):
     return [(seed, *judge(make_case(seed), path)) for seed in range(COUNT)]
 
 
-@pytest.mark.xfail(strict=True, reason="issue 14: the rules for these dialects are on their way")
 def test_a_log_in_any_dialect_is_read_exactly_or_not_at_all(tmp_path):
     found = verdicts(tmp_path)
     counts = Counter(verdict for _, verdict, _ in found)
