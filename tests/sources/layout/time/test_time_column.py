@@ -78,6 +78,8 @@ def test_a_column_that_is_nearly_as_good_is_named():
 
 
 def test_numbers_that_go_back_and_forth_are_no_time_whatever_their_name():
+    slow = [f"{20 + 0.1 * (i // 10 % 3 % 2):.1f}" for i in range(N)]  # a temperature t that moves now and then
+    assert name_of({"t": slow, "h": NOISE}) == []
     assert name_of({"t": NOISE, "h": NOISE[::-1]}) == []
     assert name_of({"reaction_time_ms": NOISE, "a": NOISE}) == []
 

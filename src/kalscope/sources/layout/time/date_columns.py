@@ -21,7 +21,7 @@ _ROLE_OF_NAME: dict[str, PartRole] = {
     **dict.fromkeys(words("day days dd dy dom tag dia día jour day_of_month dayofmonth"), "day"),
     **dict.fromkeys(words("doy jday yday jd julian_day julianday day_of_year dayofyear"), "day of year"),
     **dict.fromkeys(words("hour hours hr hrs hh stunde hora heure"), "hour"),
-    **dict.fromkeys(words("minute minutes min mins minuten mi"), "minute"),
+    **dict.fromkeys(words("minute minutes min mins minuten mi mn"), "minute"),
     **dict.fromkeys(words("second seconds sec secs ss s sekunde segundo"), "second"),
     **dict.fromkeys(words("hhmm hhmmss mst lst utc gmt est pst cst hour_minute time clock zeit uhrzeit"), "clock"),
 }

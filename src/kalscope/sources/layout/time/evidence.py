@@ -21,7 +21,7 @@ class Evidence:
     fill: float
     """Rows whose stamp can be read."""
     back: float
-    """Steps against the direction in which most steps go; a clock that passes midnight goes on."""
+    """Of the steps that move, those against the direction of most; a clock that passes midnight goes on."""
     distinct: float
     """Stamps that are no repetition: below 1 the clock is coarser than the sampling."""
     even: float
@@ -56,7 +56,7 @@ def judge(stamps: Array, turn: float = 0.0) -> Evidence:
     even = float(np.mean(np.abs(steps - usual) <= _EVEN_WITHIN * usual)) if sizes.size else 0.0
     return Evidence(
         fill=read.size / stamps.size,
-        back=min(ahead, back) / max(steps.size, 1),
+        back=min(ahead, back) / max(ahead + back, 1),
         distinct=np.count_nonzero(steps) / max(steps.size, 1) if steps.size else 1.0,
         even=even,
         moves=bool(sizes.size),
