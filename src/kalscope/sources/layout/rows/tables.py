@@ -18,7 +18,6 @@ from kalscope.sources.grammar.line_format import (
     split_teleplot,
 )
 from kalscope.sources.grammar.read_options import DELIMITERS
-from kalscope.sources.grammar.stamps.shapes import is_stamp
 from kalscope.sources.layout.plan import Plan
 from kalscope.sources.layout.rows.kinds import NUMERIC, CellKinds, Cells, column_type, likeness, only_text
 
@@ -185,10 +184,11 @@ def _alike(wide: list[Cells], narrow: list[Cells], width: int, kinds: CellKinds)
 def _labelled(lines: list[HeadLine], plan: Plan) -> HeadTable | None:
     """The lines of `name:value` pairs whose names come often and with numbers."""
     pairs = [(line.number, dict(found[0])) for line in lines if (found := find_labels(line.text))]
+    kinds = CellKinds(".", plan.options.missing_texts)
     count: Counter[str] = Counter()
     for _, found in pairs:
         for label, value in found.items():
-            count[label] += is_number(value) or is_stamp(value)
+            count[label] += kinds[value] in NUMERIC or kinds[value] == "stamp"
     numeric = {label for label, n in count.items() if n and n >= 0.1 * len(pairs)}
     # A text beside numbers, "status", is a column; lines of texts alone are the program's log.
     beside = Counter(label for _, found in pairs if found.keys() & numeric for label in found)
@@ -198,7 +198,6 @@ def _labelled(lines: list[HeadLine], plan: Plan) -> HeadTable | None:
         for number, found in pairs
         if found.keys() & numeric and found.keys() <= set(labels)
     )
-    kinds = CellKinds(".", plan.options.missing_texts)
     rows = tuple(row for row in rows if likeness(row[1], kinds))
     if not rows:
         return None
