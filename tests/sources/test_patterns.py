@@ -24,8 +24,6 @@ OWN_TEXT = ("kalscope.common.charts", "kalscope.analysis.advice", "kalscope.comm
 """Modules whose patterns see the project's own charts, sentences and numbers."""
 
 CAPPED = {
-    "kalscope.sources.layout.columns:_BRACKETED": "a name is cut at 100 characters",
-    "kalscope.sources.layout.columns:_SUFFIXED": "a name is cut at 100 characters",
     "kalscope.tuning.toml_text:_DEEP_KEY": "of at most 64 levels",
 }
 """Patterns that try again from every place, but only so far."""

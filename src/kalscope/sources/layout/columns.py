@@ -16,9 +16,8 @@ from kalscope.sources.layout.units import is_unit, is_unit_suffix
 Role = Literal["channel", "time", "text", "row name", "row number", "metadata", "empty", "series"]
 """What becomes of a column; "metadata" stands beside the data in the first rows only."""
 
-_BRACKETED = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 _INDEX = re.compile(r"\s*(?:[0-9]+|[xyzijk])\s*", re.IGNORECASE)
-_SUFFIXED = re.compile(r"(.+?)[_ ]([A-Za-zµμ%]+)")
+_SUFFIX = re.compile(r"[A-Za-zµμ%]+")
 
 
 HOST_AND_DEVICE = ("host time", "device time")
@@ -51,16 +50,23 @@ class Column:
 def named_column(text: str) -> Column:
     """`accel (m/s^2)` is accel in m/s^2; `Distance_cm` keeps its name, in cm; `CO(GT)` is a name."""
     text = "".join(c for c in text if c.isprintable()).strip()[:100]
-    match = _BRACKETED.fullmatch(text)
-    if match and match[1]:
-        unit = match[2] if match[2] is not None else match[3]
-        # Square brackets hold a unit, unless they count or name an axis: `axisP[1]`, `acc[x]`.
-        if is_unit(unit) or (match[2] is not None and not _INDEX.fullmatch(unit)):
-            return Column(match[1], unit)
-    match = _SUFFIXED.fullmatch(text)
-    if match and is_unit_suffix(match[2]):
-        return Column(text, match[2])
+    bare, unit = _split_brackets(text)
+    # Square brackets hold a unit, unless they count or name an axis: `axisP[1]`, `acc[x]`.
+    if bare and (is_unit(unit) or (text[-1] == "]" and not _INDEX.fullmatch(unit))):
+        return Column(bare, unit)
+    place = max(text.rfind("_"), text.rfind(" "))
+    suffix = text[place + 1 :]
+    if place > 0 and _SUFFIX.fullmatch(suffix) and is_unit_suffix(suffix):
+        return Column(text, suffix)
     return Column(text)
+
+
+def _split_brackets(text: str) -> tuple[str, str]:
+    """(`accel`, `m/s^2`) of `accel (m/s^2)`; ("", "") where the text ends in no bracket."""
+    opening = {"]": "[", ")": "("}.get(text[-1:])
+    start = -1 if opening is None else text.rfind(opening)
+    inside = text[start + 1 : -1]
+    return ("", "") if start < 0 or text[-1] in inside else (text[:start].rstrip(), inside)
 
 
 def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, width: int) -> Role:
