@@ -117,3 +117,10 @@ def test_shifted_and_stretched_stamps_have_the_shifted_and_stretched_rate(name, 
         assert changed.stamps == found.stamps
         assert changed.period == pytest.approx(scale * found.period, rel=1e-6)
         assert changed.pauses.tolist() == found.pauses.tolist()
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-120, 1e120, 1e300])
+def test_stamps_of_any_size_are_read_without_a_warning(size):
+    found = find_rate(np.cumsum(np.random.default_rng(1).exponential(size, 100)))
+    assert np.isinf(found.error)
+    assert 0 < found.period < np.inf

@@ -24,6 +24,8 @@ from kalscope.sources.times.step_pattern import (
 )
 from kalscope.sources.times.stretches import Stretches, lasting_steps, pooled_slope, slope_error, split
 
+_SANE = (1e-100, 1e100)
+"""Steps and stamps in s whose squares are still numbers."""
 _NO_PAUSES = np.zeros(0, dtype=np.int64)
 _MIN_BLOCKS = 8
 _MIN_CHANGES = 3
@@ -71,15 +73,22 @@ def find_rate(time: Array) -> SampleRate | None:
     steps = steps_of(time)
     if steps is None:
         return None
-    median, recur = steps.median, long_steps_recur(steps)
+    median = steps.median
+    if not (_SANE[0] < median and float(np.max(np.abs(time))) < _SANE[1]):
+        return _unsteady(time, steps)
+    recur = long_steps_recur(steps)
     if not recur and (_is_even(steps) or returns_to_grid(steps)):
         return _with_median(time, steps, "even" if steps.even else "uneven")
     guess = _guess(time, steps, recur=recur)
     if guess is None:
-        # No scale at which the rows come steadily: the usual step is all that can be said.
-        whole = split(len(time), _NO_PAUSES)
-        return SampleRate("uneven", median, math.inf, _NO_PAUSES, whole, steps, median)
+        return _unsteady(time, steps)
     return _fitted(time, steps, guess)
+
+
+def _unsteady(time: Array, steps: Steps) -> SampleRate:
+    """There is no scale at which the rows come steadily: the usual step is all that can be said."""
+    whole = split(len(time), _NO_PAUSES)
+    return SampleRate("uneven", steps.median, math.inf, _NO_PAUSES, whole, steps, steps.median)
 
 
 def _is_even(steps: Steps) -> bool:
