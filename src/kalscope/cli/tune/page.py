@@ -52,7 +52,7 @@ SILENT = ("too_few", "constant", "bad_unit", "irregular")
 
 def reading_text(recording: Recording) -> str:
     """How the recording was read: one line, and a warning where much of it could not be."""
-    lines = _wrapped(f"{recording.title or recording.source}: {summary(recording)}")
+    lines = [f"{recording.title or recording.source}: {summary(recording)}"]  # one line, for a program to take
     for sentence in warnings(recording):
         lines += _wrapped(f"Warning: {sentence}.")
     return "\n".join(lines) + "\n\n"
