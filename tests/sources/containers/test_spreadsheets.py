@@ -109,3 +109,36 @@ def test_an_old_workbook_that_is_damaged_is_refused(tmp_path):
     path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(2000))
     with pytest.raises(BadFile, match="spreadsheet that is whole"):
         read_recording(path)
+
+
+def write_ods(path, rows):
+    names = {kind: f"urn:oasis:names:tc:opendocument:xmlns:{kind}:1.0" for kind in ("office", "table", "text")}
+    spaces = " ".join(f'xmlns:{kind}="{address}"' for kind, address in names.items())
+    body = f'<table:table table:name="log">{rows}</table:table>'
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        archive.writestr("META-INF/manifest.xml", "<manifest/>")
+        document = f"<office:body><office:spreadsheet>{body}</office:spreadsheet></office:body>"
+        archive.writestr("content.xml", f"<office:document-content {spaces}>{document}</office:document-content>")
+    return path
+
+
+def ods_row(*cells, repeated=1):
+    texts = ""
+    for cell in cells:
+        value = 'value-type="string"' if isinstance(cell, str) else f'value-type="float" office:value="{cell}"'
+        many = f'table:number-columns-repeated="{repeated}"'
+        texts += f"<table:table-cell office:{value} {many}><text:p>{cell}</text:p></table:table-cell>"
+    return f'<table:table-row table:number-rows-repeated="{repeated}">{texts}</table:table-row>'
+
+
+def test_a_sheet_of_opendocument(tmp_path):
+    rows = ods_row("t", "x (V)") + "".join(ods_row(i / 10, i % 5 / 4) for i in range(20))
+    recording = read_recording(write_ods(tmp_path / "log.ods", rows))
+    assert (recording.names, recording.units) == (("x",), ("V",))
+    np.testing.assert_array_equal(recording.values[:, 0], np.arange(20) % 5 / 4)
+
+
+def test_a_cell_that_is_repeated_over_the_whole_sheet_is_refused(tmp_path):
+    with pytest.raises(BadFile, match="cell"):
+        read_recording(write_ods(tmp_path / "log.ods", ods_row(1.5, repeated=16384)))
