@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.grammar.cells import is_blank, is_comment, parse_number, split_fields
-from kalscope.sources.grammar.line_format import find_labels, split_stamp
+from kalscope.sources.grammar.line_format import split_stamp
+from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.layout.sniffer import sniff
 from kalscope.sources.lines import line_parser
 from kalscope.sources.lines.line_reader import LineReader
@@ -99,6 +100,23 @@ def test_a_labelled_line_is_put_in_column_order_and_unknown_or_double_labels_ref
     np.testing.assert_array_equal(reader.read(2, "b:2").rows, [(math.nan, 2.0)])
     assert reader.read(3, "c:2").kind == "rejected"
     assert reader.read(4, "a:1,a:2").kind == "rejected"
+
+
+@pytest.mark.parametrize(
+    ("line", "parts"),
+    [
+        ("[   60] ax=0.5 ay=1", ("60", "ax=0.5 ay=1")),
+        ("[12.345678] ax=0.5", ("12.345678", "ax=0.5")),
+        ("I (3000) sensor: temp: 21.06", ("3000", "temp: 21.06")),
+        ("2024-03-09T22:58:03Z temp=20.87", ("2024-03-09T22:58:03Z", "temp=20.87")),
+        ("2024-03-09 22:58:03,123 INFO temp=20.89", ("2024-03-09 22:58:03,123", "INFO temp=20.89")),
+        ("60 ax=0.5 ay=1", ("60", "ax=0.5 ay=1")),
+        ("12:00:00 21.5 C", None),  # a table of blanks
+        ("60 rows read", None),
+    ],
+)
+def test_stamps_before_pairs_are_split_off(line, parts):
+    assert split_stamp(line) == parts
 
 
 def test_the_monitor_stamp_is_cell_zero():

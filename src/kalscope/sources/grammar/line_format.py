@@ -12,14 +12,7 @@ from string import hexdigits
 from typing import Literal
 
 from kalscope.sources.grammar.cells import is_number
-from kalscope.sources.grammar.json_line import find_object
 
-Pairs = list[tuple[str, str]]
-
-_BETWEEN_PAIRS = re.compile(r"[,;&\t]")
-_TOKEN = re.compile(r'"[^"]*"|[^\s,;&="]+|=')
-# A label begins at a word's beginning and is never given back, else each place of a long word would be tried.
-_LABEL_PAIR = re.compile(r"(?<![^\s:])([^\s:]++)\s*+:\s*(\S+)")
 _STAMP_REACH = 24  # the first colon of a clock behind a date
 _STAMP = r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9})?)"
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
@@ -28,7 +21,17 @@ _AFTER_BRACKET = r"[ \t]?(?:->|[>:]|-(?=[ \t]))?"
 _LINE_STAMP = re.compile(
     rf"[ \t]{{0,8}}(?:{_STAMP}{_AFTER_STAMP}|\[{_STAMP}\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL
 )
+_ZONE = r"(?:Z|[+-][0-9]{2}:?[0-9]{2})?"
+_BARE_STAMP = re.compile(
+    rf"[ \t]{{0,8}}({_STAMP[1:-1]}{_ZONE}|[0-9]{{1,14}}(?:\.[0-9]{{1,9}})?)[ \t]+([A-Za-z].*)", re.DOTALL
+)
+"""A stamp with nothing but blanks behind it, before a label."""
+_COUNTED = re.compile(
+    r"(?:\[[ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?)\]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:)[ \t](.*)", re.DOTALL
+)
+"""What a kernel and an ESP32 write before a line: `[   12.345]`, `I (12345) sensor:`."""
 _HEXADECIMAL = frozenset(hexdigits)
+_DIGITS_OR_BLANKS = frozenset("0123456789 \t")
 _TELEPLOT = re.compile(r"\s*>([^:>|§]+):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
 
 
@@ -64,63 +67,6 @@ class Teleplot:
     """What follows the §; "" where nothing does."""
 
 
-def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
-    """(label, value text) pairs of `a:1,b:2`, `a: 1 b: 2`, `Sensor Value: 155, Volts: 0.76`, `a=1 b=2`, `{"a":1}`.
-
-    Returns:
-        The pairs, and the bare numbers among them that no label claims: `a:1 5`. None if anything else is on the
-        line, or a label is a number (`12:30:05`). Between commas a bare number could be the decimals of the value
-        before it, so there it is refused as well.
-    """
-    if ":" not in line and "=" not in line:
-        return None
-    text = line.strip().removeprefix(">")
-    ignored: list[str] = []
-    if text.startswith("{"):
-        found = find_object(text)
-        return None if found is None else (found, ignored)
-    equal = _equalities(text) if "=" in text else None
-    if equal is not None:
-        pairs, complete = equal, True
-    elif any(mark in text for mark in ",;\t"):
-        parts = [part for part in re.split(r"[,;\t]", text) if part.strip()]
-        pairs = [(label.strip(), value.strip()) for label, _, value in (part.partition(":") for part in parts)]
-        complete = all(":" in part for part in parts)
-    elif text.count(":") == 1 and not _trailing_numbers(text):
-        label, _, value = text.partition(":")
-        pairs, complete = [(label.strip(), value.strip())], True
-    else:
-        pairs = _LABEL_PAIR.findall(text)
-        ignored = _LABEL_PAIR.sub(" ", text).split()
-        complete = all(is_number(token) for token in ignored)
-    if not pairs or not complete or any(not label or is_number(label) for label, _ in pairs):
-        return None
-    return pairs, ignored
-
-
-def _equalities(text: str) -> Pairs | None:
-    """The pairs of `t=1 ax=0.5`, `temp = 21.5 C, rel hum = 40 %`, `msg="two words"`; None for any other text."""
-    parts = [part for part in _BETWEEN_PAIRS.split(text) if part.strip()] if '"' not in text else []
-    if len(parts) > 1 and all(part.count("=") == 1 for part in parts):
-        return [(label.strip(), value.strip()) for label, _, value in (part.partition("=") for part in parts)]
-    tokens = _TOKEN.findall(text) if text.count('"') % 2 == 0 else []
-    pairs: Pairs = []
-    i = 0
-    while i + 1 < len(tokens):
-        if tokens[i] == "=" or tokens[i + 1] != "=":
-            return None
-        has_value = i + 2 < len(tokens) and tokens[i + 2] != "=" and tokens[i + 3 : i + 4] != ["="]
-        pairs.append((tokens[i], tokens[i + 2].strip('"') if has_value else ""))
-        i += 3 if has_value else 2
-    return pairs if i == len(tokens) and pairs else None
-
-
-def _trailing_numbers(text: str) -> bool:
-    """True for `a:1 5`: a value that is a number, and numbers behind it."""
-    words = text.partition(":")[2].split()
-    return len(words) > 1 and all(map(is_number, words))
-
-
 def split_teleplot(line: str) -> Teleplot | None:
     """The parts of `>name:value`, `>name:ms:value§unit`, `>name:1000:1;2000:2`; None for any other line.
 
@@ -140,10 +86,12 @@ def split_teleplot(line: str) -> Teleplot | None:
 
 def split_stamp(line: str) -> tuple[str, str] | None:
     """(`12:00:00.023`, rest) of a line before which a serial monitor wrote its stamp; None for any other line."""
-    if ":" not in line[:_STAMP_REACH]:
-        return None
-    match = _LINE_STAMP.fullmatch(line)
-    return (match[1] or match[2], match[3]) if match else None
+    if line.startswith(("[", "I (", "D (", "W (", "E (", "V (")) and (match := _COUNTED.fullmatch(line)):
+        return match[1] or match[2], match[3]
+    if ":" in line[:_STAMP_REACH] and (match := _LINE_STAMP.fullmatch(line)):
+        return match[1] or match[2], match[3]
+    match = _BARE_STAMP.fullmatch(line) if line[:1] in _DIGITS_OR_BLANKS else None
+    return (match[1], match[2]) if match and (":" in match[2] or "=" in match[2]) else None
 
 
 def split_checksum(line: str) -> tuple[str, int, int] | None:

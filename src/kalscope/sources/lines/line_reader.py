@@ -20,9 +20,10 @@ from kalscope.sources.grammar.cells import (
     parse_number,
     split_fields,
 )
-from kalscope.sources.grammar.line_format import find_labels, split_checksum, split_stamp, split_teleplot
+from kalscope.sources.grammar.line_format import split_checksum, split_stamp, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import row_stamp_parser
+from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.layout.long_table import MAX_SERIES
 from kalscope.sources.layout.sniffer import Layout
 

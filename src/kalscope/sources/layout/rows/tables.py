@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 from kalscope.sources.grammar.cells import is_blank, is_comment, is_number, split_fields
 from kalscope.sources.grammar.line_format import (
     LineFormat,
-    find_labels,
     split_checksum,
     split_stamp,
     split_teleplot,
 )
 from kalscope.sources.grammar.read_options import DELIMITERS
+from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.layout.plan import Plan
 from kalscope.sources.layout.rows.kinds import NUMERIC, CellKinds, Cells, column_type, likeness, only_text
 

@@ -3,7 +3,7 @@
 import pytest
 
 from kalscope.sources.grammar.json_line import MAX_VALUES
-from kalscope.sources.grammar.line_format import find_labels
+from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.lines.line_parser import LineParser
 
 
@@ -15,6 +15,11 @@ from kalscope.sources.lines.line_parser import LineParser
         ("a = 1, b = 2", {"a": "1", "b": "2"}),
         ("rel hum = 40 %; temp = 21.5 C", {"rel hum": "40 %", "temp": "21.5 C"}),
         ("a=1&b=2", {"a": "1", "b": "2"}),
+        ("Sensor Value=155", {"Sensor Value": "155"}),
+        ("Temperature = 21.05 *C", {"Temperature": "21.05 C"}),
+        ("Humidity: 45.00 %  Temperature: 21.30 C", {"Humidity": "45.00 %", "Temperature": "21.30 C"}),
+        ("Temp: 21.5 C Rel Hum: 40 %", {"Temp": "21.5 C", "Rel Hum": "40 %"}),
+        ("INFO temp=20.89 hum=52", {"temp": "20.89", "hum": "52"}),
         (
             'ts=2026-01-01T00:00 msg="two words" v=5',
             {"ts": "2026-01-01T00:00", "msg": "two words", "v": "5"},
@@ -34,7 +39,18 @@ def test_the_pairs_of_a_line(line, pairs):
 
 @pytest.mark.parametrize(
     "line",
-    ["a b=1", "5=6", "=", "a==b", 'msg="cut v=1', "{", "{}", "[1]", '{"a":' * 5000, '{"a": ' + "[" * 30000],
+    [
+        "5=6",
+        "Temp: 21.5 C and rising: slowly",
+        "=",
+        "a==b",
+        'msg="cut v=1',
+        "{",
+        "{}",
+        "[1]",
+        '{"a":' * 5000,
+        '{"a": ' + "[" * 30000,
+    ],
 )
 def test_lines_that_hold_no_pairs(line):
     assert find_labels(line) is None

@@ -1,0 +1,108 @@
+"""The pairs of a line that names its values: labels, equalities, JSON, and numbers with their units behind them.
+
+Pure functions on one line of text.
+"""
+
+from __future__ import annotations
+
+import re
+
+from kalscope.sources.grammar.cells import MISSING, is_number, split_measure
+from kalscope.sources.grammar.json_line import find_object
+from kalscope.sources.layout.units import is_measure
+
+Pairs = list[tuple[str, str]]
+
+MAX_PAIRS, MAX_LABEL = 64, 60
+"""Pairs with units that a line may hold, and letters of a label of several words."""
+
+_BETWEEN_PAIRS = re.compile(r"[,;&\t]")
+_TOKEN = re.compile(r'"[^"]*"|[^\s,;&="]+|=')
+# A label begins at a word's beginning and is never given back, else each place of a long word would be tried.
+_LABEL_PAIR = re.compile(r"(?<![^\s:])([^\s:]++)\s*+:\s*(\S+)")
+_LEVEL = re.compile(r"\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
+"""What a logger writes before its text."""
+_PIECE = re.compile(r"[^\s:=,;|]+|[:=]")
+
+
+def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
+    """(label, value text) pairs of `a:1,b:2`, `a: 1 b: 2`, `Sensor Value: 155, Volts: 0.76`, `a=1 b=2`, `{"a":1}`.
+
+    Returns:
+        The pairs, and the bare numbers among them that no label claims: `a:1 5`. None if anything else is on the
+        line, or a label is a number (`12:30:05`). Between commas a bare number could be the decimals of the value
+        before it, so there it is refused as well.
+    """
+    if ":" not in line and "=" not in line:
+        return None
+    text = _LEVEL.sub("", line.strip().removeprefix(">"), count=1)
+    ignored: list[str] = []
+    if text.startswith("{"):
+        found = find_object(text)
+        return None if found is None else (found, ignored)
+    equal = _equalities(text) if "=" in text else None
+    if equal is not None:
+        pairs, complete = equal, True
+    elif any(mark in text for mark in ",;\t"):
+        parts = [part for part in re.split(r"[,;\t]", text) if part.strip()]
+        pairs = [(label.strip(), value.strip()) for label, _, value in (part.partition(":") for part in parts)]
+        complete = all(":" in part for part in parts)
+    elif text.count(":") == 1 and not _trailing_numbers(text):
+        label, _, value = text.partition(":")
+        pairs, complete = [(label.strip(), value.strip())], True
+    else:
+        pairs = _LABEL_PAIR.findall(text)
+        ignored = _LABEL_PAIR.sub(" ", text).split()
+        complete = all(is_number(token) for token in ignored)
+    if not pairs or not complete or any(not label or is_number(label) for label, _ in pairs):
+        measured = _measures(text)
+        return None if measured is None else (measured, [])
+    return pairs, ignored
+
+
+def _measures(text: str) -> Pairs | None:
+    """The pairs of `Temp: 21.5 C Rel Hum: 40 %`, `T = 21.5 *C`: blanks between them, units behind numbers."""
+    names: list[list[str]] = [[]]
+    for word in _PIECE.findall(text)[: 6 * MAX_PAIRS]:
+        if word in (":", "="):
+            names.append([])
+        else:
+            names[-1].append(word)
+    label, pairs = " ".join(names[0]), list[tuple[str, str]]()
+    for k, words in enumerate(names[1:], 2):
+        if not 0 < len(label) <= MAX_LABEL or is_number(label) or not words or not _is_value(words[0]):
+            return None
+        unit = next((n for n in (2, 1) if is_measure("".join(words[1 : 1 + n]).lstrip("*"))), 0)
+        after = words[1 + unit :]
+        if (k == len(names)) == bool(after):  # a label before each value, and none behind the last
+            return None
+        pairs.append((label, " ".join((words[0], "".join(words[1 : 1 + unit]).lstrip("*"))).strip()))
+        label = " ".join(after)
+    return pairs or None
+
+
+def _is_value(word: str) -> bool:
+    return is_number(word) or word.lower() in MISSING or split_measure(word) is not None
+
+
+def _equalities(text: str) -> Pairs | None:
+    """The pairs of `t=1 ax=0.5`, `temp = 21.5 C, rel hum = 40 %`, `msg="two words"`; None for any other text."""
+    parts = [part for part in _BETWEEN_PAIRS.split(text) if part.strip()] if '"' not in text else []
+    if len(parts) > 1 and all(part.count("=") == 1 for part in parts):
+        return [(label.strip(), value.strip()) for label, _, value in (part.partition("=") for part in parts)]
+    tokens = _TOKEN.findall(text) if text.count('"') % 2 == 0 else []
+    pairs: Pairs = []
+    i = 0
+    while i + 1 < len(tokens):
+        if tokens[i] == "=" or tokens[i + 1] != "=":
+            return None
+        has_value = i + 2 < len(tokens) and tokens[i + 2] != "=" and tokens[i + 3 : i + 4] != ["="]
+        pairs.append((tokens[i], tokens[i + 2].strip('"') if has_value else ""))
+        i += 3 if has_value else 2
+    return pairs if i == len(tokens) and pairs else None
+
+
+def _trailing_numbers(text: str) -> bool:
+    """True for `a:1 5`: a value that is a number, and numbers behind it."""
+    words = text.partition(":")[2].split()
+    return len(words) > 1 and all(map(is_number, words))
