@@ -5,7 +5,8 @@
 A second process sends 1,000 numbered lines a second over a pseudo-terminal. A thread of this one opens one file
 after another, as the dashboard does; the longest time between two reads of the port stands beside each. A machine
 that is busy with something else is late by itself: the longest delay of a process that only sleeps stands beside it
-and is left aside. Exit status 1 where a file costs more than 0.25 s, the time for which a recording may be behind.
+and is left aside; the best of three turns counts. Exit status 1 where a file costs more than 0.25 s, the time for
+which a recording may be behind.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from kalscope.sources.live.live_source import LiveSource
 
 RATE = 1000.0
 MAX_GAP = 0.25
+TURNS = 3
 ROW = "2024-03-17 12:{:02}:{:02}.{:03};{},5;{}\n"
 
 
@@ -67,20 +69,31 @@ def measure(files: list[Path]) -> list[dict[str, str | float]]:
         process.start()
         time.sleep(2.0)
         for name, work in [("nothing", lambda: time.sleep(3.0)), *((file.name, opener(file)) for file in files)]:
-            gaps.clear()
-            begin = time.monotonic()
-            worker = threading.Thread(target=work)
-            worker.start()
-            worker.join()
-            seconds = time.monotonic() - begin
-            time.sleep(0.3)
-            gap, late = max(gaps, default=seconds), probe.latest_since(begin)
-            found.append({"file": name, "seconds": seconds, "gap_ms": 1000 * gap, "machine_ms": 1000 * late})
+            # What the file costs, it costs each time; what else runs here is late once.
+            found.append(min((turn(name, work, gaps, probe) for _ in range(TURNS)), key=own_wait))
         process.kill()
         process.join()
     os.close(slave)
     os.close(master)
     return found
+
+
+def turn(name: str, work: Callable[[], None], gaps: list[float], probe: Probe) -> dict[str, str | float]:
+    """Do the work on a thread of its own and watch the reader of the port."""
+    gaps.clear()
+    begin = time.monotonic()
+    worker = threading.Thread(target=work)
+    worker.start()
+    worker.join()
+    seconds = time.monotonic() - begin
+    time.sleep(0.3)
+    gap, late = max(gaps, default=seconds), probe.latest_since(begin)
+    return {"file": name, "seconds": seconds, "gap_ms": 1000 * gap, "machine_ms": 1000 * late}
+
+
+def own_wait(row: dict[str, str | float]) -> float:
+    """Longest wait beyond the machine's own, ms."""
+    return float(row["gap_ms"]) - float(row["machine_ms"])
 
 
 def opener(file: Path) -> Callable[[], None]:
@@ -106,7 +119,7 @@ def main() -> int:
         for row in found:
             waits = f"longest wait {row['gap_ms']:7.0f} ms  the machine's own {row['machine_ms']:7.0f} ms"
             print(f"{row['file']:25} {row['seconds']:7.2f} s  {waits}")
-    return int(any(float(row["gap_ms"]) - float(row["machine_ms"]) > 1000 * MAX_GAP for row in found))
+    return int(any(own_wait(row) > 1000 * MAX_GAP for row in found))
 
 
 if __name__ == "__main__":
