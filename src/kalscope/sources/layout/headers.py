@@ -124,18 +124,18 @@ def _among(above: tuple[Row, ...], plan: Plan, head: Sequence[str], table: HeadT
         number = plan.unit_row
         found = (number, tuple(split_fields(head[number - 1], table.form.delimiter))) if number else None
     elif found is None:
-        found = _commented_units(head, rows[names][0], rows[0][0], table)
+        found = _commented_units(head, rows[names], rows[0][0], table)
     said = f"names from line {rows[names][0]}" + (f", units from line {found[0]}" if found else "")
     others = tuple(row for i, row in enumerate(rows[:names]) if i != units)
     return _Rows(rows[names], found, others, said=said)
 
 
-def _commented_units(head: Sequence[str], names: int, last: int, table: HeadTable) -> Row | None:
+def _commented_units(head: Sequence[str], names: Row, last: int, table: HeadTable) -> Row | None:
     """A row of units right below the names that begins with nothing and %, and so looks like a comment."""
-    for number in range(names + 1, min(last + 2, len(head) + 1)):
+    for number in range(names[0] + 1, min(last + 2, len(head) + 1)):
         text = head[number - 1]
         cells = tuple(split_fields(text, table.form.delimiter))
-        if is_comment(text) and len(cells) == table.width and are_units(cells):
+        if is_comment(text) and len(cells) in (len(names[1]), table.width) and are_units(cells):
             return number, cells
     return None
 

@@ -17,6 +17,8 @@ MAX_HEADER_LINES = 5
 """Lines of names, units and what was done to each column that may stand above a table."""
 MIN_BESIDE_ROWS = 16
 """Rows it takes to judge that."""
+MAX_REPEATED = 64
+"""Rows of one repeated word that may stand between the names and the first number."""
 MAX_BESIDE = 64
 """Rows in which metadata may stand beside the data."""
 _PAIR_LABELS = frozenset(
@@ -168,9 +170,19 @@ class _Grid:
         start = data[0]
         if not best:
             start = next((i for i in data if not self._is_label(i)), start)
-        while start - 1 in places and self._fits[start - 1] == "void":
+        while start - 1 in places and (self._fits[start - 1] == "void" or self._repeats(start - 1)):
             start -= 1
         return self._lines[start][0]
+
+    def _repeats(self, place: int) -> bool:
+        """True for the second ERR of several below other names: one word that repeats is no name."""
+        cells = self._lines[place][1]
+        if self._fits[place] != "text" or len(set(cells)) > 1:
+            return False
+        above = [other for _, other in self._lines[max(0, place - MAX_REPEATED) : place]]
+        below = self._lines[place + 1][1] if place + 1 < len(self._lines) else ()
+        is_repeated = cells == below or (bool(above) and above[-1] == cells)
+        return is_repeated and any(other != cells and self._may_name(other) for other in above)
 
     def _is_header(self, place: int) -> bool:
         """True for a line of text with a row right below it."""
@@ -221,7 +233,10 @@ class _Grid:
         if width == 1:
             fits = len(cells) == 1 and len(cells[0]) <= _MAX_NAME
         else:
-            fits = max(2, self._least // 2) <= len(cells) <= 2 * width
+            # Between blanks any sentence has several cells.
+            prose = self._table.form.delimiter == " "
+            low, high = (self._least - 1, width) if prose else (self._least // 2, 2 * width)
+            fits = max(2, low) <= len(cells) <= high and not (prose and cells[-1].endswith((".", ":")))
         return (
             fits
             and any(cells)
