@@ -269,3 +269,21 @@ def test_reading_can_be_cancelled_and_leaves_no_thread(long_log):
     with pytest.raises(Cancelled, match="cancelled"):
         read_recording(long_log, cancelled=cancelled)
     assert threading.active_count() == before
+
+
+@pytest.mark.parametrize("ending", [",", ", ", ",,"])
+def test_separators_at_the_end_of_rows_keep_them_plain(tmp_path, taken, ending):
+    path = tmp_path / "log.csv"
+    path.write_text(CLEAN.replace("\n", f"{ending}\n").replace(f"t,a,b{ending}", "t,a,b"))
+    assert_same(path)
+    assert sum(taken) == 40
+    assert read_recording(path).names == ("a", "b")
+
+
+def test_rows_from_before_a_field_was_added_are_plain_and_the_same(tmp_path, taken):
+    path = tmp_path / "log.csv"
+    narrow = "".join(f"{0.01 * i:.2f},{i % 7}\n" for i in range(40))
+    path.write_text("t,a,b\n" + narrow + "".join(f"{0.01 * i:.2f},{i % 7},{i}\n" for i in range(40, 90)) + "9,1\n")
+    assert_same(path)
+    assert sum(taken) >= 80
+    assert read_recording(path).report.rejected == 1

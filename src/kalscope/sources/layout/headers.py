@@ -93,7 +93,8 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
     """The rows of names and units as the lines themselves show them."""
     above = body.above
     commented = _commented_header(head, table, body, kinds) if not plan.options.header else None
-    if above and not (commented and len(above) == 1 and are_units(above[0][1])):
+    units_below = commented is not None and len(above) == 1 and commented[0] == above[0][0] - 1
+    if above and not (units_below and are_units(above[0][1])):
         return _among(above, plan, head, table)
     if commented is not None:
         units = above[0] if above else None
@@ -228,7 +229,12 @@ def _is_name(text: str) -> bool:
     """A few words, with their unit in brackets perhaps: no sentence."""
     bare = text.partition("[")[0].partition("(")[0].strip()
     few = len(bare.split()) <= _COMMENT_NAME_WORDS
-    return 0 < len(bare) <= _COMMENT_NAME_LENGTH and few and not any(c in bare for c in "\t,;|")
+    return (
+        0 < len(bare) <= _COMMENT_NAME_LENGTH
+        and few
+        and not bare.endswith(":")
+        and not any(c in bare for c in "\t,;|")
+    )
 
 
 def _is_code_row(table: HeadTable, body: Body) -> bool:
