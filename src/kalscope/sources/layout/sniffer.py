@@ -86,7 +86,19 @@ def sniff(
     table, second = weigh(lines, candidate_tables(lines, plan))
     if table is None or table.width > MAX_COLUMNS or table.rows[0][0] > len(head):
         return None
-    kinds = CellKinds(table.form.decimal, options.missing_texts, table.form.delimiter)
+    return _layout(head, plan, lines, replace(table, form=_marked(table.form, marks)), second)
+
+
+def _marked(form: LineFormat, marks: LineFormat) -> LineFormat:
+    """How lines are written whose stamps and checksums were split off."""
+    return replace(form, stamped=marks.stamped, checksum=marks.checksum)
+
+
+def _layout(
+    head: Sequence[str], plan: Plan, lines: list[HeadLine], table: HeadTable, second: HeadTable | None
+) -> Layout:
+    """The layout of a table among the lines of a file."""
+    kinds = CellKinds(table.form.decimal, plan.options.missing_texts, table.form.delimiter)
     body = find_body(lines, table, plan, len(head), kinds)
     is_table = table.form.kind == "table"
     header = read_header(head, table, body, plan, kinds) if is_table else _labelled_header(table, lines)
@@ -95,16 +107,15 @@ def sniff(
     if not header.rows and is_table:
         columns = _in_their_places(columns)
     cells = [row for _, row in (*body.rows, *body.samples)]
-    if marks.stamped:
+    if table.form.stamped:
         stamps = {line.number: line.stamp for line in lines}
         cells = [(stamps[number], *row) for number, row in (*body.rows, *body.samples)]
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
-    form = replace(table.form, stamped=marks.stamped, checksum=marks.checksum)
     notes = (
-        *explain(form, plan, body, columns, second),
+        *explain(table.form, plan, body, columns, second),
         *doubtful,
         *header.notes,
         *about_series,
@@ -112,7 +123,7 @@ def sniff(
         *plan.preface.notes,
     )
     return Layout(
-        form=form,
+        form=table.form,
         columns=tuple(columns),
         time=time,
         first_data=header.first,

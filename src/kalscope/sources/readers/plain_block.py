@@ -39,17 +39,9 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
     A line is plain where it holds one number or missing value (nan or nothing) a column and means the same to the
     line reader. Whatever is doubtful is refused: other bytes, blank lines, infinite numbers, stamps out of range.
     """
-    form, time, width = layout.form, layout.time, len(layout.columns)
-    if (
-        form.kind != "table"
-        or form.stamped
-        or form.checksum
-        or form.decimal == form.delimiter  # inside quotes
-        or (time is not None and time.kind != "number")
-        or any(column.role in ("text", "series") or column.form is not None for column in layout.columns)
-        or any(is_number(text, form.decimal) for text in options.missing_texts)
-    ):
+    if _is_never_plain(layout, options):
         return None
+    form, width = layout.form, len(layout.columns)
     delimiter = None if form.delimiter == " " else form.delimiter
     kept = width
     while kept > 1 and layout.columns[kept - 1].role == "empty":
@@ -78,17 +70,36 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
         if rows is None or len(rows) != len(lines) or np.isinf(rows).any():
             return None
         fields = rows.shape[1]
-        if fields not in (width, kept) and fields not in layout.narrow:
-            return None
-        if fields < width:
-            rows = np.hstack((rows, np.full((len(rows), width - fields), np.nan)))
-        if time is not None:
-            is_doubtful = ~(np.abs(rows[:, time.index]) <= MAX_STAMP)  # NaN fails as well
-        else:
-            is_doubtful = np.isnan(rows).all(axis=1)  # a line of delimiters alone is blank
-        return None if is_doubtful.any() else PlainRows(rows, fields)
+        known = fields in (width, kept) or fields in layout.narrow
+        return _checked(rows, fields, layout) if known else None
 
     return parse
+
+
+def _is_never_plain(layout: Layout, options: ReadOptions) -> bool:
+    """True where each line needs the line reader."""
+    form, time = layout.form, layout.time
+    return (
+        form.kind != "table"
+        or form.stamped
+        or form.checksum
+        or form.decimal == form.delimiter  # inside quotes
+        or (time is not None and time.kind != "number")
+        or any(column.role in ("text", "series") or column.form is not None for column in layout.columns)
+        or any(is_number(text, form.decimal) for text in options.missing_texts)
+    )
+
+
+def _checked(rows: Array, fields: int, layout: Layout) -> PlainRows | None:
+    """The rows with NaN in the columns that the lines lack; None where a stamp or a whole line is in doubt."""
+    lacking = len(layout.columns) - fields
+    if lacking:
+        rows = np.hstack((rows, np.full((len(rows), lacking), np.nan)))
+    if layout.time is not None:
+        is_doubtful = ~(np.abs(rows[:, layout.time.index]) <= MAX_STAMP)  # NaN fails as well
+    else:
+        is_doubtful = np.isnan(rows).all(axis=1)  # a line of delimiters alone is blank
+    return None if is_doubtful.any() else PlainRows(rows, fields)
 
 
 def _without_ending(text: str, ending: str, count: int) -> str:

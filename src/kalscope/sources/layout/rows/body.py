@@ -138,10 +138,15 @@ class _Grid:
         width = len(cells)
         if not (self._least <= width <= self._table.width or width in self._table.narrow):
             return None
-        said = [
-            (self._types[i].judge(cell, self._kinds), cell) for i, cell in enumerate(cells) if i not in self._beside
-        ]
-        fitting = sum(judged == "fits" for judged, _ in said)
+        fitting, said = 0, list[tuple[str, str]]()
+        for i, cell in enumerate(cells):
+            if i in self._beside:
+                continue
+            if self._kinds[cell] == self._types[i].kind != "text":
+                fitting += 1  # nearly all cells of a log
+            else:
+                said.append((self._types[i].judge(cell, self._kinds), cell))
+        fitting += sum(judged == "fits" for judged, _ in said)
         strange = sum(judged == "strange" for judged, _ in said)
         if fitting:
             return "partial" if strange else "row"
