@@ -19,6 +19,14 @@ from kalscope.sources.lines.line_parser import LineParser
         ("Temperature = 21.05 *C", {"Temperature": "21.05 C"}),
         ("Humidity: 45.00 %  Temperature: 21.30 C", {"Humidity": "45.00 %", "Temperature": "21.30 C"}),
         ("Temp: 21.5 C Rel Hum: 40 %", {"Temp": "21.5 C", "Rel Hum": "40 %"}),
+        (
+            "T: 21.0°C 69.8°F  Heat index: 20°C 68°F",
+            {"T": "21.0°C", "T 2": "69.8°F", "Heat index": "20°C", "Heat index 2": "68°F"},
+        ),
+        (
+            "Reading: -0.1 lbs calibration_factor: -7050.00",
+            {"Reading": "-0.1 lbs", "calibration_factor": "-7050.00"},
+        ),
         ("INFO temp=20.89 hum=52", {"temp": "20.89", "hum": "52"}),
         (
             'ts=2026-01-01T00:00 msg="two words" v=5',

@@ -41,6 +41,10 @@ def test_one_column_of_decimal_commas_is_known_by_its_header():
         ("CO(GT)", "CO(GT)", ""),
         ("a_x", "a_x", ""),
         ("plain", "plain", ""),
+        ("Pressure in hPa", "Pressure", "hPa"),
+        ("Temp, °C (LGR S/N: 10229, SEN S/N: 10229)", "Temp", "°C"),
+        ("Coupler (LGR S/N: 10229)", "Coupler (LGR S/N: 10229)", ""),
+        ("spin in place", "spin in place", ""),
     ],
 )
 def test_a_unit_stands_in_brackets_or_as_a_clear_suffix(text, name, unit):

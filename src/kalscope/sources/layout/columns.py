@@ -48,12 +48,19 @@ class Column:
 
 
 def named_column(text: str) -> Column:
-    """`accel (m/s^2)` is accel in m/s^2; `Distance_cm` keeps its name, in cm; `CO(GT)` is a name."""
+    """`accel (m/s^2)` is accel in m/s^2, `Temp, °C (S/N: 10229)` is Temp in °C, `Pressure in hPa` Pressure in hPa.
+
+    `Distance_cm` keeps its name, in cm; `CO(GT)` is a name.
+    """
     text = "".join(c for c in text if c.isprintable()).strip()[:100]
     bare, unit = _split_brackets(text)
     # Square brackets hold a unit, unless they count or name an axis: `axisP[1]`, `acc[x]`.
     if bare and (is_unit(unit) or (text[-1] == "]" and not _INDEX.fullmatch(unit))):
         return Column(bare, unit)
+    for mark in (", ", " in "):
+        name, _, unit = (bare if ":" in unit else text).rpartition(mark)
+        if name and is_unit(unit):
+            return Column(name.rstrip(), unit.strip())
     place = max(text.rfind("_"), text.rfind(" "))
     suffix = text[place + 1 :]
     if place > 0 and _SUFFIX.fullmatch(suffix) and is_unit_suffix(suffix):

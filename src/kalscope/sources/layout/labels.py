@@ -70,15 +70,25 @@ def _measures(text: str) -> Pairs | None:
             names[-1].append(word)
     label, pairs = " ".join(names[0]), list[tuple[str, str]]()
     for k, words in enumerate(names[1:], 2):
-        if not 0 < len(label) <= MAX_LABEL or is_number(label) or not words or not _is_value(words[0]):
+        values, after = _leading_values(words)
+        # A label before each value, and none behind the last.
+        if not 0 < len(label) <= MAX_LABEL or is_number(label) or not values or (k == len(names)) == bool(after):
             return None
-        unit = next((n for n in (2, 1) if is_measure("".join(words[1 : 1 + n]).lstrip("*"))), 0)
-        after = words[1 + unit :]
-        if (k == len(names)) == bool(after):  # a label before each value, and none behind the last
-            return None
-        pairs.append((label, " ".join((words[0], "".join(words[1 : 1 + unit]).lstrip("*"))).strip()))
+        pairs += [(label if n == 1 else f"{label} {n}", value) for n, value in enumerate(values, 1)]
         label = " ".join(after)
     return pairs or None
+
+
+def _leading_values(words: list[str]) -> tuple[list[str], list[str]]:
+    """The values that words begin with, and the rest: `21.0°C 70°F Heat index` holds two, both with units."""
+    values: list[str] = []
+    while words and _is_value(words[0]):
+        unit = next((n for n in (2, 1) if is_measure("".join(words[1 : 1 + n]).lstrip("*"))), 0)
+        if values and not unit and split_measure(words[0]) is None:
+            break
+        values.append(" ".join((words[0], "".join(words[1 : 1 + unit]).lstrip("*"))).strip())
+        words = words[1 + unit :]
+    return values, words
 
 
 def _is_value(word: str) -> bool:

@@ -14,6 +14,7 @@ _UNITS = words(
     """
     s sec second seconds secs ms msec msecs millis us usec µs μs ns min mins minute minutes h hr hour hours
     d day days yr year years
+    lb lbs oz kgf gf
     v volt volts mv uv µv kv a amp amps ampere amperes ma ua µa na g mg kg m mm cm km um µm meter meters
     metre metres
     m/s m/s2 m/s^2 m/s² m/s/s km/h kph mph mps knots kn ft in gal deg ° degree degrees rad deg/s °/s dps rad/s rpm
@@ -23,6 +24,8 @@ _UNITS = words(
     farad f/m t ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless
     """
 )
+MAX_UNIT = 24
+"""Letters of a unit that is known by its marks alone."""
 _SIGNS = re.compile(r"[/^°²³%µ]")
 # Suffixes of a channel's name that can hardly be anything else; one letter (a_g, a_x) could be.
 _SUFFIX_UNITS = words(
@@ -36,7 +39,8 @@ def is_unit(text: str) -> bool:
     """True for a known unit, and for what holds a mark that only units hold."""
     text = text.strip().lower()
     spaced = "deg" in text and text.replace(" ", "") in _UNITS
-    return text in _UNITS or spaced or _SIGNS.search(text) is not None
+    marked = len(text) <= MAX_UNIT and ":" not in text and _SIGNS.search(text) is not None
+    return text in _UNITS or spaced or marked
 
 
 def _is_unit_alone(text: str) -> bool:

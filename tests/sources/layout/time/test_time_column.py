@@ -159,8 +159,8 @@ def test_a_damaged_part_is_no_stamp():
 
 def test_the_chosen_column_is_read_as_its_name_says():
     columns, rows = made({"Time in seconds": [str(10 * i) for i in range(N)], "a": NOISE})
-    for choice in ("Time in seconds", 0):
-        time = chosen_time(columns, rows, ".", choice)
+    for choice in ("Time in seconds", "Time", 0):
+        time = chosen_time(columns, rows, ".", choice, ("Time in seconds", "a"))
         assert (time.kind, time.unit) == ("number", "s")
 
 
