@@ -175,3 +175,9 @@ def test_what_stands_only_further_down_is_seen_as_well(read):
     recording = read("t,a,b,c\n" + empty + "".join(f"{i / 10:.1f},{i % 7},ok,3C\n" for i in range(9000, 16000)))
     assert recording.names == ("a", "c")
     assert recording.units == ("", "C")
+
+
+@pytest.mark.parametrize("mark", ["\t", "|", ","])
+def test_the_day_of_a_date_with_a_month_name_is_no_stamp_before_labels(read, mark):
+    recording = read(f"time{mark}a\n" + "".join(f"24 Apr 2016 17:03:{i:02}{mark}{i % 7}\n" for i in range(40)))
+    assert (recording.names, recording.sample_period) == (("a",), 1.0)

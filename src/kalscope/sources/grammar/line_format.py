@@ -91,7 +91,11 @@ def split_stamp(line: str) -> tuple[str, str] | None:
     if ":" in line[:_STAMP_REACH] and (match := _LINE_STAMP.fullmatch(line)):
         return match[1] or match[2], match[3]
     match = _BARE_STAMP.fullmatch(line) if line[:1] in _DIGITS_OR_BLANKS else None
-    return (match[1], match[2]) if match and (":" in match[2] or "=" in match[2]) else None
+    if match is None or not (":" in match[2] or "=" in match[2]):
+        return None
+    # The 24 of `24 Apr 2016 17:03:07` is no stamp before the label 17.
+    label = match[2].replace("=", ":").partition(":")[0].split()
+    return None if not label or is_number(label[-1]) else (match[1], match[2])
 
 
 def split_checksum(line: str) -> tuple[str, int, int] | None:
