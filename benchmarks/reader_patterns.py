@@ -32,6 +32,7 @@ from kalscope.sources.grammar import cells, line_format, timestamps
 from kalscope.sources.grammar.read_options import DEFAULTS
 from kalscope.sources.instruments.known import find_preface
 from kalscope.sources.layout.columns import named_column
+from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.layout.sniffer import sniff
 from kalscope.sources.lines.line_parser import LineParser
 from kalscope.sources.lines.line_reader import LineReader
@@ -117,7 +118,7 @@ def parsers() -> Iterator[tuple[str, Entry]]:
         yield f"split_fields {mark!r}", partial(cells.split_fields, delimiter=mark)
     for mark in ".,":
         yield f"parse_number {mark!r}", partial(cells.parse_number, decimal=mark)
-    for function in (line_format.find_labels, line_format.split_teleplot, line_format.split_stamp):
+    for function in (find_labels, line_format.split_teleplot, line_format.split_stamp):
         yield function.__name__, function
     yield "split_checksum", line_format.split_checksum
     for order in ("ymd", "dmy"):

@@ -149,9 +149,9 @@ def _stand_below(units: Cells, names: Cells, delimiter: str) -> bool:
 
 
 def _is_telling(cells: Cells) -> bool:
-    """True for a row of names: `Avg,Avg,Smp` and `RAW,CAL,CAL` only say what was done to each column."""
+    """True for a row of names: `Avg,Avg,Smp` and `Unix,CAL,CAL` only say what was done to each column."""
     said = [cell.lower() for cell in cells if cell]
-    return 2 * len(set(said)) >= len(said) and not all(cell in _PROCESSING for cell in said)
+    return 2 * len(set(said)) >= len(said) and 2 * sum(cell in _PROCESSING for cell in said) <= len(said)
 
 
 def _named(row: Row, table: HeadTable, body: Body) -> tuple[tuple[Column, ...], list[str]]:
