@@ -188,3 +188,13 @@ def test_a_column_that_numbers_the_rows_is_no_channel(tmp_path, header, step, na
     cells = [[str(step * i), str((7 * i) % 5)][: header.count(",") + 1] for i in range(20)]
     file.write_text("\n".join([header, *map(",".join, cells)]) + "\n")
     assert read_recording(file).names == names
+
+
+def test_a_pair_above_the_names_is_no_row_of_those_that_a_field_was_added_to():
+    narrow, wide = (
+        [f"{i / 250:.3f};{i}.5" for i in range(21)],
+        [f"{i / 250:.3f};{i}.5;{i}.25" for i in range(21, 99)],
+    )
+    layout = sniff(["Firmware;v2.31b", "Gain;24", "Site;Barn 7", "time [s];hum;level", *narrow, *wide])
+    assert layout is not None
+    assert (layout.first_data, [column.name for column in layout.columns]) == (5, ["time", "hum", "level"])

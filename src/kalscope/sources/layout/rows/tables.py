@@ -147,13 +147,15 @@ def _grown(
     widest, or between the rows of the widest.
     """
     runs: list[tuple[int, int, int]] = []  # width, lines, place of the first
+    parted = False  # `Gain;24` above the names is no row of those below
     for i, (number, cells) in enumerate(split):
         if not likely[number]:
-            continue
-        if runs and runs[-1][0] == len(cells):
+            parted |= len(cells) > 1 and all(kinds[cell] == "text" for cell in cells)
+        elif runs and runs[-1][0] == len(cells) and not parted:
             runs[-1] = (runs[-1][0], runs[-1][1] + 1, runs[-1][2])
         else:
             runs.append((len(cells), 1, i))
+            parted = False
     long = [run for run in runs if run[1] >= MIN_NAMED_RUN and run[0] > 1]
     widest = max((run[0] for run in long), default=width)
     named = bool(long) and any(len(cells) == widest and not likely[number] for number, cells in split[: long[0][2]])
