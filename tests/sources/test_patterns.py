@@ -28,9 +28,6 @@ CAPPED = {
 }
 """Patterns that try again from every place, but only so far."""
 
-NOT_YET: set[str] = set()
-"""Patterns that are still to be replaced."""
-
 
 def compiled():
     """(module:name, pattern, how it is used) of every pattern that a module holds."""
@@ -68,9 +65,8 @@ def all_patterns():
     for name, pattern, uses in (*compiled(), *inline()):
         if name.partition(":")[0] not in OWN_TEXT:
             found.setdefault(pattern, (name, set()))[1].update(uses)
-    mark = pytest.mark.xfail(strict=True, reason="issue 14: this pattern is on its way out")
     for pattern, (name, uses) in found.items():
-        yield pytest.param(pattern, uses, id=name, marks=mark if name in NOT_YET else ())
+        yield pytest.param(pattern, uses, id=name)
 
 
 PATTERNS = list(all_patterns())

@@ -115,18 +115,6 @@ UNGAPPED = [
     "environment_canada_hourly.csv",
 ]
 
-NOT_YET = {
-    "table": frozenset([]),
-    "gaps": frozenset[str](),
-    "parts": frozenset[str](),
-}
-"""Files of each test that are not read right yet; each leaves this list with the change that reads it."""
-
-
-def files(names, test):
-    mark = pytest.mark.xfail(strict=True, reason="issue 14: the rules for this kind of file are on their way")
-    return [pytest.param(name, marks=mark if name in NOT_YET[test] else ()) for name in names]
-
 
 @pytest.fixture(scope="module")
 def read():
@@ -141,7 +129,7 @@ def read():
     return read_once
 
 
-@pytest.mark.parametrize("name", files(RIGHT, "table"))
+@pytest.mark.parametrize("name", RIGHT)
 def test_a_field_log_reads_as_its_table_says(read, name):
     right, recording = RIGHT[name], read(name)
     report = recording.report
@@ -160,12 +148,12 @@ def test_a_field_log_reads_as_its_table_says(read, name):
         assert not units or recording.units[index] in units
 
 
-@pytest.mark.parametrize("name", files(UNGAPPED, "gaps"))
+@pytest.mark.parametrize("name", UNGAPPED)
 def test_a_clock_of_whole_seconds_or_of_bursts_has_no_gaps(read, name):
     assert not any("gaps" in note or "--gaps" in note for note in read(name).report.notes)
 
 
-@pytest.mark.parametrize("name", files(RIGHT, "parts"))
+@pytest.mark.parametrize("name", RIGHT)
 def test_neither_a_date_part_nor_metadata_is_a_channel(read, name):
     names = {known.lower() for known in read(name).names}
     assert not names & {"year", "month", "day", "hour", "minute", "second", "hora", "data", "record length"}
