@@ -198,3 +198,9 @@ def test_a_pair_above_the_names_is_no_row_of_those_that_a_field_was_added_to():
     layout = sniff(["Firmware;v2.31b", "Gain;24", "Site;Barn 7", "time [s];hum;level", *narrow, *wide])
     assert layout is not None
     assert (layout.first_data, [column.name for column in layout.columns]) == (5, ["time", "hum", "level"])
+
+
+def test_units_stand_behind_numbers_with_thousands_too():
+    layout = sniff(["n|level", *(f"{i}|4,{500 + i}.144C" for i in range(20))])
+    assert layout is not None
+    assert [(column.unit, column.role) for column in layout.columns][1] == ("C", "channel")

@@ -80,7 +80,9 @@ def parse_number(cell: str, decimal: str = ".") -> float | None:
     return math.nan if cell.lower() in MISSING else None
 
 
-_MEASURE = re.compile(r"([-+]?(?:[0-9]+(?:[.,][0-9]+)?|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?) ?([^\s0-9.,+\-][^\s]{0,7})")
+_MEASURE = re.compile(
+    r"([-+]?(?:[0-9]+(?:[.,][0-9]+){0,4}|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?) ?([^\s0-9.,+\-][^\s]{0,7})"
+)
 _GROUPED = {
     # The thousands of "1,234.5" by its decimal mark; 0,123 has none.
     ".": re.compile(r"[-+]?[1-9][0-9]{0,2}(?:,[0-9]{3})+(?:\.[0-9]+)?"),
