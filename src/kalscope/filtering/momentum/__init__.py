@@ -1,0 +1,1 @@
+"""The filter with momentum: two states, the signal and its velocity, which lasts for a while."""

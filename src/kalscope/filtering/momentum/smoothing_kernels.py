@@ -1,0 +1,109 @@
+"""The compiled loop of the smoother with momentum, nothing else: one channel, contiguous float64, no checks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from kalscope.filtering.momentum.kernels import MISSING, REJECTED, State, Transition, predict, step, transition
+
+Array = NDArray[np.float64]
+FourRows = tuple[Array, Array, Array, Array]
+
+
+@njit(cache=True, nogil=True)
+def smooth_channel(
+    z: Array,
+    dt: Array,
+    q: float,
+    r: float,
+    tau: float,
+    gate: float,
+    state: State,
+    out: tuple[Array, Array, Array, Array],
+) -> None:
+    """Smooth one channel into `out` = (x, p, v, w); `dt` empty means regular sampling.
+
+    Rauch, Tung & Striebel (1965), in the form (I - C F) P (I - C F)' + C Q C' + C P' C', which is never negative.
+    """
+    n, regular = z.shape[0], dt.shape[0] == 0
+    out_x, out_p, out_v, out_w = out
+    out_g = np.empty(n)
+    start = state[0]
+    last = 1.0
+    over = transition(last, q, tau)
+    in_a_row = 0
+    for i in range(n):
+        if not regular and dt[i] != last:
+            last = dt[i]
+            over = transition(last, q, tau)
+        state, _, _, _, done = step(z[i], over, r, gate, state, in_a_row)
+        in_a_row = in_a_row + 1 if done == REJECTED else (in_a_row if done == MISSING else 0)
+        out_x[i], out_v[i], out_p[i], out_g[i], out_w[i] = state
+        if math.isnan(start) and not math.isnan(state[0]):
+            start = state[0]  # what stands for x0 where none was given
+    if n == 0 or math.isnan(start):
+        return
+    after = (
+        float(out_x[n - 1]),
+        float(out_v[n - 1]),
+        float(out_p[n - 1]),
+        float(out_g[n - 1]),
+        float(out_w[n - 1]),
+    )
+    for i in range(n - 2, -1, -1):
+        if not regular and dt[i + 1] != last:
+            last = dt[i + 1]
+            over = transition(last, q, tau)
+        x = start if math.isnan(out_x[i]) else out_x[i]
+        if math.isinf(out_p[i]):
+            after = backwards(over, after)
+        else:
+            after = corrected(over, (x, out_v[i], out_p[i], out_g[i], out_w[i]), after)
+        out_x[i], out_v[i], out_p[i], out_g[i], out_w[i] = after
+
+
+@njit(cache=True, nogil=True, inline="always")
+def backwards(over: Transition, after: State) -> State:
+    """The state before a diffuse start: nothing but what comes later is known, and time may run backwards."""
+    e, f, a, b, c = over
+    return predict((e, -f, a, -b, c), after)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def corrected(over: Transition, state: State, after: State) -> State:
+    """The filtered `state`, given the smoothed state `after` it."""
+    e, f, a, b, c = over
+    x, v, p, g, w = state
+    x_next, v_next, p_next, g_next, w_next = predict(over, state)
+    to_x, to_v = p + f * g, e * g  # covariance of x with x and v of the next sample
+    det = p_next * w_next - g_next * g_next
+    if det > 1e-14 * p_next * w_next:
+        c11, c12 = (to_x * w_next - to_v * g_next) / det, (to_v * p_next - to_x * g_next) / det
+        to_x, to_v = g + f * w, e * w
+        c21, c22 = (to_x * w_next - to_v * g_next) / det, (to_v * p_next - to_x * g_next) / det
+    else:  # x and v of the next sample say the same, or one of them nothing
+        c11 = to_x / p_next if p_next > 0.0 else 1.0
+        c21 = (g + f * w) / p_next if p_next > 0.0 else 0.0
+        c12 = c22 = 0.0
+    dx, dv = after[0] - x_next, after[1] - v_next
+    # A = I - C F, and the variance that comes from the step and from what follows, M = Q + P'
+    a11, a12 = 1.0 - c11, -(c11 * f + c12 * e)
+    a21, a22 = -c21, 1.0 - (c21 * f + c22 * e)
+    m11, m12, m22 = a + after[2], b + after[3], c + after[4]
+    return (
+        x + c11 * dx + c12 * dv,
+        v + c21 * dx + c22 * dv,
+        quadratic(a11, a12, a11, a12, p, g, w) + quadratic(c11, c12, c11, c12, m11, m12, m22),
+        quadratic(a11, a12, a21, a22, p, g, w) + quadratic(c11, c12, c21, c22, m11, m12, m22),
+        quadratic(a21, a22, a21, a22, p, g, w) + quadratic(c21, c22, c21, c22, m11, m12, m22),
+    )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def quadratic(a1: float, a2: float, b1: float, b2: float, p: float, g: float, w: float) -> float:
+    """(a1, a2) [[p, g], [g, w]] (b1, b2)'."""
+    return a1 * (p * b1 + g * b2) + a2 * (g * b1 + w * b2)
