@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.params import FilterParams, Parameter
+from kalscope.filtering.params import FilterParams
 
 
 def scalar(value: float | Array | None) -> float:
@@ -53,24 +54,13 @@ def shaped_like(rows: Array, shape: tuple[int, ...]) -> Array:
     return rows[0] if len(shape) == 1 else np.ascontiguousarray(rows.T)
 
 
-def kernel_values(params: FilterParams, channels: int) -> list[tuple[float, float, float, float, float]]:
-    """q, r, gate, x, p of each channel as the kernels start with them: NaN x and inf p say "automatic"."""
-    if params.channels not in (None, channels):
-        raise BadSetting(f"params must fit z: they hold {params.channels} channels (got z with {channels})")
-
-    def spread(value: Parameter | None, missing: float) -> list[float]:
-        return np.broadcast_to(missing if value is None else value, channels).astype(float).tolist()
-
-    return list(
-        zip(
-            spread(params.q, 0.0),
-            spread(params.r, 0.0),
-            spread(params.gate, math.inf),
-            spread(params.x0, math.nan),
-            spread(params.p0, math.inf),
-            strict=True,
-        )
-    )
+def rows_to_fill(columns: Array, counts: Sequence[int]) -> list[Array]:
+    """As many arrays like `columns` as the longest count; NaN where channel c fills only the first counts[c]."""
+    rows = [np.empty_like(columns) for _ in range(max(counts))]
+    for c, count in enumerate(counts):
+        for row in rows[count:]:
+            row[c] = np.nan
+    return rows
 
 
 def steps_of(dt: ArrayLike | None, n: int) -> Array:

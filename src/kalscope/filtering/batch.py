@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering import kernels
-from kalscope.filtering.arrays import columns_of, infinite, kernel_values, refuse_infinite, shaped_like, steps_of
+from kalscope.filtering.arrays import columns_of, infinite, refuse_infinite, rows_to_fill, shaped_like, steps_of
+from kalscope.filtering.channels import channel_filters
 from kalscope.filtering.params import FilterParams
 
 
@@ -35,6 +35,10 @@ class FilterResult:
     """Scored innovations: neither missing, nor rejected, nor the sample that sets the start."""
     rejected: int | NDArray[np.int64]
     """Samples rejected by the outlier gate."""
+    velocity: Array | None = None
+    """Filtered velocity, unit per nominal sample period; NaN in channels without momentum, None without any."""
+    velocity_p: Array | None = None
+    """Its posterior variance."""
 
 
 def kalman_filter(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> FilterResult:
@@ -52,19 +56,16 @@ def kalman_filter(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = Non
     Source: Ma'arif et al. (2019), equations (11)–(15); Durbin & Koopman (2012), section 2.2.
     """
     columns, shape = columns_of(z)
-    out = tuple(np.empty_like(columns) for _ in range(5))
-    per_channel = kernel_values(params, len(columns))
+    filters = channel_filters(params, len(columns))
     steps = steps_of(dt, columns.shape[1])
     refuse_infinite(columns)
-    sums = [
-        kernels.filter_channel(column, steps, *values, 0, tuple(o[c] for o in out))
-        for c, (column, values) in enumerate(zip(columns, per_channel, strict=True))
-    ]
-    x, p, k, innovation, s = (shaped_like(o, shape) for o in out)
-    loglik, m, rejected, _ = zip(*sums, strict=True)
+    out = rows_to_fill(columns, [one.rows for one in filters])
+    sums = [one.filter(columns[c], steps, [row[c] for row in out[: one.rows]]) for c, one in enumerate(filters)]
+    x, p, k, innovation, s, *velocity = (shaped_like(row, shape) for row in out)
+    loglik, m, rejected = zip(*sums, strict=True)
     if len(shape) == 1:
-        return FilterResult(x, p, k, innovation, s, loglik[0], m[0], rejected[0])
-    return FilterResult(x, p, k, innovation, s, np.array(loglik), np.array(m), np.array(rejected))
+        return FilterResult(x, p, k, innovation, s, loglik[0], m[0], rejected[0], *velocity)
+    return FilterResult(x, p, k, innovation, s, np.array(loglik), np.array(m), np.array(rejected), *velocity)
 
 
 def denoise(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None, out: Array | None = None) -> Array:
@@ -88,8 +89,8 @@ def denoise(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None, out
     direct = out is not None and out.ndim == 1 and out.flags.c_contiguous and not np.may_share_memory(out, z)
     target = out.reshape(1, -1) if out is not None and direct else np.empty_like(columns)
     steps = steps_of(dt, columns.shape[1])
-    for c, values in enumerate(kernel_values(params, len(columns))):
-        stopped = kernels.denoise_channel(columns[c], steps, *values, target[c])
+    for c, one in enumerate(channel_filters(params, len(columns))):
+        stopped = one.denoise(columns[c], steps, target[c])
         if stopped >= 0:
             raise infinite(columns[c, stopped], stopped)
     if out is None:

@@ -1,6 +1,7 @@
 """The model's parameters as one frozen, checked value.
 
-The model is the local level: x moves as a random walk of variance q a sample, z = x + noise of variance r.
+The model is the local level: x moves as a random walk of variance q a sample, z = x + noise of variance r. With
+momentum τ the walk keeps its direction for about τ samples; τ = 0 is the plain one.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 
+MAX_MOMENTUM = 1e5
+"""Longest momentum accepted, in sample periods: beyond it the velocity is as good as constant."""
 MAX_VARIANCE = 1e300
 """Largest variance accepted: sums of two of them still fit a double."""
 
@@ -27,6 +30,7 @@ _MUST = {
     "p0": _VARIANCE,
     "x0": "a finite number in the unit of the signal",
     "gate": "a finite threshold on v²/s above 0, such as 9",
+    "momentum": "a number of sample periods from 0 to 1e5",
 }
 """What each parameter must be."""
 
@@ -50,11 +54,13 @@ class FilterParams:
     """Estimate before the first predict, unit; None = the first finite sample. Needs p0."""
     gate: Parameter | None = None
     """Outlier gate: a sample whose v²/s exceeds it is not used (9 = three sigma), > 0; None = off."""
+    momentum: Parameter = 0.0
+    """Momentum τ: how long the signal keeps its direction, in nominal sample periods, 0 … 1e5; 0 = it does not."""
 
     def __post_init__(self) -> None:
         given = {name: getattr(self, name) for name in _MUST}
         checked = {
-            name: None if value is None and name not in ("q", "r") else _checked(name, value)
+            name: None if value is None and name not in ("q", "r", "momentum") else _checked(name, value)
             for name, value in given.items()
         }
         if self.x0 is not None and self.p0 is None:
@@ -88,7 +94,7 @@ class FilterParams:
         return hash(tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in self._values()))
 
     def _values(self) -> tuple[Parameter | None, ...]:
-        return self.q, self.r, self.p0, self.x0, self.gate
+        return self.q, self.r, self.p0, self.x0, self.gate, self.momentum
 
 
 def _checked(name: str, value: Any) -> Parameter:
@@ -109,7 +115,9 @@ def _checked(name: str, value: Any) -> Parameter:
 def _in_range(name: str, array: Array) -> Any:
     if name == "x0":
         return True
-    return array > 0.0 if name == "gate" else (array >= 0.0) & (array <= MAX_VARIANCE)
+    if name == "gate":
+        return array > 0.0
+    return (array >= 0.0) & (array <= (MAX_MOMENTUM if name == "momentum" else MAX_VARIANCE))
 
 
 def _same(a: Parameter | None, b: Parameter | None) -> bool:

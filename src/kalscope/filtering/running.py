@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering import kernels
-from kalscope.filtering.arrays import kernel_values, refuse_infinite, steps_of
+from kalscope.filtering.arrays import refuse_infinite, steps_of
 from kalscope.filtering.batch import FilterResult
+from kalscope.filtering.channels import channel_filters
 from kalscope.filtering.params import FilterParams
 
 FIRST_CAPACITY = 4096
@@ -23,13 +23,12 @@ class RunningFilter:
     """
 
     def __init__(self, params: FilterParams) -> None:
-        """Args: q, r, p0, x0 and gate of one channel, scalars."""
+        """Args: the parameters of one channel, scalars."""
         if params.channels is not None:
             raise BadSetting(f"params must be of one channel (got {params.channels} channels)")
         self.params = params
-        self._q, self._r, self._gate, self._x, self._p = kernel_values(params, 1)[0]
-        self._in_a_row = 0
-        self._rows = np.empty((5, FIRST_CAPACITY))
+        (self._filter,) = channel_filters(params, 1)
+        self._rows = np.empty((self._filter.rows, FIRST_CAPACITY))
         self._first = self._last = 0
         self._loglik, self._m, self._rejected = 0.0, 0, 0
 
@@ -55,11 +54,7 @@ class RunningFilter:
             return
         self._make_room(len(new))
         end = self._last + len(new)
-        x, p, k, v, s = (row[self._last : end] for row in self._rows)
-        loglik, m, refused, self._in_a_row = kernels.filter_channel(
-            new, steps, self._q, self._r, self._gate, self._x, self._p, self._in_a_row, (x, p, k, v, s)
-        )
-        self._x, self._p = float(x[-1]), float(p[-1])
+        loglik, m, refused = self._filter.filter(new, steps, [row[self._last : end] for row in self._rows])
         self._last = end
         self._loglik, self._m, self._rejected = self._loglik + loglik, self._m + m, self._rejected + refused
 
@@ -70,8 +65,8 @@ class RunningFilter:
     @property
     def result(self) -> FilterResult:
         """The samples kept, arrays of shape (len(self),); loglik, m and rejected cover all samples."""
-        x, p, k, v, s = (self._view(row) for row in self._rows)
-        return FilterResult(x, p, k, v, s, self._loglik, self._m, self._rejected)
+        x, p, k, innovation, s, *velocity = (self._view(row) for row in self._rows)
+        return FilterResult(x, p, k, innovation, s, self._loglik, self._m, self._rejected, *velocity)
 
     def _view(self, row: Array) -> Array:
         view = row[self._first : self._last]
@@ -83,6 +78,6 @@ class RunningFilter:
         if self._last + count <= self._rows.shape[1]:
             return
         kept = self._last - self._first
-        rows = np.empty((5, max(FIRST_CAPACITY, 2 * (kept + count))))
+        rows = np.empty((self._filter.rows, max(FIRST_CAPACITY, 2 * (kept + count))))
         rows[:, :kept] = self._rows[:, self._first : self._last]
         self._rows, self._first, self._last = rows, 0, kept

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
-from kalscope.filtering import smoothing_kernels
-from kalscope.filtering.arrays import columns_of, kernel_values, refuse_infinite, shaped_like, steps_of
+from kalscope.filtering.arrays import columns_of, refuse_infinite, rows_to_fill, shaped_like, steps_of
+from kalscope.filtering.channels import channel_filters
 from kalscope.filtering.params import FilterParams
 
 
@@ -24,6 +23,10 @@ class SmootherResult:
     """Smoothed value, the mean given all samples, unit; NaN only where z holds no sample and x0 is None."""
     p: Array
     """Its variance, unit², at most the filter's; inf only where z holds no sample and p0 is None."""
+    velocity: Array | None = None
+    """Smoothed velocity, unit per nominal sample period; NaN in channels without momentum, None without any."""
+    velocity_p: Array | None = None
+    """Its variance."""
 
 
 def smooth(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> SmootherResult:
@@ -46,10 +49,10 @@ def smooth(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> S
     Source: Rauch, Tung & Striebel (1965), AIAA J. 3(8); Durbin & Koopman (2012), section 2.4, same values.
     """
     columns, shape = columns_of(z)
-    x, p = np.empty_like(columns), np.empty_like(columns)
-    per_channel = kernel_values(params, len(columns))
+    filters = channel_filters(params, len(columns))
     steps = steps_of(dt, columns.shape[1])
     refuse_infinite(columns)
-    for c, values in enumerate(per_channel):
-        smoothing_kernels.smooth_channel(columns[c], steps, *values, x[c], p[c])
-    return SmootherResult(shaped_like(x, shape), shaped_like(p, shape))
+    out = rows_to_fill(columns, [one.smoothed_rows for one in filters])
+    for c, one in enumerate(filters):
+        one.smooth(columns[c], steps, [row[c] for row in out[: one.smoothed_rows]])
+    return SmootherResult(*(shaped_like(row, shape) for row in out))

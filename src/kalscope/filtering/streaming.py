@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering import kernels
-from kalscope.filtering.arrays import kernel_values, samples_of
+from kalscope.filtering.arrays import samples_of
+from kalscope.filtering.channels import ChannelFilter, channel_filters
 from kalscope.filtering.params import FilterParams
 
 
@@ -24,7 +24,7 @@ class KalmanFilter:
     def __init__(self, params: FilterParams) -> None:
         self.params = params
         self._scalar = params.channels is None
-        self._states: list[_State] = [_State(*values) for values in kernel_values(params, params.channels or 1)]
+        self._states: list[ChannelFilter] = channel_filters(params, params.channels or 1)
 
     @property
     def x(self) -> float | Array:
@@ -40,6 +40,11 @@ class KalmanFilter:
     def k(self) -> float | Array:
         """Gain of the last update, 0 … 1."""
         return self._gather([state.k for state in self._states])
+
+    @property
+    def velocity(self) -> float | Array:
+        """Filtered velocity, unit per nominal sample period; NaN without momentum."""
+        return self._gather([state.velocity for state in self._states])
 
     def update(self, z: ArrayLike, dt: float | None = None) -> float | Array:
         """Take one sample and return the filtered value.
@@ -74,27 +79,7 @@ class KalmanFilter:
         if self._states[0].started:
             raise BadSetting(f"z must stay a single number (got {channels} channels)")
         self._scalar = False
-        self._states = [_State(*values) for values in kernel_values(self.params, channels)]
+        self._states = channel_filters(self.params, channels)
 
     def _gather(self, values: list[float]) -> float | Array:
         return values[0] if self._scalar else np.array(values)
-
-
-class _State:
-    """One channel of the streaming filter."""
-
-    def __init__(self, q: float, r: float, gate: float, x: float, p: float) -> None:
-        self.q, self.r, self.gate, self.x, self.p = q, r, gate, x, p
-        self.k = 0.0
-        self.started = False
-        self._in_a_row = 0
-
-    def take(self, z: float, dt: float) -> None:
-        self.started = True
-        self.x, self.p, self.k, _, _, done = kernels.step(
-            z, dt, self.q, self.r, self.gate, self.x, self.p, self._in_a_row
-        )
-        if done == kernels.REJECTED:
-            self._in_a_row += 1
-        elif done != kernels.MISSING:
-            self._in_a_row = 0
