@@ -1,6 +1,7 @@
 """λ ⇄ gain ⇄ lag ⇄ hertz ⇄ decibel: what a pair (q, r) means once the filter has settled.
 
-Only λ = q/r shapes the steady filter, x += K (z − x), which is exponential smoothing with α = K. Formulas:
+Only λ = q/r and the momentum shape the steady filter. Without momentum it is x += K (z − x), exponential smoothing
+with α = K; with it, see `momentum.settled`. Formulas:
 K solves K² = λ(1 − K) (Durbin & Koopman 2012, section 2.11); computed from √q and √r, so that 1e300 and
 1e-300 neither overflow nor lose digits.
 """
@@ -15,6 +16,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
+from kalscope.filtering.momentum.settled import Settled, settle
 from kalscope.filtering.params import FilterParams
 
 SETTLED = 0.01
@@ -42,21 +44,26 @@ class SteadyState:
     settle_samples: Value
     """Settling time to 1 % of a step, in samples, ln(0.01)/ln(1 − K)."""
     time_constant_s: Value | None
-    """−T/ln(1 − K) in s, after which 63 % of a step is reached; None without a sample period."""
+    """Time in s after which 63 % of a step is reached, −T/ln(1 − K); None without a sample period."""
+    overshoot: Value = 0.0
+    """How far the answer to a step goes beyond it, share of the step; 0 without momentum."""
+    velocity_gain: Value = 0.0
+    """Share of each innovation that is added to the velocity, per sample; 0 without momentum."""
 
 
 def steady_state(params: FilterParams, sample_period: float | None = None) -> SteadyState:
     """The settled filter of q and r.
 
     Args:
-        params: q and r, scalars or (channels,) arrays; p0 and x0 do not matter.
+        params: q, r and momentum, scalars or (channels,) arrays; p0 and x0 do not matter.
         sample_period: nominal sample period in s, > 0; None leaves out the results in s and Hz.
 
     Raises:
         BadSetting: the sample period is not a positive finite number.
     """
     period = None if sample_period is None else above_zero("sample_period", sample_period)
-    rows = [_one(q, r, period) for q, r in zip(_flat(params.q, params), _flat(params.r, params), strict=True)]
+    columns = (_flat(value, params) for value in (params.q, params.r, params.momentum))
+    rows = [_one(q, r, momentum, period) for q, r, momentum in zip(*columns, strict=True)]
     if params.channels is None:
         return rows[0]
     names = SteadyState.__dataclass_fields__
@@ -125,7 +132,28 @@ def ratio_for(
     return 4.0 * math.sin(math.pi * value * period) ** 2
 
 
-def _one(q: float, r: float, period: float | None) -> SteadyState:
+def _one(q: float, r: float, momentum: float, period: float | None) -> SteadyState:
+    return (
+        _with_momentum(settle(q, r, momentum, SETTLED), r, period) if momentum > 0.0 < q else _plain(q, r, period)
+    )
+
+
+def _with_momentum(settled: Settled, r: float, period: float | None) -> SteadyState:
+    return SteadyState(
+        gain=settled.gain,
+        p=settled.gain * r,
+        lag_samples=settled.lag,
+        lag_s=None if period is None else settled.lag * period,
+        noise_reduction_db=-10.0 * math.log10(settled.noise),
+        cutoff_hz=None if period is None else settled.cutoff / period,
+        settle_samples=settled.settling,
+        time_constant_s=None if period is None else settled.time_constant * period,
+        overshoot=settled.overshoot,
+        velocity_gain=settled.velocity_gain,
+    )
+
+
+def _plain(q: float, r: float, period: float | None) -> SteadyState:
     root_q, root_r = math.sqrt(q), math.sqrt(r)
     widest = root_q + math.hypot(root_q, 2.0 * root_r)  # √q + √(q + 4r)
     gain = 2.0 * root_q / widest

@@ -58,7 +58,7 @@ def transition(dt: float, q: float, tau: float) -> Transition:
         a = h * h * h * (1.0 / 3.0 + a * h)
     else:
         a = h - 2.0 * u - 0.5 * math.expm1(-2.0 * h)
-    return 1.0 - u, tau * u, q * tau * a, 0.5 * q * u * u, -0.5 * q / tau * math.expm1(-2.0 * h)
+    return math.exp(-h), tau * u, q * tau * a, 0.5 * q * u * u, -0.5 * q / tau * math.expm1(-2.0 * h)
 
 
 @njit(cache=True, nogil=True, inline="always")

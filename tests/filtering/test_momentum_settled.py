@@ -1,0 +1,106 @@
+"""What the filter with momentum settles to, against the filter itself run until it has settled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from kalscope import FilterParams, kalman_filter, steady_state
+
+PAIRS = (
+    (0.01, 1.0, 20.0),
+    (1e-4, 1.0, 5.0),
+    (1.0, 1.0, 0.05),
+    (1.0, 1.0, 0.5),
+    (100.0, 1.0, 1000.0),
+    (1e4, 1.0, 1e5),
+    (1e-3, 1.0, 1e-3),
+    (10.0, 1.0, 3.0),
+    (1e3, 1.0, 10.0),
+)
+
+
+def settled_answer(q, r, momentum, n=6000):
+    """The filter's answer to one sample of 1 among zeros, long after its start: shape (n,)."""
+    start = 6000
+    z = np.zeros(start + n)
+    z[start] = 1.0
+    result = kalman_filter(z, FilterParams(q, r, p0=r, x0=0.0, momentum=momentum))
+    return result.x[start:], result.velocity[start], result.k[start]
+
+
+@pytest.mark.parametrize(("q", "r", "momentum"), PAIRS)
+def test_gains_lag_noise_and_overshoot_are_those_of_the_filter(q, r, momentum):
+    answer, velocity, gain = settled_answer(q, r, momentum)
+    found = steady_state(FilterParams(q, r, momentum=momentum))
+    step = np.cumsum(answer)
+    outside = np.flatnonzero(np.abs(1.0 - step) > 0.01)
+    assert found.gain == pytest.approx(gain, rel=1e-4)
+    assert found.velocity_gain == pytest.approx(velocity, rel=1e-4)
+    assert found.p == pytest.approx(gain * r, rel=1e-4)
+    assert found.lag_samples == pytest.approx(answer @ np.arange(len(answer)), rel=1e-4, abs=1e-6)
+    assert found.noise_reduction_db == pytest.approx(-10 * math.log10(answer @ answer), abs=1e-3)
+    assert found.overshoot == pytest.approx(max(0.0, step.max() - 1.0), rel=1e-4, abs=1e-9)
+    assert found.settle_samples == (outside[-1] + 2 if len(outside) else 1)
+
+
+@pytest.mark.parametrize(("q", "r", "momentum"), PAIRS)
+def test_at_the_cutoff_half_of_the_power_passes(q, r, momentum):
+    answer, *_ = settled_answer(q, r, momentum)
+    cutoff = steady_state(FilterParams(q, r, momentum=momentum), sample_period=1.0).cutoff_hz
+    if math.isnan(cutoff):
+        nyquist = abs(answer @ (-1.0) ** np.arange(len(answer))) ** 2
+        assert nyquist > 0.5
+        return
+    passed = abs(answer @ np.exp(-2j * np.pi * cutoff * np.arange(len(answer)))) ** 2
+    assert passed == pytest.approx(0.5, rel=1e-3)
+
+
+@pytest.mark.parametrize("ratio", [1e-9, 1e-4, 0.1, 1.0, 30.0])
+def test_a_short_momentum_settles_as_the_five_lines(ratio):
+    plain = steady_state(FilterParams(ratio, 1.0), 0.01)
+    short = steady_state(FilterParams(ratio, 1.0, momentum=1e-3), 0.01)
+    for name in ("gain", "lag_s", "noise_reduction_db", "cutoff_hz", "time_constant_s"):
+        assert getattr(short, name) == pytest.approx(getattr(plain, name), rel=2e-2, nan_ok=True), name
+    assert plain.overshoot == 0.0
+    assert short.overshoot < 1e-3
+
+
+@pytest.mark.parametrize(("q", "r"), [(1e-300, 1e300), (1e300, 1e-300), (1.0, 0.0), (0.0, 1.0), (1e-28, 1.0)])
+@pytest.mark.parametrize("momentum", [1e-9, 1.0, 1e5])
+def test_every_answer_is_a_number_at_every_edge(q, r, momentum):
+    found = steady_state(FilterParams(q, r, momentum=momentum), 0.01)
+    assert 0.0 <= found.gain <= 1.0
+    assert found.lag_samples >= 0.0
+    assert found.noise_reduction_db >= -1e-9
+    assert 0.0 <= found.overshoot < 0.5
+    assert found.settle_samples >= 0.0
+
+
+def test_the_overshoot_never_passes_a_quarter_and_less_lag_costs_more_of_it():
+    """At the same noise reduction of 13 dB: 9.5 samples of lag without momentum, 0 with 20 % overshoot."""
+    found = [at_13_db(momentum) for momentum in (1e-3, 10.0, 20.0, 50.0, 200.0, 1e4)]
+    lags, overshoots = [one.lag_samples for one in found], [one.overshoot for one in found]
+    assert lags == sorted(lags, reverse=True)
+    assert overshoots == sorted(overshoots)
+    assert lags == pytest.approx([9.48, 8.17, 6.90, 4.63, 1.73, 0.04], abs=0.02)
+    assert overshoots == pytest.approx([0.0, 0.014, 0.057, 0.118, 0.174, 0.20], abs=2e-3)
+
+
+def at_13_db(momentum):
+    low, high = -30.0, 20.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        found = steady_state(FilterParams(math.exp(middle), 1.0, momentum=momentum))
+        low, high = (middle, high) if found.noise_reduction_db > 13.0 else (low, middle)
+    return found
+
+
+def test_channels_are_settled_one_by_one():
+    both = steady_state(FilterParams(0.1, 1.0, momentum=np.array([0.0, 20.0])), 0.01)
+    for c, momentum in enumerate((0.0, 20.0)):
+        alone = steady_state(FilterParams(0.1, 1.0, momentum=momentum), 0.01)
+        assert both.lag_s[c] == alone.lag_s
+        assert both.overshoot[c] == alone.overshoot
