@@ -10,7 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, kalman_filter, smooth
+from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, diagnose, kalman_filter, smooth
+from kalscope.analysis.alternatives.comparison import compare_alternatives
+from kalscope.analysis.spectrum import spectrum
+from kalscope.export.float32 import filter_float32
 from kalscope.filtering.running import RunningFilter
 
 PARAMS = (
@@ -117,3 +120,31 @@ def test_the_smoother_is_never_less_sure_than_the_filter():
 def test_a_momentum_out_of_range_is_refused(momentum):
     with pytest.raises(BadSetting, match="momentum must be a number of sample periods from 0 to 1e5"):
         FilterParams(1.0, 1.0, momentum=momentum)
+
+
+@pytest.mark.parametrize("ask", [spectrum, compare_alternatives, filter_float32])
+def test_what_does_not_know_momentum_refuses_it(ask):
+    with pytest.raises(BadSetting, match="momentum must be 0 for "):
+        ask(record()[0], FilterParams(0.05, 1.0, momentum=20.0))
+
+
+def test_a_filter_of_the_right_momentum_leaves_white_residuals():
+    rng = np.random.default_rng(4)
+    tau, q = 30.0, 4.0
+    fade = math.exp(-1 / tau)
+    v = lfilter_ar1(rng.normal(0, math.sqrt(q / (2 * tau) * (1 - fade**2)), 4000), fade)
+    z = np.cumsum(v) + rng.normal(size=4000)
+    right = diagnose(kalman_filter(z, FilterParams(q, 1.0, momentum=tau)))
+    wrong = diagnose(kalman_filter(z, FilterParams(q, 1.0)))
+    assert right.ljung_box_p > 0.01
+    assert wrong.ljung_box_p < 1e-6
+    assert (right.q_factor, right.r_factor) == (1.0, 1.0)
+    assert right.nis == pytest.approx(1.0, abs=0.1)
+
+
+def lfilter_ar1(noise, fade):
+    out = np.empty_like(noise)
+    last = 0.0
+    for i, one in enumerate(noise):
+        out[i] = last = fade * last + one
+    return out

@@ -89,7 +89,7 @@ class Diagnostics:
     slow_p: float = 1.0
     """Its p value."""
     q_factor: float = 1.0
-    """Advised factor for q, by likelihood; 1 = keep."""
+    """Advised factor for q, by likelihood; 1 = keep. None is advised for a filter with momentum."""
     r_factor: float = 1.0
     """Advised factor for r; 1 = keep."""
 
@@ -115,10 +115,14 @@ def diagnose(
     """
     _check_lags(lags)
     columns = (result.x, result.p, result.k, result.innovation, result.s)
+    momentum = _has_momentum(result)
     if result.x.ndim == 1:
-        return _diagnose_channel(columns, lags, fitted, _prior_was_given(columns))
+        return _diagnose_channel(columns, lags, fitted, _prior_was_given(columns), momentum=bool(momentum[0]))
     channels = [tuple(np.ascontiguousarray(a[:, c]) for a in columns) for c in range(result.x.shape[1])]
-    return tuple(_diagnose_channel(c, lags, fitted, _prior_was_given(c)) for c in channels)
+    return tuple(
+        _diagnose_channel(c, lags, fitted, _prior_was_given(c), momentum=bool(moves))
+        for c, moves in zip(channels, momentum, strict=True)
+    )
 
 
 def diagnose_held_out(
@@ -151,10 +155,19 @@ def diagnose_held_out(
     params = fit if isinstance(fit, FilterParams) else fit(samples[:half], None if steps is None else steps[:half])
     result = kalman_filter(samples, params, steps)
     columns = tuple(a[half:] for a in (result.x, result.p, result.k, result.innovation, result.s))
-    return _diagnose_channel(columns, lags, False, False, first=half)
+    return _diagnose_channel(columns, lags, False, False, first=half, momentum=bool(_has_momentum(result)[0]))
 
 
-def _diagnose_channel(columns: Columns, lags: int | None, fitted: bool, prior: bool, first: int = 0) -> Diagnostics:
+def _has_momentum(result: FilterResult) -> NDArray[np.bool_]:
+    """Whether each channel was filtered with momentum, shape (channels,)."""
+    if result.velocity is None:
+        return np.zeros(1 if result.x.ndim == 1 else result.x.shape[1], dtype=np.bool_)
+    return np.atleast_1d(np.isfinite(result.velocity).any(axis=0))
+
+
+def _diagnose_channel(
+    columns: Columns, lags: int | None, fitted: bool, prior: bool, *, first: int = 0, momentum: bool
+) -> Diagnostics:
     e = _standardised(columns)
     seen = np.flatnonzero(np.isfinite(e))
     scored, n = e[seen], len(seen)
@@ -169,7 +182,7 @@ def _diagnose_channel(columns: Columns, lags: int | None, fitted: bool, prior: b
     variance_ratio, variance_ratio_p = residual_tests.variance_change(scored)
     skewness, excess, normality, normality_p = residual_tests.normality(scored)
     slow_share, slow_samples, slow_p = residual_tests.low_frequency_share(scored)
-    correction, said = _advise(columns, seen, scored, spikes, h)
+    correction, said = _advise(columns, seen, scored, spikes, h, momentum=momentum)
     return Diagnostics(
         e=e,
         n=n,
@@ -201,7 +214,7 @@ def _diagnose_channel(columns: Columns, lags: int | None, fitted: bool, prior: b
 
 
 def _advise(
-    columns: Columns, seen: NDArray[np.int64], scored: Array, spikes: _Spikes, lags: int
+    columns: Columns, seen: NDArray[np.int64], scored: Array, spikes: _Spikes, lags: int, *, momentum: bool
 ) -> tuple[advice.Correction, str]:
     """The correction and the two most urgent sentences; the first misfit may explain the later ones."""
     if not scored.any():
@@ -212,7 +225,8 @@ def _advise(
     steps = len(lone) <= jumps and _too_many(spikes.size, n)
     outliers = lone if spiky and len(lone) <= advice.MAX_OUTLIERS * n else lone[:0]
     record = advice.Record.of(columns, seen, seen[outliers])
-    correction = advice.find_correction(record)
+    # The corrections are those of a random walk; with momentum nothing is known of them.
+    correction = advice.Correction(e=scored) if momentum else advice.find_correction(record)
     start = f"the first sample lies {number(abs(scored[0]), 2)} σ from x0: leave x0 and p0 unset, or raise p0"
     said = [
         start if spikes.start_is_off else None,

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array
 from kalscope.filtering.arrays import one_channel, scalar
 from kalscope.filtering.batch import kalman_filter
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams, refuse_momentum
 from kalscope.filtering.steady_state import steady_state
 
 MIN_SAMPLES = 32
@@ -83,6 +83,7 @@ def spectrum(
     Source: Welch (1967), IEEE Trans. AU-15, 70; Hann windows, half overlap, the mean of each segment removed.
     """
     samples = one_channel(z, params)
+    refuse_momentum(params, "the spectrum")
     steady = steady_state(params, sample_period)
     period = 1.0 if sample_period is None else float(sample_period)
     curve = kalman_filter(samples, params, dt).x

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.errors import BadSetting
 from kalscope.filtering.kernels import GATE_LIMIT
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams, refuse_momentum
 from kalscope.filtering.steady_state import steady_state
 
 MIN_NORMAL = float(np.finfo(np.float32).tiny)
@@ -56,6 +56,7 @@ def float32_params(params: FilterParams) -> Float32Params:
     """
     if params.channels is not None:
         raise BadSetting(f"params must be those of one channel (got {params.channels} channels)")
+    refuse_momentum(params, "a filter in float32")
     q, r, p0, x0, gate = (cast("float | None", getattr(params, name)) for name in ("q", "r", "p0", "x0", "gate"))
     rounded = Float32Params(
         q=_rounded("q", q or 0.0),

@@ -20,7 +20,7 @@ from kalscope.common.text import decibels, plural
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import one_channel
 from kalscope.filtering.batch import FilterResult, kalman_filter
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams, refuse_momentum
 from kalscope.filtering.smoothing import smooth
 from kalscope.filtering.steady_state import SteadyState, steady_state
 
@@ -110,6 +110,7 @@ def compare_alternatives(
     if match not in ("lag", "noise"):
         raise BadSetting(f'match must be "lag" or "noise" (got {match!r})')
     samples = one_channel(z, params)
+    refuse_momentum(params, "a comparison with simpler filters")
     first, last = stretch_of(len(samples), window)
     part = slice(first, last)
     piece = np.ascontiguousarray(samples[part])
