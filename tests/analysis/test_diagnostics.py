@@ -474,7 +474,8 @@ def test_result_is_left_as_it_was():
     result = kalman_filter(noisy_walk(200), FilterParams(0.01, 1.0))
     copies = {f.name: np.copy(getattr(result, f.name)) for f in dataclasses.fields(FilterResult)}
     diagnose(result)
-    assert all(np.array_equal(copies[name], getattr(result, name), equal_nan=True) for name in copies)
+    for name, copy in copies.items():
+        np.testing.assert_array_equal(getattr(result, name), copy, err_msg=name)
 
 
 def test_long_record_whose_samples_all_lie_between_the_stretches_is_not_an_error():
