@@ -126,7 +126,9 @@ class Tuning:
         return FilterParams(
             np.array([channel.q for channel in self.channels]),
             np.array([channel.r for channel in self.channels]),
-            *(self._together(name) for name in ("p0", "x0", "gate")),
+            p0=self._together("p0"),
+            x0=self._together("x0"),
+            gate=self._together("gate"),
         )
 
     def rescaled(self, sample_period: float) -> Tuning:
