@@ -70,7 +70,8 @@ def assert_disarmed(texts):
 
 def wait_for_rows(guest, *numbers):
     """Until the recording on screen has one of these lengths."""
-    wanted = re.compile(rf"\b({'|'.join(map(str, numbers))}) samples ×")
+    shown = "|".join(map(str, numbers)).replace("\u202f", r"\s")
+    wanted = re.compile(rf"\b({shown}) rows, ")
     guest.read_until(lambda: any(map(wanted.search, guest.markdown.values())))
 
 
