@@ -204,3 +204,17 @@ def test_units_stand_behind_numbers_with_thousands_too():
     layout = sniff(["n|level", *(f"{i}|4,{500 + i}.144C" for i in range(20))])
     assert layout is not None
     assert [(column.unit, column.role) for column in layout.columns][1] == ("C", "channel")
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        ["CH1V,CH2V,t0 = , tInc = 1.0e-05,", "0.1,0.2,,", "0.2,0.3,,", "0.3,0.4,,"],
+        ["X,CH1,Start,Increment,", "Sequence,Volt,,1.0e-05,", "0,0.1,", "1,0.2,", "2,0.3,"],
+        ["Type: raw", "XInc: 1.0e-05", "Data:", "0.1", "0.2", "0.3"],
+    ],
+)
+def test_an_oscilloscope_that_leaves_its_start_empty_counts_from_zero(head):
+    layout = sniff(head)
+    assert layout is not None
+    assert (layout.offset, layout.period) == (0.0, 1e-5)

@@ -8,6 +8,7 @@ row of units below the header, or in comment lines of Kalscope's own convention 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -131,10 +132,22 @@ def _layout(
         header_rows=tuple(cells for _, cells in header.rows),
         notes=notes,
         narrow=body.narrow,
-        period=plan.preface.period,
+        period=_stated_period(plan),
         start=plan.preface.start,
-        offset=plan.preface.offset or 0.0,
+        offset=_stated_offset(plan),
     )
+
+
+def _stated_period(plan: Plan) -> float | None:
+    """Sample period in s that the instrument writes; None where its cell is empty or holds no period."""
+    period = plan.preface.period
+    return period if period is not None and math.isfinite(period) and period > 0 else None
+
+
+def _stated_offset(plan: Plan) -> float:
+    """Stamp of the first sample in s that the instrument writes; 0 where its cell is empty."""
+    offset = plan.preface.offset
+    return offset if offset is not None and math.isfinite(offset) else 0.0
 
 
 def _described(
