@@ -86,8 +86,9 @@ class LineReader:
         """The names of a long table and their numbers, which stand in its first "series" column."""
         self._before = -1  # fields of the row before; -1 at the first row
         self._labels = frozenset(self._form.labels)
-        names = "|".join(map(re.escape, self._form.labels))
-        self._known_label = re.compile(rf"(?:^|[\s,;>])(?:{names})\s*[:=]")
+        # A blank label would match at each place of a long run of blanks.
+        names = "|".join(re.escape(label) for label in self._form.labels if label.strip())
+        self._known_label = re.compile(rf"(?:^|[\s,;>])(?:{names or '(?!)'})\s*[:=]")
 
     def read(self, number: int, line: str) -> LineEvent:
         """Take one whole line, with or without its newline."""
