@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from kalscope.sources.grammar.cells import is_blank, is_comment, parse_number, split_fields
 from kalscope.sources.grammar.line_format import split_stamp
+from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.layout.sniffer import sniff
 from kalscope.sources.lines import line_parser
@@ -149,3 +150,14 @@ def test_text_without_data_costs_each_line_only_a_few_looks(monkeypatch):
     parser.feed(b"".join(b"state s%d\n" % i for i in range(3000)))
     assert {event.kind for event in parser} == {"text"}
     assert sum(looked) < 10 * 3000
+
+
+@pytest.mark.parametrize("options", [ReadOptions(header_row=2), ReadOptions(header_row=2, unit_row=3)])
+def test_a_stream_waits_for_the_rows_that_were_chosen(options):
+    parser = line_parser.LineParser(options)
+    parser.feed(b"Logger v1.2\na,b\n1,2\n3,4\n5,6\n")
+    kinds = [event.kind for event in parser]
+    assert parser.layout is not None
+    assert [column.name for column in parser.layout.columns] == ["a", "b"]
+    assert kinds[-2:] == ["row", "row"]
+    assert parser.adopt_layout(["Logger v1.2"]) is None

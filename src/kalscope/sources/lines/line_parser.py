@@ -104,6 +104,8 @@ class LineParser:
             That line, read again; None, and nothing changes, if they show no other layout, or one in which it is
             no row.
         """
+        if not self._has_chosen_rows(head):
+            return None
         layout, known = sniff(head, self._options), self.layout
         if layout is None or (known and (layout.form, layout.columns) == (known.form, known.columns)):
             return None
@@ -204,7 +206,7 @@ class LineParser:
 
         With a known layout that is at the 1st, 2nd, 4th, 8th, … such line.
         """
-        if not any(c.isdigit() for c in line):
+        if not self._has_chosen_rows(self._head) or not any(c.isdigit() for c in line):
             return False
         if self._reader is not None:
             return self._misfits & (self._misfits - 1) == 0
@@ -212,6 +214,10 @@ class LineParser:
             return False
         self._next_look = 0 if len(self._head) < _SHORT_HEAD else len(self._head) * 5 // 4
         return True
+
+    def _has_chosen_rows(self, head: Sequence[str]) -> bool:
+        """Whether lines reach below the rows that the user chose as names and units: they refuse a shorter head."""
+        return len(head) > max(self._options.header_row or 0, self._options.unit_row or 0)
 
     def _is_surely_data(self, head: Sequence[str], layout: Layout) -> bool:
         """Whether lines that look like rows are rows: `sine 1,sine 2` is a header, and only looks like one.
