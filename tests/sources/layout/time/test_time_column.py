@@ -203,3 +203,11 @@ def test_stamps_since_1970_need_no_name():
     assert name_of({"x": [str(15000 + 20 * i) for i in range(N)], "a": NOISE}) == []
     assert name_of({"x": [str(1551453301000 + 80 * (i // 4)) for i in range(N)], "a": NOISE}) == ["x"]
     assert name_of({"x": [str(1551453301000 + 80 * (i // N)) for i in range(N)], "a": NOISE}) == []
+
+
+def test_digits_with_a_unit_beside_a_date_are_no_clock():
+    days, counted = ["2024-03-04"] * N, [str(100 + i) for i in range(N)]
+    assert all(int(cell) % 100 < 60 for cell in counted)
+    time = time_of({"date": days, "time_ms": counted, "x": NOISE})
+    assert (time.indices, time.unit) == ((1,), "ms")
+    assert set(time_of({"date": days, "time": counted, "x": NOISE}).indices) == {0, 1}

@@ -75,13 +75,16 @@ def hints_of(name: TimeName, options: ReadOptions) -> StampHints:
 def _joined(
     forms: dict[int, TimeColumn], names: list[TimeName], rows: list[Cells], decimal: str
 ) -> list[TimeColumn]:
-    """Each date with the clock of the same row, in the column beside it or in one that is named a time."""
+    """Each date with the clock of the same row, in the column beside it or in one that is named a time.
+
+    Digits are a clock (`1800`) only where their name gives no unit: `time_ms` counts milliseconds.
+    """
     dates = [i for i, form in forms.items() if form.kind == "calendar" and _has_days_only(form, rows, decimal)]
     if not dates:
         return []
     clocks: dict[int, ClockForm] = {}
     for i, form in forms.items():
-        digits = clock_form([row[i] for row in rows]) if form.kind == "number" else None
+        digits = clock_form([row[i] for row in rows]) if form.kind == "number" and not form.unit else None
         if form.kind == "clock" and not form.odd:
             clocks[i] = form.clock
         elif digits is not None:
