@@ -181,3 +181,12 @@ def test_what_stands_only_further_down_is_seen_as_well(read):
 def test_the_day_of_a_date_with_a_month_name_is_no_stamp_before_labels(read, mark):
     recording = read(f"time{mark}a\n" + "".join(f"24 Apr 2016 17:03:{i:02}{mark}{i % 7}\n" for i in range(40)))
     assert (recording.names, recording.sample_period) == (("a",), 1.0)
+
+
+@pytest.mark.parametrize("mark", [" ", ",", "\t"])
+@pytest.mark.parametrize("width", [1, 3])
+def test_a_blank_line_that_is_named_as_the_header_names_nothing(read, mark, width):
+    rows = "".join(mark.join([f"{i % 7}.5"] * width) + "\n" for i in range(12))
+    recording = read("junk\n\n" + rows, header_row=2)
+    assert recording.names == tuple(f"value {i}" for i in range(1, width + 1))
+    assert "line 2 is empty" in notes_of(recording)

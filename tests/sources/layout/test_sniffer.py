@@ -218,3 +218,9 @@ def test_an_oscilloscope_that_leaves_its_start_empty_counts_from_zero(head):
     layout = sniff(head)
     assert layout is not None
     assert (layout.offset, layout.period) == (0.0, 1e-5)
+
+
+def test_empty_cells_above_a_table_between_blanks_are_no_names_in_brackets():
+    layout = sniff(['a "" [V] b c', *(f"{i} {i}.5 {i % 3}" for i in range(12))])
+    assert layout is not None
+    assert (layout.first_data, len(layout.columns)) == (2, 3)

@@ -157,6 +157,8 @@ def _is_telling(cells: Cells) -> bool:
 def _named(row: Row, table: HeadTable, body: Body) -> tuple[tuple[Column, ...], list[str]]:
     """The columns by their names; rows may be wider by row names, a trailing separator or unnamed columns."""
     (number, cells), width = row, table.width
+    if cells in ((), ("",)):
+        return tuple(Column("") for _ in range(width)), [f"line {number} is empty"]
     trailing = 0
     while len(cells) + trailing < width and body.types[width - 1 - trailing].kind == "empty":
         trailing += 1

@@ -261,7 +261,7 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
         return cells
     joined: list[str] = []
     for cell in cells:
-        if joined and cell[0] in "[(" and cell[-1] in "])":
+        if joined and cell and cell[0] in "[(" and cell[-1] in "])":
             joined[-1] += f" {cell}"
         else:
             joined.append(cell)
