@@ -131,7 +131,7 @@ def test_a_format_of_the_user_is_the_form():
     assert find_stamp_form(["12:00"], ".", StampHints(time_format="%d.%m.%Y")) is None
 
 
-@pytest.mark.parametrize("form", ["%Q", "abc", ""])
+@pytest.mark.parametrize("form", ["%Q", "abc", "", "%H:%M:%M", "%c %Y"])
 def test_a_format_that_is_none_is_refused(form):
     with pytest.raises(BadSetting, match="time_format must"):
         find_stamp_form(["12:00"], ".", StampHints(time_format=form))

@@ -70,12 +70,14 @@ def has_date(form: str) -> bool:
 
 
 def check_format(form: str) -> None:
-    """Raise BadSetting unless strptime knows every code of a format."""
+    """Raise BadSetting unless strptime knows every code of a format, and each comes once."""
     try:
         datetime.strptime("", form)
     except ValueError as error:
         if "does not match" not in str(error):
             raise BadSetting(f"time_format must hold the codes of strptime (got {form!r}: {error})") from None
+    except re.error:  # strptime makes a pattern with a named group for each code
+        raise BadSetting(f"time_format must hold each code of strptime once (got {form!r})") from None
     if not _codes(form):
         raise BadSetting(f'time_format must be such as "%d.%m.%Y %H:%M:%S" (got {form!r})')
 
