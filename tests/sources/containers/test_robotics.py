@@ -1,11 +1,13 @@
 """ROS bags, MCAP and ULog files, written by the libraries that own the formats; ULog by its specification."""
 
 import sqlite3
+import struct
 
 import numpy as np
 import pytest
 
 from kalscope.errors import BadFile, BadSetting
+from kalscope.sources.containers.robotics import mcap
 from kalscope.sources.containers.robotics.topics import leaves
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
@@ -24,6 +26,8 @@ from made_containers import (
     write_ros2,
     write_ulog,
 )
+
+zstandard = pytest.importorskip("zstandard")
 
 WRITERS = {
     "ros1": lambda folder: write_ros1(folder / "log.bag"),
@@ -92,6 +96,21 @@ def test_messages_of_json_in_mcap(tmp_path, options):
     np.testing.assert_array_equal(recording.values[:, 0], X)
     np.testing.assert_allclose(recording.time, np.arange(N) * 0.01, atol=1e-12)
     assert any("/blob" in note for note in recording.report.notes)
+
+
+@pytest.mark.parametrize("limit", [1 << 28, 1 << 20])
+def test_a_chunk_of_mcap_that_unpacks_to_more_than_it_says_is_refused(tmp_path, monkeypatch, limit):
+    monkeypatch.setattr(mcap, "_MAX_CHUNK", limit)
+    packed = zstandard.compress(bytes(5_000_000))
+    chunk = struct.pack("<QQQII", 0, 0, 10, 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
+    header, magic = bytes(8), b"\x89MCAP0\r\n"
+    path = tmp_path / "log.mcap"
+    path.write_bytes(
+        magic + struct.pack("<BQ", 1, len(header)) + header + struct.pack("<BQ", 6, len(chunk)) + chunk + magic
+    )
+    said = "10 bytes unpacks to 5000000" if limit > 5_000_000 else f"at most {limit} bytes"
+    with pytest.raises(BadFile, match=said):
+        read_recording(path)
 
 
 def test_a_definition_that_would_smuggle_in_a_program_is_not_run(tmp_path):

@@ -101,6 +101,19 @@ def _records(path: Path, name: str, progress: Progress) -> Iterator[Any]:
             if record.compression == "lz4" and not too_large:
                 unpacked = lz4.LZ4FrameDecompressor().decompress(record.data, _MAX_CHUNK + 1)
                 too_large = len(unpacked) > _MAX_CHUNK
+            elif record.compression == "zstd" and not too_large:
+                too_large = _zstd_size(record, name) > _MAX_CHUNK
             if too_large:
                 raise BadFile(f"{name} must hold chunks of at most {_MAX_CHUNK} bytes (got more)")
             yield from reading.breakup_chunk(record, validate_crc=True)
+
+
+def _zstd_size(chunk: Any, name: str) -> int:
+    """Bytes to which a chunk unpacks; where its frame gives none, the size of the chunk bounds it."""
+    zstandard = load_library("zstandard", "zstandard", name, _KIND)
+    size = int(zstandard.get_frame_parameters(chunk.data).content_size)
+    if size == zstandard.CONTENTSIZE_UNKNOWN:
+        return int(chunk.uncompressed_size)
+    if size <= _MAX_CHUNK and size != chunk.uncompressed_size:
+        raise ValueError(f"a chunk of {chunk.uncompressed_size} bytes unpacks to {size}")
+    return size
