@@ -190,3 +190,10 @@ def test_a_blank_line_that_is_named_as_the_header_names_nothing(read, mark, widt
     recording = read("junk\n\n" + rows, header_row=2)
     assert recording.names == tuple(f"value {i}" for i in range(1, width + 1))
     assert "line 2 is empty" in notes_of(recording)
+
+
+def test_two_decimal_marks_by_turns_in_one_column_are_no_question(read):
+    recording = read("t;a\n" + "".join(f"{t};{1 + i % 7}{'.,'[i % 2]}5\n" for i, (t, _) in enumerate(PAIRS)))
+    assert recording.channel("a")[0] == 1.5
+    assert recording.report.bad_cells == 15
+    assert "takes the second" not in notes_of(recording)

@@ -9,6 +9,7 @@ from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.layout.columns import Column
 from kalscope.sources.layout.plan import Plan
 from kalscope.sources.layout.rows.body import Body
+from kalscope.sources.layout.rows.kinds import differ
 from kalscope.sources.layout.rows.tables import HeadTable
 
 _MARKS = {"\t": "tabs", " ": "blanks"}
@@ -41,7 +42,7 @@ def explain(
 
 def explain_doubt(column: Column, index: int, form: NumberForm, rival: NumberForm, cells: Sequence[str]) -> str:
     """The question about a column whose numbers could be written in two ways."""
-    example = next(cell for cell in cells if form.fits(cell) and form.parse(cell) != rival.parse(cell))
+    example = next(cell for cell in cells if differ(form, rival, cell))
     word = "comma" if rival.decimal == "," else "point"
     return (
         f'is "{example}" in {_named(column, index)} {form.parse(example):.15g} or {rival.parse(example):.15g}?'

@@ -183,11 +183,15 @@ def number_form(
         grouped = NumberForm(kinds.decimal, thousands=True, suffix=suffix)
         best = grouped if counts[grouped] == counts[best] else best
     rivals = [
-        form
-        for form in forms
-        if counts[form] == counts[best] and any(form.parse(cell) != best.parse(cell) for cell in numeric)
+        form for form in forms if counts[form] == counts[best] and any(differ(form, best, cell) for cell in numeric)
     ]
     return best, next(iter(rivals), None)
+
+
+def differ(form: NumberForm, rival: NumberForm, cell: str) -> bool:
+    """True where both forms read a cell, and read different numbers."""
+    both = form.fits(cell) and rival.fits(cell)
+    return both and None not in (read := (form.parse(cell), rival.parse(cell))) and read[0] != read[1]
 
 
 def _common_suffix(measures: list[str]) -> str:
