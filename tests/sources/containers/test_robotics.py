@@ -1,5 +1,6 @@
 """ROS bags, MCAP and ULog files, written by the libraries that own the formats; ULog by its specification."""
 
+import bz2
 import sqlite3
 import struct
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope.errors import BadFile, BadSetting
-from kalscope.sources.containers.robotics import mcap
+from kalscope.sources.containers.robotics import mcap, rosbag
 from kalscope.sources.containers.robotics.topics import leaves
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
@@ -62,6 +63,15 @@ def test_another_topic_of_a_bag_by_the_end_of_its_name(tmp_path, kind):
     np.testing.assert_allclose(recording.time, np.arange(5) * 0.1, atol=1e-6)  # by the log: it has no header
     with pytest.raises(BadSetting, match=r'"/imu".*"/temp"'):
         read_recording(path, ReadOptions(part="/camera"))
+
+
+def test_all_streams_of_a_chunk_of_bzip2_count(monkeypatch):
+    packed = bz2.compress(bytes(600)) * 3
+    assert rosbag._bzip2_size(packed + b"what follows") == 1800
+    monkeypatch.setattr(rosbag, "_MAX_CHUNK", 1000)
+    assert rosbag._bzip2_size(packed) == 1001
+    with pytest.raises(OSError, match="data"):
+        rosbag._bzip2_size(b"BZh9 no stream")
 
 
 def test_a_bag_of_a_ros_that_stored_no_definitions(tmp_path):

@@ -58,10 +58,26 @@ def _check_chunks(reader: Any, path: Path, progress: Progress) -> None:
             progress(0.0, "reading")
             file.seek(chunk.datapos)
             data = file.read(chunk.datasize)
-            packed = bz2.BZ2Decompressor() if data.startswith(b"BZh") else None
-            packed = lz4.LZ4FrameDecompressor() if data.startswith(b"\x04\x22\x4d\x18") else packed
-            if packed is not None and len(packed.decompress(data, _MAX_CHUNK + 1)) > _MAX_CHUNK:
+            size = _bzip2_size(data) if data.startswith(b"BZh") else 0
+            if data.startswith(b"\x04\x22\x4d\x18"):
+                size = len(lz4.LZ4FrameDecompressor().decompress(data, _MAX_CHUNK + 1))
+            if size > _MAX_CHUNK:
                 raise BadFile(f"{path.name} must hold chunks of at most {_MAX_CHUNK} bytes (got more)")
+
+
+def _bzip2_size(data: bytes) -> int:
+    """Bytes to which all streams of bzip2 unpack, counted up to one more than `_MAX_CHUNK`."""
+    size = 0
+    while data and size <= _MAX_CHUNK:
+        stream = bz2.BZ2Decompressor()
+        try:
+            size += len(stream.decompress(data, _MAX_CHUNK + 1 - size))
+        except OSError:
+            if not size:
+                raise
+            break  # bytes after the last stream are ignored
+        data = stream.unused_data
+    return size
 
 
 def read_ros2(path: Path, name: str, part: str | None, progress: Progress) -> Table:
