@@ -5,11 +5,12 @@ Source: the lines above the tables of PicoQuake, GENEActiv ("Measurement Frequen
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from kalscope.sources.grammar.cells import NUMBER, is_comment
 from kalscope.sources.grammar.time_units import SECONDS_PER_UNIT, UNIT_OF_WORD
-from kalscope.sources.instruments.metadata import in_words
+from kalscope.sources.instruments.metadata import KEPT_COMMA, in_words
 from kalscope.sources.instruments.preface import Preface
 
 _MAX_LINES = 120
@@ -45,6 +46,9 @@ _HERTZ = {
 }
 _SECONDS = {"": 1.0} | {word: SECONDS_PER_UNIT[unit] for word, unit in UNIT_OF_WORD.items()}
 _SEPARATORS = str.maketrans(";\t|", ",,,")
+# Behind ":" or "=" a comma between digits is part of the number; elsewhere it separates cells.
+_NUMBER_WITH_COMMA = re.compile(r"[:=][ \t]*[\"']?[-+]?[0-9]+(?:,[0-9]+)+")
+_DECIMAL_COMMA = re.compile(rf"([-+]?[0-9]+){KEPT_COMMA}([0-9]+)(?![0-9.{KEPT_COMMA}])")
 _MIN_PERIOD, _MAX_PERIOD = 1e-13, 1e8
 
 
@@ -79,6 +83,7 @@ def _begins_with_number(text: str) -> bool:
 def _settings(text: str) -> list[tuple[str, str]]:
     """(key, value) of `# rate: 250 Hz`, `a = 1, fs = 100 Hz`, `Sample Interval,1.0E-6,s`, `Sample Rate 100 Hz`."""
     text = text.lstrip("#%/; \t").lower()
+    text = _NUMBER_WITH_COMMA.sub(lambda match: match[0].replace(",", KEPT_COMMA), text)
     pairs: list[tuple[str, str]] = []
     parts = [part.strip(" \t\"'") for part in text.translate(_SEPARATORS).split(",")]
     for i, part in enumerate(parts if len(parts) <= _MAX_PARTS else ()):
@@ -105,10 +110,12 @@ def _period(key: str, value: str) -> float | None:
     bare, unit = bare.strip(), unit.rstrip(")] ")
     if bare not in _RATES and bare not in _INTERVALS:
         return None
+    if bare in _INTERVALS and value.count(":") == 2:
+        return _clock(value)
     number, written = _number(value)
     unit = written or unit
     if number is None or number <= 0:
-        return _clock(value) if bare in _INTERVALS else None
+        return None
     if bare in _RATES:
         size = _HERTZ.get(unit)
         period = None if size is None else 1 / (number * size)
@@ -119,7 +126,15 @@ def _period(key: str, value: str) -> float | None:
 
 
 def _number(value: str) -> tuple[float | None, str]:
-    """(250.0, "hz") of `250 hz` and `250hz`; the unit is the rest of the text."""
+    """(250.0, "hz") of `250 hz` and `250hz`; the unit is the rest of the text.
+
+    `12,5` is 12.5; `1,000` is no number, because it may be one or a thousand, whereas `0,001` can be no thousand.
+    """
+    if KEPT_COMMA in value:
+        comma = _DECIMAL_COMMA.match(value)
+        if comma is None or (len(comma[2]) == 3 and comma[1].strip("+-0")):
+            return None, ""
+        value = value.replace(KEPT_COMMA, ".", 1)
     match = NUMBER["."].match(value[:60])
     if match is None:
         return None, ""
