@@ -233,6 +233,12 @@ def test_biopac_without_stamps():
     assert (found.names, found.time_column, found.first_row) == (("EMG - EMG100C", "Clench Force"), -1, 10)
 
 
+@pytest.mark.parametrize("count", ["9" * 4400, "²"])
+def test_biopac_with_an_unreadable_count_of_channels_is_none(count):
+    rows = [*BIOPAC[:2], f"{count} channels", *BIOPAC[3:], "CH1\tCH2", "3\t3", "0.1\t1", "0.2\t1"]
+    assert find_preface(rows) is None
+
+
 def test_labchart_names_its_channels():
     found = preface("""
 Interval=\t0.001 s

@@ -197,3 +197,9 @@ def test_two_decimal_marks_by_turns_in_one_column_are_no_question(read):
     assert recording.channel("a")[0] == 1.5
     assert recording.report.bad_cells == 15
     assert "takes the second" not in notes_of(recording)
+
+
+@pytest.mark.parametrize("name", ["row", "sample"])
+def test_a_number_of_thousands_of_digits_counts_no_rows(read, name):
+    rows = "".join(f"{'1' * 4400}{i},{a}\n" for i, (_, a) in enumerate(PAIRS))
+    assert read(f"{name},a\n{rows}").channel("a")[:2].tolist() == [20, 21]

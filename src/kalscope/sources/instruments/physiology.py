@@ -102,7 +102,8 @@ def _moment(text: str) -> float | None:
 def _biopac(rows: list[Cells], at: int) -> Preface | None:
     period = _seconds(rows[at][0].removesuffix("/sample"))
     words = rows[at + 1][0].split() if len(rows) > at + 1 and rows[at + 1] else []
-    count = int(words[0]) if len(words) == 2 and words[0].isdecimal() and words[1].startswith("channel") else 0
+    counted = len(words) == 2 and words[0].isdecimal() and len(words[0]) < 18 and words[1].startswith("channel")
+    count = int(words[0]) if counted else 0
     header = at + 2 + 2 * count
     first = first_sample(rows, header + 1)
     if period is None or not 0 < count <= _MAX_CHANNELS or first is None or len(rows) < header + 2:

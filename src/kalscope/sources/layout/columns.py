@@ -100,7 +100,7 @@ def _is_row_number(name: str, cells: list[str]) -> bool:
 
 def _counts(cells: list[str]) -> bool:
     """True for 0, 1, 2, … and 1, 2, 3, …, perhaps with a line left out."""
-    if not all(cell.isascii() and cell.isdecimal() for cell in cells):
+    if not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
         return False
     numbers = [int(cell) for cell in cells]
     return numbers[0] <= 1 and all(b > a for a, b in pairwise(numbers))
