@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,6 +17,12 @@ from kalscope.sources.containers.library import load_library
 from kalscope.sources.containers.table import MAX_NUMBERS, Table
 
 _MAX_DEPTH = 8
+_COMPRESSED = 15
+"""Type of an element of a file of version 5 that holds a compressed variable."""
+_MAX_UNPACKED = 1 << 29
+"""Bytes of all compressed variables of a file with structs; numbers may be stored as bytes and grow when read."""
+_PIECE = 1 << 22
+"""Bytes that are unpacked at once to count them."""
 _VERSION_73 = b"MATLAB 7.3"
 _WHOLE = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
 _CLASSES = frozenset(("double", "single", "logical", "struct", *_WHOLE))
@@ -37,6 +45,8 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
     size = sum(int(np.prod([min(n, MAX_NUMBERS) for n in shape], dtype=np.float64)) for _, shape, _ in listed)
     if size > MAX_NUMBERS:
         raise BadFile(f"{name} must hold at most {MAX_NUMBERS} numbers (got {size})")
+    if "struct" in {kind for _, _, kind in listed}:  # whose size says nothing of its fields
+        _check_unpacked(path, name, progress)
     progress(0.1, "reading")
     held = matlab.loadmat(str(path), variable_names=wanted, simplify_cells=True)
     items: list[Item] = []
@@ -45,6 +55,30 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
         if key in held:
             _collect(key, "", held[key], items, scalars)
     return read_arrays(items, scalars, part, name, "a MATLAB file", progress.part(0.6, 1.0))
+
+
+def _check_unpacked(path: Path, name: str, progress: Progress) -> None:
+    """Refuse a file of version 5 whose compressed variables would fill the memory."""
+    left = _MAX_UNPACKED
+    with path.open("rb") as file:
+        head = file.read(128)
+        if 0 in head[:4]:  # version 4 compresses nothing
+            return
+        order = "<" if head[126:128] == b"IM" else ">"
+        while len(tag := file.read(8)) == 8:
+            kind, size = struct.unpack(f"{order}II", tag)
+            if kind != _COMPRESSED:
+                file.seek(size, 1)
+                continue
+            unpacker, packed = zlib.decompressobj(), file.read(size)
+            while packed and left >= 0:
+                progress(0.0, "reading")
+                left -= len(unpacker.decompress(packed, _PIECE))
+                packed = unpacker.unconsumed_tail
+            if left < 0:
+                raise BadFile(
+                    f"{name} must unpack to at most {_MAX_UNPACKED} bytes where it holds structs (got more)"
+                )
 
 
 def _collect(
