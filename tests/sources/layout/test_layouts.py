@@ -203,3 +203,10 @@ def test_two_decimal_marks_by_turns_in_one_column_are_no_question(read):
 def test_a_number_of_thousands_of_digits_counts_no_rows(read, name):
     rows = "".join(f"{'1' * 4400}{i},{a}\n" for i, (_, a) in enumerate(PAIRS))
     assert read(f"{name},a\n{rows}").channel("a")[:2].tolist() == [20, 21]
+
+
+@pytest.mark.parametrize("mark", [" ", ",", ";"])
+def test_one_word_alone_between_the_names_and_the_data_keeps_the_names(read, mark):
+    rows = ROWS.replace(",", mark)
+    assert read(f"t{mark}a\nstart\n{rows}").names == ("a",)
+    assert read(f"boot\nstart\n{rows}").names == ("value 1",)

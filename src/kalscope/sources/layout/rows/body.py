@@ -224,6 +224,8 @@ class _Grid:
         found: list[tuple[int, Cells]] = []
         for number, _ in reversed(lines[-MAX_HEADER_LINES:]):
             cells = header_cells(self._texts[number], self._table.form.delimiter, self._least)
+            if not found and self._is_remark(number, cells):
+                continue
             if not self._may_name(cells):
                 break
             found.append((number, cells))
@@ -231,6 +233,15 @@ class _Grid:
             alike = sum(len(cells) == len(found[0][1]) for _, cells in lines[-MAX_HEADER_LINES:])
             return () if alike > 1 else tuple(found)  # `Gain;24` above `Site;Barn 7` are pairs, no names
         return tuple(found)
+
+    def _is_remark(self, number: int, cells: Cells) -> bool:
+        """True for one word alone below a line that names all columns."""
+        width = self._table.width
+        if width == 1 or len(cells) != 1 or self._kinds[cells[0]] != "text":
+            return False
+        above = [text for other, text in self._texts.items() if other < number]
+        names = header_cells(above[-1], self._table.form.delimiter, self._least) if above else ()
+        return len(names) == width and all(names) and self._may_name(names)
 
     def _may_name(self, cells: Cells) -> bool:
         """True for text in about as many cells as a row has."""
