@@ -56,6 +56,18 @@ def test_a_parquet_file_without_samples_is_refused(parquet, select):
         parquet(select)
 
 
+@pytest.mark.parametrize("name", ["log[1].parquet", "log*.parquet", "log?.parquet", "run=7/log1.parquet"])
+def test_only_the_named_parquet_file_is_read(tmp_path, name):
+    (tmp_path / "run=7").mkdir()
+    for file, value in (("plain.parquet", 2.0), ("log1.parquet", 1.0)):
+        duckdb.execute(f"COPY (SELECT {value} AS x FROM range(9)) TO '{tmp_path / file}' (FORMAT parquet)")
+    path = tmp_path / name
+    (tmp_path / "plain.parquet").rename(path)
+    recording = read_recording(path)
+    assert recording.names == ("x",)
+    np.testing.assert_array_equal(recording.values[:, 0], np.full(9, 2.0))
+
+
 def test_a_damaged_parquet_file_is_refused(tmp_path):
     path = tmp_path / "log.parquet"
     path.write_bytes(b"PAR1" + bytes(200) + b"PAR1")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,9 @@ def read_parquet(path: Path, name: str, part: str | None, progress: Progress) ->
 
 
 def _read(connection: Any, path: Path, name: str) -> Table:
-    source, given = "FROM read_parquet(?)", [str(path)]
+    # DuckDB takes a path for a pattern, and a folder "a=1" for a column.
+    source = "FROM read_parquet(?, hive_partitioning=false)"
+    given = [re.sub(r"([*?\[])", r"[\1]", str(path))]
     described = connection.execute(f"DESCRIBE SELECT * {source}", given).fetchall()
     kinds = {str(row[0]): str(row[1]).upper() for row in described}
     rows = int(connection.execute(f"SELECT count(*) {source}", given).fetchall()[0][0])
