@@ -67,6 +67,29 @@ def test_a_single_number_of_matlab_is_the_rate(mat, name, value):
     np.testing.assert_allclose(recording.time, T)
 
 
+@pytest.mark.parametrize("rate", [50.0, 100.0])
+def test_stamps_of_matlab_outrank_its_single_rate(mat, rate):
+    stamps = np.where(np.arange(50) < 25, T, T + 3)
+    recording = mat(t=stamps, x=X, fs=rate)
+    assert recording.names == ("x",)
+    np.testing.assert_array_equal(recording.time, stamps)
+    assert recording.sample_period == pytest.approx(0.02)
+    assert any("100 Hz, but its stamps" in note for note in recording.report.notes) == (rate == 100)
+
+
+def test_numbers_of_samples_beside_a_rate_are_no_stamps(mat):
+    np.testing.assert_allclose(mat(t=np.arange(50.0), x=X, fs=50.0).time, T)
+
+
+def test_stamps_of_hdf5_outrank_its_rate(hdf5):
+    def fill(file):
+        file["time"], file["x"], file["fs"] = T + 7, X, 10.0
+
+    recording = hdf5(fill)
+    assert recording.names == ("x",)
+    np.testing.assert_array_equal(recording.time, T + 7)
+
+
 def test_fields_of_a_matlab_struct_and_a_matrix_are_channels(mat):
     recording = mat(log={"time": T, "acc": np.column_stack([X, -X, X + 1])})
     assert recording.names == ("acc[0]", "acc[1]", "acc[2]")

@@ -80,13 +80,20 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
         index = min(table.dates)
     if isinstance(index, int) and index in table.dates:
         return TimeColumn(index, "calendar")
-    if index is None and table.period is not None:
-        return None
     cells = [[_cell(value) for value in column[:_HEAD_ROWS].tolist()] for column in table.columns]
     texts = [""] * len(table.texts)
     rows = [(*row, *texts) for row in zip(*cells, strict=True)]
     time = find_time(columns, rows, ".", named=True) if index is None else chosen_time(columns, rows, ".", index)
-    return time if time is not None and time.kind == "number" else None
+    if time is None or time.kind != "number":
+        return None
+    if index is None and table.period is not None and not time.unit and _counts(table.columns[time.index]):
+        return None
+    return time
+
+
+def _counts(column: Array) -> bool:
+    """True for 0, 1, 2, … or 1, 2, 3, …: beside a rate that the file gives, they are numbers of samples."""
+    return column[0] in (0, 1) and bool(np.all(np.diff(column) == 1))
 
 
 def _cell(value: float) -> str:
