@@ -7,9 +7,10 @@ import struct
 import numpy as np
 import pytest
 
+from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.containers.robotics import mcap, rosbag
-from kalscope.sources.containers.robotics.topics import leaves
+from kalscope.sources.containers.robotics.topics import Topic, leaves, read_topics
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
 
@@ -146,6 +147,19 @@ def test_topics_of_ulog_with_their_instances(tmp_path, capsys):
     second = read_recording(path, ReadOptions(part="battery_1"))
     np.testing.assert_array_equal(second.channel("battery_1/voltage_v"), 24.0 + np.arange(4))
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(("part", "clock"), [("nsec", "headers"), ("nanosec", "headers"), ("other", "log")])
+def test_the_time_of_a_header_needs_both_its_parts(part, clock):
+    def message(i):
+        return {"header": {"stamp": {"sec": 1_700_000_000, part: i * 1_000_000}}, "x": i}
+
+    topic = Topic("/a", 5, lambda: [(1_800_000_000_000_000_000 + i * 2_000_000, message(i)) for i in range(5)])
+    table = read_topics([topic], None, "log.mcap", "an MCAP log", Progress())
+    assert clock in table.notes[-1]
+    assert table.names[-1] == "/a/x"
+    assert ("/a/header.stamp.nsec" in table.names) is False
+    np.testing.assert_allclose(table.time, np.arange(5) * (0.001 if clock == "headers" else 0.002))
 
 
 def test_the_numbers_of_a_message():

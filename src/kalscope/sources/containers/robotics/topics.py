@@ -18,7 +18,7 @@ from kalscope.sources.containers.table import MAX_COLUMNS, MAX_NUMBERS, Table
 _MAX_ELEMENTS = 64
 """Elements of an array that are channels; a longer one is an image or a scan."""
 _MAX_DEPTH = 12
-_STAMP_FIELDS = frozenset(("header.stamp.sec", "header.stamp.nanosec", "header.seq"))
+_STAMP_FIELDS = frozenset(("header.stamp.sec", "header.stamp.nanosec", "header.stamp.nsec", "header.seq"))
 _MESSAGES_PER_REPORT = 1024
 
 Messages = Iterable[tuple[int, Any]]
@@ -102,11 +102,17 @@ def _read(topic: Topic, names: list[str], progress: Progress) -> tuple[NDArray[n
         found = leaves(message)
         rows.append([found.get(field, np.nan) for field in names])
         logged.append(time)
-        seconds, rest = (found.get(f"header.stamp.{part}", 0.0) for part in ("sec", "nanosec"))
-        stamped.append(int(seconds) * 1_000_000_000 + int(rest))
+        stamped.append(_stamp(found))
     by_header = bool(stamped) and all(stamped)
     clock = "time is that of the messages' headers" if by_header else "time is that of the log"
     return np.array(stamped if by_header else logged, dtype=np.int64), np.array(rows, dtype=np.float64), clock
+
+
+def _stamp(found: dict[str, float]) -> int:
+    """Time of the header of a message in ns since 1970; 0 unless both its parts are there."""
+    seconds = found.get("header.stamp.sec")
+    rest = found.get("header.stamp.nanosec", found.get("header.stamp.nsec"))
+    return 0 if seconds is None or rest is None else int(seconds) * 1_000_000_000 + int(rest)
 
 
 def leaves(message: Any) -> dict[str, float]:
