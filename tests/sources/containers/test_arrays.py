@@ -214,6 +214,14 @@ def test_channels_of_tdms_with_units_and_waveform(tdms):
     assert any('"slow" (4 × 1)' in note for note in recording.report.notes)
 
 
+def test_channels_of_tdms_with_different_periods_are_different_parts(tdms):
+    channels = [("ai", name, X, {"wf_increment": step}) for name, step in (("a", 0.02), ("b", 0.5))]
+    for name, step in (("a", 0.02), ("b", 0.5)):
+        recording = tdms(*channels, part=f"ai/{name}")
+        assert recording.names == (name,)
+        assert recording.sample_period == pytest.approx(step)
+
+
 def test_a_time_channel_of_tdms_is_the_time(tdms):
     stamps = np.datetime64("2024-05-01T12:00:00", "us") + (T * 1e6).astype("timedelta64[us]")
     recording = tdms(("g", "Time", stamps, {}), ("g", "x", X, {}), ("g", "text", np.array(["a"] * 50), {}))
