@@ -231,4 +231,5 @@ def test_a_time_channel_of_tdms_is_the_time(tdms):
 
 def test_the_names_of_a_rate():
     assert period_from("Sample Rate", 4.0) == period_from("dt", 0.25) == 0.25
+    assert period_from("ts", 1.7e9) is None  # a date
     assert period_from("gain", 4.0) is period_from("fs", 0.0) is period_from("fs", float("nan")) is None

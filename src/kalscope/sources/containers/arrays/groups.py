@@ -30,6 +30,8 @@ _RATES = frozenset(
 )
 _PERIODS = frozenset(("dt", "ts", "sampleperiod", "samplingperiod", "sampletime", "samplingtime", "sampleinterval"))
 """Names of single numbers, without the joints of words, that tell the sample rate in Hz or the period in s."""
+_MAX_PERIOD = 1e6
+"""Longest sample period in s; a larger number is a date, or something else."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ def period_from(name: str, value: float) -> float | None:
     word = "".join(c for c in name.lower() if c.isalnum())
     if not 0.0 < value < float("inf"):
         return None
-    return 1.0 / value if word in _RATES else value if word in _PERIODS else None
+    period = 1.0 / value if word in _RATES else value if word in _PERIODS else None
+    return period if period is not None and period <= _MAX_PERIOD else None
 
 
 def read_arrays(
