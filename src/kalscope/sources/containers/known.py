@@ -19,11 +19,10 @@ from kalscope.sources.grammar.json_line import find_object
 OLD_EXCEL = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 """How a workbook of Excel before 2007 begins."""
 
-_LABVIEW = b"LabVIEW Measurement"
 _BEFORE_JSON = b"\xef\xbb\xbf\xff\xfe\0 \t\r\n"
 """What may stand before the first mark: byte order marks, blanks, and the empty halves of UTF-16."""
 _MAX_LINES = 50
-"""First lines by which a JSON document is told from one object a line."""
+"""First lines that show whether a file is one JSON document or has one object a line."""
 
 Recogniser = Callable[[bytes, str], bool]
 """Whether the head of a file, and its name in lower case, are of a kind."""

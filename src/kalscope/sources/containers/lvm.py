@@ -23,7 +23,6 @@ from kalscope.sources.grammar.cells import parse_number
 
 MAGIC = "LabVIEW Measurement"
 
-_MAX_ISSUES = 100
 _X = "X_Value"
 _LINES_PER_REPORT = 4096
 _PLAIN = dict.fromkeys(map(ord, "0123456789+-.,eE\t ;"))
