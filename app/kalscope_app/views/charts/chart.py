@@ -1,4 +1,4 @@
-"""The one door to uPlot: which points, in which order, in which unit, and what it must never be given.
+"""All that is handed to uPlot: which points, in which order, in which unit, and what it must never be given.
 
 viser's uPlot goes blank on a leading NaN, on inf and on empty arrays, draws a bridge over NaN, and prints ticks
 with three decimals at most. So everything drawn passes through here.

@@ -81,7 +81,7 @@ def _pair(answer: Answer, recording: Recording) -> Iterator[str]:
     if params is None:
         yield f"No q and r to recommend ({VERDICT_WORDS[answer.verdict]})."
         if warnings(recording):
-            yield "Mend the reading first: what follows holds for the few samples that could be read."
+            yield "Mend the reading first: what follows holds for the samples that could be read."
     else:
         q, r, ratio = scalar(params.q), scalar(params.r), scalar(params.ratio)
         yield f"process noise      q = {trimmed(q, 4)} {unit}"

@@ -61,7 +61,7 @@ def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> Ti
     least = max((0.5 if hints.is_time else 0.9) * len(counted), 1)
 
     def fits(parse: StampParser) -> bool:
-        # Text is told from stamps by its first cells.
+        # The first cells already show whether a column holds text.
         first = counted[:8]
         return any(parse(cell) is not None for cell in first) and _count(counted, parse) >= least
 

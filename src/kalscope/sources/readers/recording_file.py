@@ -51,12 +51,12 @@ def read_recording(
     progress: OnProgress | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> Recording:
-    """Read a CSV log or a Parquet file.
+    """Read a recording: a table of text, the lines that boards print, a file of an instrument, or a container.
 
-    Delimiter (`, ; TAB |` or blanks), decimal mark, header, units, comment lines (# % //) and time column are
-    detected; UTF-8 with or without BOM, UTF-16 with BOM and Latin-1; any line ends; .gz and .zst as
-    well. Lines of `name:value` pairs, Teleplot, the Arduino IDE's `12:00:00.023 -> ` stamps and checksums
-    `*XX` are understood.
+    Text: encoding, delimiter, decimal mark, header, units, comments and the time column are detected, `.gz` and
+    `.zst` are unpacked, and the files of known instruments are read by their own rules. Containers: JSON, LabVIEW
+    `.lvm`, Parquet, MATLAB `.mat`; with `kalscope[formats]` spreadsheets, TDMS, HDF5, MCAP, ROS bags and ULog.
+    docs/reading-files.md says what is read, and how.
 
     Args:
         path: The file.

@@ -36,7 +36,7 @@ _FOREIGN = {
 }
 _CHUNK = 1 << 20
 _HEAD = 1 << 16
-"""Bytes by which text is told from binary data."""
+"""Bytes that are looked at to find out whether a file is text or binary."""
 _NUL_RUN = re.compile(rb"\0{16,}")
 """So many NULs in a row are a part of the file that was never written, as on a card that lost power."""
 _MAX_CONTROL = 0.1

@@ -34,7 +34,7 @@ class KalscopeFilter {
  public:
   explicit KalscopeFilter(const KalscopeTuning &values) : tuning(values) { restart(); }
 
-  // Begins anew from p0 and x0.
+  // Starts again from p0 and x0.
   void restart() {
     x = tuning.x0;
     p = tuning.p0;

@@ -42,7 +42,7 @@ typedef struct {
 
 $declarations
 
-/* Begins, or begins anew, with these values. */
+/* Starts, or starts again, with these values. */
 void kalscope_start(kalscope_filter *filter, const kalscope_tuning *tuning);
 
 /* Takes one sample, NAN where none came, and returns the filtered value. */

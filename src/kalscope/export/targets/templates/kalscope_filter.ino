@@ -7,7 +7,7 @@ $about
 // Lines it understands while it runs, in the unit above:
 //   q 0.01     process noise; the filter goes on
 //   r 4        measurement noise; the filter goes on
-//   p 1000     start variance, and start anew; p inf: the first sample is the start
+//   p 1000     start variance, and start again; p inf: the first sample is the start
 //   ?          which values are in use
 // Each is answered by a # line with the values and their exact bits. Wait for it before the next: a board keeps
 // 64 letters. All channels are meant; "2 q 0.01" means the second.
