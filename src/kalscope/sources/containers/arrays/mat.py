@@ -22,7 +22,7 @@ _COMPRESSED = 15
 _MAX_UNPACKED = 1 << 29
 """Bytes of all compressed variables of a file with structs; numbers may be stored as bytes and grow when read."""
 _PIECE = 1 << 22
-"""Bytes that are unpacked at once to count them."""
+"""Bytes that are read and unpacked at once to count them."""
 _VERSION_73 = b"MATLAB 7.3"
 _WHOLE = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
 _CLASSES = frozenset(("double", "single", "logical", "struct", *_WHOLE))
@@ -70,11 +70,13 @@ def _check_unpacked(path: Path, name: str, progress: Progress) -> None:
             if kind != _COMPRESSED:
                 file.seek(size, 1)
                 continue
-            unpacker, packed = zlib.decompressobj(), file.read(size)
-            while packed and left >= 0:
-                progress(0.0, "reading")
-                left -= len(unpacker.decompress(packed, _PIECE))
-                packed = unpacker.unconsumed_tail
+            unpacker = zlib.decompressobj()
+            while left >= 0 and (packed := file.read(min(size, _PIECE))):
+                size -= len(packed)
+                while packed and left >= 0:
+                    progress(0.0, "reading")
+                    left -= len(unpacker.decompress(packed, _PIECE))
+                    packed = unpacker.unconsumed_tail
             if left < 0:
                 raise BadFile(
                     f"{name} must unpack to at most {_MAX_UNPACKED} bytes where it holds structs (got more)"
