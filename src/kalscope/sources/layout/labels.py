@@ -35,8 +35,8 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     """
     if ":" not in line and "=" not in line:
         return None
-    if line.isascii() and line.lower() == line.upper():
-        return None  # no letter, as in a table with a clock: most lines of a log end here
+    if line[:1].isdecimal() and line.isascii() and line.lower() == line.upper():
+        return None  # a number and no letter, as in a table with a clock
     text = _LEVEL.sub("", line.strip().removeprefix(">"), count=1)
     ignored: list[str] = []
     if text.startswith("{"):
