@@ -217,7 +217,8 @@ class LineParser:
 
     def _has_chosen_rows(self, head: Sequence[str]) -> bool:
         """Whether lines reach below the rows that the user chose as names and units: they refuse a shorter head."""
-        return len(head) > max(self._options.header_row or 0, self._options.unit_row or 0)
+        last = max(self._options.header_row or 0, self._options.unit_row or 0)
+        return last == 0 or len(head) > last
 
     def _is_surely_data(self, head: Sequence[str], layout: Layout) -> bool:
         """Whether lines that look like rows are rows: `sine 1,sine 2` is a header, and only looks like one.
