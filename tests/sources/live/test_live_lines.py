@@ -148,6 +148,19 @@ def test_words_among_the_numbers_are_no_new_names():
     assert stream.lines.counts.rejected == 0
 
 
+@pytest.mark.parametrize("torn", [b"a94*2B", b"b", b"b*1F", b"a,b"])
+def test_a_torn_line_is_no_header_of_lines_that_name_their_own_values(torn):
+    stream = Stream().feed(b"x\na:1,b:2*2C\na:2,b:4*29\n" + torn + b"\na:3,b:6*2A\na:4,b:8*23\n", 0.1)
+    assert stream.names == ["a", "b"]
+    assert stream.rows == [(n, 2.0 * n) for n in (1.0, 2.0, 3.0, 4.0)]
+
+
+def test_one_word_is_no_header_that_takes_the_names_away():
+    stream = Stream().feed(b"x\nheat,light\n1,2\n3,4\nERR\n5,6\n7,8\n", 0.1)
+    assert stream.names == ["heat", "light"]
+    assert stream.rows == [(1.0, 2.0), (3.0, 4.0), (5.0, 6.0), (7.0, 8.0)]
+
+
 def test_a_header_in_mid_stream_is_no_row_and_names_what_had_no_names():
     stream = Stream().feed(b"x\n1,2\n3,4\n", 0.1).feed(b"5,6\n", 30.0)
     assert stream.names == ["value 1", "value 2"]

@@ -97,8 +97,12 @@ class LineParser:
         self._after_cr = self._overlong = False
         return torn
 
-    def adopt_layout(self, head: Sequence[str]) -> LineEvent | None:
+    def adopt_layout(self, head: Sequence[str], *, named: bool = False) -> LineEvent | None:
         """Adopt the layout of these lines, the last of which is the last line of `next_line`.
+
+        Args:
+            head: The lines.
+            named: Adopt only a layout with a header, so that the known names are not lost for none.
 
         Returns:
             That line, read again; None, and nothing changes, if they show no other layout, or one in which it is
@@ -108,6 +112,8 @@ class LineParser:
             return None
         layout, known = sniff(head, self._options), self.layout
         if layout is None or (known and (layout.form, layout.columns) == (known.form, known.columns)):
+            return None
+        if named and not layout.header_rows:
             return None
         reader = LineReader(layout, self._options)
         event = reader.read(self._number, head[-1])

@@ -160,14 +160,14 @@ class LiveLines:
         """The line as read after a program change, if a header or many lines that do not fit show one.
 
         Names above lines that fit the old ones as well count only after an opening, or where there are none yet:
-        `ERR,OK` is no header.
+        `ERR,OK` is no header. Where each line names its values, no line above them is one: `a94*2B`.
         """
         text, names, fits = event.text, self._names, event.kind == "row" and not event.issues
         if not fits and _are_names(text):
             self._names = text
             return LineEvent(event.number, "text", text)  # and no row of missing samples
         self._names = ""
-        if fits and not (names and (self._boot or self._unnamed)):
+        if fits and not (names and self._may_be_renamed):
             self._recent.clear()
             return None
         self._recent.append(text)
@@ -177,13 +177,13 @@ class LiveLines:
             return None
         head = [names, text] if names else list(self._recent)
         self._recent.clear()
-        return self._parser.adopt_layout(head)
+        return self._parser.adopt_layout(head, named=fits)
 
     @property
-    def _unnamed(self) -> bool:
-        """True if the board has sent no channel names."""
+    def _may_be_renamed(self) -> bool:
+        """Whether names above lines of the same layout can be a header: of a table, unnamed or just opened."""
         layout = self.layout
-        return layout is not None and layout.form.kind == "table" and not layout.header_rows
+        return layout is not None and layout.form.kind == "table" and (self._boot or not layout.header_rows)
 
     def _drop(self) -> None:
         self.counts.received += 1
