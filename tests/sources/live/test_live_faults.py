@@ -72,7 +72,7 @@ def test_a_megabyte_without_a_newline_is_one_line_that_is_dropped_as_it_comes(bo
 
 
 def test_a_slow_reader_of_snapshots_loses_nothing(board, live, wait_for, monkeypatch):
-    # A machine that stalls inside a line looks, soon after the opening, like a board that was reset there.
+    # A sender that stalls inside a line looks, soon after the opening, like a board that was reset there.
     monkeypatch.setattr(live_lines, "_SILENCE", 60.0)
     board.say(b"x\n")
     sender = threading.Thread(target=board.say, args=(numbered(0, 10_000),))

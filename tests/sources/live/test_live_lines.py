@@ -31,9 +31,10 @@ class Stream:
         self.lines, self.now, self.events = LiveLines(ReadOptions()), at, []
         self.lines.opened(at)
 
-    def feed(self, data, after=0.001):
+    def feed(self, data, after=0.001, silence=None):
         begin, self.now = self.now, self.now + after
-        self.events += self.lines.feed(BytesReceived(data, begin, self.now))
+        silence = after if silence is None else silence
+        self.events += self.lines.feed(BytesReceived(data, begin, self.now, silence))
         return self
 
     def reopen(self, after=1.0):
@@ -107,6 +108,11 @@ def test_damage_counts_as_damage_once_the_board_has_started():
 def test_a_line_that_a_reset_cuts_is_never_joined_to_the_next():
     stream = Stream().feed(b"x\n511\n512\n5", 0.1).feed(b"13\n514\n", 1.5)
     assert stream.rows == [(511.0,), (512.0,), (514.0,)]
+
+
+def test_a_line_that_this_machine_reads_late_is_no_line_that_a_reset_cut():
+    stream = Stream().feed(b"x\n511\n512\n5", 0.1).feed(b"13\n514\n", 1.5, silence=0.1)
+    assert stream.rows == [(511.0,), (512.0,), (513.0,), (514.0,)]
 
 
 def test_a_line_that_an_unplugging_cuts_is_never_joined_to_the_next():

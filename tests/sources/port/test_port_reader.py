@@ -324,6 +324,20 @@ def test_stamps_are_of_the_monotonic_clock_alone(wait_for):
     assert ends == sorted(ends)
 
 
+def test_silence_is_time_in_which_reads_found_nothing_and_no_late_read(wait_for):
+    ticks = iter(range(1000))  # a second for each look at the clock: all reads are late
+    port = ScriptedPort([b"1", b"2", b"", b"", b"3", b"4"])
+    reader = PortReader(
+        PortSpec("x"), open_port=lambda *_: port, clock=Clock(lambda: float(next(ticks)), time.time, lambda: 0.0)
+    )
+    reader.start()
+    wait_for(lambda: not port.script)
+    reader.close()
+    items = [item for item in taken(reader) if isinstance(item, BytesReceived)]
+    assert [item.silence for item in items] == [0, 0, 2, 0]
+    assert all(item.end > item.begin for item in items)
+
+
 def test_bursts_are_no_late_reads_but_what_piles_up_behind_one_is():
     reader = PortReader(PortSpec("x"))
     for _ in range(100):

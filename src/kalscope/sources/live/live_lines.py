@@ -67,7 +67,7 @@ class LiveLines:
         self._raw = True  # bytes go to the parser as they come
         self._held = bytearray()  # otherwise: the line that is coming
         self._skip = self._whole = False
-        self._opened = self._last = 0.0
+        self._opened = 0.0
         self._boot = False
         self._recent: deque[str] = deque(maxlen=_MAX_REJECTED_RUN)
         self._names = ""
@@ -82,7 +82,7 @@ class LiveLines:
         """The port was opened: the next bytes may begin inside a line."""
         self._raw, self._skip, self._whole, self._boot = False, True, False, True
         self._held.clear()
-        self._opened = self._last = at
+        self._opened = at
         self._window, self.wrong_baud = (at, 0, 0), False
 
     def disconnected(self) -> None:
@@ -94,9 +94,7 @@ class LiveLines:
     def feed(self, received: BytesReceived) -> Iterator[LineEvent]:
         """The lines that are complete. Take them all before the next bytes."""
         self._boot = received.end - self._opened <= BOOT_SECONDS
-        silent = received.end - self._last > _SILENCE
-        self._last = received.end
-        if not self._raw and silent:
+        if not self._raw and received.silence > _SILENCE:
             if not self._held:
                 self._whole = True
             elif self._boot:

@@ -34,6 +34,8 @@ class BytesReceived:
     """Monotonic time of the previous read, or of the opening, s."""
     end: float
     """Monotonic time at which they had arrived, s."""
+    silence: float
+    """Seconds before them in which reads found nothing: not those in which this machine did not read."""
 
 
 @dataclass(frozen=True)

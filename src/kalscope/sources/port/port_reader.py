@@ -196,18 +196,18 @@ class PortReader:
     def _read(self, port: OpenPort, stop: threading.Event) -> str:
         """Read until the board is lost or `stop`; then close the port. Returns why it was lost."""
         why, clock = "", self._clock.monotonic
-        before, waiting, self._usual_gap, self._gaps = clock(), 0, 0.0, 0
+        before, waiting, silence, self._usual_gap, self._gaps = clock(), 0, 0.0, 0.0, 0
         try:
             while not stop.is_set():
                 data = port.fetch()
                 now = clock()
                 if not data:
-                    waiting = 0
+                    waiting, silence = 0, now - before
                     continue
-                self._hand_over(BytesReceived(data, before, now), stop)
+                self._hand_over(BytesReceived(data, before, now, silence), stop)
                 left = port.waiting()
                 self._note_read_latency(now - before, waiting, left)
-                before, waiting = now, left
+                before, waiting, silence = now, left, 0.0
         except DISCONNECT_ERRORS as error:
             self._losses.append(clock())
             often = len(self._losses) > 1 and self._losses[-1] - self._losses[-2] < 2 * _MIN_CONNECTED_S
