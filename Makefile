@@ -14,9 +14,10 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
 run: .venv/run.stamp
 	$(BIN)/kalscope
 
-# Two workers by default (WORKERS=4 for four): a browser and the program it looks at fill a core.
-WORKERS ?= 2
-PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+# Three workers by default (WORKERS=4 for four): on two cores one of them waits for a board or a browser at any time.
+# The long tests come first (tests/conftest.py), in small portions, so that all workers end together.
+WORKERS ?= 3
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist load --maxschedchunk 8
 
 # Branch coverage of the tests' own processes; make test COVERAGE= leaves it out, which takes less time.
 COVERAGE ?= --cov --cov-report=term

@@ -17,6 +17,9 @@ __all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every fol
 ROOT = Path(__file__).parents[1]
 SHARED_DATA = ROOT.parent / "shared" / "data"
 
+LONG = ("browser", "device", "server", "slow")
+"""Markers of tests that take seconds."""
+
 # No deadline: a busy machine is no failure. The ordinary run repeats its examples; `make soak` looks for new ones.
 settings.register_profile("kalscope", max_examples=EXAMPLES, deadline=None, derandomize=FUZZ == 1)
 settings.load_profile("kalscope")
@@ -29,9 +32,13 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what needs a browser, a simulated board, a server or another process."""
+    """Mark what needs a browser, a simulated board, a server or another process, and begin with it.
+
+    These take the longest; the short ones then keep every worker busy to the end.
+    """
     for item in items:
         mark(item)
+    items.sort(key=lambda item: all(item.get_closest_marker(name) is None for name in LONG))
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 if TYPE_CHECKING:
     from kalscope.cli.tune.answer import Answer, TuneRequest
     from kalscope.recording import Recording
-    from kalscope.tuning.tuning import ChannelTuning, Tuning
+    from kalscope.tuning.tuning import ChannelTuning
 
 Given = dict[str, float]
 """The options with a number that were given, by name."""
@@ -74,7 +74,6 @@ def tune_command(
     from kalscope.catalogue import open_source
     from kalscope.cli.console import say, write_output
     from kalscope.sources.readers.account import sample_period_conflict
-    from kalscope.tuning.tuning import save_tuning
 
     numbers = {
         "--lag-ms": lag_ms,
@@ -94,10 +93,7 @@ def tune_command(
     request = _request(given, method or "ml", still, recording)
     answers = _answers(recording, recording.names if every else (channel or default_channel(recording),), request)
     notes = [sample_period_conflict(recording)] if "--sample-period" in given else []
-    if output is not None:
-        tuning, more = _tuning(recording, answers, output)
-        notes += more
-        save_tuning(tuning, output)
+    notes += [] if output is None else _save(recording, answers, output)
     write_output(iter([_json(recording, answers, every) if as_json else _text(recording, answers)]), None)
     for note in filter(None, notes):
         say(f"note: {note}")
@@ -206,12 +202,12 @@ def _json(recording: Recording, answers: list[Answer], every: bool) -> str:
     return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _tuning(recording: Recording, answers: list[Answer], output: Path) -> tuple[Tuning, list[str]]:
-    """The tuning file of the channels that have a pair, and notes about it for the user."""
+def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str]:
+    """Save the tuning of the channels that have a pair; returns notes about it for the user."""
     from kalscope.cli.tune.page import VERDICT_WORDS
     from kalscope.filtering.arrays import scalar
     from kalscope.sources.readers import account
-    from kalscope.tuning.tuning import ChannelTuning, Tuning
+    from kalscope.tuning.tuning import ChannelTuning, Tuning, save_tuning
 
     found = [
         ChannelTuning(
@@ -238,7 +234,8 @@ def _tuning(recording: Recording, answers: list[Answer], output: Path) -> tuple[
         sample_period=recording.sample_period,
         selected=found[0].name,
     )
-    return tuning, notes
+    save_tuning(tuning, output)
+    return notes
 
 
 def _instead(answer: Answer) -> str:

@@ -45,6 +45,17 @@ _WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
 class Recorder:
     """Writes one recording. Any thread may call it; its calls run one after the other."""
 
+    path: Path
+    """NAME.csv, the first part."""
+    rejects_path: Path
+    """NAME.rejects; it exists once there is something in it."""
+    error: str
+    """What keeps lines from reaching the disk, in words; "" if nothing."""
+    warning: str
+    """That the disk will soon be full; "" if it will not."""
+    counts: RecorderCounts
+    """The account up to the last call."""
+
     def __init__(
         self,
         path: Path,
@@ -79,16 +90,9 @@ class Recorder:
         if not resume:
             check_free(path)
         parts = existing_parts(path) if resume else [path]
-        self.path = path
-        """NAME.csv, the first part."""
-        self.rejects_path = rejects_path(path)
-        """NAME.rejects; it exists once there is something in it."""
-        self.error = ""
-        """What keeps lines from reaching the disk, in words; "" if nothing."""
-        self.warning = ""
-        """That the disk will soon be full; "" if it will not."""
+        self.path, self.rejects_path = path, rejects_path(path)
+        self.error = self.warning = ""
         self.counts = RecorderCounts()
-        """The account up to the last call."""
         self._source, self._started, self._wall, self._clock = source, started, wall, clock
         self._offset = 0.0
         self._csv = AppendFile(parts[-1])
