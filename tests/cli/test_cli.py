@@ -138,6 +138,48 @@ def test_another_sample_period_rescales_q_and_says_so(log: Path, config: Path, c
     assert "multiplied" not in capsys.readouterr().err
 
 
+@pytest.fixture
+def moving(tmp_path: Path, log: Path) -> Path:
+    """A tuning of channel a with momentum, at twice the rate of `log`."""
+    path = tmp_path / "moving.toml"
+    channel = ChannelTuning("a", "V", 0.125, 1.5, momentum=40.0)
+    save_tuning(Tuning((channel,), sha256=read_recording(log).sha256, sample_period=0.005), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("options", "params", "says"),
+    [
+        ((), FilterParams(0.25, 1.5, momentum=20.0), "q was multiplied by 2 and momentum was divided by 2: they"),
+        (("--q", "1"), FilterParams(1.0, 1.5, momentum=20.0), "note: momentum was divided by 2: it was tuned"),
+        (("--momentum", "7"), FilterParams(0.25, 1.5, momentum=7.0), "note: q was multiplied by 2: it was tuned"),
+        (("--momentum", "0", "--q", "1"), FilterParams(1.0, 1.5), ""),
+    ],
+)
+def test_the_momentum_of_a_tuning_is_applied_and_rescaled(
+    options: tuple[str, ...], params: FilterParams, says: str, log: Path, moving: Path, capsys: Captured
+) -> None:
+    assert run(["filter", str(log), "--config", str(moving), "--channel", "a", *options]) == 0
+    out, err = capsys.readouterr()
+    expected = kalman_filter(read_recording(log).channel("a"), params).x
+    np.testing.assert_array_equal(columns(out)["a_filtered"], expected)
+    assert says in err
+    assert len(err.splitlines()) == (1 if says else 0)
+
+
+def test_a_recording_without_time_takes_the_momentum_as_tuned_and_says_so(
+    tmp_path: Path, moving: Path, capsys: Captured
+) -> None:
+    path = tmp_path / "bare.csv"
+    z = np.sin(np.arange(30.0))
+    path.write_text("a\n" + "\n".join(map(repr, z.tolist())) + "\n")
+    assert run(["filter", str(path), "--config", str(moving)]) == 0
+    out, err = capsys.readouterr()
+    expected = kalman_filter(z, FilterParams(0.125, 1.5, momentum=40.0)).x
+    np.testing.assert_array_equal(columns(out)["a_filtered"], expected)
+    assert "q and momentum are used as tuned at a sample period of 0.005 s: the recording says none" in err
+
+
 def test_a_recording_without_time_gets_its_period_from_the_option(
     tmp_path: Path, config: Path, capsys: Captured
 ) -> None:
@@ -207,6 +249,15 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["filter", "demo", "--p0", "x"], "--p0 must be a number or \"diffuse\" (got 'x')"),
     (["filter", "demo", "--x0", "x"], "--x0 must be a number or \"first\" (got 'x')"),
     (["filter", "demo", "--x0", "1"], "x0 needs p0"),
+    (["filter", "demo", "--momentum", "x"], "--momentum must be a number (got 'x')"),
+    (
+        ["filter", "demo", "--momentum", "-1"],
+        "momentum must be a number of sample periods from 0 to 1e5 (got -1.0)",
+    ),
+    (
+        ["filter", "demo", "--momentum", "inf"],
+        "momentum must be a number of sample periods from 0 to 1e5 (got inf)",
+    ),
     (["filter", "demo", "--sample-period", "x"], "--sample-period must be a number above 0 (got 'x')"),
     (["filter", "demo", "--sample-period", "-1"], "--sample-period must be a number above 0 (got '-1')"),
     (["filter", "demo", "--channel", "zz"], "channel must be one of"),

@@ -31,3 +31,8 @@ def test_channels_that_are_spelt_alike_get_distinct_identifiers():
 def test_the_settled_filter_is_that_of_the_period():
     job = job_of(TUNING)
     assert job.steady(job.channels[0]) == steady_state(TUNING.channels[0].params, 0.5)
+
+
+def test_momentum_is_refused() -> None:
+    with pytest.raises(BadSetting, match=r"momentum must be 0 for an export \(got 20\.0\)"):
+        job_of(Tuning((ChannelTuning("a", "", 1.0, 1.0, momentum=20.0),)))

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from kalscope.common import files as atomic
 from kalscope.errors import BadFile, BadSetting
-from kalscope.filtering.params import MAX_VARIANCE, FilterParams
+from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
 from kalscope.tuning.toml_text import updated
 from kalscope.tuning.tuning import ChannelTuning, Tuning, dumps, load_tuning, loads, same_period, save_tuning
 
@@ -69,7 +70,8 @@ def channel_tunings(draw: st.DrawFn) -> ChannelTuning:
     p0 = draw(st.none() | variances)
     x0 = None if p0 is None else draw(st.none() | estimates)
     gate = draw(st.none() | positive)
-    return ChannelTuning(draw(words), draw(words), q, r, p0, x0, draw(words), gate)
+    momentum = draw(st.just(0.0) | st.floats(0.0, MAX_MOMENTUM))
+    return ChannelTuning(draw(words), draw(words), q, r, p0, x0, draw(words), gate, momentum)
 
 
 @st.composite
@@ -90,7 +92,7 @@ def bits(tuning: Tuning) -> list[str]:
     return [
         "none" if value is None else value.hex()
         for c in tuning.channels
-        for value in (c.q, c.r, c.p0, c.x0, c.gate, tuning.sample_period)
+        for value in (c.q, c.r, c.p0, c.x0, c.gate, c.momentum, tuning.sample_period)
     ]
 
 
@@ -205,7 +207,7 @@ def test_a_layout_that_cannot_be_updated_is_replaced_by_a_new_one_with_the_right
     assert load_tuning(path) == TWO
 
 
-@pytest.mark.parametrize("content", ["time,a\n0,1\n", "format = 2\n", "q = 1\n", "\0\1\2"])
+@pytest.mark.parametrize("content", ["time,a\n0,1\n", "format = 3\n", "q = 1\n", "\0\1\2"])
 def test_a_file_that_is_no_tuning_is_never_saved_over(tmp_path: Path, content: str) -> None:
     path = tmp_path / "recording.csv"
     path.write_text(content)
@@ -258,12 +260,26 @@ def channel(*lines: str) -> str:
     return "\n".join(["format = 1", "[[channel]]", *lines, ""])
 
 
+def moving(line: str) -> str:
+    return channel('name = "a"', "q = 1", "r = 1", line).replace("format = 1", "format = 2")
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "format must be 1 (got None)"),
-        ("format = 2", "format must be 1 (got 2)"),
-        ("format = true", "format must be 1 (got True)"),
+        ("", "format must be 1 or 2 (got None)"),
+        ("format = 3", "format must be 1 or 2: a newer Kalscope may have written this file (got 3)"),
+        ("format = true", "format must be 1 or 2 (got True)"),
+        ("format = 0", "format must be 1 or 2 (got 0)"),
+        (
+            channel('name = "a"', "q = 1", "r = 1", "momentum = 20"),
+            "momentum of channel 'a' needs format = 2 at the top of the file (got format = 1)",
+        ),
+        (moving("momentum = 2e5"), "channel 'a': momentum must be a number of sample periods from 0 to 1e5 (got"),
+        (moving("momentum = -1"), "momentum must be a number of sample periods from 0 to 1e5 (got -1"),
+        (moving("momentum = 'x'"), "momentum of channel 'a' must be a finite number (got 'x')"),
+        (moving("momentum = nan"), "momentum of channel 'a' must be a finite number (got nan)"),
+        (moving("momentum = true"), "momentum of channel 'a' must be a finite number (got True)"),
         ("format = 1", "at least one [[channel]] (got None)"),
         ("format = 1\nchannel = []", "at least one [[channel]] (got [])"),
         ("format = 1\nchannel = 5", "at least one [[channel]] (got 5)"),
@@ -379,6 +395,74 @@ def test_any_bytes_load_or_are_refused(tmp_path_factory: pytest.TempPathFactory,
     assert len(refusal.splitlines()) == 1
 
 
+# ---- momentum
+
+MOVING = replace(TWO, channels=(TWO.channels[0], replace(TWO.channels[1], momentum=20.5)))
+
+
+def test_a_tuning_without_momentum_is_written_as_a_file_that_older_programs_read() -> None:
+    text = dumps(TWO)
+    assert text.splitlines()[1] == "format = 1"
+    assert "momentum" not in text
+
+
+def test_a_tuning_with_momentum_is_written_as_a_file_that_older_programs_refuse() -> None:
+    text = dumps(MOVING)
+    assert text.splitlines()[1] == "format = 2"
+    assert "momentum = 20.5 # how long the signal keeps its direction, in sample periods" in text
+    assert text.count("\nmomentum") == 1
+    assert loads(text) == MOVING
+
+
+def test_a_file_of_format_1_is_read_as_without_momentum() -> None:
+    assert [one.momentum for one in loads(ANNOTATED).channels] == [0.0, 0.0]
+
+
+def test_a_channel_of_format_2_may_leave_out_the_momentum() -> None:
+    (only,) = loads(moving("momentum = 0")).channels
+    assert only == loads(moving("")).channels[0]
+    assert only.momentum == 0.0
+
+
+def test_momentum_comes_and_goes_in_a_file_and_the_format_with_it(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text(ANNOTATED, encoding="utf-8")
+    save_tuning(replace(load_tuning(path), channels=MOVING.channels), path)
+    assert "format = 2 # do not touch" in path.read_text(encoding="utf-8")
+    assert load_tuning(path).channels == MOVING.channels
+    save_tuning(replace(load_tuning(path), channels=TWO.channels), path)
+    text = path.read_text(encoding="utf-8")
+    assert "format = 1 # do not touch" in text
+    assert "momentum" not in text
+    assert load_tuning(path).channels == TWO.channels
+
+
+def test_momentum_lasts_as_long_in_seconds_at_every_sample_period() -> None:
+    moved = MOVING.rescaled(0.02)
+    assert [one.momentum for one in moved.channels] == [0.0, 10.25]
+    assert [one.q for one in moved.channels] == [2e-3, 4.0]
+
+
+def test_a_rescaled_filter_with_momentum_sees_the_same_signal() -> None:
+    """Twice as fine: every second sample missing, the estimates at the others are the same."""
+    z = np.random.default_rng(7).normal(size=200).cumsum()
+    fine = np.full(400, np.nan)
+    fine[1::2] = z
+    tuning = Tuning((ChannelTuning("a", "", 0.3, 2.0, 4.0, 0.5, momentum=6.0),), sample_period=0.01)
+    coarse = kalman_filter(z, tuning.params("a"))
+    halved = kalman_filter(fine, tuning.rescaled(0.005).params("a"))
+    np.testing.assert_allclose(halved.x[1::2], coarse.x, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(halved.p[1::2], coarse.p, rtol=1e-12)
+
+
+def test_params_of_all_channels_carry_the_momentum() -> None:
+    tuning = Tuning(tuple(replace(c, p0=None, x0=None) for c in MOVING.channels))
+    assert tuning.params() == FilterParams(
+        np.array([1e-3, 2.0]), np.array([1.0, 1.0]), momentum=np.array([0.0, 20.5])
+    )
+    assert tuning.params("b") == FilterParams(2.0, 1.0, momentum=20.5)
+
+
 # ---- the values
 
 
@@ -408,6 +492,9 @@ def test_start_values_that_arrays_cannot_mix_are_refused() -> None:
         lambda: replace(TWO, sample_period=math.nan),
         lambda: ChannelTuning("a", "", -1.0, 1.0),
         lambda: ChannelTuning("a", "", 0.0, 0.0),
+        lambda: ChannelTuning("a", "", 1.0, 1.0, momentum=-1.0),
+        lambda: ChannelTuning("a", "", 1.0, 1.0, momentum=math.nan),
+        lambda: ChannelTuning("a", "", 1.0, 1.0, momentum=np.array([1.0])),  # type: ignore[arg-type]
         lambda: ChannelTuning("a", "", np.array([1.0, 2.0]), 1.0),  # type: ignore[arg-type]
     ],
 )
@@ -423,7 +510,7 @@ def test_q_follows_the_sample_period_and_nothing_else_does(old: float, new: floa
     assert moved.sample_period == new
     for before, after in zip(tuning.channels, moved.channels, strict=True):
         assert after.q == pytest.approx(before.q * new / old, rel=1e-15)
-        assert replace(after, q=before.q) == before
+        assert replace(after, q=before.q) == before  # neither has momentum
 
 
 def test_rescaling_to_the_same_period_changes_no_bit() -> None:

@@ -45,6 +45,9 @@ def filter_command(
     gate: Annotated[
         float | None, number_option('Outlier gate on v²/s, such as 9, or "off".', number_or("off"))
     ] = None,
+    momentum: Annotated[
+        float | None, number_option("How long the signal keeps its direction, in sample periods.", number)
+    ] = None,
     channel: Annotated[str | None, typer.Option(metavar="NAME", help="Filter this channel only.")] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file.")
@@ -57,15 +60,15 @@ def filter_command(
 ) -> None:
     """Filter a recording: a CSV of time, raw and filtered signal and variance.
 
-    --q, --r, --p0, --x0 and --gate take precedence over --config. Without any of them q and r are guessed from the
-    signal. With "-" each line on stdin is answered by one line on stdout: empty for a missing sample, which the
+    --q, --r, --p0, --x0, --gate and --momentum take precedence over --config. Without q and r they are guessed
+    from the signal. With "-" each line on stdin is answered by one line on stdout: empty for a missing sample, which the
     filter predicts over, and for a comment (# % //), which is no sample.
     """
     from kalscope.export.filtered_csv import filtered_csv_chunks
     from kalscope.sources.readers.account import account, sample_period_conflict
     from kalscope.tuning.choose import params_for, params_for_stdin
 
-    options_given = {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate}
+    options_given = {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate, "momentum": momentum}
     # NaN is the word for an automatic start, which the filter's parameters write as None.
     given = {
         name: None if math.isnan(value) else value for name, value in options_given.items() if value is not None

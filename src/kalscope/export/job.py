@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from kalscope.errors import BadSetting
 from kalscope.export.names import identifiers
+from kalscope.filtering.params import refuse_momentum
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
@@ -15,7 +16,7 @@ class ExportJob:
     """The filters to be exported and where they come from.
 
     Raises:
-        BadSetting: No channel.
+        BadSetting: No channel, or one with momentum.
     """
 
     channels: tuple[ChannelTuning, ...]
@@ -34,6 +35,8 @@ class ExportJob:
     def __post_init__(self) -> None:
         if not self.channels:
             raise BadSetting("an export must hold at least one channel (got none)")
+        for channel in self.channels:
+            refuse_momentum(channel.params, "an export")
 
     @property
     def identifiers(self) -> tuple[str, ...]:

@@ -72,7 +72,7 @@ def adapt_tuning(
     Args:
         recording: The recording to filter.
         tuning: The tuning, perhaps of another recording.
-        given: Parameters that will override the tuning; a given q is not rescaled.
+        given: Parameters that will override the tuning; they are not rescaled.
         channel: The only channel to filter, or None for all.
 
     Returns:
@@ -84,8 +84,8 @@ def adapt_tuning(
     tuning, notes = _rescaled(tuning, recording.sample_period, given or {})
     if recording.sample_period is None and tuning.sample_period is not None and "q" not in (given or {}):
         notes.append(
-            f"q is used as it was tuned at a sample period of {tuning.sample_period:.6g} s: the recording"
-            " says none (see --sample-period)"
+            f"{'q and momentum are' if tuning.has_momentum else 'q is'} used as tuned at a sample period of"
+            f" {tuning.sample_period:.6g} s: the recording says none (see --sample-period)"
         )
     if tuning.sha256 and recording.sha256 and tuning.sha256 != recording.sha256:
         notes.append(
@@ -107,13 +107,18 @@ def adapt_tuning(
 
 
 def _rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:
-    """The tuning at the recording's sample period in s, and a note where q had to change."""
-    if "q" in given or period is None or tuning.sample_period is None:
+    """The tuning at the recording's sample period in s, and a note where q or the momentum had to change."""
+    if period is None or tuning.sample_period is None or same_period(period, tuning.sample_period):
         return tuning, []
-    if same_period(period, tuning.sample_period):
+    if "momentum" in given:
+        tuning = replace(tuning, channels=tuple(replace(one, momentum=0.0) for one in tuning.channels))
+    factor = f"{period / tuning.sample_period:.6g}"
+    changes = [] if "q" in given else [f"q was multiplied by {factor}"]
+    changes += [f"momentum was divided by {factor}"] if tuning.has_momentum else []
+    if not changes:
         return tuning, []
     note = (
-        f"q was multiplied by {period / tuning.sample_period:.6g}: it was tuned at a sample period of"
+        f"{' and '.join(changes)}: {'they were' if len(changes) > 1 else 'it was'} tuned at a sample period of"
         f" {tuning.sample_period:.6g} s, here it is {period:.6g} s"
     )
     return tuning.rescaled(period), [note]

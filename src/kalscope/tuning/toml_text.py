@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 Tables = Mapping[str, Any]
 """Tables of a TOML text by name."""
 
-FORMAT = 1
-"""Number of the file format; a reader refuses the numbers it does not know."""
+FORMATS = (1, 2)
+"""Numbers of the file format; a reader refuses the numbers it does not know. 2 has momentum."""
 MAX_BYTES = 1_000_000
 """Largest file read: some thousand channels."""
 MAX_DEPTH = 64
@@ -48,6 +48,7 @@ _COMMENTS = {
     "r": "measurement-noise variance, unit²",
     "p0": 'variance of the estimate before the first predict, unit²; or "diffuse": unknown',
     "x0": 'estimate before the first predict, unit; or "first": the first sample',
+    "momentum": "how long the signal keeps its direction, in sample periods",
     "gate": "a sample whose v²/s exceeds it is not used",
 }
 """Comments beside the keys of a new file."""
@@ -70,8 +71,10 @@ def parse(text: str) -> dict[str, Any]:
     except ValueError as error:  # TOMLDecodeError, or an integer of 5000 digits
         raise BadFile(f"a tuning file must be TOML text (got: {one_line(error)})") from None
     found = document.get("format")
-    if isinstance(found, bool) or found != FORMAT:
-        raise BadFile(f"format must be {FORMAT} (got {shown(found)})")
+    if isinstance(found, bool) or found not in FORMATS:
+        newer = isinstance(found, int) and found > FORMATS[-1]
+        why = ": a newer Kalscope may have written this file" if newer else ""
+        raise BadFile(f"format must be {' or '.join(map(str, FORMATS))}{why} (got {shown(found)})")
     return document
 
 

@@ -54,10 +54,12 @@ class ChannelTuning:
     """How q and r were found, for the user: "by hand", "maximum likelihood", …"""
     gate: float | None = None
     """Outlier gate on v²/s, > 0; None = off."""
+    momentum: float = 0.0
+    """Momentum τ: how long the signal keeps its direction, in nominal sample periods, 0 … 1e5; 0 = it does not."""
 
     def __post_init__(self) -> None:
         params = self.params
-        for name in ("q", "r", "p0", "x0", "gate"):
+        for name in ("q", "r", "p0", "x0", "gate", "momentum"):
             value = getattr(params, name)
             if isinstance(value, np.ndarray):
                 raise BadSetting(f"{name} of a channel must be one number (got {value})")
@@ -66,7 +68,7 @@ class ChannelTuning:
     @property
     def params(self) -> FilterParams:
         """The parameters as the filter takes them, scalars."""
-        return FilterParams(self.q, self.r, self.p0, self.x0, self.gate)
+        return FilterParams(self.q, self.r, self.p0, self.x0, self.gate, self.momentum)
 
 
 @dataclass(frozen=True)
@@ -129,22 +131,30 @@ class Tuning:
             p0=self._together("p0"),
             x0=self._together("x0"),
             gate=self._together("gate"),
+            momentum=np.array([channel.momentum for channel in self.channels]) if self.has_momentum else 0.0,
         )
+
+    @property
+    def has_momentum(self) -> bool:
+        """Whether any channel has momentum."""
+        return any(channel.momentum > 0.0 for channel in self.channels)
 
     def rescaled(self, sample_period: float) -> Tuning:
         """The same filter in continuous time, for another sample period in s.
 
-        A random walk gains variance in proportion to time, so q per sample becomes q·T_new/T_old; r and p0
-        are properties of one sample and of the start, and stay.
+        A random walk gains variance in proportion to time, so q per sample becomes q·T_new/T_old; momentum lasts
+        as long in s, so it becomes τ·T_old/T_new; r and p0 are properties of one sample and of the start, and stay.
 
         Raises:
-            BadSetting: Either period is unknown or not positive, or q leaves its range.
+            BadSetting: Either period is unknown or not positive, or q or the momentum leaves its range.
         """
         period = above_zero("sample_period", sample_period)
         if self.sample_period is None:
             raise BadSetting("sample_period of the tuning must be known to rescale q (got none)")
         ratio = period / self.sample_period  # first, so that an equal period changes no bit of q
-        channels = tuple(replace(channel, q=channel.q * ratio) for channel in self.channels)
+        channels = tuple(
+            replace(channel, q=channel.q * ratio, momentum=channel.momentum / ratio) for channel in self.channels
+        )
         return replace(self, channels=channels, sample_period=period)
 
     def _together(self, name: str) -> np.ndarray | None:
@@ -214,7 +224,7 @@ def loads(text: str) -> Tuning:
         raise BadFile(f"there must be at least one [[channel]] (got {toml.shown(channels)})")
     try:
         return Tuning(
-            channels=tuple(_channel(entry, i) for i, entry in enumerate(channels, 1)),
+            channels=tuple(_channel(entry, i, document["format"]) for i, entry in enumerate(channels, 1)),
             source=toml.text_of(source, "spec", "[source]"),
             source_name=toml.text_of(source, "name", "[source]"),
             sha256=toml.text_of(source, "sha256", "[source]"),
@@ -239,22 +249,30 @@ def _plain(tuning: Tuning) -> dict[str, Any]:
             "r": channel.r,
             "p0": "diffuse" if channel.p0 is None else channel.p0,
             "x0": "first" if channel.x0 is None else channel.x0,
+            "momentum": channel.momentum or None,
             "gate": channel.gate,
             "how": toml.clean(channel.how),
         }
         for channel in tuning.channels
     ]
-    head = {"format": toml.FORMAT, "tool": toml.clean(tuning.tool), "date": toml.clean(tuning.date)}
+    # Without momentum the file stays one that older programs read; with it they must refuse the file.
+    head = {
+        "format": 2 if tuning.has_momentum else 1,
+        "tool": toml.clean(tuning.tool),
+        "date": toml.clean(tuning.date),
+    }
     return {**head, "selected": toml.clean(tuning.selected), "source": source, "channel": channels}
 
 
-def _channel(entry: object, number: int) -> ChannelTuning:
+def _channel(entry: object, number: int, file_format: int) -> ChannelTuning:
     where = f"[[channel]] {number}"
     table = toml.table_of(entry, where)
     if "name" not in table:
         raise BadFile(f"name of {where} must be given (got nothing)")
     name = toml.text_of(table, "name", where)
     where = f"channel {toml.shown(name)}"
+    if "momentum" in table and file_format < 2:
+        raise BadFile(f"momentum of {where} needs format = 2 at the top of the file (got format = {file_format})")
     try:
         return ChannelTuning(
             name=name,
@@ -265,6 +283,7 @@ def _channel(entry: object, number: int) -> ChannelTuning:
             x0=toml.optional_number_of(table, "x0", where, "first"),
             how=toml.text_of(table, "how", where),
             gate=toml.optional_number_of(table, "gate", where),
+            momentum=toml.optional_number_of(table, "momentum", where) or 0.0,
         )
     except BadSetting as error:
         raise BadFile(f"{where}: {error}") from None

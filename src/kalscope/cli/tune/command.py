@@ -211,7 +211,12 @@ def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str
 
     found = [
         ChannelTuning(
-            one.channel, one.unit, scalar(one.found.params.q), scalar(one.found.params.r), how=one.found.how
+            one.channel,
+            one.unit,
+            scalar(one.found.params.q),
+            scalar(one.found.params.r),
+            how=one.found.how,
+            momentum=scalar(one.found.params.momentum),
         )
         for one in answers
         if one.found.params is not None
