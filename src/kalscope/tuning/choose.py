@@ -108,18 +108,19 @@ def adapt_tuning(
 
 def _rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:
     """The tuning at the recording's sample period in s, and a note where q or the momentum had to change."""
-    if period is None or tuning.sample_period is None or same_period(period, tuning.sample_period):
+    before = tuning.sample_period
+    if period is None or before is None or same_period(period, before):
         return tuning, []
     if "momentum" in given:
         tuning = replace(tuning, channels=tuple(replace(one, momentum=0.0) for one in tuning.channels))
-    factor = f"{period / tuning.sample_period:.6g}"
+    factor = f"{period / before:.6g}"
     changes = [] if "q" in given else [f"q was multiplied by {factor}"]
     changes += [f"momentum was divided by {factor}"] if tuning.has_momentum else []
     if not changes:
         return tuning, []
     note = (
         f"{' and '.join(changes)}: {'they were' if len(changes) > 1 else 'it was'} tuned at a sample period of"
-        f" {tuning.sample_period:.6g} s, here it is {period:.6g} s"
+        f" {before:.6g} s, here it is {period:.6g} s"
     )
     return tuning.rescaled(period), [note]
 
