@@ -61,8 +61,8 @@ def filter_command(
     """Filter a recording: a CSV of time, raw and filtered signal and variance.
 
     --q, --r, --p0, --x0, --gate and --momentum take precedence over --config. Without q and r they are guessed
-    from the signal. With "-" each line on stdin is answered by one line on stdout: empty for a missing sample, which
-    the filter predicts over, and for a comment (# % //), which is no sample.
+    from the signal. With "-" each line on stdin is answered by one line on stdout: empty for a missing sample,
+    which the filter predicts over, and for a comment (# % //), which is no sample.
     """
     from kalscope.export.filtered_csv import filtered_csv_chunks
     from kalscope.sources.readers.account import account, sample_period_conflict
