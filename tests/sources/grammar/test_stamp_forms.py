@@ -139,3 +139,36 @@ def test_a_format_that_is_none_is_refused(form):
 
 def test_long_cells_are_no_stamps():
     assert found(["1" * 65_536, "2024-03-13 " + " " * 65_536]) is None
+
+
+NAMED = StampHints(is_date=True)  # MESS_DATUM
+
+
+@pytest.mark.parametrize("pattern", ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"])
+@pytest.mark.parametrize("hints", [NAMED, TIME])
+@pytest.mark.parametrize(("start", "count"), [(datetime(1893, 1, 1, 20), 60), (datetime(2024, 2, 28, 22), 5)])
+def test_digits_of_a_date_and_a_clock(pattern, hints, start, count):
+    stamps = [start + timedelta(hours=i) for i in range(count)]
+    cells = [stamp.strftime(pattern) for stamp in stamps]
+    form = find_stamp_form(cells, ".", hints)
+    assert form.kind == "calendar"
+    read = [stamp_parser(form, ".")(cell) for cell in cells]
+    assert read == [(stamp - datetime(1970, 1, 1)).total_seconds() * 1e6 for stamp in stamps]
+
+
+def test_days_in_eight_digits_show_themselves_by_the_ends_of_months():
+    cells = [(datetime(2024, 1, 20) + timedelta(days=i)).strftime("%Y%m%d") for i in range(30)]
+    assert found(cells) == ("calendar", "ymd", "h:m:s", "")
+
+
+@pytest.mark.parametrize("start", [1_700_000_000, 1_801_010_100, 2_024_010_100, 1_999_123_100])
+@pytest.mark.parametrize("step", [1, 7, 60])
+def test_seconds_since_1970_are_no_date_of_ten_digits(start, step):
+    cells = [str(start + step * i) for i in range(60)]
+    assert found(cells, NAMED)[0] == "number"
+    assert found(cells, DATE)[0] == "number"
+
+
+def test_seconds_of_this_year_are_no_hours_of_the_eighteenth_century():
+    cells = [str(1_801_010_100 + i) for i in range(20)]  # 27 January 2027, and 1 January 1801
+    assert found(cells, NAMED)[0] == "number"

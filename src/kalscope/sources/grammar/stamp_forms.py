@@ -28,6 +28,10 @@ _CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "min:s", "elapsed")
 _TOLERANCE = 0.15
 """Months of 28 to 31 days are even steps."""
 _MANY_TIMES = 5.0
+_DIGITS = (8, 10, 12, 14)
+"""Digits of YYYYMMDD, YYYYMMDDHH, YYYYMMDDHHMM and YYYYMMDDHHMMSS."""
+_LIKELY_HOURS = ("19", "20")
+"""Centuries of YYYYMMDDHH whose rows may be few; those of 18… are also seconds since 1970, from 2027 on."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ class StampHints:
     """What is known about a column besides its cells."""
 
     is_time: bool = False
-    """True where the name is one of a time: digits may be a date and a clock, and half of the cells are enough."""
+    """True where the name is one of a time: half of the cells are enough, and 202402291200 may be a stamp."""
     is_date: bool = False
     """True where the name is one of a date: 19580329 may be one."""
     may_be_spreadsheet: bool = False
@@ -69,8 +73,7 @@ def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> Ti
         return _by_format(hints.time_format, fits)
     if hints.may_be_spreadsheet and fits(lambda cell: parse_excel(cell, decimal)):
         return TimeColumn(0, "calendar", odd=EXCEL)
-    digits = (8, 12, 14) if hints.is_date else (12, 14) if hints.is_time else ()
-    if digits and fits(lambda cell: parse_calendar(cell) if cell.isdecimal() and len(cell) in digits else None):
+    if _are_dates_in_digits(counted, hints):
         return TimeColumn(0, "calendar")
     number = TimeColumn(0, "number")
     if fits(stamp_parser(number, decimal)):
@@ -80,6 +83,23 @@ def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> Ti
     if counts[best] >= least:
         return TimeColumn(0, "clock", clock=best)
     return _calendar(present, counted, least, hints.day_first) or _with_dateutil(counted, hints, fits)
+
+
+def _are_dates_in_digits(counted: list[str], hints: StampHints) -> bool:
+    """True for 20240229, 2024022912, 202402291200: the name allows it, or the steps are even as dates only.
+
+    Numbers jump where a day or a month ends, 2024022923 to 2024030100. A number of ten digits may also be seconds
+    since 1970, of which hardly one in a hundred is a date with an hour.
+    """
+    size = len(counted[0]) if counted else 0
+    cells = [cell for cell in counted if len(cell) == size and cell.isascii() and cell.isdecimal()]
+    stamps = _stamps(cells, parse_calendar)
+    if size not in _DIGITS or np.count_nonzero(np.isfinite(stamps)) < max(0.9 * len(counted), 1):
+        return False
+    named = hints.is_date or (hints.is_time and size > 8)
+    if named and (size != 10 or all(cell.startswith(_LIKELY_HOURS) for cell in cells)):
+        return True
+    return _steadiness(stamps) > _steadiness(np.array([float(cell) for cell in cells]))
 
 
 def _by_format(form: str, fits: Callable[[StampParser], bool]) -> TimeColumn | None:

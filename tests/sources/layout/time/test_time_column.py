@@ -211,3 +211,17 @@ def test_digits_with_a_unit_beside_a_date_are_no_clock():
     time = time_of({"date": days, "time_ms": counted, "x": NOISE})
     assert (time.indices, time.unit) == ((1,), "ms")
     assert set(time_of({"date": days, "time": counted, "x": NOISE}).indices) == {0, 1}
+
+
+@pytest.mark.parametrize(("pattern", "step"), [("%Y%m%d%H", 3600), ("%Y%m%d%H%M", 600), ("%Y%m%d", 86400)])
+@pytest.mark.parametrize("name", ["", "Messzeitpunkt"])
+def test_dates_in_digits_are_the_time_whatever_their_name(name, pattern, step):
+    rows = list(zip(stamps(pattern, step), NOISE, strict=True))
+    time = find_time([Column(name), Column("")], rows, ".", named=bool(name))
+    assert (time.index, time.kind) == (0, "calendar")
+
+
+def test_days_of_birth_are_not_the_time():
+    rng = random.Random(1)
+    births = [(START - timedelta(days=rng.randrange(20000))).strftime("%Y%m%d") for _ in range(N)]
+    assert time_of({"": births, "temp": NOISE}) is None

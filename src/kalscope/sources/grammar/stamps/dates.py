@@ -40,7 +40,7 @@ _ZONE = (
 )
 _REST = re.compile(rf"[T _,;:-]{{1,3}}{CLOCK}{_ZONE}")
 _CTIME = re.compile(rf"(?:([^\W\d_]{{2,10}})[.,]? )?({_WORD}) {{1,2}}([0-9]{{1,2}}),? {CLOCK}{_ZONE} ([0-9]{{4}})")
-_COMPACT = re.compile(rf"([0-9]{{8}})(?:[T_ -]?([0-9]{{6}}|[0-9]{{4}})(?:[.,]?([0-9]{{1,9}}))?{_ZONE})?")
+_COMPACT = re.compile(rf"([0-9]{{8}})(?:[T_ -]?([0-9]{{6}}|[0-9]{{4}}|[0-9]{{2}})(?:[.,]?([0-9]{{1,9}}))?{_ZONE})?")
 
 
 def parse_calendar(cell: str, order: DateOrder = "ymd") -> float | None:
@@ -104,7 +104,7 @@ def parse_ctime(cell: str, order: DateOrder) -> float | None:
 
 
 def parse_compact(cell: str, order: DateOrder) -> float | None:
-    """`20220223`, `20220223_071847`, `20220223T071847.5Z`, `20220223 07:18:47`."""
+    """`20220223`, `2022022307`, `20220223_071847`, `20220223T071847.5Z`, `20220223 07:18:47`."""
     if order != "ymd" or len(cell) < 8 or not (cell.isascii() and cell[:8].isdecimal()):
         return None
     match, day = _COMPACT.fullmatch(cell), _day(cell[:4], cell[4:6], cell[6:8], "ymd")
@@ -113,9 +113,9 @@ def parse_compact(cell: str, order: DateOrder) -> float | None:
     _, digits, fraction, *zone = match.groups()
     if digits is None:
         return day
-    if fraction and len(digits) == 4:
+    if fraction and len(digits) < 6:
         return None
-    clock = (digits[:2], ":", digits[2:4], ":", digits[4:] or None, ".", fraction, None)
+    clock = (digits[:2], ":", digits[2:4] or "00", ":", digits[4:] or None, ".", fraction, None)
     return _added(day, clock, tuple(zone))
 
 

@@ -2,29 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.sources.grammar.cells import parse_number
-from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.grammar.stamp_forms import StampHints, find_stamp_form
+from kalscope.sources.grammar.timestamps import TimeColumn, stamp_parser
 from kalscope.sources.layout.columns import Column
 from kalscope.sources.layout.rows.kinds import Cells
 from kalscope.sources.layout.time.evidence import is_since_1970
 
+_MIN_DATES = 8
+"""Rows from which dates in digits show themselves without a name."""
 _MIN_STEPS_FROM_1970 = 3
 """Steps forward that stamps since 1970 without a name must show; between them they may stand still."""
 
 
 def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, named: bool) -> TimeColumn | None:
-    """Numbers whose name says no time: a first column without a name that rises, or stamps since 1970."""
+    """Numbers whose name says no time: dates in digits, a first column without a name that rises, or since 1970."""
     if len(columns) < 2:
         return None
+    for i, column in enumerate(columns):
+        dated = _dates_in_digits([row[i] for row in rows], decimal) if column.role == "channel" else None
+        if dated is not None:
+            return replace(dated, index=i)
     if not named and _rises_steadily([row[0] for row in rows], decimal):
         return TimeColumn(0, "number")
     for i, column in enumerate(columns):
         if column.role == "channel" and _counts_from_1970([row[i] for row in rows], decimal):
             return TimeColumn(i, "number")
     return None
+
+
+def _dates_in_digits(cells: list[str], decimal: str) -> TimeColumn | None:
+    """2024022923, 2024030100: numbers whose steps are even as dates only, and that never step back."""
+    form = find_stamp_form(cells, decimal, StampHints())
+    if form is None or form.kind != "calendar" or len(cells) < _MIN_DATES:
+        return None
+    parse = stamp_parser(form, decimal)
+    stamps = np.array([stamp for cell in cells if (stamp := parse(cell)) is not None])
+    return form if bool(np.all(np.diff(stamps) >= 0)) else None
 
 
 def _numbers(cells: list[str], decimal: str) -> Array:
