@@ -15,9 +15,9 @@ run: .venv/run.stamp
 	$(BIN)/kalscope
 
 # Three workers by default (WORKERS=4 for four): on two cores one of them waits for a board or a browser at any time.
-# The long tests come first (tests/conftest.py), in small portions, so that all workers end together.
+# The long tests come first (tests/conftest.py), so that the workers end together.
 WORKERS ?= 3
-PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist load --maxschedchunk 8
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 # Branch coverage of the tests' own processes; make test COVERAGE= leaves it out, which takes less time.
 COVERAGE ?= --cov --cov-report=term
