@@ -8,6 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from five_lines import assert_same_bits, five_lines
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,39 +18,11 @@ from kalscope.filtering.kernels import GATE_LIMIT
 NILE_Q, NILE_R = 1469.1, 15099.0
 
 
-def five_lines(z, q, r, p, x, dt=None):
-    """The step of design section 1, written out; the diffuse start as its limit."""
-    xs, ps, ks, vs, ss = [], [], [], [], []
-    for i, sample in enumerate(z):
-        p = p + q * (1.0 if dt is None else dt[i])
-        k, v, s = 0.0, math.nan, p + r
-        if not math.isnan(sample):
-            if math.isinf(p):
-                x, p, k, s = sample, r, 1.0, math.inf
-            else:
-                start = math.isnan(x)
-                x = sample if start else x
-                k = p / (p + r)
-                v = math.nan if start else sample - x
-                x = x + k * (sample - x)
-                p = (1 - k) * p
-        xs.append(x), ps.append(p), ks.append(k), vs.append(v), ss.append(s)
-    return tuple(map(np.array, (xs, ps, ks, vs, ss)))
-
-
 def noisy_walk(n=2000, q=0.01, r=1.0, seed=0, missing=0.0):
     g = np.random.default_rng(seed)
     z = np.cumsum(g.normal(0, math.sqrt(q), n)) + g.normal(0, math.sqrt(r), n)
     z[g.random(n) < missing] = np.nan
     return z
-
-
-def assert_same_bits(a, b):
-    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    assert a.shape == b.shape
-    both_nan = np.isnan(a) & np.isnan(b)
-    assert np.array_equal(a[~both_nan], b[~both_nan])
-    assert np.array_equal(np.isnan(a), np.isnan(b))
 
 
 # --- the source documents -------------------------------------------------------------------------------

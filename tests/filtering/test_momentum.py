@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from five_lines import assert_same_bits, five_lines
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -66,6 +67,44 @@ def test_denoise_is_the_filter(params):
     np.testing.assert_allclose(
         denoise(z, params), kalman_filter(z, params).x, rtol=0, atol=1e-11 * np.nanmax(np.abs(z))
     )
+
+
+@pytest.mark.parametrize("timed", [False, True])
+@pytest.mark.parametrize("momentum", [0.0, -0.0, np.array([0.0]), np.array([0.0, 20.0])], ids=repr)
+def test_no_momentum_is_the_five_lines_to_the_last_bit(momentum, timed):
+    """The lines as they are printed, alone and beside a channel that has momentum."""
+    z, dt = record()
+    steps = dt if timed else None
+    expected = five_lines(z, 0.05, 1.0, 4.0, math.nan, steps)
+    columns = z if np.ndim(momentum) == 0 else np.column_stack([z] * len(momentum))
+    params = FilterParams(0.05, 1.0, p0=4.0, momentum=momentum)
+    found = kalman_filter(columns, params, steps)
+    for name, lines in zip(("x", "p", "k", "innovation", "s"), expected, strict=True):
+        assert_same_bits(getattr(found, name).reshape(600, -1)[:, 0], lines)
+    plain = FilterParams(0.05, 1.0, p0=4.0)
+    for function in (denoise, lambda *given: smooth(*given).x, lambda *given: smooth(*given).p):
+        assert_same_bits(function(columns, params, steps).reshape(600, -1)[:, 0], function(z, plain, steps))
+
+
+@pytest.mark.parametrize("params", PARAMS[:3], ids=repr)
+@pytest.mark.parametrize(("unit", "pace"), [(8.0, 1.0), (1.0, 4.0), (0.5, 0.25)])
+@pytest.mark.parametrize("function", [kalman_filter, smooth])
+def test_another_unit_of_the_signal_or_of_time_is_the_same_filter(params, unit, pace, function):
+    """Powers of two, which cost no digit."""
+    z, dt = record()
+    p0, x0 = params.p0, params.x0
+    scaled = FilterParams(
+        unit**2 / pace * params.q,
+        unit**2 * params.r,
+        p0 if p0 is None else unit**2 * p0,
+        x0 if x0 is None else unit * x0,
+        momentum=pace * params.momentum,
+    )
+    before, after = function(z, params, dt), function(unit * z, scaled, pace * dt)
+    assert_same_bits(after.x, unit * before.x)
+    assert_same_bits(after.p, unit**2 * before.p)
+    assert_same_bits(after.velocity, unit / pace * before.velocity)
+    assert_same_bits(after.velocity_p, (unit / pace) ** 2 * before.velocity_p)
 
 
 def test_no_momentum_is_the_five_lines_and_has_no_velocity():
