@@ -82,8 +82,6 @@ def test_the_likelihood_is_that_of_an_arima(q, r, momentum):
     turns = [1.0 - gain + e - velocity_gain * f, (1.0 - gain) * e]  # sum and product of the poles
     differences = sm.tsa.SARIMAX(np.diff(z), order=(1, 0, 2), tolerance=0)
     theirs = differences.loglike([e, -turns[0], turns[1], r / (1.0 - gain)])
-        [e, -turns[0], turns[1], r / (1.0 - gain)]
-    )
     assert kalman_filter(z, params).loglik == pytest.approx(theirs, rel=1e-8)
 
 
