@@ -20,6 +20,12 @@ Stamps = Literal["even", "uneven", "bursts", "coarse", "none"]
 RateSource = Literal["stamps", "file", "option", "none"]
 """Where a sample period comes from: the stamps, the text of the file, the user; "none" where it is unknown."""
 
+MAX_ISSUES = 100
+"""Rejected lines and bad cells that a report keeps word for word; all are counted."""
+
+MAX_ISSUE_LENGTH = 200
+"""Characters of each that are kept."""
+
 
 @dataclass(frozen=True)
 class Timing:
@@ -60,7 +66,7 @@ class LineIssue:
     reason: str
     """What must hold and what was found, in a few words."""
     text: str
-    """The offending line or cell, cut at 200 characters."""
+    """The offending line or cell, cut at MAX_ISSUE_LENGTH characters."""
     column: str | None = None
     """Name of the column for a single cell; None where the whole line was rejected."""
 
@@ -88,7 +94,7 @@ class ReadReport:
     inserted: int = 0
     """Rows of missing samples inserted into gaps in time; 0 unless requested."""
     issues: tuple[LineIssue, ...] = ()
-    """The first 100 rejected lines and bad cells, in file order."""
+    """The first MAX_ISSUES rejected lines and bad cells, in file order."""
     notes: tuple[str, ...] = ()
     """What the reader decided, each a sentence: delimiter, header, time column, renamed columns."""
     timing: Timing | None = None

@@ -120,6 +120,39 @@ def test_missing_cells_special_blocks_comments_and_latin_1(read):
     assert (recording.names, recording.units) == (("T", "b"), ("°C", ""))
 
 
+def test_cells_of_text_are_counted_and_named(read):
+    text = file_header() + segment(["a", "b"], ROWS[:6])
+    recording = read(text.replace(f"{ROWS[2, 1]:.6f}", "ERR 5").replace(f"{ROWS[4, 0]:.6f}", "NaN"))
+    assert np.flatnonzero(np.isnan(recording.values)).tolist() == [5, 8]
+    report = recording.report
+    assert (report.rows, report.rejected, report.bad_cells) == (6, 0, 1)
+    (issue,) = report.issues
+    assert (issue.line, issue.column, issue.text) == (24, "b", "ERR 5")
+    assert report.lines == report.rows + report.headers == text.count("\n")
+
+
+def test_a_file_with_a_text_in_every_row_keeps_the_first_hundred_issues(read):
+    rows = "".join(f"{i * 0.01:.2f}\tlost\t{i}\n" for i in range(500))
+    report = read(file_header() + segment(["a", "b"], []).rstrip("\n") + "\n" + rows).report
+    assert (report.rows, report.bad_cells, len(report.issues)) == (500, 500, 100)
+
+
+@pytest.mark.parametrize("x", ["One", "No"])
+def test_segments_without_a_clock_of_their_own_follow_each_other(read, x):
+    dated = segment(["a"], ROWS[:5, :1], x=x)
+    undated = "".join(line for line in dated.splitlines(True) if not line.startswith(("Date", "Time\t")))
+    recording = read(file_header(x_columns=x) + 3 * undated)
+    np.testing.assert_allclose(recording.time, np.arange(15) * 0.01, atol=1e-9)
+    assert any("2024-02-29T23:59:59.5" in note for note in recording.report.notes)
+
+
+def test_a_segment_without_a_clock_follows_one_that_has_one(read):
+    dated = segment(["a"], ROWS[:5, :1], start="10:00:02.25")
+    undated = "".join(line for line in dated.splitlines(True) if not line.startswith(("Date", "Time\t")))
+    time = read(file_header() + segment(["a"], ROWS[:5, :1]) + dated + undated).time
+    np.testing.assert_allclose(time, np.concatenate([np.arange(5) * 0.01, 2 + np.arange(10) * 0.01]), atol=1e-6)
+
+
 def test_a_short_row_and_a_torn_last_line_are_rejected(read):
     text = file_header() + segment(["a", "b"], ROWS[:6]).rstrip("\n")
     report = read(text.replace(f"{ROWS[2, 0]:.6f}\t{ROWS[2, 1]:.6f}", f"{ROWS[2, 0]:.6f}")).report

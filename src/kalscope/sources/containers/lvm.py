@@ -16,7 +16,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
-from kalscope.recording import LineIssue
+from kalscope.recording import MAX_ISSUE_LENGTH, MAX_ISSUES, LineIssue
 from kalscope.sources.containers.parts import Part, choose_part
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.cells import parse_number
@@ -43,6 +43,8 @@ class _Segment:
     """The numbers, one a column; NaN in columns of text."""
     filled: int = 0
     """Rows of missing samples that keep the place of a rejected line."""
+    is_dated: bool = False
+    """True where it gives a start of its own, not only that of the file."""
 
     def tag(self, name: str, column: int, default: str = "") -> str:
         """The cell of a tag above a column; a tag of the file header has one cell for all."""
@@ -89,6 +91,8 @@ def read_lvm(path: Path, name: str, part: str | None, progress: Progress) -> Tab
         period=one.periods[0] if even else None,
         notes=(f"a LabVIEW measurement file{segments}", *notes),
         headers=reader.headers,
+        rejected=reader.rejected,
+        bad_cells=reader.bad_cells,
         issues=tuple(reader.issues),
         filled=one.filled,
     )
@@ -107,7 +111,7 @@ class _Reader:
 
     def __init__(self, progress: Progress) -> None:
         self.segments: list[_Segment] = []
-        self.headers = 0
+        self.headers = self.rejected = self.bad_cells = 0
         self.issues: list[LineIssue] = []
         self.decimal = "."
         self._separator = "\t"
@@ -152,6 +156,8 @@ class _Reader:
                 segment.numeric = sorted({*named, *_channels(segment)}) if _channels(segment) else []
             elif cells[0] == "Decimal_Separator":
                 self.decimal = "," if cells[1:] and cells[1].strip() == "," else "."
+            if segment is not None and cells[0] in ("Date", "Time"):
+                segment.is_dated = True
             (file_tags if segment is None else segment.tags)[cells[0].strip()] = cells
 
     def _is_skipped(self, line: str) -> bool:
@@ -191,15 +197,24 @@ class _Reader:
                 if is_torn
                 else f"must have {len(segment.names)} fields (got {len(cells)})"
             )
-            self.issues.append(LineIssue(number, reason, line[:200]))
+            self.rejected += 1
+            self._note(LineIssue(number, reason, line[:MAX_ISSUE_LENGTH]))
             if not is_torn and segment.tag("X_Columns", 1).lower() == "no":
                 segment.rows.append(row)  # the sensor did sample then
                 segment.filled += 1
             return
         for j in segment.numeric:
-            value = parse_number(cells[j].strip(), self.decimal)
+            cell = cells[j].strip()
+            value = parse_number(cell, self.decimal)
             row[j] = np.nan if value is None else value
+            if value is None and j in channels:
+                self.bad_cells += 1
+                self._note(LineIssue(number, "must be a number", cell[:MAX_ISSUE_LENGTH], segment.names[j]))
         segment.rows.append(row)
+
+    def _note(self, issue: LineIssue) -> None:
+        if len(self.issues) < MAX_ISSUES:
+            self.issues.append(issue)
 
 
 def _channels(segment: _Segment) -> list[int]:
@@ -263,7 +278,12 @@ def _offset(one: _Series, segment: _Segment, start: float | None, time: Array, p
     """Seconds from the first segment to this one, by its own clock; else it follows the last without a gap."""
     if not one.times:
         return 0.0
-    if start is not None and one.start is not None and segment.tag("Time_Pref", 1).lower() != "relative":
+    if (
+        segment.is_dated
+        and start is not None
+        and one.start is not None
+        and segment.tag("Time_Pref", 1).lower() != "relative"
+    ):
         return start - one.start
     last = float(one.times[-1][-1])
     return 0.0 if time[0] > last else last + (period or 0.0) - float(time[0])

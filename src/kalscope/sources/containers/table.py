@@ -39,8 +39,12 @@ class Table:
     """Names of columns that hold no numbers and were left out."""
     headers: int = 0
     """Lines of the file that are no rows: headers, and blank lines between its parts."""
+    rejected: int = 0
+    """Lines that were rejected."""
+    bad_cells: int = 0
+    """Cells of rows that hold something else than a number: missing samples."""
     issues: tuple[LineIssue, ...] = ()
-    """Lines that were rejected, in file order."""
+    """The first MAX_ISSUES of both, in file order."""
     filled: int = 0
     """Rows of missing samples that keep the places of rejected lines."""
 

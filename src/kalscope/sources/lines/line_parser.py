@@ -17,10 +17,11 @@ import re
 from collections import deque
 from collections.abc import Iterator, Sequence
 
+from kalscope.recording import MAX_ISSUE_LENGTH
 from kalscope.sources.grammar.cells import is_blank, is_comment
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import Layout, sniff
-from kalscope.sources.lines.line_reader import MAX_TEXT_LENGTH, TAIL_LINES, Kind, LineEvent, LineReader, rejected
+from kalscope.sources.lines.line_reader import TAIL_LINES, Kind, LineEvent, LineReader, rejected
 
 MAX_LINE_BYTES = 65_536
 """Bytes of one line, ten times the widest table; a longer one is no line of numbers and is dropped as it comes."""
@@ -163,7 +164,7 @@ class LineParser:
             self._searched = len(buffer)
             if len(buffer) > MAX_LINE_BYTES:
                 self._overlong = True
-                del buffer[MAX_TEXT_LENGTH:]
+                del buffer[MAX_ISSUE_LENGTH:]
                 self._searched = len(buffer)
             return None
         line, self._after_cr, self._searched = bytes(buffer[: match.start()]), match[0] == b"\r", 0
@@ -270,4 +271,4 @@ def _without_layout(number: int, line: str) -> LineEvent:
         kind = "comment"
     elif re.match(r"\s*[-+]?(?:[0-9]|\.[0-9]|inf)", line, re.IGNORECASE):
         return rejected(number, line, "must be numbers, or name:value pairs")
-    return LineEvent(number, kind, line[:MAX_TEXT_LENGTH])
+    return LineEvent(number, kind, line[:MAX_ISSUE_LENGTH])

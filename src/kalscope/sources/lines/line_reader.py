@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from kalscope.recording import LineIssue
+from kalscope.recording import MAX_ISSUE_LENGTH, LineIssue
 from kalscope.sources.grammar.cells import (
     MISSING_WORDS,
     NumberForm,
@@ -29,9 +29,6 @@ from kalscope.sources.layout.sniffer import Layout
 
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
 """What became of a line; "text" is prose that is no attempt at data: boot text, a program's log."""
-
-MAX_TEXT_LENGTH = 200
-"""Characters of a line that are kept in an issue."""
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 _TAIL_NUMBER = {mark: re.compile(rf'[0-9]{re.escape(mark)}([0-9]+)"?[ \t]*') for mark in ".,"}
@@ -95,7 +92,7 @@ class LineReader:
         text = line.rstrip("\r\n")
         kind = self._kind_without_data(text)
         if kind is not None:
-            return LineEvent(number, kind, text[:MAX_TEXT_LENGTH])
+            return LineEvent(number, kind, text[:MAX_ISSUE_LENGTH])
         issues: list[LineIssue] = []
         missing: list[str] = []
         try:
@@ -103,8 +100,8 @@ class LineReader:
         except _Fault as fault:
             return rejected(number, text, str(fault))
         if rows is None:
-            return LineEvent(number, "text", text[:MAX_TEXT_LENGTH])
-        return LineEvent(number, "row", text[:MAX_TEXT_LENGTH], rows, tuple(issues), tuple(missing))
+            return LineEvent(number, "text", text[:MAX_ISSUE_LENGTH])
+        return LineEvent(number, "row", text[:MAX_ISSUE_LENGTH], rows, tuple(issues), tuple(missing))
 
     def _kind_without_data(self, text: str) -> Kind | None:
         if is_blank(text, self._form.delimiter if self._form.kind == "table" else ""):
@@ -212,7 +209,7 @@ class LineReader:
                 missing.append(cells[i])
             else:
                 name = layout.columns[i].name
-                issues.append(LineIssue(number, "must be a number", cells[i][:MAX_TEXT_LENGTH], name))
+                issues.append(LineIssue(number, "must be a number", cells[i][:MAX_ISSUE_LENGTH], name))
         return tuple(values)
 
     def _number_of(self, name: tuple[str, ...]) -> int:
@@ -271,7 +268,7 @@ class LineReader:
 
 def rejected(number: int, text: str, reason: str) -> LineEvent:
     """The event of a line of the wrong shape."""
-    text = text.rstrip("\r\n")[:MAX_TEXT_LENGTH]
+    text = text.rstrip("\r\n")[:MAX_ISSUE_LENGTH]
     return LineEvent(number, "rejected", text, (), (LineIssue(number, reason, text),))
 
 

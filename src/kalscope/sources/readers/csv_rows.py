@@ -12,16 +12,13 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
-from kalscope.recording import LineIssue
+from kalscope.recording import MAX_ISSUES, LineIssue
 from kalscope.sources.grammar.cells import is_blank
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_reader import TAIL_LINES, Kind, LineEvent, LineReader
 from kalscope.sources.readers.plain_block import block_parser
 from kalscope.sources.readers.text_file import open_text
-
-MAX_ISSUES = 100
-"""Issues kept word for word; all are counted."""
 
 MAX_WORDS = 8
 """Words that say "no sample" of which the report gives the count."""

@@ -17,7 +17,7 @@ from kalscope.sources.layout.columns import Column, named_column, settle_roles
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.layout.time.time_column import chosen_time, find_time
 from kalscope.sources.readers.assemble import Reading
-from kalscope.sources.readers.csv_rows import MAX_ISSUES, Tally
+from kalscope.sources.readers.csv_rows import Tally
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _YEAR_9999 = 2.5e11
@@ -102,7 +102,7 @@ def _cell(value: float) -> str:
 
 def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading:
     """Rows without a stamp are rejected; infinite samples are missing ones, counted as cells that are no number."""
-    tally, rejected, n = Tally(), 0, table.shape[0]
+    tally, rejected, n = Tally(bad_cells=table.bad_cells, issues=list(table.issues)), 0, table.shape[0]
     if layout.time is not None:
         known = np.isfinite(columns[layout.time.index])
         rejected = int(np.count_nonzero(~known))
@@ -113,6 +113,5 @@ def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading
         if infinite.any():
             tally.bad_cells += int(np.count_nonzero(infinite))
             columns[i] = np.where(infinite, np.nan, columns[i])
-    tally.lines.update(row=n - table.filled - rejected, rejected=rejected + len(table.issues), header=table.headers)
-    tally.issues.extend(table.issues[:MAX_ISSUES])
+    tally.lines.update(row=n - table.filled - rejected, rejected=rejected + table.rejected, header=table.headers)
     return Reading(columns, tally, layout, table.period)
