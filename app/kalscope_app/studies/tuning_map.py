@@ -113,7 +113,7 @@ def nothing(why: str) -> TuningMap:
 def scan_recording(state: State) -> Scan:
     """One scan of the channel on screen: the best pair, the likelihood over λ, the 95 % region."""
     z, dt = state.z, state.dt
-    best = estimate(z, "ml", dt=dt)
+    best = estimate(z, "ml", dt=dt, momentum=0.0)
     if best.verdict in ("too_few", "constant", "bad_unit"):
         return Scan(best, None, None)
     around = likelihood_contour(z, best, dt)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,8 +18,10 @@ from kalscope.estimation.likelihood.search import Peak
 from kalscope.estimation.methods import allan, expectation_maximization, innovation_correlations, moments
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.pair import Pair
+from kalscope.estimation.momentum.verdict import with_momentum
 from kalscope.estimation.result import Estimate, stack
 from kalscope.estimation.verdict import conclude, each_channel, gain_of
+from kalscope.filtering.params import MAX_MOMENTUM
 
 METHODS = ("ml", "em", "moments", "als", "allan")
 """What `estimate` knows, in the order in which `compare_methods` shows them."""
@@ -30,8 +33,9 @@ def estimate(
     dt: ArrayLike | None = None,
     progress: Callable[[float, str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
+    momentum: float | Literal["auto"] = "auto",
 ) -> Estimate:
-    """Find q and r in a record, with intervals and a verdict in words.
+    """Find q, r and momentum in a record, with intervals and a verdict in words.
 
     Args:
         z: measurements, shape (n,) or (n, channels: independent signals); NaN is a missing sample.
@@ -40,12 +44,16 @@ def estimate(
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         progress: called with the fraction done and a few words; None = not reported.
         cancelled: whether to stop; None = never.
+        momentum: τ in nominal sample periods, 0 … 1e5; 0 = none, the five lines. "auto" = find it, and take it
+            where both the likelihood and the prediction of unseen samples speak for it. Only "ml" knows momentum:
+            with another method "auto" is 0.
 
     Returns:
         An Estimate; its `params` are None where the record gives no usable pair, and its `message` says why.
 
     Raises:
-        BadSetting: z holds inf or has another shape; dt does not fit z; the method is unknown.
+        BadSetting: z holds inf or has another shape; dt does not fit z; the method is unknown, or knows no
+            momentum; momentum is out of its range.
         Cancelled: `cancelled()` was true.
 
     Source: Durbin & Koopman (2012), section 2.10; each method's module names its own.
@@ -53,12 +61,36 @@ def estimate(
     if method not in METHODS:
         raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {method!r})")
 
+    tau = checked_momentum(momentum, method)
+
     def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
         searched = 0.1 if method == "em" else 0.9  # EM's passes take most of the time
         peak = ml.search(data, progress.part(0.0, searched))
         return _pair(method, data, peak, progress.part(searched, 1.0)), peak
 
-    return each_channel(method, z, dt, Progress(progress, cancelled), fit)
+    def extend(data: Differences, plain: Estimate, progress: Progress) -> Estimate:
+        return with_momentum(data, plain, tau, progress)
+
+    return each_channel(method, z, dt, Progress(progress, cancelled), fit, None if tau == 0.0 else extend)
+
+
+def checked_momentum(momentum: float | Literal["auto"], method: str) -> float | None:
+    """τ in sample periods; None = to be found.
+
+    Raises:
+        BadSetting: it is out of its range, or above 0 for a method that knows no momentum.
+    """
+    if isinstance(momentum, str) and momentum == "auto":
+        return None if method == "ml" else 0.0
+    try:
+        tau = float(momentum)
+    except (TypeError, ValueError):
+        tau = math.nan
+    if not 0.0 <= tau <= MAX_MOMENTUM:
+        raise BadSetting(f'momentum must be "auto" or sample periods from 0 to 1e5 (got {momentum!r})')
+    if tau > 0.0 and method != "ml":
+        raise BadSetting(f'momentum must be "auto" or 0 for the method {method!r}, which knows none (got {tau:g})')
+    return tau
 
 
 def compare_methods(
@@ -69,8 +101,8 @@ def compare_methods(
 ) -> tuple[Estimate, ...]:
     """All methods on one record, in the order of METHODS; where they disagree, the first message says so.
 
-    Under the model all five estimate the same two numbers. Where they differ significantly, the model does not
-    describe the signal, and no pair can be trusted.
+    All are asked for the five lines, without momentum. Under that model they estimate the same two numbers. Where
+    they differ significantly, the model does not describe the signal, and no pair can be trusted.
 
     Args:
         z: measurements, shape (n,) or (n, channels); NaN is a missing sample.

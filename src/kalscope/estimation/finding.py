@@ -1,4 +1,4 @@
-"""From what the user knows or wants to a pair (q, r), for `kalscope tune` and the dashboard alike.
+"""From what the user knows or wants to q, r and momentum, for `kalscope tune` and the dashboard alike.
 
 A target (lag, cut-off, noise reduction, gain) fixes λ = q/r; knowledge of the noise (a still stretch, a data sheet,
 a number) fixes r; what is left is estimated from the record.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.common.text import number
 from kalscope.errors import BadSetting
-from kalscope.estimation.estimate import METHODS, estimate
+from kalscope.estimation.estimate import METHODS, checked_momentum, estimate
 from kalscope.estimation.known import (
     estimate_fixed_r,
     estimate_fixed_ratio,
@@ -86,7 +87,7 @@ class Found:
     """The result of `find_parameters`, with or without parameters."""
 
     params: FilterParams | None
-    """The pair to use; None where there is none: `message` then says what to do instead."""
+    """What to use; None where there is none: `message` then says what to do instead."""
     how: str
     """How it was found, in a few words, for the tuning file."""
     message: str
@@ -107,8 +108,9 @@ def find_parameters(
     present_r: float | None = None,
     progress: Callable[[float, str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
+    momentum: float | Literal["auto"] = "auto",
 ) -> Found:
-    """Find q and r of one channel.
+    """Find q, r and momentum of one channel.
 
     Args:
         z: measurements, shape (n,); NaN is a missing sample.
@@ -121,14 +123,23 @@ def find_parameters(
         present_r: r to keep with a target where the noise is unknown; None = estimate it.
         progress: called with the fraction done and a few words.
         cancelled: whether to stop.
+        momentum: τ in sample periods, or "auto", as `estimate` takes it; with a target, a ratio or known noise
+            both can only be 0.
 
     Raises:
-        BadSetting: targets that contradict each other, are unknown or out of range.
+        BadSetting: targets that contradict each other, are unknown or out of range; momentum above 0 with one of
+            them.
         Cancelled: `cancelled()` was true.
     """
     _check(method, target, ratio)
     noise = noise or Noise()
     known = noise.resolve(z)
+    tau = checked_momentum(momentum, method)
+    if tau and (target or known or ratio is not None):
+        raise BadSetting(
+            f'momentum must be "auto" or 0 with a target, a ratio or known noise: it is estimated with q and r '
+            f"(got {tau:g})"
+        )
     if target:
         r, said = known or _noise_for_target(z, dt, present_r, progress, cancelled)
         ((name, value),) = target.items()
@@ -143,7 +154,8 @@ def find_parameters(
         return _from(estimate_fixed_ratio(z, ratio, dt), f"q/r = {ratio:g}, r by maximum likelihood")
     if known:
         return _fit_q(z, dt, *known, noise.origin)
-    return _from(estimate(z, method, dt, progress=progress, cancelled=cancelled), METHOD_NAMES[method])
+    answer = estimate(z, method, dt, progress=progress, cancelled=cancelled, momentum=momentum)
+    return _from(answer, METHOD_NAMES[method])
 
 
 def _check(method: str, target: dict[str, float] | None, ratio: float | None) -> None:
@@ -195,7 +207,7 @@ def _noise_for_target(
     band = "it sets the width of the band, not the curve."
     if present_r is not None and present_r > 0.0:
         return present_r, f"r is kept: {band}"
-    answer = estimate(z, dt=dt, progress=progress, cancelled=cancelled)
+    answer = estimate(z, dt=dt, progress=progress, cancelled=cancelled, momentum=0.0)
     if float(answer.r) > 0.0:  # valid at the edge q = 0 too
         return float(answer.r), f"r by maximum likelihood; {band}"
     r = float(starting_params(z).r)

@@ -53,7 +53,14 @@ class Estimate:
     message: Words
     """What was found, what it means and what to do, for the user."""
     params: FilterParams | None
-    """The pair, ready for the filter, diffuse start; None where there is none (in any channel)."""
+    """The pair and its momentum, ready for the filter, diffuse start; None without a pair (in any channel)."""
+    momentum: Value = 0.0
+    """Momentum τ, nominal sample periods; 0 = none, the five lines."""
+    momentum_interval: tuple[Value, Value] = (0.0, 0.0)
+    """The τ that the record allows, where it was searched: profile-likelihood 95 %, from 0, or up to inf."""
+    prediction_gain: Value = 0.0
+    """By which fraction momentum makes the one-step error smaller on samples that the fit had not seen, below 0
+    where larger; 0 where that was not tried."""
 
     def channel(self, index: int) -> Estimate:
         """One channel of an estimate for several, as scalars."""
@@ -61,7 +68,7 @@ class Estimate:
             return self
         values: dict[str, Any] = {f.name: _pick(getattr(self, f.name), index) for f in fields(self)}
         usable = values["verdict"] in USABLE
-        values["params"] = FilterParams(q=values["q"], r=values["r"]) if usable else None
+        values["params"] = _params(values) if usable else None
         return Estimate(**values)
 
 
@@ -82,8 +89,13 @@ def stack(estimates: Sequence[Estimate]) -> Estimate:
             values[f.name] = np.array(column)
     usable = all(one.params is not None for one in estimates)
     values["method"] = estimates[0].method
-    values["params"] = FilterParams(q=values["q"], r=values["r"]) if usable else None
+    values["params"] = _params(values) if usable else None
     return Estimate(**values)
+
+
+def _params(values: dict[str, Any]) -> FilterParams:
+    momentum = values["momentum"]
+    return FilterParams(q=values["q"], r=values["r"], momentum=momentum if np.any(momentum) else 0.0)
 
 
 def _pick(value: Any, index: int) -> Any:

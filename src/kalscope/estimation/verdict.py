@@ -20,7 +20,8 @@ from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 NOWHERE = Peak(-math.inf, 0.0, 0.0, (-math.inf, math.inf))
 """The peak of a record without information."""
 
-_MIN_VARIANCE = 1e-300
+MIN_VARIANCE = 1e-300
+"""Smallest variance accepted, unit²; smaller ones lose digits."""
 
 
 def each_channel(
@@ -29,8 +30,9 @@ def each_channel(
     dt: ArrayLike | None,
     progress: Progress,
     fit: Callable[[Differences, Progress], tuple[Pair, Peak]],
+    extend: Callable[[Differences, Estimate, Progress], Estimate] | None = None,
 ) -> Estimate:
-    """Check z and dt, `fit` each channel that passes the precheck, and stack the results."""
+    """Check z and dt, `fit` each channel that passes the precheck, `extend` its estimate, and stack the results."""
     columns, shape = columns_of(z)
     steps = steps_of(dt, columns.shape[1])
     refuse_infinite(columns)
@@ -41,8 +43,10 @@ def each_channel(
         if verdict:
             found.append(_estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), verdict, message))
         else:
-            pair, peak = fit(data, progress.part(c / len(columns), (c + 1) / len(columns)))
-            found.append(conclude(method, data, pair, peak))
+            part = progress.part(c / len(columns), (c + 1) / len(columns))
+            pair, peak = fit(data, part.part(0.0, 1.0 if extend is None else 0.1))
+            one = conclude(method, data, pair, peak)
+            found.append(one if extend is None else extend(data, one, part.part(0.1, 1.0)))
     progress(1.0, "done")
     return found[0] if len(shape) == 1 else stack(found)
 
@@ -54,7 +58,7 @@ def conclude(method: str, data: Differences, pair: Pair, peak: Peak) -> Estimate
     q, r, q_se, r_se = numbers.tolist()
     verdict = pair.verdict or _judge(pair, peak)
     sizes = [size for size, found in ((q, pair.q), (r, pair.r)) if found > 0.0]
-    if not all(_MIN_VARIANCE < size <= MAX_VARIANCE for size in sizes):
+    if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in sizes):
         return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), "bad_unit", words.BAD_UNIT)
     message = pair.text or _message(verdict, data, pair, peak)
     if pair.note:

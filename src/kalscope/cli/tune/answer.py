@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -37,11 +37,19 @@ class TuneRequest:
     """λ itself."""
     noise: Noise = field(default_factory=Noise)
     """What is known of r."""
+    momentum: float | Literal["auto"] = "auto"
+    """τ in sample periods, or "auto"."""
 
     def find(self, z: Array, **more: Any) -> Found:
         """The pair for the samples z; the other arguments as `find_parameters` takes them."""
         return find_parameters(
-            z, method=self.method, target=self.target, ratio=self.ratio, noise=self.noise, **more
+            z,
+            method=self.method,
+            target=self.target,
+            ratio=self.ratio,
+            noise=self.noise,
+            momentum=self.momentum,
+            **more,
         )
 
 
@@ -149,6 +157,8 @@ def as_plain(answer: Answer) -> dict[str, Any]:
             "ratio_interval": limits.ratio_interval,
             "gain_interval": limits.gain_interval,
             "lag_interval": limits.lag_interval,
+            "momentum_interval": limits.momentum_interval,
+            "prediction_gain": limits.prediction_gain,
             "steady": None if answer.steady is None else asdict(answer.steady),
             "opinions": [_opinion(one) for one in answer.opinions],
             "disagreement": answer.disagreement,
@@ -160,7 +170,7 @@ def as_plain(answer: Answer) -> dict[str, Any]:
 
 
 def _pair(params: FilterParams | None) -> dict[str, Any]:
-    names = ("q", "r", "ratio")
+    names = ("q", "r", "ratio", "momentum")
     return {name: None if params is None else getattr(params, name) for name in names}
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.options import SamplePeriod, Source, number_option, reads_source
+from kalscope.cli.options import SamplePeriod, Source, number_option, number_or, reads_source
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
@@ -62,6 +63,12 @@ def tune_command(
     density: Annotated[float | None, number_option("Data sheet: noise density, unit/√Hz; gives r.")] = None,
     bandwidth_hz: Annotated[float | None, number_option("Noise bandwidth for --density, Hz.")] = None,
     r: Annotated[float | None, number_option("Known measurement-noise variance, unit²; q is estimated.")] = None,
+    momentum: Annotated[
+        float | None,
+        number_option(
+            'Sample periods that the signal keeps its direction, or "auto" (default).', number_or("auto")
+        ),
+    ] = None,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
@@ -91,6 +98,8 @@ def tune_command(
     _refuse_contradictions(given, method, still, channel, every)
     recording = open_source(source, reading, sample_period=sample_period)
     request = _request(given, method or "ml", still, recording)
+    if momentum is not None and not math.isnan(momentum):
+        request = replace(request, momentum=momentum)
     answers = _answers(recording, recording.names if every else (channel or default_channel(recording),), request)
     notes = [sample_period_conflict(recording)] if "--sample-period" in given else []
     notes += [] if output is None else _save(recording, answers, output)

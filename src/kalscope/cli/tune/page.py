@@ -17,6 +17,7 @@ from kalscope.common.text import (
     frequency,
     lag_in_full,
     number,
+    percent,
     squared,
     trimmed,
 )
@@ -88,6 +89,8 @@ def _pair(answer: Answer, recording: Recording) -> Iterator[str]:
         sigma = f"σ = {number(math.sqrt(r))} {answer.unit or 'unit'}"
         yield f"measurement noise  r = {trimmed(r, 4)} {unit}   ({sigma})"
         yield f"ratio            q/r = {number(ratio)}"
+        if tau := scalar(params.momentum):
+            yield f"momentum           τ = {trimmed(tau, 4)} samples{_seconds(tau, answer.sample_period)}"
         yield f"how: {answer.found.how}"
     yield ""
     yield from _wrapped(answer.found.message)
@@ -95,6 +98,10 @@ def _pair(answer: Answer, recording: Recording) -> Iterator[str]:
         target = "--gain 0.2" if answer.sample_period is None else f"--lag-ms {5e3 * answer.sample_period:.4g}"
         place = shlex.join([recording.source, *recording.report.options, "--channel", answer.channel])
         yield f"For example: kalscope tune {place} {target}"
+
+
+def _seconds(tau: float, period: float | None) -> str:
+    return "" if period is None else f"   ({duration(tau * period)})"
 
 
 def _meaning(answer: Answer) -> Iterator[str]:
@@ -109,6 +116,8 @@ def _meaning(answer: Answer) -> Iterator[str]:
 def _steady_lines(steady: SteadyState, params: FilterParams, period: float | None) -> Iterator[str]:
     yield f"  gain             {number(scalar(steady.gain))}"
     yield f"  lag on a ramp    {lag_in_full(scalar(steady.lag_samples), period)}"
+    if overshoot := scalar(steady.overshoot):
+        yield f"  beyond a step    {percent(overshoot)}"
     yield f"  noise reduction  {decibels(scalar(steady.noise_reduction_db))}"
     yield f"  −3 dB cut-off    {_cutoff(params, period)}"
     yield f"  step to 1 %      {lag_in_full(scalar(steady.settle_samples), period)}"

@@ -1,0 +1,52 @@
+"""Maximum likelihood of q and r where the momentum is given: the search over one ratio, as without momentum."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kalscope.common.array import Array
+from kalscope.common.progress import Progress
+from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
+from kalscope.estimation.momentum.fit import MomentumFit
+from kalscope.estimation.momentum.likelihood import Samples, pairs, step_variance
+
+_DERIVATIVE_STEP = 1e-3
+"""Step in ln(step variance / r) for the slope of the scale, which only feeds standard errors."""
+
+
+def fit_at(data: Samples, tau: float, progress: Progress) -> MomentumFit:
+    """The best q and r of one τ > 0."""
+
+    def loglik(log_moves: Array) -> Array:
+        return data.concentrated(log_moves, np.full(len(log_moves), tau))[0]
+
+    at_infinity = float(loglik(np.array([math.inf]))[0])
+    peak = find_peak(loglik, grid_for(data.m), at_infinity, progress)
+    near = peak.log_ratio + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
+    q, r = pairs(near, np.full(3, tau))
+    unit = data.concentrated(near, np.full(3, tau))[1] * data.scale * data.scale
+    q, r = q * unit, r * unit
+    errors = [_relative_error(value, peak, data.m) for value in (q, r)]
+    low, high = (math.exp(end) / step_variance(tau) for end in peak.interval)
+    return MomentumFit(
+        q=float(q[0]),
+        r=float(r[0]),
+        tau=tau,
+        loglik=peak.loglik,
+        q_se=float(q[0]) * errors[0] if q[0] > 0.0 else math.inf,
+        r_se=float(r[0]) * errors[1] if r[0] > 0.0 else math.inf,
+        tau_interval=(tau, tau),
+        region=((low, tau), (high, tau)),
+    )
+
+
+def _relative_error(near: Array, peak: Peak, m: int) -> float:
+    """Standard error of ln of a variance, known at the peak and beside it; see `maximum_likelihood.fit`."""
+    if not math.isfinite(peak.log_ratio):
+        return math.sqrt(2.0 / m)
+    if not peak.curvature < 0.0:
+        return math.inf
+    slope = float(np.log(near[2] / near[1])) / (2.0 * _DERIVATIVE_STEP)
+    return math.sqrt(2.0 / m - slope * slope / peak.curvature)

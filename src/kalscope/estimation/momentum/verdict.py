@@ -1,0 +1,84 @@
+"""An Estimate with momentum: intervals, a verdict and words."""
+
+from __future__ import annotations
+
+import math
+
+from kalscope.common.progress import Progress
+from kalscope.common.text import decibels, number, percent
+from kalscope.estimation import verdict_text
+from kalscope.estimation.likelihood.profile import Differences
+from kalscope.estimation.momentum.fit import MomentumFit
+from kalscope.estimation.momentum.given import fit_at
+from kalscope.estimation.momentum.likelihood import Samples
+from kalscope.estimation.result import USABLE, Estimate
+from kalscope.estimation.verdict import MIN_VARIANCE
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
+from kalscope.filtering.steady_state import SteadyState, steady_state
+
+
+def with_momentum(data: Differences, plain: Estimate, momentum: float | None, progress: Progress) -> Estimate:
+    """The estimate of one channel with momentum.
+
+    Args:
+        data: the record.
+        plain: its estimate without momentum.
+        momentum: τ in sample periods, above 0; None = find it, and keep `plain` unless the record asks for it.
+        progress: reported to.
+    """
+    if plain.verdict == "bad_unit" or momentum is None:
+        return plain
+    found = fit_at(Samples.of(data), momentum, progress)
+    return conclude(found, f"The momentum of {number(momentum)} samples was given.")
+
+
+def conclude(found: MomentumFit, reason: str) -> Estimate:
+    """The Estimate of a fit; `reason` is the sentence on where the momentum comes from."""
+    if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in (found.q, found.r) if size > 0.0):
+        verdict, message = "bad_unit", verdict_text.BAD_UNIT
+    else:
+        verdict = "no_noise" if found.r == 0.0 else "no_movement" if found.q == 0.0 else "ok"
+        message = f"{_words(verdict, found)} {reason}"
+    ratios = [ratio for ratio, _ in found.region]
+    settled = [_settled(ratio, tau) for ratio, tau in found.region]
+    gains, lags = [float(one.gain) for one in settled], [float(one.lag_samples) for one in settled]
+    usable = verdict in USABLE
+    return Estimate(
+        method="ml",
+        q=found.q,
+        r=found.r,
+        ratio=found.q / found.r if found.r > 0.0 else math.inf,
+        loglik=found.loglik,
+        ratio_interval=(min(ratios), max(ratios)),
+        gain_interval=(min(gains), max(gains)),
+        lag_interval=(min(lags), max(lags)),
+        q_se=found.q_se,
+        r_se=found.r_se,
+        verdict=verdict,
+        message=message,
+        params=FilterParams(q=found.q, r=found.r, momentum=found.tau) if usable else None,
+        momentum=found.tau,
+        momentum_interval=found.tau_interval,
+    )
+
+
+def _words(verdict: str, found: MomentumFit) -> str:
+    if verdict == "no_noise":
+        return (
+            "No noise can be identified at this sample rate, also with momentum: every change looks like real "
+            f"movement, and the most likely filter (r = 0) would pass the signal unchanged. {verdict_text.INSTEAD}"
+        )
+    if verdict == "no_movement":
+        return verdict_text.no_movement(0.0)
+    steady = _settled(found.q / found.r, found.tau)
+    return (
+        f"Noise and movement can be separated. The filter settles at gain {number(float(steady.gain))}: it lags a "
+        f"ramp by {number(float(steady.lag_samples))} samples, goes {percent(float(steady.overshoot))} beyond a step "
+        f"and reduces white noise by {decibels(float(steady.noise_reduction_db))}."
+    )
+
+
+def _settled(ratio: float, tau: float) -> SteadyState:
+    if ratio == math.inf:
+        return steady_state(FilterParams(q=1.0, r=0.0, momentum=tau))
+    return steady_state(FilterParams(q=ratio, r=1.0, momentum=tau))
