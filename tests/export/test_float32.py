@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from kalscope import FilterParams, steady_state
+from kalscope import FilterParams, kalman_filter, steady_state
 from kalscope.errors import BadSetting
-from kalscope.export.float32 import STALLING_GAIN, Float32Params, filter_float32, float32_params, float32_text
+from kalscope.export.float32 import (
+    STALLING_GAIN,
+    Float32Momentum,
+    Float32Params,
+    filter_float32,
+    float32_params,
+    float32_text,
+)
 from kalscope.filtering.kernels import GATE_LIMIT
 
 F = np.float32
@@ -54,6 +63,96 @@ def test_equals_the_five_lines_in_float32_to_the_bit(seed):
         np.testing.assert_array_equal(filter_float32(z, held), expected)
 
 
+def by_hand_with_momentum(z, held):
+    """The two-state filter in numpy scalars, each matrix product written out in the order that boards use."""
+    m, r, gate = held.momentum, held.r, held.gate
+    x, v, p, g, w, refused, out = held.x0, F(0), held.p0, F(0), m.w0, 0, []
+    for sample in np.asarray(z, F):
+        fw = F(m.f * w)
+        p = F(F(p + F(m.f * F(F(F(2) * g) + fw))) + m.q11)
+        g = F(F(m.e * F(g + fw)) + m.q12)
+        w = F(F(F(m.e * m.e) * w) + m.q22)
+        x, v = F(x + F(m.f * v)), F(m.e * v)
+        s, i = F(p + r), F(sample - x)
+        if np.isnan(sample) or (s == 0 and not np.isnan(x)):
+            pass
+        elif np.isinf(p):
+            x, p, g, refused = sample, r, F(0), 0
+        elif gate > 0 and F(i * i) > F(gate * s) and refused < GATE_LIMIT:
+            refused += 1
+        else:
+            k, ell = (F(p / s), F(g / s)) if s > 0 else (F(0), F(0))
+            p, g, w = F(F(F(1) - k) * p), F(F(F(1) - k) * g), F(w - F(ell * g))
+            x, v = (sample, v) if np.isnan(x) else (F(x + F(k * i)), F(v + F(ell * i)))
+            refused = 0
+        out.append(x)
+    return np.array(out, F)
+
+
+def awkward_samples(seed, n=1500):
+    """A walk that keeps its direction, with holes, spikes and a missing first sample."""
+    rng = np.random.default_rng(seed)
+    z = 100 * rng.normal() + np.cumsum(np.cumsum(rng.normal(size=n) / 20)) + rng.normal(size=n)
+    z[rng.random(n) < 0.03] = np.nan
+    z[rng.random(n) < 0.03] += 60
+    z[0] = np.nan
+    return z
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_momentum_equals_the_two_state_filter_in_float32_to_the_bit(seed):
+    rng = np.random.default_rng(seed)
+    z = awkward_samples(seed)
+    q, r, p0, x0 = 10.0 ** rng.uniform(-4, 2, 4)
+    for tau in (1e-3, 0.4, 7.0, 60.0, 1e5):
+        for params in (
+            FilterParams(q, r, momentum=tau),
+            FilterParams(q, r, p0, momentum=tau),
+            FilterParams(q, r, p0, x0, momentum=tau),
+            FilterParams(q, r, p0, gate=9.0, momentum=tau),
+            FilterParams(0.0, r, 0.0, gate=4.0, momentum=tau),
+            FilterParams(q, 0.0, 0.0, momentum=tau),
+        ):
+            held = float32_params(params)
+            np.testing.assert_array_equal(filter_float32(z, held), by_hand_with_momentum(z, held))
+
+
+def test_momentum_zero_is_the_filter_of_before_and_a_velocity_that_never_lasts_the_same_bits():
+    """A board with momentum runs τ = 0 as e = f = 0: the five lines to the last bit."""
+    z = awkward_samples(9)
+    for params in (
+        FilterParams(0.3, 20.0),
+        FilterParams(0.3, 20.0, 5.0, 2.0, gate=9.0),
+        FilterParams(0.2, 0.0, 3.0),
+    ):
+        plain = float32_params(params)
+        assert plain.momentum is None
+        none = Float32Momentum(tau=F(0), e=F(0), f=F(0), q11=plain.q, q12=F(0), q22=F(0), w0=F(0))
+        np.testing.assert_array_equal(filter_float32(z, replace(plain, momentum=none)), filter_float32(z, plain))
+
+
+@pytest.mark.parametrize("tau", [0.4, 7.0, 60.0, 1e5])
+def test_momentum_in_float32_stays_with_the_filter_in_double(tau):
+    z = awkward_samples(3)
+    for params in (FilterParams(0.5, 1.0, momentum=tau), FilterParams(50.0, 4.0, 1.0, 0.0, 9.0, momentum=tau)):
+        np.testing.assert_allclose(
+            filter_float32(z, params), kalman_filter(z, params).x, rtol=0, atol=2e-5 * np.nanmax(np.abs(z))
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "params"),
+    [
+        ("momentum", FilterParams(1.0, 1.0, momentum=1e-39)),
+        ("q11 of q and momentum", FilterParams(1e-30, 1.0, momentum=1e5)),
+        (r"q / \(2 momentum\)", FilterParams(1e30, 1.0, momentum=1e-20)),
+    ],
+)
+def test_a_momentum_that_float32_cannot_hold_is_refused_by_name(name, params):
+    with pytest.raises(BadSetting, match=f"^{name} must fit float32"):
+        float32_params(params)
+
+
 def test_text_and_float32_are_the_same_bits():
     rng = np.random.default_rng(1)
     bits = rng.integers(0x00800000, 0x7F7FFFFF, 10_000, dtype=np.uint32)
@@ -79,16 +178,19 @@ def settled_gain(held, samples):
     return float(filter_float32(z, held)[-1])
 
 
-def test_above_the_stalling_gain_float32_settles_within_one_percent_and_below_it_is_told_the_gain():
+@pytest.mark.parametrize("momentum", [0.0, 2.0, 300.0])
+def test_above_the_stalling_gain_float32_settles_within_one_percent_and_below_it_is_told_the_gain(momentum):
     for gain, samples in ((1e-3, 20_000), (1e-5, 1_000_000), (1.1 * STALLING_GAIN, 2_000_000)):
-        held = float32_params(FilterParams(gain * gain / (1 - gain) * 7.0, 7.0))
+        params = FilterParams(gain * gain / (1 - gain) * 7.0, 7.0, momentum=momentum)
+        held = float32_params(params)
         assert held.settled_gain == 0
-        assert settled_gain(held, samples) == pytest.approx(gain, rel=0.01)
-    slow = FilterParams(1e-14 * 7.0, 7.0)
+        assert settled_gain(held, samples) == pytest.approx(steady_state(params).gain, rel=0.01)
+    slow = FilterParams(1e-14 * 7.0, 7.0, momentum=momentum)
     held = float32_params(slow)
     wanted = F(steady_state(slow).gain)
     assert settled_gain(held, 10_000_000) == wanted
-    assert abs(settled_gain(Float32Params(held.q, held.r), 10_000_000) / wanted - 1) > 0.1
+    told_nothing = replace(held, settled_gain=OFF)
+    assert abs(settled_gain(told_nothing, 10_000_000) / wanted - 1) > 0.1
 
 
 def test_one_channel_only_and_one_dimension_only():

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.errors import BadSetting
 from kalscope.filtering.kernels import GATE_LIMIT
-from kalscope.filtering.params import FilterParams, refuse_momentum
+from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
 MIN_NORMAL = float(np.finfo(np.float32).tiny)
@@ -28,6 +29,30 @@ STALLING_GAIN = 3e-6
 Floats = NDArray[np.float32]
 
 _NOTHING, _UNKNOWN, _INFINITE = np.float32(0.0), np.float32(np.nan), np.float32(np.inf)
+
+
+@dataclass(frozen=True)
+class Float32Momentum:
+    """The momentum of one channel as a board holds it; each field is a float32 value.
+
+    Over one sample period x grows by f v, v fades to e v, and the variances of x and v and their covariance grow
+    by q11, q22 and q12: `filtering.momentum.kernels.transition`.
+    """
+
+    tau: np.float32
+    """Momentum τ, sample periods, > 0."""
+    e: np.float32
+    """Share of the velocity that is left after one sample."""
+    f: np.float32
+    """Distance that a velocity of 1 goes in one sample, sample periods."""
+    q11: np.float32
+    """Variance added to x, unit²."""
+    q12: np.float32
+    """Covariance added, unit² per sample."""
+    q22: np.float32
+    """Variance added to v, (unit per sample)²."""
+    w0: np.float32
+    """Variance of v before the first sample, q/(2τ), (unit per sample)²."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +71,8 @@ class Float32Params:
     """Outlier gate on v²/s; 0 = off."""
     settled_gain: np.float32 = _NOTHING
     """Gain to use once the variance repeats itself to the last bit; 0 = the one that the variance gives."""
+    momentum: Float32Momentum | None = None
+    """The second state; None = the five lines."""
 
 
 def float32_params(params: FilterParams) -> Float32Params:
@@ -56,7 +83,6 @@ def float32_params(params: FilterParams) -> Float32Params:
     """
     if params.channels is not None:
         raise BadSetting(f"params must be those of one channel (got {params.channels} channels)")
-    refuse_momentum(params, "a filter in float32")
     q, r, p0, x0, gate = (cast("float | None", getattr(params, name)) for name in ("q", "r", "p0", "x0", "gate"))
     rounded = Float32Params(
         q=_rounded("q", q or 0.0),
@@ -65,6 +91,7 @@ def float32_params(params: FilterParams) -> Float32Params:
         x0=_UNKNOWN if x0 is None else _rounded("x0", x0),
         gate=_NOTHING if gate is None else _rounded("gate", gate),
         settled_gain=_settled_gain(params),
+        momentum=_momentum(cast("float", params.q), cast("float", params.momentum)),
     )
     parts = [v for v in (rounded.q, rounded.r, rounded.p0) if np.isfinite(v)]
     if sum(map(float, parts)) > float(np.finfo(np.float32).max):
@@ -100,7 +127,12 @@ def filter_float32(z: ArrayLike, params: FilterParams | Float32Params) -> Floats
         raise BadSetting(f"z must have shape (n,) (got {samples.shape})")
     held = params if isinstance(params, Float32Params) else float32_params(params)
     out = np.empty_like(samples)
-    _filter(samples, held.q, held.r, held.gate, held.settled_gain, held.x0, held.p0, out)
+    if held.momentum is None:
+        _filter(samples, held.q, held.r, held.gate, held.settled_gain, held.x0, held.p0, out)
+    else:
+        m = held.momentum
+        over = m.e, m.f, m.q11, m.q12, m.q22
+        _filter_with_momentum(samples, over, held.r, held.gate, held.settled_gain, held.x0, held.p0, m.w0, out)
     return out
 
 
@@ -110,6 +142,23 @@ def _rounded(name: str, value: float) -> np.float32:
     if math.isinf(rounded) or (value != 0.0 and abs(float(rounded)) < MIN_NORMAL):
         raise BadSetting(f"{name} must fit float32: 0, or a size from 1.2e-38 to 3.4e38 (got {value:.6g})")
     return rounded
+
+
+def _momentum(q: float, tau: float) -> Float32Momentum | None:
+    """The constants, computed in double and rounded; None without momentum."""
+    if tau == 0.0:
+        return None
+    e, f, q11, q12, q22 = transition(1.0, q, tau)
+    held, start = _rounded("momentum", tau), _rounded("q / (2 momentum)", 0.5 * q / tau)
+    return Float32Momentum(
+        tau=held,
+        e=np.float32(e if e >= MIN_NORMAL else 0.0),
+        f=_rounded("momentum", f),
+        q11=_rounded("q11 of q and momentum", q11),
+        q12=_rounded("q12 of q and momentum", q12),
+        q22=_rounded("q22 of q and momentum", q22),
+        w0=start,
+    )
 
 
 def _settled_gain(params: FilterParams) -> np.float32:
@@ -153,4 +202,53 @@ def _filter(
                     k = settled_gain
                 x = x + k * v
                 rejected = 0
+        out[i] = x
+
+
+@njit(cache=True, nogil=True)
+def _filter_with_momentum(
+    z: Floats,
+    over: tuple[np.float32, np.float32, np.float32, np.float32, np.float32],
+    r: np.float32,
+    gate: np.float32,
+    settled_gain: np.float32,
+    x: np.float32,
+    p: np.float32,
+    w: np.float32,
+    out: Floats,
+) -> None:
+    """`momentum.kernels.step` in float32: v is the velocity, w its variance, g the covariance of x and v."""
+    one, two, zero = np.float32(1.0), np.float32(2.0), np.float32(0.0)
+    e, f, q11, q12, q22 = over
+    v = g = zero
+    rejected = 0
+    for i in range(z.shape[0]):
+        before = p
+        fw = f * w
+        p = p + f * (two * g + fw) + q11
+        g = e * (g + fw) + q12
+        w = e * e * w + q22
+        x = x + f * v
+        v = e * v
+        s = p + r
+        if math.isnan(z[i]):
+            pass
+        elif math.isinf(p):
+            x, p, g, rejected = z[i], r, zero, 0
+        elif s > zero:
+            innovation = z[i] - x
+            if gate > zero and innovation * innovation > gate * s and rejected < GATE_LIMIT:
+                rejected += 1
+            else:
+                k, ell = p / s, g / s
+                p, g, w = (one - k) * p, (one - k) * g, w - ell * g
+                if settled_gain > zero and p == before:
+                    k = settled_gain
+                if math.isnan(x):
+                    x = z[i]
+                else:
+                    x, v = x + k * innovation, v + ell * innovation
+                rejected = 0
+        elif math.isnan(x):
+            x, rejected = z[i], 0
         out[i] = x
