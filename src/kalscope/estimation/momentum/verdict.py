@@ -73,8 +73,8 @@ def _words(verdict: str, found: MomentumFit) -> str:
     steady = _settled(found.q / found.r, found.tau)
     return (
         f"Noise and movement can be separated. The filter settles at gain {number(float(steady.gain))}: it lags a "
-        f"ramp by {number(float(steady.lag_samples))} samples, goes {percent(float(steady.overshoot))} beyond a step "
-        f"and reduces white noise by {decibels(float(steady.noise_reduction_db))}."
+        f"ramp by {number(float(steady.lag_samples))} samples, goes {percent(float(steady.overshoot))} beyond a "
+        f"step and reduces white noise by {decibels(float(steady.noise_reduction_db))}."
     )
 
 
