@@ -19,7 +19,7 @@ from kalscope_app.live.connection import BoardConnection
 from kalscope_app.live.recording import BoardRecording
 from kalscope_app.program.error_reporting import sentence_for
 from kalscope_app.program.user_settings import UserSettings
-from kalscope_app.session.changes.view import set_dark, set_smoother
+from kalscope_app.session.changes.view import set_dark, set_smoother, set_velocity
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import AlternativesStudy
@@ -139,6 +139,10 @@ class Dashboard:
                 "show smoother (offline bound)", False, hint="It also uses later samples, which a device cannot."
             )
             bind(self._smoother, self.session, set_smoother)
+            self._velocity = gui.add_checkbox(
+                "show velocity (needs momentum)", False, hint="In place of the gain, below the innovation."
+            )
+            bind(self._velocity, self.session, set_velocity)
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
             self._help = HelpView(gui, self._tour)
@@ -171,7 +175,8 @@ class Dashboard:
         with self._server.atomic():
             self._panels.set_theme(dark=frame.state.view.dark)
             self._panels.set_map_shown(frame.state.view.map_shown)
-            self._dark.value, self._smoother.value = frame.state.view.dark, frame.state.view.smoother
+            view = frame.state.view
+            self._dark.value, self._smoother.value, self._velocity.value = view.dark, view.smoother, view.velocity
             self.signal.show(frame)
             for view in (self._numbers, self._find, self._presets, self._window, self._source, self._live):
                 view.show(frame)

@@ -56,6 +56,7 @@ def open_dashboard(
     p0: Annotated[str | None, typer.Option(help="Its initial variance P₀, or automatic: the first sample.")] = None,
     x0: Annotated[str | None, typer.Option(help="Its initial estimate x₀, or first; goes with --p0.")] = None,
     gate: Annotated[str | None, typer.Option(help="Its outlier gate on v²/s, such as 9, or off.")] = None,
+    momentum: Annotated[str | None, typer.Option(help="Its momentum τ in samples, or off.")] = None,
 ) -> None:
     """Open the dashboard in a browser."""
     from kalscope_app.guard.server import guarded_server
@@ -69,7 +70,7 @@ def open_dashboard(
 
     with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
         state, board = first_state(source, reading, config, sample_period)
-        state = apply_options(state, channel, q, r, p0, x0, gate)
+        state = apply_options(state, channel, q, r, p0, x0, gate, momentum)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), label="Kalscope")
         with stop_signals() as end:

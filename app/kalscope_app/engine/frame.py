@@ -62,6 +62,10 @@ class Frame:
     """Largest |board's − ours| in the window, unit; NaN where there is none."""
     connection: ConnectionState = NO_CONNECTION
     """How the connection of the live board is."""
+    velocity: Array | None = None
+    """Filtered velocity, unit per s, or per sample without a sample period; None where none is wanted or known."""
+    velocity_spread: Array | None = None
+    """2·√ of its variance, in the same unit."""
     variants: tuple[Array, ...] = ()
     """The filtered signal of each pinned setting, in the order of `state.variants`, unit."""
 
@@ -98,6 +102,7 @@ def compute_frame(
     start_up = samples_to_settle(result, float(steady.gain))
     gain_samples = gain_axis(start_up, len(recording))
     board = None if state.board is None else recording.channel(state.board)
+    velocity, velocity_spread = _velocity(state, result, drawn)
     return Frame(
         state=state,
         serial=serial,
@@ -115,6 +120,8 @@ def compute_frame(
         board=None if board is None else board[at],
         board_difference=math.nan if board is None else _largest_difference(board, result.x, drawn),
         connection=connection,
+        velocity=velocity,
+        velocity_spread=velocity_spread,
         variants=tuple(runs.of(state, StandardFilter(variant.tuning.params)).x[at] for variant in state.variants)
         if variants is None
         else variants,
@@ -128,6 +135,14 @@ def _smoothed(state: State, drawn: DrawnSamples) -> Array:
     dt = state.dt
     z = state.z[first:last]
     return smooth(z, state.params, None if dt is None else dt[first:last]).x[drawn.indices - first]
+
+
+def _velocity(state: State, result: FilterResult, drawn: DrawnSamples) -> tuple[Array | None, Array | None]:
+    """The velocity and its 2·√variance at the drawn samples, where they are wanted and the filter has them."""
+    if not state.view.velocity or result.velocity is None or result.velocity_p is None:
+        return None, None
+    rate = 1.0 / (state.recording.sample_period or 1.0)
+    return rate * result.velocity[drawn.indices], 2.0 * rate * np.sqrt(result.velocity_p[drawn.indices])
 
 
 def _largest_difference(board: Array, x: Array, drawn: DrawnSamples) -> float:

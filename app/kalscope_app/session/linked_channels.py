@@ -11,7 +11,8 @@ UNLINKED, SAME_NUMBERS, SAME_LAG = "this channel alone", "all: same q and r", "a
 
 LINKS: tuple[str, ...] = (UNLINKED, SAME_NUMBERS, SAME_LAG)
 """How channels go together, in the words on screen. Axes of one sensor share their numbers; a pressure and a
-temperature share at most the lag: then q, r and p0 are scaled by each channel's own noise."""
+temperature share at most the lag: then q, r and p0 are scaled by each channel's own noise. Momentum, a number of
+samples, is the same for all."""
 
 Tunings = tuple[ChannelTuning, ...]
 
@@ -47,6 +48,7 @@ def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) 
         p0=p0,
         x0=None if p0 is None else x0,
         gate=leader.gate,
+        momentum=leader.momentum,
         how=leader.how,
     )
 

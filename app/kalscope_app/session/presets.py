@@ -7,26 +7,23 @@ from dataclasses import dataclass
 from functools import partial
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.params import MAX_VARIANCE
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import ratio_for
 from kalscope.papers.interactive_matter_2009.document import ASSUMED_R, WALK
 from kalscope.papers.maarif_2019.paper import SIMULATED_FIGURES
 from kalscope_app.session.state import Change, State
 
-Pair = tuple[float, float]
-"""q and r, unit²."""
-
 
 @dataclass(frozen=True)
 class Preset:
-    """One choice of q and r."""
+    """One choice of q, r and momentum."""
 
     title: str
     """What it is called on screen."""
     why: str
     """One or two sentences on what it is for."""
-    pair: Callable[[State], Pair]
-    """q and r for the channel on screen."""
+    params: Callable[[State], FilterParams]
+    """q, r and momentum for the channel on screen; its start and its gate stay as they are."""
 
 
 LAGS = (
@@ -61,14 +58,14 @@ PAPER_3 = {
 """Why, by the picture of the third document."""
 
 
-def _by_lag(lag_samples: float, state: State) -> Pair:
+def _by_lag(lag_samples: float, state: State) -> FilterParams:
     """The signal's own noise as r, var(Δz)/2 of the recording, and the q that has the lag."""
     r = state.start.r
-    return min(float(f"{r * ratio_for(lag_samples=lag_samples):.3e}"), MAX_VARIANCE), r
+    return FilterParams(min(float(f"{r * ratio_for(lag_samples=lag_samples):.3e}"), MAX_VARIANCE), r)
 
 
-def _fixed(q: float, r: float, _state: State) -> Pair:
-    return q, r
+def _fixed(q: float, r: float, _state: State) -> FilterParams:
+    return FilterParams(q, r)
 
 
 def _all() -> tuple[Preset, ...]:
@@ -103,12 +100,13 @@ def choose_preset(title: str) -> Change:
 
 
 def take_preset(title: str) -> Change:
-    """Q and r of a preset become the present ones; the start and the gate stay."""
+    """Q, r and momentum of a preset become the present ones; the start and the gate stay."""
     preset = _known(title)
 
     def change(state: State) -> State:
-        q, r = preset.pair(state)
-        tuned = state.with_standard_filter().with_tuning(q=q, r=r, how=f"preset {preset.title}")
+        params = preset.params(state)
+        values = {name: getattr(params, name) for name in ("q", "r", "momentum")}
+        tuned = state.with_standard_filter().with_tuning(**values, how=f"preset {preset.title}")
         return tuned.with_view(preset=preset.title)
 
     return change

@@ -16,6 +16,9 @@ from kalscope_app.session.state import State
 AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
 """What stands for no number."""
 
+NOTHING = {"p0": None, "x0": None, "gate": None, "momentum": 0.0}
+"""The value that no number means."""
+
 WORDS_OF_NOTHING = ("", "automatic", "diffuse", "first", "off")
 """What a user may type for that."""
 
@@ -65,7 +68,7 @@ def setting_words(state: State) -> list[str]:
     tuning, start = state.tuning, state.start
     words = [*option("q", repr(tuning.q)), *option("r", repr(tuning.r))]
     by_value = tuning.p0 is not None
-    for name in ("p0", "x0", "gate"):
+    for name in ("momentum", "p0", "x0", "gate"):
         value = getattr(tuning, name)
         if value != getattr(start, name) and (name != "x0" or by_value):
             words += option(name, AUTOMATIC[name] if value is None else repr(value))
@@ -87,6 +90,7 @@ def apply_options(
     p0: str | None,
     x0: str | None,
     gate: str | None,
+    momentum: str | None = None,
 ) -> State:
     """The state with the channel and the setting of the command line; what is None stays as it was opened.
 
@@ -94,10 +98,11 @@ def apply_options(
         BadSetting: no such channel, no number, or numbers that make no filter.
     """
     values: dict[str, float | None] = {}
-    for name, text in {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate}.items():
+    given = {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate, "momentum": momentum}
+    for name, text in given.items():
         if text is not None:
-            nothing = name in AUTOMATIC and text.strip().lower() in WORDS_OF_NOTHING
-            values[name] = None if nothing else typed_number(name, text)
+            nothing = name in NOTHING and text.strip().lower() in WORDS_OF_NOTHING
+            values[name] = NOTHING[name] if nothing else typed_number(name, text)
     if values.get("p0", 0.0) is None:
         values["x0"] = None
 

@@ -69,6 +69,8 @@ class View:
     """What the tuning map is coloured by, one of MAP_COLOURS."""
     smoother: bool = False
     """Whether the best possible offline curve is drawn."""
+    velocity: bool = False
+    """Whether the velocity is drawn in place of the gain, where the filter has momentum."""
     match_by: Literal["lag", "noise"] = "lag"
     """What simpler filters are made equal in."""
     drawn_alternative: str = "Moving average"
@@ -230,7 +232,7 @@ class State:
     def with_tuning(self, **values: Any) -> State:
         """The state with other parameters for the channel on screen; refused as FilterParams refuses."""
         changed = replace(self.tuning, **values)
-        same = (changed.q, changed.r) == (self.tuning.q, self.tuning.r)
+        same = all(getattr(changed, name) == getattr(self.tuning, name) for name in ("q", "r", "momentum"))
         state = self.with_tuning_of(self.index, changed)
         return state.with_answers(outcome=self.answers.outcome if same else None, note="")
 

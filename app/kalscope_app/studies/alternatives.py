@@ -48,8 +48,8 @@ class AlternativesStudy:
         self._found = Cache[Comparison]()
 
     def compute(self, state: State) -> Compared | None:
-        """Compare; None where the filter on screen has no q and r."""
-        if not state.filter.is_standard:
+        """Compare; None where the filter on screen cannot be compared."""
+        if not state.filter.is_standard or state.tuning.momentum:
             return None
         drawn = choose_samples(state.recording, state.channel, state.view.window)
         window = (drawn.first, drawn.last)

@@ -35,8 +35,8 @@ class Spectra:
 
 
 def compute_spectra(state: State) -> Spectra | None:
-    """Densities and response of the channel on screen; None where its filter has no q and r."""
-    if not state.filter.is_standard:
+    """Densities and response of the channel on screen; None where that is not known of its filter."""
+    if not state.filter.is_standard or state.tuning.momentum:
         return None
     period = state.recording.sample_period
     found = spectrum(state.z, state.params, state.dt, period)
@@ -74,7 +74,7 @@ class Allan:
 
 
 def compute_allan(state: State) -> Allan | None:
-    """Allan deviation of the channel on screen; None where its filter has no q and r."""
-    if not state.filter.is_standard:
+    """Allan deviation of the channel on screen; None where that is not known of its model."""
+    if not state.filter.is_standard or state.tuning.momentum:
         return None
     return Allan(state, allan_deviation(state.z, state.params, state.recording.sample_period))

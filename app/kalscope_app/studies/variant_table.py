@@ -52,6 +52,11 @@ class VariantComparison:
     rows: tuple[VariantRow, ...]
     """One a setting; empty where the filter has no q and r and nothing is pinned."""
 
+    @property
+    def with_momentum(self) -> bool:
+        """Whether a setting has momentum."""
+        return any(row.params.momentum for row in self.rows)
+
 
 class VariantTable:
     """Computes tables and keeps what was measured, so that a gesture measures the present setting alone."""

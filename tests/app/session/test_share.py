@@ -12,6 +12,7 @@ from kalscope import open_source
 from kalscope.sources.grammar.read_options import options_from_text
 from kalscope_app import main as program
 from kalscope_app.session.changes.channels import channel_named, select_channel
+from kalscope_app.session.changes.momentum import set_momentum_position, set_momentum_text
 from kalscope_app.session.changes.parameters import set_automatic_start, set_sample_period, set_text
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.share import share_line
@@ -45,7 +46,7 @@ def reopen(monkeypatch):
 def essence(state):
     """What must come back: the samples, how they were read, the channel and its setting."""
     tuning = state.tuning
-    setting = (tuning.q, tuning.r, tuning.p0, tuning.x0, tuning.gate)
+    setting = (tuning.q, tuning.r, tuning.momentum, tuning.p0, tuning.x0, tuning.gate)
     recording = state.recording
     return state.channel, setting, recording.sample_period, recording.gaps, state.open.options, state.filter
 
@@ -65,6 +66,8 @@ CHANGES = [
     [set_text("p0", "1e-300"), set_text("gate", "9")],
     [set_text("q", "0"), set_text("r", "2")],
     [set_text("r", "0")],
+    [set_text("q", "2"), set_momentum_text("momentum", "12.345678901234567"), set_text("gate", "9")],
+    [set_momentum_position(3.21), set_momentum_position(0.0)],
     [lambda state: select_channel(state.recording.names[-1])(state), set_text("q", "7")],
     [set_automatic_start(False), set_automatic_start(True)],
 ]
@@ -149,6 +152,8 @@ def test_a_channel_is_named_by_name_first_and_then_by_number(text, name):
         (["--q", "0", "--r", "0"], "not both be 0"),
         (["--x0", "3"], "x0 needs p0"),
         (["--gate", "0"], "gate must be"),
+        (["--momentum", "-1"], "momentum must be"),
+        (["--momentum", "long"], "momentum must be a number"),
         (["--channel", "w"], "channel must be one of"),
     ],
 )
@@ -156,3 +161,9 @@ def test_a_setting_that_makes_no_filter_is_refused_in_one_line(words, message, c
     assert program.run(["open", "demo", *words, "--port", "0", "--no-browser"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert message in line
+
+
+@pytest.mark.parametrize("words", [["--momentum", "off"], ["--momentum="], ["--momentum", "0"]])
+def test_the_momentum_can_be_turned_off(words, reopen):
+    line = shlex.join(["kalscope", "open", "demo", *words])
+    assert reopen(line).tuning.momentum == 0.0

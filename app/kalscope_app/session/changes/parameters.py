@@ -13,6 +13,7 @@ from kalscope.common.text import typed_number
 from kalscope.estimation.result import Estimate
 from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope.recording import Recording
+from kalscope_app.session.changes.variants import PARAMETERS
 from kalscope_app.session.opening import timed
 from kalscope_app.session.state import Change, Outcome, State
 
@@ -77,7 +78,7 @@ def set_text(name: str, text: str) -> Change:
 
 
 def _by_hand(state: State, name: str, value: float) -> State:
-    """One parameter set by hand; only q and r have a history that this ends."""
+    """One parameter set by hand; only q, r and the momentum have a history that this ends."""
     how = "by hand" if name in ("q", "r") else state.tuning.how
     return state.with_tuning(**{name: value}, how=how)
 
@@ -96,11 +97,12 @@ def set_automatic_start(automatic: bool) -> Change:
 def reset_parameters(state: State) -> State:
     """Back to the starting values of the channel."""
     start = state.start
-    return state.with_tuning(q=start.q, r=start.r, p0=start.p0, x0=start.x0, gate=start.gate, how=start.how)
+    values = {name: getattr(start, name) for name in (*PARAMETERS, "how")}
+    return state.with_tuning(**values)
 
 
 def apply_found(recording: Recording, channel: str, found: Found) -> Change:
-    """A search has ended: its pair becomes the channel's q and r, if it has one and the channel is still there."""
+    """A search has ended: what it found becomes the channel's q, r and momentum, if the channel is still there."""
 
     def change(state: State) -> State:
         if not state.continues(recording):
@@ -110,8 +112,8 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
         before = state.settings.tunings[at]
         if found.params is None:
             return state.with_answers(outcome=Outcome(found.how, found.message, before, None))
-        q, r = float(found.params.q), float(found.params.r)
-        after = replace(before, q=q, r=r, how=found.how)
+        q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
+        after = replace(before, q=q, r=r, momentum=momentum, how=found.how)
         outcome = Outcome(found.how, found.message, before, after) if channel == state.channel else None
         filters = state.settings.other_filters
         state = state.with_settings(other_filters=(*filters[:at], None, *filters[at + 1 :]) if filters else ())

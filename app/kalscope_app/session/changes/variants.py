@@ -8,7 +8,7 @@ from kalscope.errors import BadSetting
 from kalscope_app.session.state import Change, State
 from kalscope_app.session.variants import Variant, checked_name, pinned
 
-PARAMETERS = ("q", "r", "p0", "x0", "gate")
+PARAMETERS = ("q", "r", "momentum", "p0", "x0", "gate")
 """What a setting consists of."""
 
 

@@ -61,6 +61,11 @@ def set_smoother(shown: bool) -> Change:
     return lambda state: state.with_view(smoother=bool(shown))
 
 
+def set_velocity(shown: bool) -> Change:
+    """Draw the velocity in place of the gain, where the filter has momentum, or not."""
+    return lambda state: state.with_view(velocity=bool(shown))
+
+
 def set_match_by(match_by: str) -> Change:
     """Compare simpler filters at equal "lag" or equal "noise" reduction."""
     return lambda state: state.with_view(match_by="noise" if match_by == "noise" else "lag")

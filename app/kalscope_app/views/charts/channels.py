@@ -10,6 +10,7 @@ from kalscope.common.text import count, decibels, lag_text, number
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting
+from kalscope_app.session.changes.momentum import momentum_words
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.channels_overview import HALF_LANE, MAX_LANES, Lane, Overview
@@ -43,7 +44,7 @@ class ChannelsView:
             self._to = gui.add_dropdown(
                 "copy to",
                 list[str]([ALL_OTHERS]),
-                hint="The channels that get q, r, initial state and gate.",
+                hint="The channels that get q, r, momentum, initial state and gate.",
             )
             self._copy = gui.add_button("Copy", hint="Copies the numbers once; Undo reverts it.")
         on_user(self._copy.on_click, lambda _client: session.request(copy_setting(self._to.value)))
@@ -106,17 +107,30 @@ def table_of(overview: Overview) -> str:
     if not overview.lanes:
         return ""
     state, period = overview.state, overview.state.recording.sample_period
-    lines = ["| | channel | q | r | lag | noise | from … to | missing |", "|---|---|---|---|---|---|---|---|"]
+    with_momentum = any(tuning.momentum for tuning in state.settings.tunings)
+    head = [
+        "",
+        "channel",
+        "q",
+        "r",
+        *(["momentum"] if with_momentum else []),
+        "lag",
+        "noise",
+        "from … to",
+        "missing",
+    ]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for i, lane in enumerate(overview.lanes):
         tuning, unit = state.settings.tunings[i], escape_markdown(state.settings.tunings[i].unit, 12)
         bold = "**" if lane.name == state.channel else ""
         cells = [f"{bold}{i + 1}{bold}", f"{bold}{escape_markdown(lane.name, 24)}{bold}"]
         if not state.filter_of(i).is_standard:
-            cells += ["–"] * 4
+            cells += ["–"] * (5 if with_momentum else 4)
         else:
             steady = steady_state(tuning.params)
-            cells += [number(tuning.q), number(tuning.r), lag_text(float(steady.lag_samples), period)]
-            cells += [decibels(-float(steady.noise_reduction_db))]
+            cells += [number(tuning.q), number(tuning.r)]
+            cells += [momentum_words(tuning.momentum, period)] if with_momentum else []
+            cells += [lag_text(float(steady.lag_samples), period), decibels(-float(steady.noise_reduction_db))]
         reach = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
         lines.append("| " + " | ".join([*cells, reach, count(lane.missing) if lane.missing else "–"]) + " |")
     return "\n".join(lines)

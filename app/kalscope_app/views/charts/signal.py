@@ -1,4 +1,4 @@
-"""The charts: raw and filtered signal with its band, the innovation with its band, the gain at the start."""
+"""The charts: raw and filtered signal with its band, innovation with its band, and the gain or the velocity."""
 
 from __future__ import annotations
 
@@ -30,13 +30,15 @@ MAX_LABEL_LETTERS = 16
 
 
 class SignalView:
-    """Three charts, one below the other; the first two share their zoom."""
+    """Three charts, one below the other; those over time share their zoom."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._heading = gui.add_markdown("")
         self.signal = Chart(gui, SHARES[0], sync="kalscope-time")
         self.innovation = Chart(gui, SHARES[1], sync="kalscope-time")
         self.gain = Chart(gui, SHARES[2])
+        self.velocity = Chart(gui, SHARES[2], sync="kalscope-time")
+        self.velocity.hide()
 
     def show(self, frame: Frame) -> None:
         """Draw the frame."""
@@ -49,7 +51,12 @@ class SignalView:
         clock = time_axis(frame)
         self._show_signal(frame, palette, clock)
         self._show_innovation(frame, palette, clock)
-        self._show_gain(frame, palette)
+        if frame.velocity is None or frame.velocity_spread is None:
+            self.velocity.hide()
+            self._show_gain(frame, palette)
+        else:
+            self.gain.hide()
+            self._show_velocity(frame, palette, clock, frame.velocity, frame.velocity_spread)
 
     def _show_signal(self, frame: Frame, palette: Palette, clock: Scale) -> None:
         shown, state = frame.drawn, frame.state
@@ -88,6 +95,16 @@ class SignalView:
         label = label if len(label) <= MAX_LABEL_LETTERS else "innovation"  # the unit is that of the chart above
         self._draw(self.innovation, frame, clock, scale, lines, label, band)
 
+    def _show_velocity(self, frame: Frame, palette: Palette, clock: Scale, velocity: Array, spread: Array) -> None:
+        scale = scale_for(velocity, velocity_unit(frame))
+        lines = [
+            ChartLine(velocity - spread, line("−2σ", scaled=False)),
+            ChartLine(velocity + spread, line("+2σ", scaled=False)),
+            ChartLine(velocity, line(scale.label("velocity"), palette.gain, 2)),
+        ]
+        band = {"series": (2, 1), "fill": palette.velocity_band}
+        self._draw(self.velocity, frame, clock, scale, lines, "velocity", band)  # its unit is in the legend
+
     def _draw(
         self,
         chart: Chart,
@@ -119,6 +136,12 @@ class SignalView:
 
 GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Ranges of the gain chart: few, so that it rests while q moves."""
+
+
+def velocity_unit(frame: Frame) -> str:
+    """The unit of the velocity: that of the signal per s, or per sample where the sample period is not known."""
+    unit = frame.state.tuning.unit or "unit"
+    return f"{unit}/s" if frame.state.recording.sample_period is not None else f"{unit} per sample"
 
 
 def heading_of(frame: Frame) -> str:

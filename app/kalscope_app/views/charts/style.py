@@ -21,6 +21,7 @@ class Palette:
     smoothed: str
     band: str
     innovation_band: str
+    velocity_band: str
     board: str
 
 
@@ -33,6 +34,7 @@ LIGHT = Palette(
     smoothed="#1b9e8a",
     band="rgba(213, 94, 0, 0.14)",
     innovation_band="rgba(0, 158, 115, 0.14)",
+    velocity_band="rgba(204, 121, 167, 0.16)",
     board="#7b3fa0",
 )
 
@@ -46,6 +48,7 @@ DARK = Palette(
     smoothed="#3fd6bd",
     band="rgba(255, 138, 61, 0.20)",
     innovation_band="rgba(47, 201, 155, 0.18)",
+    velocity_band="rgba(227, 154, 198, 0.20)",
     board="#c9a0ff",
 )
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import viser
 
-from kalscope.common.text import decibels, lag_text, number, typed_number
+from kalscope.common.text import lag_text, number, typed_number
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import compare_methods, disagreement
 from kalscope.estimation.finding import METHOD_NAMES, Noise, find_parameters
@@ -24,6 +24,7 @@ from kalscope_app.session.state import State
 from kalscope_app.views.binding import bind, on_user
 from kalscope_app.views.scales import Scale, time_scale_for
 from kalscope_app.views.slow_job import SlowJobProgress
+from kalscope_app.views.tune.numbers import rows_of
 
 
 @dataclass(frozen=True)
@@ -207,12 +208,11 @@ def answer_text(state: State) -> str:
     period = state.recording.sample_period
     before, after = outcome.before, outcome.after
 
-    settled = [steady_state(tuning.params) for tuning in (before, after)]
+    settled = steady_state(before.params), steady_state(after.params)
     rows = [
         ("q", number(before.q, 4), number(after.q, 4)),
         ("r", number(before.r, 4), number(after.r, 4)),
-        ("lag", *(lag_text(float(one.lag_samples), period) for one in settled)),
-        ("noise", *(decibels(-float(one.noise_reduction_db)) for one in settled)),
+        *rows_of((before.momentum, after.momentum), settled, period),
     ]
     table = "| | before | now |\n|---|---|---|\n" + "\n".join(f"| {n} | {b} | **{a}** |" for n, b, a in rows)
     return f"{table}\n\n{outcome.message}"

@@ -1,11 +1,13 @@
-"""What q and r give: lag, noise reduction, cut-off, gain, settling time."""
+"""What q, r and momentum give: lag, noise reduction, cut-off, gain, settling time, overshoot."""
 
 from __future__ import annotations
 
 import viser
 
-from kalscope.common.text import count, decibels, frequency, lag_in_full, number
+from kalscope.common.text import count, decibels, frequency, lag_in_full, lag_text, number, percent
+from kalscope.filtering.steady_state import SteadyState
 from kalscope_app.engine.frame import Frame
+from kalscope_app.session.changes.momentum import momentum_words
 
 
 class NumbersView:
@@ -29,6 +31,11 @@ def table(frame: Frame) -> str:
         ("lag (delay)", _time_in_bold(lag_in_full(lag, period))),
         ("noise reduction", f"**{decibels(float(steady.noise_reduction_db))}**"),
     ]
+    if frame.state.tuning.momentum > 0.0 and frame.state.filter.is_standard:
+        rows += [
+            ("overshoot (step)", f"**{percent(float(steady.overshoot))}**"),
+            ("keeps direction for", _time_in_bold(lag_in_full(frame.state.tuning.momentum, period))),
+        ]
     if period is not None:
         rows.append(("cut-off (−3 dB)", f"**{frequency(float(steady.cutoff_hz or 0.0))}**"))
     rows += [
@@ -44,3 +51,17 @@ def table(frame: Frame) -> str:
 def _time_in_bold(text: str) -> str:
     time, bracket, samples = text.partition(" (")
     return f"**{time}**{bracket}{samples}"
+
+
+def rows_of(
+    momenta: tuple[float, float], settled: tuple[SteadyState, SteadyState], period: float | None
+) -> list[tuple[str, str, str]]:
+    """Two filters side by side: lag and noise, and where one has momentum that and the overshoot."""
+    rows = [
+        ("lag", *(lag_text(float(one.lag_samples), period) for one in settled)),
+        ("noise", *(decibels(-float(one.noise_reduction_db)) for one in settled)),
+    ]
+    if any(momenta):
+        rows.insert(0, ("momentum", *(momentum_words(one, period) for one in momenta)))
+        rows.append(("overshoot", *(percent(float(one.overshoot)) for one in settled)))
+    return [(name, before, after) for name, before, after in rows]

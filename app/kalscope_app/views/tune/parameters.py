@@ -1,13 +1,11 @@
-"""Process noise q, measurement noise r and initial variance p0: a text box with the exact value, and a slider."""
+"""The parameters of the channel on screen: a text box with the exact value of each, and a slider beside most."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import viser
 
-from kalscope.common.text import squared
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.channels import select_channel, set_link
 from kalscope_app.session.changes.parameters import (
@@ -16,15 +14,14 @@ from kalscope_app.session.changes.parameters import (
     set_automatic_start,
     set_exponent,
     set_paper_text,
-    set_text,
     set_variant_of_eq3,
     slider_limits,
 )
 from kalscope_app.session.linked_channels import LINKS
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.state import Change
 from kalscope_app.views.binding import bind, offer, on_user
-from kalscope_app.views.text import typed
+from kalscope_app.views.tune.momentum import MomentumControl
+from kalscope_app.views.tune.typed_number import TypedNumber
 
 NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "initial variance p0"}
 
@@ -35,9 +32,6 @@ HINTS = {
 }
 
 AUTOMATIC, BY_VALUE = "from first sample", "set manually"
-
-TYPING_PAUSE = 0.9
-"""Seconds without a key after which a typed number counts without Enter."""
 
 
 class ParametersView:
@@ -58,6 +52,7 @@ class ParametersView:
                 TypedNumber(gui, session, name, label, hint, set_paper_text) for name, label, hint in PAPER_BOXES
             ]
             self._controls = [VarianceControl(gui, session, name) for name in ("q", "r")]
+            self._momentum = MomentumControl(gui, session)
             self._start = gui.add_dropdown(
                 "initial state",
                 (AUTOMATIC, BY_VALUE),
@@ -99,7 +94,8 @@ class ParametersView:
             on_user(command.on_trigger, lambda _client, change=change: session.request(change))
 
     def _submit(self) -> None:
-        for box in (*(control.typed for control in self._controls), self._x0, self._gate, *self._paper_boxes):
+        controls = (*self._controls, self._momentum)
+        for box in (*(control.typed for control in controls), self._x0, self._gate, *self._paper_boxes):
             box.submit()
 
     def show(self, frame: Frame) -> None:
@@ -113,7 +109,7 @@ class ParametersView:
         self._filter.value = next(
             name for name, value in FILTERS.items() if value == (paper.reading if paper else None)
         )
-        for control in self._controls:
+        for control in (*self._controls, self._momentum):
             control.set_visible(standard)
             control.show(frame)
         self._start.visible = standard
@@ -181,59 +177,3 @@ class VarianceControl:
         exponent = min(max(math.log10(value), low), high) if value > 0.0 else float(low)
         if abs(self._slider.value - exponent) > 0.005:
             self._slider.value = round(exponent, 2)
-
-
-class TypedNumber:
-    """A number typed as text, so that 1e-9 works. It counts on Enter, or after a pause."""
-
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        session: Session,
-        name: str,
-        label: str,
-        hint: str,
-        change: Callable[[str, str], Change] = set_text,
-    ) -> None:
-        self._session, self._name, self._label, self._hint, self._change = session, name, label, hint, change
-        self._text = gui.add_text(label, "", hint=hint)
-        self._written = ""
-        self._value: object = self  # nothing has been shown yet
-        self._serial = 0
-        on_user(self._text.on_update, lambda _client: self._on_key())
-
-    def set_visible(self, visible: bool) -> None:
-        """Show or hide the box."""
-        self._text.visible = visible
-
-    def _on_key(self) -> None:
-        if _looks_complete(self._text.value):
-            self._file(TYPING_PAUSE)
-
-    def submit(self) -> None:
-        """Enter was pressed: request the text if it was changed; the request fails if it is no number."""
-        if self._text.value != self._written:
-            self._file(0.0)
-
-    def _file(self, delay: float) -> None:
-        text = self._text.value
-        self._serial = self._session.request(self._change(self._name, text), key=f"text {self._name}", delay=delay)
-
-    def show(self, frame: Frame, value: float | None, missing: str) -> None:
-        """Write the frame's value, unless a newer one is being typed or the value has not changed."""
-        if "{unit}" in self._hint:
-            unit = squared(frame.state.tuning.unit)
-            self._text.hint = self._hint.format(unit=unit)
-            self._text.label = f"{self._label}, {unit}"
-        if frame.serial < self._serial or (value == self._value and self._serial == 0):
-            return
-        self._value, self._serial = value, 0
-        self._written = missing if value is None else typed(value)
-        self._text.value = self._written
-
-
-def _looks_complete(text: str) -> bool:
-    try:
-        return math.isfinite(float(text.strip().replace(",", ".")))
-    except ValueError:
-        return False

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import viser
 
-from kalscope.common.text import decibels, lag_text, number
-from kalscope.filtering.params import FilterParams
+from kalscope.common.text import number
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.presets import PRESETS, choose_preset, take_preset
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import bind, on_user
+from kalscope_app.views.tune.numbers import rows_of
 
 
 class PresetsView:
-    """The folder "Presets". Choosing shows; only the button changes q and r."""
+    """The folder "Presets". Choosing shows; only the button changes the filter."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         with gui.add_folder("Presets", expand_by_default=False):
             self._which = gui.add_dropdown("preset", tuple(PRESETS), hint="Select one to see what it would do.")
             self._text = gui.add_markdown("")
-            self._take = gui.add_button("Apply preset", hint="Sets q and r; Undo reverts it.")
+            self._take = gui.add_button("Apply preset", hint="Sets q, r and momentum; Undo reverts it.")
         bind(self._which, session, choose_preset)
         on_user(self._take.on_click, lambda _client: session.request(take_preset(self._which.value)))
 
@@ -33,16 +33,13 @@ class PresetsView:
 
 
 def preset_text(state: State, title: str, now: SteadyState) -> str:
-    """Its purpose, then its q, r, lag and noise beside the current ones; markdown."""
+    """Its purpose, then its q, r, lag and noise beside the current ones, and the momentum if any; markdown."""
     preset = PRESETS[title]
-    q, r = preset.pair(state)
-    then, period = steady_state(FilterParams(q=q, r=r)), state.recording.sample_period
-
+    params, period = preset.params(state), state.recording.sample_period
     rows = [
-        ("q", number(state.tuning.q), number(q)),
-        ("r", number(state.tuning.r), number(r)),
-        ("lag", *(lag_text(float(one.lag_samples), period) for one in (now, then))),
-        ("noise", *(decibels(-float(one.noise_reduction_db)) for one in (now, then))),
+        ("q", number(state.tuning.q), number(float(params.q))),
+        ("r", number(state.tuning.r), number(float(params.r))),
+        *rows_of((state.tuning.momentum, float(params.momentum)), (now, steady_state(params)), period),
     ]
     table = "| | current | preset |\n|---|---|---|\n" + "\n".join(f"| {n} | {a} | **{b}** |" for n, a, b in rows)
     return f"{preset.why}\n\n{table}"

@@ -6,8 +6,9 @@ from contextlib import AbstractContextManager
 
 import viser
 
-from kalscope.common.text import correlation, count, decibels, lag_text, number
+from kalscope.common.text import correlation, count, decibels, lag_text, number, percent
 from kalscope_app.engine.frame import Frame
+from kalscope_app.session.changes.momentum import momentum_words
 from kalscope_app.session.changes.variants import delete_variant, pin_present, rename_variant, use_variant
 from kalscope_app.session.session import Session
 from kalscope_app.session.variants import MAX_NAME_LENGTH, MAX_VARIANTS, Variant
@@ -18,8 +19,9 @@ from kalscope_app.views.text import escape_markdown
 NOTHING = "–"
 
 EMPTY = (
-    "Nothing is pinned on this channel yet. **Pin this setting**, below the sliders, keeps the current q, r and "
-    f"initial state as A, so that you can compare later settings with it. Up to {MAX_VARIANTS} can be pinned."
+    "Nothing is pinned on this channel yet. **Pin this setting**, below the sliders, keeps the current q, r, "
+    "momentum and initial state as A, so that you can compare later settings with it. "
+    f"Up to {MAX_VARIANTS} can be pinned."
 )
 
 
@@ -41,7 +43,7 @@ class VariantsView:
                 self._steps = gui.add_button_group(
                     "",
                     ("Use", "Delete"),
-                    hint="Use: tune with its q, r and initial state. Undo reverts both.",
+                    hint="Use: tune with its q, r, momentum and initial state. Undo reverts both.",
                 )
                 self._name = gui.add_text(
                     "new name", "", hint=f"At most {MAX_NAME_LENGTH} letters; press Enter to rename the setting."
@@ -88,7 +90,8 @@ def table_text(table: VariantComparison) -> str:
         return EMPTY
     with_truth = any(row.measures.rmse is not None for row in table.rows)
     unit = escape_markdown(table.state.tuning.unit, 12)
-    head = ["", "q", "r", "lag", "noise"]
+    head = ["", "q", "r", *(("momentum",) if table.with_momentum else ()), "lag", "noise"]
+    head += ["overshoot"] if table.with_momentum else []
     head += [f"RMSE {unit}".strip()] if with_truth else []
     head += ["NIS", "lag‑1 corr.", "log-likelihood"]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
@@ -108,12 +111,15 @@ def _cells(
     table: VariantComparison, row: VariantRow, with_truth: bool, best: tuple[float | None, float | None]
 ) -> list[str]:
     measures, steady, d = row.measures, row.measures.steady, row.measures.diagnostics
+    period = table.state.recording.sample_period
     cells = [
         "**current**" if row.variant is None else mark(row.variant, dark=table.state.view.dark),
         number(float(row.params.q)),
         number(float(row.params.r)),
-        lag_text(float(steady.lag_samples), table.state.recording.sample_period),
+        *((momentum_words(float(row.params.momentum), period),) if table.with_momentum else ()),
+        lag_text(float(steady.lag_samples), period),
         decibels(-float(steady.noise_reduction_db)),
+        *((percent(float(steady.overshoot)),) if table.with_momentum else ()),
     ]
     if with_truth:
         cells.append("–" if measures.rmse is None else _bold(number(measures.rmse, 4), measures.rmse == best[0]))

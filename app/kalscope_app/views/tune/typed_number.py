@@ -1,0 +1,75 @@
+"""A number typed as text, exact to the last digit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import viser
+
+from kalscope.common.text import squared
+from kalscope_app.engine.frame import Frame
+from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import Change
+from kalscope_app.views.binding import on_user
+from kalscope_app.views.text import typed
+
+TYPING_PAUSE = 0.9
+"""Seconds without a key after which a typed number counts without Enter."""
+
+
+class TypedNumber:
+    """A number typed as text, so that 1e-9 works. It counts on Enter, or after a pause."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        session: Session,
+        name: str,
+        label: str,
+        hint: str,
+        change: Callable[[str, str], Change] = set_text,
+    ) -> None:
+        self._session, self._name, self._label, self._hint, self._change = session, name, label, hint, change
+        self._text = gui.add_text(label, "", hint=hint)
+        self._written = ""
+        self._value: object = self  # nothing has been shown yet
+        self._serial = 0
+        on_user(self._text.on_update, lambda _client: self._on_key())
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide the box."""
+        self._text.visible = visible
+
+    def _on_key(self) -> None:
+        if _looks_complete(self._text.value):
+            self._file(TYPING_PAUSE)
+
+    def submit(self) -> None:
+        """Enter was pressed: request the text if it was changed; the request fails if it is no number."""
+        if self._text.value != self._written:
+            self._file(0.0)
+
+    def _file(self, delay: float) -> None:
+        text = self._text.value
+        self._serial = self._session.request(self._change(self._name, text), key=f"text {self._name}", delay=delay)
+
+    def show(self, frame: Frame, value: float | None, missing: str) -> None:
+        """Write the frame's value, unless a newer one is being typed or the value has not changed."""
+        if "{unit}" in self._hint:
+            unit = squared(frame.state.tuning.unit)
+            self._text.hint = self._hint.format(unit=unit)
+            self._text.label = f"{self._label}, {unit}"
+        if frame.serial < self._serial or (value == self._value and self._serial == 0):
+            return
+        self._value, self._serial = value, 0
+        self._written = missing if value is None else typed(value)
+        self._text.value = self._written
+
+
+def _looks_complete(text: str) -> bool:
+    try:
+        return math.isfinite(float(text.strip().replace(",", ".")))
+    except ValueError:
+        return False

@@ -1,0 +1,176 @@
+"""The momentum τ in the session: its slider and box, and everything that a tuning value passes through."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, save_tuning
+from kalscope.estimation.finding import Found
+from kalscope.filtering.params import MAX_MOMENTUM
+from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.frame import compute_frame
+from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting, set_link
+from kalscope_app.session.changes.momentum import (
+    MAX_POSITION,
+    momentum_at,
+    set_momentum_position,
+    set_momentum_text,
+    slider_position,
+)
+from kalscope_app.session.changes.parameters import apply_found, reset_parameters, set_point, set_text
+from kalscope_app.session.changes.variants import pin_present, use_variant
+from kalscope_app.session.changes.view import set_velocity
+from kalscope_app.session.linked_channels import SAME_LAG, SAME_NUMBERS
+from kalscope_app.session.opening import opened, opened_with, reopened
+from kalscope_app.session.session import Session, redo, undo
+
+
+def recording(period=0.02, n=600):
+    z = np.cumsum(np.random.default_rng(3).normal(size=(n, 2)), axis=0) * [1.0, 30.0]
+    return Recording(np.arange(n) * (period or 1.0), ("a", "b"), ("V", "mm"), z, period)
+
+
+@pytest.fixture
+def state():
+    return opened(recording())
+
+
+def with_momentum(state, momentum):
+    return set_momentum_text("momentum", repr(momentum))(state)
+
+
+def momenta(state):
+    return [tuning.momentum for tuning in state.settings.tunings]
+
+
+def test_a_recording_opens_without_momentum(state):
+    assert momenta(state) == [0.0, 0.0]
+
+
+def test_the_low_end_of_the_slider_is_exactly_off_and_the_high_end_the_longest():
+    assert momentum_at(0.0) == 0.0
+    assert momentum_at(MAX_POSITION) == MAX_MOMENTUM
+    assert slider_position(0.0) == 0.0
+    assert slider_position(MAX_MOMENTUM) == pytest.approx(MAX_POSITION, abs=1e-5)
+
+
+@given(st.floats(0.0, MAX_POSITION))
+def test_the_slider_stays_where_it_was_put(position):
+    """The slider is set again where it is more than half a step away, so it must come back nearer than that."""
+    assert abs(slider_position(momentum_at(position)) - position) < 0.005
+
+
+@given(st.floats(0.5, MAX_POSITION - 0.5), st.floats(0.01, 0.5))
+def test_moving_right_means_longer_momentum(position, step):
+    assert momentum_at(position + step) > momentum_at(position)
+
+
+@pytest.mark.parametrize("position", [-1.0, 9.0, -1e300, 1e300, math.nan, math.inf])
+def test_whatever_a_browser_sends_the_momentum_is_in_its_range(state, position):
+    moved = set_momentum_position(position)(with_momentum(state, 7.0))
+    assert 0.0 <= moved.tuning.momentum <= MAX_MOMENTUM
+
+
+@pytest.mark.parametrize(
+    ("text", "samples"),
+    [
+        *(("12", 12.0), ("12,5", 12.5), ("12 samples", 12.0), ("0", 0.0), ("off", 0.0), ("", 0.0), (" OFF ", 0.0)),
+        *(("240 ms", 12.0), ("240ms", 12.0), ("0.24 s", 12.0), ("0.004 min", 12.0)),
+    ],
+)
+def test_a_momentum_is_typed_in_samples_or_as_a_time(state, text, samples):
+    typed = set_momentum_text("momentum", text)(with_momentum(state, 3.0))
+    assert typed.tuning.momentum == pytest.approx(samples, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["-1", "1e6", "nan", "inf", "much", "ms", "-3 ms", "9 h", "1 2"])
+def test_what_is_no_momentum_is_refused_by_its_name(state, text):
+    with pytest.raises(BadSetting, match="momentum must be"):
+        set_momentum_text("momentum", text)(state)
+
+
+def test_a_time_needs_the_sample_period():
+    with pytest.raises(BadSetting, match="momentum must be in samples while the sample period is not known"):
+        set_momentum_text("momentum", "240 ms")(opened(recording(period=None)))
+
+
+def test_undo_and_redo_take_the_momentum_back_and_forth(state):
+    session = Session(state)
+    for position in (1.0, 2.0, 3.0):  # one drag
+        session.request(set_momentum_position(position), key="slider momentum")
+        session.apply_due_requests()
+    session.request(set_text("q", "7"))
+    seen = []
+    for step in (undo, undo, redo, redo):
+        session.request(step)
+        seen.append(session.apply_due_requests()[0].tuning)
+    assert [tuning.momentum for tuning in seen] == [999.0, 0.0, 999.0, 999.0]
+    assert seen[-1].q == 7.0
+
+
+def test_a_pin_keeps_its_momentum_and_gives_it_back(state):
+    state = pin_present(with_momentum(state, 12.0))
+    off = set_momentum_position(0.0)(state)
+    assert pin_present(off).variants[1].tuning.momentum == 0.0  # another setting, not the same one
+    assert use_variant("A")(off).tuning == state.tuning
+
+
+def test_the_other_channels_keep_their_momentum_unless_they_are_linked(state):
+    assert momenta(with_momentum(state, 12.0)) == [12.0, 0.0]
+    for link in (SAME_NUMBERS, SAME_LAG):
+        assert momenta(with_momentum(set_link(link)(state), 12.0)) == [12.0, 12.0]
+    assert momenta(copy_setting(ALL_OTHERS)(with_momentum(state, 12.0))) == [12.0, 12.0]
+
+
+def test_reset_takes_the_momentum_back(state):
+    assert reset_parameters(with_momentum(state, 12.0)).tuning == state.start
+
+
+def test_a_point_of_the_map_leaves_the_momentum(state):
+    moved = set_point(0.5, -0.5)(with_momentum(state, 12.0))
+    assert moved.tuning.momentum == 12.0
+    assert moved.tuning.q == pytest.approx(10**0.5, rel=1e-2)
+
+
+@pytest.mark.parametrize("momentum", [0.0, 33.5])
+def test_a_search_sets_the_momentum_it_found(state, momentum):
+    found = Found(FilterParams(2.0, 3.0, momentum=momentum), "maximum likelihood", "")
+    after = apply_found(state.recording, "a", found)(with_momentum(state, 12.0))
+    assert (after.tuning.q, after.tuning.r, after.tuning.momentum) == (2.0, 3.0, momentum)
+    outcome = after.answers.outcome
+    assert outcome is not None
+    assert with_momentum(after, 5.0).answers.outcome is None  # its answer is about another filter now
+    assert set_text("gate", "9")(after).answers.outcome is outcome
+
+
+def test_a_tuning_file_brings_the_momentum_back(state, tmp_path):
+    state = with_momentum(state, 12.345678901234567)
+    save_tuning(state.as_tuning(), tmp_path / "tuning.toml")
+    again = opened_with(state.recording, load_tuning(tmp_path / "tuning.toml"))
+    assert again.settings.tunings[0].momentum == state.tuning.momentum
+    assert momenta(again) == momenta(state)
+
+
+def test_a_recording_read_again_keeps_the_momentum(state):
+    state = with_momentum(state, 12.0)
+    assert momenta(reopened(state.recording, state)) == [12.0, 0.0]
+
+
+@pytest.mark.parametrize("period", [0.02, None])
+def test_the_frame_shows_the_filter_with_momentum_and_its_velocity_on_request(period):
+    state = with_momentum(opened(recording(period)), 12.0)
+    drawn = choose_samples(state.recording, state.channel, None)
+    plain, shown = (compute_frame(one, 0, drawn) for one in (state, set_velocity(True)(state)))
+    expected = kalman_filter(state.z, FilterParams(state.tuning.q, state.tuning.r, momentum=12.0))
+    assert np.array_equal(shown.filtered, expected.x, equal_nan=True)
+    assert plain.velocity is None
+    rate = 1.0 if period is None else 1.0 / period
+    np.testing.assert_allclose(shown.velocity, expected.velocity * rate, rtol=1e-12)
+    np.testing.assert_allclose(shown.velocity_spread, 2.0 * rate * np.sqrt(expected.velocity_p), rtol=1e-12)
+    off = set_velocity(True)(set_momentum_position(0.0)(state))
+    assert compute_frame(off, 0, drawn).velocity is None  # the five lines have none
