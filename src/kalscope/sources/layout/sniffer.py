@@ -23,7 +23,8 @@ from kalscope.sources.layout.long_table import mark_series
 from kalscope.sources.layout.plan import Plan, make_plan
 from kalscope.sources.layout.rows.body import Body, find_body
 from kalscope.sources.layout.rows.kinds import CellKinds, Cells, number_form
-from kalscope.sources.layout.rows.tables import HeadLine, HeadTable, candidate_lines, candidate_tables
+from kalscope.sources.layout.rows.shapes import HeadLine
+from kalscope.sources.layout.rows.tables import HeadTable, candidate_lines, candidate_tables
 from kalscope.sources.layout.rows.weigh import weigh
 from kalscope.sources.layout.time.time_column import chosen_time, find_time
 

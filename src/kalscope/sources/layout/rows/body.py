@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from kalscope.sources.grammar.cells import split_fields
 from kalscope.sources.layout.plan import Plan
+from kalscope.sources.layout.rows.beside import find_beside
 from kalscope.sources.layout.rows.kinds import CellKinds, Cells, ColumnType, column_type
-from kalscope.sources.layout.rows.tables import HeadLine, HeadTable
+from kalscope.sources.layout.rows.shapes import HeadLine
+from kalscope.sources.layout.rows.tables import HeadTable
 from kalscope.sources.layout.units import are_units
 
 MAX_HEADER_LINES = 5
 """Lines of names, units and what was done to each column that may stand above a table."""
-MIN_BESIDE_ROWS = 16
-"""Rows it takes to judge that."""
 MAX_REPEATED = 64
 """Rows of one repeated word that may stand between the names and the first number."""
-MAX_BESIDE = 64
-"""Rows in which metadata may stand beside the data."""
 _PAIR_LABELS = frozenset(
     """
     sample rate|sampling rate|sample frequency|sampling frequency|sample interval|sample period|sampling interval
@@ -82,7 +79,7 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, size: int, ki
     """
     least = plan.first_row
     rows = [row for row in table.rows if row[0] >= least] or list(table.rows)
-    beside = _beside(rows, table.width, kinds) | {i for i in plan.preface.left_out if i < table.width}
+    beside = find_beside(rows, table.width, kinds) | {i for i in plan.preface.left_out if i < table.width}
     types = tuple(column_type([cells[i] for _, cells in rows], kinds) for i in range(table.width))
     if table.form.kind != "table":
         inside = tuple(row for row in rows if row[0] <= size)
@@ -90,29 +87,12 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, size: int, ki
         return Body(inside or tuple(rows[:1]), samples, rows[0][0], (), types, beside)
     grid = _Grid(lines, table, types, beside, kinds)
     first = grid.first_row(least)
-    rows = grid.rows_from(first)
+    found, rows = rows, grid.rows_from(first)
     inside = tuple(row for row in rows if row[0] <= size)
     samples = tuple(row for row in rows if row[0] > size)
-    types = tuple(column_type([cells[i] for _, cells in rows], kinds) for i in range(table.width))
+    if rows != found:
+        types = tuple(column_type([cells[i] for _, cells in rows], kinds) for i in range(table.width))
     return Body(inside or table.rows[:1], samples, first, grid.above(first), types, beside, table.narrow)
-
-
-def _beside(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> frozenset[int]:
-    """Columns of labels and values that stand in some of the first rows only, and empty ones up to the data."""
-    last = [max((place for place, (_, cells) in enumerate(rows) if cells[i]), default=-1) for i in range(width)]
-    brief = [0 <= place < min(MAX_BESIDE, len(rows) / 2) for place in last]
-    if len(rows) < MIN_BESIDE_ROWS:
-        return frozenset()
-    beside: set[int] = set()
-    for i in range(width - 1):
-        if brief[i] and brief[i + 1] and any(kinds[cells[i]] == "text" for _, cells in rows):
-            beside |= {i, i + 1}
-    if not beside:
-        return frozenset()
-    end = max(beside) + 1
-    while end < width and last[end] < 0:
-        end += 1
-    return frozenset(beside | {i for i in range(end) if last[i] < 0}) if end < width else frozenset(beside)
 
 
 class _Grid:
@@ -130,8 +110,23 @@ class _Grid:
         self._table = table
         self._least = _least_width(table, types)
         self._texts = {line.number: line.text for line in lines}
-        self._lines = [(line.number, tuple(split_fields(line.text, table.form.delimiter))) for line in lines]
-        self._fits = [self._fit(cells) for _, cells in self._lines]
+        known = {} if table.narrow else dict(table.rows)
+        self._lines = [
+            (line.number, known.get(line.number) or tuple(split_fields(line.text, table.form.delimiter)))
+            for line in lines
+        ]
+        self._fits = self._all_fits([line.shape for line in lines])
+
+    def _all_fits(self, shapes: list[str]) -> list[Fit | None]:
+        """How each line suits the columns; one of the shape of a whole row is one as well."""
+        whole: set[str] = set()
+        fits: list[Fit | None] = []
+        for (_, cells), shape in zip(self._lines, shapes, strict=True):
+            fit: Fit | None = "row" if shape in whole else self._fit(cells)
+            fits.append(fit)
+            if fit == "row":
+                whole.add(shape)
+        return fits
 
     def _fit(self, cells: Cells) -> Fit | None:
         """How a line suits the columns; None where it has too few or too many cells."""
@@ -213,9 +208,9 @@ class _Grid:
         """(line number, cells) of the rows from line `first` on, each padded to the width of the table."""
         width = self._table.width
         return [
-            (number, cells + ("",) * (width - len(cells)))
-            for (number, cells), fit in zip(self._lines, self._fits, strict=True)
-            if number >= first and fit in ("row", "partial", "void")
+            line if len(line[1]) == width else (line[0], line[1] + ("",) * (width - len(line[1])))
+            for line, fit in zip(self._lines, self._fits, strict=True)
+            if line[0] >= first and fit in ("row", "partial", "void")
         ]
 
     def above(self, first: int) -> tuple[tuple[int, Cells], ...]:

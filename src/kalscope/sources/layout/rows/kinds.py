@@ -17,6 +17,7 @@ from kalscope.sources.grammar.cells import (
     split_measure,
 )
 from kalscope.sources.grammar.stamps.shapes import is_stamp
+from kalscope.sources.layout.rows.shapes import ANY_DIGIT
 from kalscope.sources.layout.units import is_measure
 
 Cells = tuple[str, ...]
@@ -28,7 +29,6 @@ NUMERIC: tuple[CellKind, ...] = ("number", "other number", "grouped", "measure")
 """The kinds that are numbers."""
 
 _NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
-_ANY_DIGIT = str.maketrans("123456789", "000000000")
 _MIN_SHAPE, _MIN_JUDGED = 8, 3
 """Characters from which the shape of a cell tells a stamp, and how many cells of it must agree."""
 _MIN_REPEATED = 3
@@ -64,7 +64,7 @@ class CellKinds(dict[str, CellKind]):
 
     def _is_stamp(self, cell: str) -> bool:
         """Whether a cell is a stamp; cells that differ in their digits only are judged by the first few."""
-        shape = cell.translate(_ANY_DIGIT)
+        shape = cell.translate(ANY_DIGIT)
         if len(cell) < _MIN_SHAPE or len(cell) - shape.count("0") < 2:
             return is_stamp(cell)  # 12.50 may be a clock, 99.50 is none
         known = self._shapes.get(shape, 0)

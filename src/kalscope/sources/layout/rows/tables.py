@@ -6,8 +6,9 @@ Pure functions on text.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 from kalscope.sources.grammar.cells import is_blank, is_comment, is_number, split_fields
 from kalscope.sources.grammar.line_format import (
@@ -20,7 +21,10 @@ from kalscope.sources.grammar.read_options import DELIMITERS
 from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.layout.plan import Plan
 from kalscope.sources.layout.rows.kinds import NUMERIC, CellKinds, Cells, column_type, likeness, only_text
+from kalscope.sources.layout.rows.shapes import HeadLine, first_of_each_shape, shaped
 
+MIN_TEXT_SHARE = 0.04
+"""Of the lines, the share that must look like data in a table of mostly text, whose rows all look alike."""
 MIN_UNIFORM = 0.6
 """Of the lines with numbers, the share that must have one width: records of several lines are no table."""
 MIN_UNIFORM_LINES = 20
@@ -33,18 +37,6 @@ MIN_COMPLETE, MIN_COMPLETE_ROWS = 0.95, 20
 """Share of labelled lines that hold every label, and how many there must be, for the others to be damaged."""
 MIN_RUN, MIN_NAMED_RUN = 8, 3
 """Lines in a row of another width that are no damage: the logger gained a field; and below its name."""
-
-
-@dataclass(frozen=True)
-class HeadLine:
-    """One line that may hold data."""
-
-    number: int
-    """Line number, from 1; beyond the head for lines from further down the file."""
-    text: str
-    """The line without stamp and checksum."""
-    stamp: str = ""
-    """The stamp that a monitor wrote before it; "" where there is none."""
 
 
 @dataclass(frozen=True)
@@ -67,43 +59,60 @@ def candidate_lines(
     head: Sequence[str], samples: Iterable[Sequence[str]] = ()
 ) -> tuple[list[HeadLine], LineFormat]:
     """Lines that may hold data; stamp and checksum split off where most lines have one, which the form says."""
-    lines = [HeadLine(i, text) for i, text in enumerate(head, 1)]
+    lines = [HeadLine(i, text) for i, text in enumerate(head, 1) if _may_be_data(text)]
+    last = len(head)
     for sample in samples:
         # A line is left out, so that the last line above is no neighbour of the first below.
-        lines += [HeadLine(i, text) for i, text in enumerate(sample, lines[-1].number + 2 if lines else 2)]
-    lines = [line for line in lines if not is_blank(line.text) and not is_comment(line.text)]
-    form = LineFormat()
-    split = [(line, split_stamp(line.text)) for line in lines]
-    stamped = [HeadLine(line.number, parts[1], parts[0]) for line, parts in split if parts is not None]
-    if stamped and len(stamped) > len(lines) / 2:
-        lines, form = stamped, replace(form, stamped=True)
-    sums = [(line, split_checksum(line.text)) for line in lines]
-    checked = [replace(line, text=parts[0]) for line, parts in sums if parts and parts[1] == parts[2]]
-    if checked and len(checked) > len(lines) / 2:
-        plain = [line for line, parts in sums if parts is None and not any(c.isdigit() for c in line.text)]
-        lines = sorted(checked + plain, key=lambda line: line.number)  # a header has no checksum
-        form = replace(form, checksum=True)
+        lines += [HeadLine(i, text) for i, text in enumerate(sample, last + 2) if _may_be_data(text)]
+        last += 1 + len(sample)
+    lines = shaped(lines)
+    form, some = LineFormat(), first_of_each_shape(lines)
+    stamped = {shape for shape, texts in some.items() if split_stamp(texts[0])}
+    if sum(line.shape in stamped for line in lines) > len(lines) / 2:
+        split = [(line, split_stamp(line.text)) for line in lines]
+        lines = shaped([HeadLine(line.number, parts[1], parts[0]) for line, parts in split if parts is not None])
+        form, some = replace(form, stamped=True), first_of_each_shape(lines)
+    if any(split_checksum(texts[0]) for texts in some.values()):
+        lines, checked = _without_checksums(lines)
+        form = replace(form, checksum=checked)
     return lines, form
+
+
+def _may_be_data(text: str) -> bool:
+    return not is_blank(text) and not is_comment(text)
+
+
+def _without_checksums(lines: list[HeadLine]) -> tuple[list[HeadLine], bool]:
+    """The lines whose checksum is right, and those without digits; all of them where fewer than half have one."""
+    sums = [(line, split_checksum(line.text)) for line in lines]
+    checked = [line._replace(text=parts[0]) for line, parts in sums if parts and parts[1] == parts[2]]
+    if len(checked) <= len(lines) / 2:
+        return lines, False
+    plain = [line for line, parts in sums if parts is None and not any(c.isdigit() for c in line.text)]
+    return shaped(sorted(checked + plain, key=lambda line: line.number)), True  # a header has no checksum
 
 
 def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
     """Every way to split the lines, with how much each makes them look like data."""
-    candidates = [] if plan.delimiter else [_teleplot(lines), _labelled(lines, plan)]
+    some = first_of_each_shape(lines)
+    candidates = [] if plan.delimiter else [_teleplot(lines, some), _labelled(lines, some, plan)]
     kinds = {mark: CellKinds(mark, plan.options.missing_texts) for mark in ".,"}
-    for delimiter in (plan.delimiter,) if plan.delimiter else _delimiters(lines, kinds):
-        split = [(line.number, tuple(split_fields(line.text, delimiter))) for line in lines]
+    for delimiter in (plan.delimiter,) if plan.delimiter else _delimiters(lines, some, kinds):
+        split = _Split(lines, some, delimiter)
         for decimal in ".," if plan.decimal is None else plan.decimal:
             form = LineFormat("table", delimiter, decimal)
             if decimal != delimiter:
                 candidates.append(_as_table(split, form, kinds[decimal]))
-            elif any('"' in line.text for line in lines):  # decimal commas inside the quotes of a comma file
+            elif any('"' in shape for shape in some):  # decimal commas inside the quotes of a comma file
                 candidates.append(_as_table(split, form, CellKinds(decimal, plan.options.missing_texts, delimiter)))
     return [table for table in candidates if table is not None]
 
 
-def _delimiters(lines: list[HeadLine], kinds: dict[str, CellKinds]) -> list[str]:
+def _delimiters(
+    lines: list[HeadLine], shapes: Mapping[str, Sequence[str]], kinds: dict[str, CellKinds]
+) -> list[str]:
     """The delimiters that are in the lines, and one that is not where some of the lines are a single number."""
-    found = [mark for mark in DELIMITERS if any(_holds(line.text, mark) for line in lines)]
+    found = [mark for mark in DELIMITERS if any(_holds(shape, mark) for shape in shapes)]
     some = [line.text.strip(" \t") for line in lines[:: max(1, len(lines) // _SOME)]]
     if not found or any(known[text] in NUMERIC for known in kinds.values() for text in some):
         absent = next((mark for mark in DELIMITERS if mark not in found), None)
@@ -116,62 +125,86 @@ def _holds(text: str, delimiter: str) -> bool:
     return delimiter in text if delimiter != " " else " " in text.strip(" \t") or "\t" in text
 
 
-def _as_table(split: list[tuple[int, Cells]], form: LineFormat, kinds: CellKinds) -> HeadTable | None:
+class _Split:
+    """The lines of a log split at one delimiter; each when its cells are asked for."""
+
+    def __init__(self, lines: list[HeadLine], some: Mapping[str, Sequence[str]], delimiter: str) -> None:
+        self.lines = lines
+        self.some = {
+            shape: [tuple(split_fields(text, delimiter)) for text in texts] for shape, texts in some.items()
+        }
+        self._delimiter = delimiter
+        self._widths = {shape: len(rows[0]) for shape, rows in self.some.items()}
+
+    def width(self, line: HeadLine) -> int:
+        """Cells of a line; quotes and delimiters are the same in all lines of a shape."""
+        return self._widths[line.shape]
+
+    def cells(self, line: HeadLine) -> Cells:
+        """The cells of a line."""
+        return tuple(split_fields(line.text, self._delimiter))
+
+
+def _as_table(split: _Split, form: LineFormat, kinds: CellKinds) -> HeadTable | None:
     """The lines of the commonest width, weighed by how much they look like data."""
-    likely = {number: likeness(cells, kinds) for number, cells in split}
+    lines = split.lines
+    likely = {
+        shape: sum(likeness(cells, kinds) for cells in rows) / len(rows) for shape, rows in split.some.items()
+    }
     weight: defaultdict[int, float] = defaultdict(float)
-    for number, cells in split:
-        weight[len(cells)] += likely[number]
+    for line in lines:
+        weight[split.width(line)] += likely[line.shape]
     width = max(weight, key=lambda width: weight[width], default=0)
-    if not width or not weight[width]:
+    if not width or weight[width] < MIN_TEXT_SHARE * len(lines):
         return None
     width, narrow = _grown(split, likely, width, kinds)
     total = weight[width] + sum(weight[w] for w in narrow)
-    fitting = [(number, cells) for number, cells in split if len(cells) == width or len(cells) in narrow]
-    if len(split) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
-        first = next(number for number, _ in fitting if likely[number])
-        above = [cells for number, cells in split if number < first]
-        if not above or len(above[-1]) != width or not only_text(above[-1], form.decimal):
+    fitting = [line for line in lines if split.width(line) == width or split.width(line) in narrow]
+    if len(lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
+        first = next(line.number for line in fitting if likely[line.shape])
+        above = [line for line in lines if line.number < first]
+        if not above or split.width(above[-1]) != width or not only_text(split.cells(above[-1]), form.decimal):
             return None
-    best = max(likely[number] for number, _ in fitting)
-    rows = tuple((n, cells + ("",) * (width - len(cells))) for n, cells in fitting if likely[n] >= best / 2)
-    return HeadTable(total / len(split), form, width, rows, narrow)
+    best = max(likely[line.shape] for line in fitting)
+    rows = [(line.number, split.cells(line)) for line in fitting if likely[line.shape] >= best / 2]
+    if narrow:
+        rows = [(number, cells + ("",) * (width - len(cells))) for number, cells in rows]
+    return HeadTable(total / len(lines), form, width, tuple(rows), narrow)
 
 
-def _grown(
-    split: list[tuple[int, Cells]], likely: dict[int, float], width: int, kinds: CellKinds
-) -> tuple[int, frozenset[int]]:
+def _grown(split: _Split, likely: Mapping[str, float], width: int, kinds: CellKinds) -> tuple[int, frozenset[int]]:
     """The width of the rows, and the smaller widths of the rows above that a later field was added to.
 
     `width` is the commonest. A file grows where runs of rows of another width stand below a line of names for the
     widest, or between the rows of the widest.
     """
+    lines = split.lines
     runs: list[tuple[int, int, int]] = []  # width, lines, place of the first
     parted = False  # `Gain;24` above the names is no row of those below
-    for i, (number, cells) in enumerate(split):
-        if not likely[number]:
-            parted |= len(cells) > 1 and all(kinds[cell] == "text" for cell in cells)
-        elif runs and runs[-1][0] == len(cells) and not parted:
-            runs[-1] = (runs[-1][0], runs[-1][1] + 1, runs[-1][2])
+    for i, line in enumerate(lines):
+        here = split.width(line)
+        if not likely[line.shape]:
+            parted |= here > 1 and all(kinds[cell] == "text" for cell in split.cells(line))
+        elif runs and runs[-1][0] == here and not parted:
+            runs[-1] = (here, runs[-1][1] + 1, runs[-1][2])
         else:
-            runs.append((len(cells), 1, i))
+            runs.append((here, 1, i))
             parted = False
     long = [run for run in runs if run[1] >= MIN_NAMED_RUN and run[0] > 1]
     widest = max((run[0] for run in long), default=width)
-    named = bool(long) and any(len(cells) == widest and not likely[number] for number, cells in split[: long[0][2]])
+    above = lines[: long[0][2]] if long else []
+    named = any(split.width(line) == widest and not likely[line.shape] for line in above)
     long = long if named else [run for run in long if run[1] >= MIN_RUN]
     if len({run[0] for run in long}) < 2 or width not in {run[0] for run in long}:
         return width, frozenset()
     first = long[0][2] if named else next(run[2] for run in long if run[0] == widest)
-    narrow = frozenset(run[0] for run in long if run[0] < widest and run[2] >= first)
-    wide = [cells for number, cells in split if len(cells) == widest and likely[number]][:MAX_JUDGED]
-    narrow = frozenset(
-        w
-        for w in narrow
-        if _alike(
-            wide, [cells for number, cells in split if len(cells) == w and likely[number]][:MAX_JUDGED], w, kinds
-        )
-    )
+
+    def judged(width: int) -> list[Cells]:
+        of_width = (line for line in lines if split.width(line) == width and likely[line.shape])
+        return [split.cells(line) for line in islice(of_width, MAX_JUDGED)]
+
+    narrow = {run[0] for run in long if run[0] < widest and run[2] >= first}
+    narrow = frozenset(w for w in narrow if _alike(judged(widest), judged(w), w, kinds))
     return (widest, narrow) if width == widest or width in narrow else (width, frozenset())
 
 
@@ -183,9 +216,11 @@ def _alike(wide: list[Cells], narrow: list[Cells], width: int, kinds: CellKinds)
     )
 
 
-def _labelled(lines: list[HeadLine], plan: Plan) -> HeadTable | None:
+def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Plan) -> HeadTable | None:
     """The lines of `name:value` pairs whose names come often and with numbers."""
-    pairs = [(line.number, dict(found[0])) for line in lines if (found := find_labels(line.text))]
+    shapes = {shape for shape, texts in some.items() if any(map(find_labels, texts))}
+    labelled = [line for line in lines if line.shape in shapes]
+    pairs = [(line.number, dict(found[0])) for line in labelled if (found := find_labels(line.text))]
     kinds = CellKinds(".", plan.options.missing_texts)
     count: Counter[str] = Counter()
     for _, found in pairs:
@@ -209,9 +244,10 @@ def _labelled(lines: list[HeadLine], plan: Plan) -> HeadTable | None:
     return HeadTable(len(rows) / len(lines), form, len(labels), rows)
 
 
-def _teleplot(lines: list[HeadLine]) -> HeadTable | None:
+def _teleplot(lines: list[HeadLine], some: Mapping[str, Sequence[str]]) -> HeadTable | None:
     """The lines `>name:ms:value§unit`; other lines beside them are the program's log and do not count."""
-    marked = [line for line in lines if line.text.lstrip().startswith(">")]
+    shapes = {shape for shape in some if shape.lstrip().startswith(">")}
+    marked = [line for line in lines if line.shape in shapes]
     found = [(line.number, plot) for line in marked if (plot := split_teleplot(line.text))]
     found = [(number, plot) for number, plot in found if any(is_number(value) for _, value in plot.samples)]
     if not found:

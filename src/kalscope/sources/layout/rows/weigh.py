@@ -6,17 +6,18 @@ from collections import Counter
 
 from kalscope.sources.grammar.cells import is_grouped, split_fields
 from kalscope.sources.layout.rows.kinds import CellKinds, only_text
-from kalscope.sources.layout.rows.tables import HeadLine, HeadTable
+from kalscope.sources.layout.rows.shapes import HeadLine
+from kalscope.sources.layout.rows.tables import MIN_TEXT_SHARE, HeadTable
 
 MIN_SHARE = 0.15
 """Of the lines of the head, the share that must look like data: boot text may outweigh a short log."""
-MIN_TEXT_SHARE = 0.04
-"""The same for tables of mostly text, whose rows all look alike."""
 CLOSE = 0.9
 """A second way with as large a part of the best one's score could be meant as well."""
 TABS = 0.75
 """Rows between tabs with as large a part of the score of rows between blanks are meant."""
 _MIN_ALIKE = 8
+_SOME = 64
+"""Rows by which one column is judged."""
 
 
 def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | None, HeadTable | None]:
@@ -64,7 +65,8 @@ def _score(lines: list[HeadLine], table: HeadTable) -> float:
 
 def _likely(lines: list[HeadLine], table: HeadTable) -> float:
     """The score by which a second is close: of `1.013,25` alone on each line, that of one whole number."""
-    alone = table.width == 1 and all(is_grouped(cells[0]) for _, cells in table.rows)
+    some = table.rows[:: max(1, len(table.rows) // _SOME)]
+    alone = table.width == 1 and all(is_grouped(cells[0]) for _, cells in some)
     return table.score if alone else _score(lines, table)
 
 

@@ -18,7 +18,7 @@ from kalscope.sources.layout.time.date_columns import repeated_parts
 from kalscope.sources.layout.time.names import time_name
 from kalscope.sources.layout.time.unnamed import unnamed_time
 
-_MAX_ROWS = 900
+_MAX_ROWS = 600
 """Rows that are weighed: the first, and some of the middle and the end."""
 _CLOSE = 1.0
 """A candidate with as few points less than the best is named."""
