@@ -168,6 +168,33 @@ def test_datasets_of_a_group_with_units_and_rate(hdf5):
     assert len(hdf5(fill, "slow")) == 5
 
 
+@pytest.mark.parametrize("place", ["", "run", "run/imu"])
+@pytest.mark.parametrize("name", ["fs", "sampling_rate", "Sample Rate (Hz)", "samplingFreq"])
+@pytest.mark.parametrize("rate", [50.0, np.array([50])])
+def test_a_rate_among_the_attributes_of_a_group_or_of_one_around_it(hdf5, place, name, rate):
+    def fill(file):
+        file["run/imu/ax"] = X
+        file["other/x"] = X[:9]
+        file["other"].attrs[name] = 999.0
+        file[place or "/"].attrs[name] = rate
+
+    recording = hdf5(fill)
+    assert recording.names == ("ax",)
+    assert recording.sample_period == pytest.approx(0.02)
+
+
+def test_the_innermost_rate_holds(hdf5):
+    def fill(file):
+        file["run/imu/ax"] = X
+        file.attrs["fs"], file["run"].attrs["fs"] = 1.0, 50.0
+
+    assert hdf5(fill).sample_period == pytest.approx(0.02)
+
+
+def test_a_rate_of_the_struct_around_a_struct_holds(mat):
+    assert mat(log={"fs": 50.0, "imu": {"x": X}}).sample_period == pytest.approx(0.02)
+
+
 def test_a_table_of_fields_reads_as_pandas_writes_it(hdf5):
     def fill(file):
         kind = [("index", "<i8"), ("values_block_0", "<f8", (2,))]

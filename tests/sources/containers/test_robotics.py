@@ -9,7 +9,7 @@ import pytest
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, BadSetting
-from kalscope.sources.containers.robotics import mcap, rosbag
+from kalscope.sources.containers.robotics import chunks
 from kalscope.sources.containers.robotics.topics import Topic, leaves, read_topics
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
@@ -30,6 +30,7 @@ from made_containers import (
 )
 
 zstandard = pytest.importorskip("zstandard")
+lz4 = pytest.importorskip("lz4.frame")
 
 WRITERS = {
     "ros1": lambda folder: write_ros1(folder / "log.bag"),
@@ -66,13 +67,31 @@ def test_another_topic_of_a_bag_by_the_end_of_its_name(tmp_path, kind):
         read_recording(path, ReadOptions(part="/camera"))
 
 
-def test_all_streams_of_a_chunk_of_bzip2_count(monkeypatch):
-    packed = bz2.compress(bytes(600)) * 3
-    assert rosbag._bzip2_size(packed + b"what follows") == 1800
-    monkeypatch.setattr(rosbag, "_MAX_CHUNK", 1000)
-    assert rosbag._bzip2_size(packed) == 1001
-    with pytest.raises(OSError, match="data"):
-        rosbag._bzip2_size(b"BZh9 no stream")
+@pytest.mark.parametrize(
+    ("pack", "unpacker", "damage"),
+    [
+        (bz2.compress, bz2.BZ2Decompressor, OSError),
+        (lz4.compress, lz4.LZ4FrameDecompressor, RuntimeError),
+    ],
+)
+def test_all_streams_of_a_packed_chunk_count(monkeypatch, pack, unpacker, damage):
+    packed = pack(bytes(600)) * 3
+    assert chunks.unpacked_size(packed + b"what follows", unpacker, damage) == 1800
+    monkeypatch.setattr(chunks, "MAX_CHUNK", 1000)
+    assert chunks.unpacked_size(packed, unpacker, damage) == 1001
+    with pytest.raises(damage):
+        chunks.unpacked_size(b"BZh9 no stream", unpacker, damage)
+    with pytest.raises(BadFile, match="at most 1000 bytes"):
+        chunks.check_chunk(packed, "log.bag", "a bag")
+
+
+@pytest.mark.parametrize("compression", list(Compression))
+def test_a_bag_of_chunks_that_unpack_to_too_much_is_refused(tmp_path, monkeypatch, compression):
+    path = write_ros1(tmp_path / "log.bag", compression)
+    assert len(read_recording(path)) == N
+    monkeypatch.setattr(chunks, "MAX_CHUNK", 1000)
+    with pytest.raises(BadFile, match="at most 1000 bytes"):
+        read_recording(path)
 
 
 def test_a_bag_of_a_ros_that_stored_no_definitions(tmp_path):
@@ -111,7 +130,7 @@ def test_messages_of_json_in_mcap(tmp_path, options):
 
 @pytest.mark.parametrize("limit", [1 << 28, 1 << 20])
 def test_a_chunk_of_mcap_that_unpacks_to_more_than_it_says_is_refused(tmp_path, monkeypatch, limit):
-    monkeypatch.setattr(mcap, "_MAX_CHUNK", limit)
+    monkeypatch.setattr(chunks, "MAX_CHUNK", limit)
     packed = zstandard.compress(bytes(5_000_000))
     chunk = struct.pack("<QQQII", 0, 0, 10, 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
     header, magic = bytes(8), b"\x89MCAP0\r\n"
@@ -149,17 +168,34 @@ def test_topics_of_ulog_with_their_instances(tmp_path, capsys):
     assert capsys.readouterr().out == ""
 
 
-@pytest.mark.parametrize(("part", "clock"), [("nsec", "headers"), ("nanosec", "headers"), ("other", "log")])
-def test_the_time_of_a_header_needs_both_its_parts(part, clock):
+@pytest.mark.parametrize(
+    ("seconds", "rest", "clock"),
+    [
+        ("sec", "nsec", "headers"),
+        ("sec", "nanosec", "headers"),
+        ("secs", "nsecs", "headers"),
+        ("sec", "other", "log"),
+        ("secs", "nanosec", "log"),
+    ],
+)
+def test_the_time_of_a_header_needs_both_its_parts(seconds, rest, clock):
     def message(i):
-        return {"header": {"stamp": {"sec": 1_700_000_000, part: i * 1_000_000}}, "x": i}
+        return {"header": {"stamp": {seconds: 1_700_000_000, rest: i * 1_000_000}}, "x": i}
 
     topic = Topic("/a", 5, lambda: [(1_800_000_000_000_000_000 + i * 2_000_000, message(i)) for i in range(5)])
     table = read_topics([topic], None, "log.mcap", "an MCAP log", Progress())
-    assert clock in table.notes[-1]
+    assert clock in table.clock
     assert table.names[-1] == "/a/x"
-    assert ("/a/header.stamp.nsec" in table.names) is False
+    assert not any(f"header.stamp.{field}" in name for name in table.names for field in ("nsec", "nsecs", "secs"))
     np.testing.assert_allclose(table.time, np.arange(5) * (0.001 if clock == "headers" else 0.002))
+
+
+def test_without_a_time_column_nothing_is_said_of_stamps(tmp_path):
+    path = write_json_mcap(tmp_path / "log.mcap")
+    assert any("time is that of" in note for note in read_recording(path).report.notes)
+    recording = read_recording(path, ReadOptions(time_column="none"))
+    assert recording.sample_period is None
+    assert [note for note in recording.report.notes if "time" in note] == ["no time column: samples are counted"]
 
 
 def test_the_numbers_of_a_message():

@@ -27,6 +27,8 @@ class Table:
     """Samples of each channel, shape (n,), NaN where missing."""
     time: Array | None = None
     """Stamps in s, shape (n,), as the file gives them; None where it gives none: a column may still be the time."""
+    clock: str = ""
+    """A sentence that says where the stamps come from; "" where the file has only one clock."""
     start: float | None = None
     """Time of the stamp 0 in s since 1970, where the file gives it."""
     period: float | None = None

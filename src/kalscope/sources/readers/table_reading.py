@@ -36,7 +36,7 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
     columns = [_column(name, unit) for name, unit in zip(table.names, table.units, strict=True)]
     data = dict(enumerate(table.columns))
     columns += [Column(name, role="text") for name in table.texts]
-    notes = (*table.notes, *_about_start(table))
+    notes = table.notes
     if table.time is not None and options.time_column is None:
         if options.time_unit is not None:
             raise BadSetting(f"time_unit must be left out: the file gives seconds (got {options.time_unit!r})")
@@ -44,13 +44,13 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
         columns = [Column("time", "s", "time"), *columns]
         time = TimeColumn(0, "number", "s")
         columns, _, more = settle_roles(columns, time)
-        notes = (*notes, *more[1:])
+        notes = (*notes, *_about_start(table), *([table.clock] if table.clock else []), *more[1:])
     else:
         time = _find_time(table, columns, options)
         columns = [replace(column, role="text") if i in table.dates else column for i, column in enumerate(columns)]
         columns, time, more = settle_roles(columns, time)
         if time is None and table.period is not None:
-            more = (f"the file gives one sample every {table.period:.9g} s", *more[1:])
+            more = (*_about_start(table), f"the file gives one sample every {table.period:.9g} s", *more[1:])
         notes = (*notes, *more)
     layout = Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), notes)
     wanted = {*layout.channels, *(time.indices if time else ())}

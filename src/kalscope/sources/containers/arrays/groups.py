@@ -26,6 +26,8 @@ _RATES = frozenset(
         "samplingrate",
         "samplefrequency",
         "samplingfrequency",
+        "samplefreq",
+        "samplingfreq",
     )
 )
 _PERIODS = frozenset(("dt", "ts", "sampleperiod", "samplingperiod", "sampletime", "samplingtime", "sampleinterval"))
@@ -61,7 +63,7 @@ def is_numeric(dtype: Any) -> bool:
 
 def period_from(name: str, value: float) -> float | None:
     """Sample period in s, if a number of this name tells it: fs, sample_rate in Hz, dt, Ts in s."""
-    word = "".join(c for c in name.lower() if c.isalnum())
+    word = "".join(c for c in name.lower() if c.isalnum()).removesuffix("hz")
     if not 0.0 < value < float("inf"):
         return None
     period = 1.0 / value if word in _RATES else value if word in _PERIODS else None
@@ -120,9 +122,15 @@ def read_arrays(
         columns += [np.ascontiguousarray(array[:, k]) for k in range(width)]
     period = next((item.period for item in found if item.period is not None), None)
     start = next((item.start for item in found if item.start is not None), None)
-    told = [period_from(key, value) for inner in (group, "") for other, key, value in scalars if other == inner]
+    told = [period_from(key, value) for outer in _outer(group) for other, key, value in scalars if other == outer]
     period = next((one for one in (period, *told) if one is not None), None)
     return Table(tuple(names), tuple(units), tuple(columns), start=start, period=period, notes=(note, *said))
+
+
+def _outer(group: str) -> list[str]:
+    """A group and all groups that it lies in, `run/imu`, `run` and the file itself; `run.imu` in MATLAB."""
+    ends = [i for i, mark in enumerate(group) if mark in "/."]
+    return [group[:end] for end in (len(group), *reversed(ends))] + [""]
 
 
 def _part_name(group: str, found: list[Item], *, alone: bool) -> str:

@@ -29,18 +29,21 @@ def read_hdf5(path: Path, name: str, part: str | None, progress: Progress) -> Ta
     with h5py.File(str(path), "r") as file:
         items: list[Item] = []
         scalars: list[tuple[str, str, float]] = []
-        for group, key, dataset in _datasets(h5py, file):
+        for group, key, node in _nodes(h5py, file):
             progress(0.1, "reading")
-            _take(group, key, dataset, items, scalars)
-        scalars += _told(file, "")
+            if key:
+                _take(group, key, node, items, scalars)
+            else:
+                scalars += [(group, name, value) for name, value in _numbers(node)]
         return read_arrays(items, scalars, part, name, "an HDF5 file", progress.part(0.2, 1.0))
 
 
-def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, str, Any]]:
-    """(group, name, dataset) of the datasets that lie in the file itself."""
+def _nodes(h5py: Any, file: Any) -> Iterator[tuple[str, str, Any]]:
+    """(group, "", its node) of all groups, (group, name, dataset) of the datasets that lie in the file itself."""
     waiting, count = [("", file, 0)], 0
     while waiting and count < _MAX_DATASETS:
         group, node, depth = waiting.pop(0)
+        yield group, "", node
         for key in node:
             # Only what is in this place: a link may lead out of the file, or back into the same group.
             if not isinstance(node.get(key, getlink=True), h5py.HardLink) or key.startswith("#"):
@@ -59,7 +62,7 @@ def _take(group: str, key: str, dataset: Any, items: list[Item], scalars: list[t
         return
     dtype, shape = dataset.dtype, tuple(int(n) for n in dataset.shape or ())
     unit = next((text for word in _UNITS if (text := _text(dataset.attrs.get(word)))), "")
-    period = next((period for _, _, value in _told(dataset, "", key) if (period := value)), None)
+    period = next((period for name, value in _numbers(dataset) if (period := period_from(name, value))), None)
     if dtype.names:
         _take_fields(f"{group}/{key}" if group else key, dataset, shape, items)
     elif is_numeric(dtype):
@@ -82,16 +85,12 @@ def _take_fields(group: str, dataset: Any, shape: tuple[int, ...], items: list[I
             items.append(Item("time" if stamps else str(field), group, (*shape, *inner), load))
 
 
-def _told(node: Any, group: str, key: str = "") -> list[tuple[str, str, float]]:
-    """Rates and periods among the attributes; with a key the values are periods in s."""
-    found: list[tuple[str, str, float]] = []
+def _numbers(node: Any) -> Iterator[tuple[str, float]]:
+    """The attributes that hold a single number."""
     for name in node.attrs:
-        value = node.attrs.get(name)
-        if np.ndim(value) == 0 and is_numeric(np.asarray(value).dtype):
-            period = period_from(str(name), float(value))
-            if period is not None:
-                found.append((group, str(name), period if key else float(value)))
-    return found
+        value = np.asarray(node.attrs.get(name))
+        if value.size == 1 and is_numeric(value.dtype):
+            yield str(name), float(value.reshape(-1)[0])
 
 
 def _text(value: Any) -> str:

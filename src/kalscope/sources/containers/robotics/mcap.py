@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from kalscope.common.progress import Progress
-from kalscope.errors import BadFile
 from kalscope.sources.containers.library import load_library
+from kalscope.sources.containers.robotics.chunks import check_chunk, check_size
 from kalscope.sources.containers.robotics.ros_types import ros_decoder
 from kalscope.sources.containers.robotics.topics import Messages, Topic, read_topics
 from kalscope.sources.containers.table import Table
 
 _KIND = "an MCAP log"
-_MAX_CHUNK = 1 << 28
-"""Bytes of one unpacked chunk."""
 _RECORDS_PER_REPORT = 1024
 
 
@@ -86,7 +84,6 @@ def _decoder(channel: Any, schema: Any, name: str) -> Callable[[bytes], Any]:
 def _records(path: Path, name: str, progress: Progress) -> Iterator[Any]:
     """All records of the file, those in chunks as well, checked by their checksums."""
     reading = load_library("mcap.stream_reader", "mcap", name, _KIND)
-    lz4 = load_library("lz4.frame", "lz4", name, _KIND)
     size = max(path.stat().st_size, 1)
     with path.open("rb") as file:
         stream = reading.StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=size)
@@ -97,23 +94,18 @@ def _records(path: Path, name: str, progress: Progress) -> Iterator[Any]:
                 yield record
                 continue
             progress(file.tell() / size, "reading")
-            too_large = record.uncompressed_size > _MAX_CHUNK
-            if record.compression == "lz4" and not too_large:
-                unpacked = lz4.LZ4FrameDecompressor().decompress(record.data, _MAX_CHUNK + 1)
-                too_large = len(unpacked) > _MAX_CHUNK
-            elif record.compression == "zstd" and not too_large:
-                too_large = _zstd_size(record, name) > _MAX_CHUNK
-            if too_large:
-                raise BadFile(f"{name} must hold chunks of at most {_MAX_CHUNK} bytes (got more)")
+            check_size(record.uncompressed_size, name)
+            check_chunk(record.data, name, _KIND)
+            if record.compression == "zstd":
+                _check_zstd(record, name)
             yield from reading.breakup_chunk(record, validate_crc=True)
 
 
-def _zstd_size(chunk: Any, name: str) -> int:
-    """Bytes to which a chunk unpacks; where its frame gives none, the size of the chunk bounds it."""
+def _check_zstd(chunk: Any, name: str) -> None:
+    """Refuse a chunk that unpacks to more than it says; a frame that gives no size is bounded by the chunk's."""
     zstandard = load_library("zstandard", "zstandard", name, _KIND)
     size = int(zstandard.get_frame_parameters(chunk.data).content_size)
-    if size == zstandard.CONTENTSIZE_UNKNOWN:
-        return int(chunk.uncompressed_size)
-    if size <= _MAX_CHUNK and size != chunk.uncompressed_size:
-        raise ValueError(f"a chunk of {chunk.uncompressed_size} bytes unpacks to {size}")
-    return size
+    if size in (zstandard.CONTENTSIZE_UNKNOWN, chunk.uncompressed_size):
+        return
+    check_size(size, name)
+    raise ValueError(f"a chunk of {chunk.uncompressed_size} bytes unpacks to {size}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bz2
 import sqlite3
 from collections.abc import Iterator
 from functools import partial
@@ -12,12 +11,11 @@ from typing import Any
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
 from kalscope.sources.containers.library import load_library
+from kalscope.sources.containers.robotics.chunks import check_chunk
 from kalscope.sources.containers.robotics.ros_types import ros_decoder
 from kalscope.sources.containers.robotics.topics import Messages, Topic, read_topics
 from kalscope.sources.containers.table import Table
 
-_MAX_CHUNK = 1 << 28
-"""Bytes of one unpacked chunk; rosbag writes chunks below 1 MB."""
 _STEPS = 100_000
 """Steps of SQLite between two looks at whether the user has cancelled."""
 
@@ -51,33 +49,11 @@ def read_ros1(path: Path, name: str, part: str | None, progress: Progress) -> Ta
 
 
 def _check_chunks(reader: Any, path: Path, progress: Progress) -> None:
-    """Refuse a chunk of bzip2 or LZ4 that would fill the memory."""
-    lz4 = load_library("lz4.frame", "lz4", path.name, "a ROS 1 bag")
     with path.open("rb") as file:
         for chunk in reader.chunks.values():
             progress(0.0, "reading")
             file.seek(chunk.datapos)
-            data = file.read(chunk.datasize)
-            size = _bzip2_size(data) if data.startswith(b"BZh") else 0
-            if data.startswith(b"\x04\x22\x4d\x18"):
-                size = len(lz4.LZ4FrameDecompressor().decompress(data, _MAX_CHUNK + 1))
-            if size > _MAX_CHUNK:
-                raise BadFile(f"{path.name} must hold chunks of at most {_MAX_CHUNK} bytes (got more)")
-
-
-def _bzip2_size(data: bytes) -> int:
-    """Bytes to which all streams of bzip2 unpack, counted up to one more than `_MAX_CHUNK`."""
-    size = 0
-    while data and size <= _MAX_CHUNK:
-        stream = bz2.BZ2Decompressor()
-        try:
-            size += len(stream.decompress(data, _MAX_CHUNK + 1 - size))
-        except OSError:
-            if not size:
-                raise
-            break  # bytes after the last stream are ignored
-        data = stream.unused_data
-    return size
+            check_chunk(file.read(chunk.datasize), path.name, "a ROS 1 bag")
 
 
 def read_ros2(path: Path, name: str, part: str | None, progress: Progress) -> Table:

@@ -18,7 +18,9 @@ from kalscope.sources.containers.table import MAX_COLUMNS, MAX_NUMBERS, Table
 _MAX_ELEMENTS = 64
 """Elements of an array that are channels; a longer one is an image or a scan."""
 _MAX_DEPTH = 12
-_STAMP_FIELDS = frozenset(("header.stamp.sec", "header.stamp.nanosec", "header.stamp.nsec", "header.seq"))
+_STAMP_PARTS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"))
+"""Fields of a stamp: of ROS 2, of rosbags for ROS 1, and of ROS 1 itself, whose messages JSON may hold."""
+_STAMP_FIELDS = {"header.seq"} | {f"header.stamp.{field}" for parts in _STAMP_PARTS for field in parts}
 _MESSAGES_PER_REPORT = 1024
 
 Messages = Iterable[tuple[int, Any]]
@@ -76,7 +78,8 @@ def read_topics(topics: Sequence[Topic], wanted: str | None, name: str, note: st
         columns=tuple(np.ascontiguousarray(values[:, j]) for j in range(len(names))),
         time=(time - time[0]).astype(np.float64) / 1e9,
         start=float(time[0]) / 1e9,
-        notes=(note, *notes, clock),
+        clock=clock,
+        notes=(note, *notes),
     )
 
 
@@ -110,9 +113,11 @@ def _read(topic: Topic, names: list[str], progress: Progress) -> tuple[NDArray[n
 
 def _stamp(found: dict[str, float]) -> int:
     """Time of the header of a message in ns since 1970; 0 unless both its parts are there."""
-    seconds = found.get("header.stamp.sec")
-    rest = found.get("header.stamp.nanosec", found.get("header.stamp.nsec"))
-    return 0 if seconds is None or rest is None else int(seconds) * 1_000_000_000 + int(rest)
+    for parts in _STAMP_PARTS:
+        seconds, rest = (found.get(f"header.stamp.{field}") for field in parts)
+        if seconds is not None and rest is not None:
+            return int(seconds) * 1_000_000_000 + int(rest)
+    return 0
 
 
 def leaves(message: Any) -> dict[str, float]:
