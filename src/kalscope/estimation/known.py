@@ -21,6 +21,7 @@ from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict import NOWHERE, each_channel, exp
 from kalscope.filtering.arrays import samples_of
+from kalscope.filtering.momentum.specification import momentum_for_overshoot
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import ratio_for
 
@@ -122,8 +123,13 @@ def params_for_specification(
     cutoff_hz: float | None = None,
     noise_reduction_db: float | None = None,
     sample_period: float | None = None,
+    momentum: float = 0.0,
+    overshoot: float | None = None,
 ) -> FilterParams:
-    """The pair whose settled filter meets a target: λ from `ratio_for`, then q = λ r.
+    """The filter that meets a target once settled: λ from `ratio_for`, then q = λ r.
+
+    With an overshoot that is allowed too, the momentum follows from it: of all filters within the lag and the
+    overshoot this one leaves the least noise; with a noise reduction in place of the lag it has the least lag.
 
     Args:
         r: measurement-noise variance, unit², > 0.
@@ -133,20 +139,32 @@ def params_for_specification(
         cutoff_hz: −3 dB frequency;
         noise_reduction_db: white noise, in to out.
         sample_period: nominal sample period in s, for a target in s or Hz.
+        momentum: τ of the filter in sample periods, 0 … 1e5.
+        overshoot: how far the answer to a step may go beyond it, share of the step, about 0.2 at most; 0 is the
+            filter without momentum. In place of `momentum`.
 
     Raises:
-        BadSetting: r is not above 0, no target or several, or a target out of range.
+        BadSetting: r is not above 0, no target or several, a target out of range, or an overshoot that no momentum
+            has with this target; the message says the largest.
     """
-    ratio = ratio_for(
-        gain=gain,
-        lag_samples=lag_samples,
-        lag_s=lag_s,
-        cutoff_hz=cutoff_hz,
-        noise_reduction_db=noise_reduction_db,
-        sample_period=sample_period,
-    )
+
+    def ratio_at(tau: float) -> float:
+        return ratio_for(
+            gain=gain,
+            lag_samples=lag_samples,
+            lag_s=lag_s,
+            cutoff_hz=cutoff_hz,
+            noise_reduction_db=noise_reduction_db,
+            sample_period=sample_period,
+            momentum=tau,
+        )
+
     noise = above_zero("r", r, MAX_VARIANCE)
-    return FilterParams(q=ratio * noise, r=noise)
+    if overshoot is not None:
+        if momentum:
+            raise BadSetting(f"overshoot must come without momentum, which follows from it (got {momentum:g} too)")
+        momentum = momentum_for_overshoot(overshoot, ratio_at)
+    return FilterParams(q=ratio_at(momentum) * noise, r=noise, momentum=momentum)
 
 
 def estimate_fixed_r(z: ArrayLike, r: float, dt: ArrayLike | None = None) -> Estimate:

@@ -17,6 +17,7 @@ from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
 from kalscope.filtering.momentum.settled import Settled, settle
+from kalscope.filtering.momentum.specification import ratio_with_momentum
 from kalscope.filtering.params import FilterParams
 
 SETTLED = 0.01
@@ -83,8 +84,11 @@ def ratio_for(
     cutoff_hz: float | None = None,
     noise_reduction_db: float | None = None,
     sample_period: float | None = None,
+    momentum: float = 0.0,
 ) -> float:
     """λ = q/r of the steady filter that meets exactly one target.
+
+    The formulas are those without momentum; with it see `momentum.specification`.
 
     Args:
         gain: K, 0 < K < 1: λ = K²/(1 − K).
@@ -94,6 +98,7 @@ def ratio_for(
             λ = 4 sin²(π f T).
         noise_reduction_db: white noise in to out, > 0 dB: with ρ = 10^(−dB/10), λ = 4ρ²/(1 − ρ²).
         sample_period: nominal sample period in s.
+        momentum: τ of the filter in sample periods, 0 … 1e5.
 
     Returns:
         λ; 0 where it is too small for a float, as for lags beyond 1e154 samples.
@@ -113,23 +118,27 @@ def ratio_for(
         raise BadSetting(f"exactly one of {', '.join(targets)} must be given (got {', '.join(given) or 'none'})")
     ((name, target),) = given.items()
     value = above_zero(name, target)
+    tau = float(FilterParams(q=1.0, r=1.0, momentum=momentum).momentum)
     if name == "gain":
         if value >= 1.0:
             raise BadSetting(f"gain must lie between 0 and 1 (got {value:g})")
-        return value * value / (1.0 - value)
+        return ratio_with_momentum("gain", value, tau) if tau else value * value / (1.0 - value)
     if name == "noise_reduction_db":
         rho = 10.0 ** (-value / 10.0)
+        if tau:
+            return ratio_with_momentum("noise", rho, tau)
         return -4.0 * rho * rho / math.expm1(-0.2 * math.log(10.0) * value)
     if name == "lag_samples":
-        return 1.0 / value / (1.0 + value)
+        return ratio_with_momentum("lag", value, tau) if tau else 1.0 / value / (1.0 + value)
     if sample_period is None:
         raise BadSetting(f"{name} needs sample_period, the time between two samples in s (got None)")
     period = above_zero("sample_period", sample_period)
     if name == "lag_s":
-        return ratio_for(lag_samples=value / period)
+        return ratio_for(lag_samples=value / period, momentum=tau)
     if value * period > 0.5:
         raise BadSetting(f"cutoff_hz must be at most half the sample rate, {0.5 / period:g} Hz (got {value:g})")
-    return 4.0 * math.sin(math.pi * value * period) ** 2
+    wave = 4.0 * math.sin(math.pi * value * period) ** 2
+    return ratio_with_momentum("cutoff", wave, tau) if tau else wave
 
 
 def _one(q: float, r: float, momentum: float, period: float | None) -> SteadyState:

@@ -55,28 +55,41 @@ def settle(q: float, r: float, tau: float, left: float) -> Settled:
     tau = max(tau, MIN_MOMENTUM)
     if r == 0.0:
         return Settled(1.0, _velocity_gain_without_noise(tau), 0.0, 1.0, math.nan, 0.0, 0.0, 0.0)
-    root = math.sqrt(min(max(q / r, MIN_RATIO), MAX_RATIO))  # only the ratio matters: no overflow
-    e, f, a, b, c = transition(1.0, root, tau)
-    noise, forgotten = 1.0 / root, -math.expm1(-1.0 / tau)  # 1 - e
-    first, second = poles(
-        noise * e,
-        noise * forgotten**2 + (a * e - f * b),
-        a * forgotten**2 + f * f * c + 2.0 * f * b * forgotten,
-    )
-    kept = (first.z * second.z).real / e  # 1 - K
+    forgotten = -math.expm1(-1.0 / tau)  # 1 - e
+    first, second = _poles_of(q / r, tau)
+    kept = (first.z * second.z).real / math.exp(-1.0 / tau)  # 1 - K
     product = (first.d * second.d).real
     gain = max(0.0, 1.0 - kept)
-    total = (first.d + second.d).real
     step = StepError(kept, product, first, second)
     return Settled(
         gain=gain,
-        velocity_gain=(total - forgotten - gain) / f,
+        velocity_gain=(product - gain * forgotten) / (tau * forgotten),
         lag=forgotten * kept / product,
         noise=_noise(gain, product, first, second),
         cutoff=_cutoff(gain, product, first, second),
         overshoot=step.overshoot(),
         settling=step.last_above(left),
         time_constant=step.first_below(math.exp(-1.0)),
+    )
+
+
+def overshoot_of(ratio: float, tau: float) -> float:
+    """The overshoot of `settle` alone, for q/r = `ratio`."""
+    tau = max(tau, MIN_MOMENTUM)
+    first, second = _poles_of(ratio, tau)
+    kept = (first.z * second.z).real / math.exp(-1.0 / tau)
+    return StepError(kept, (first.d * second.d).real, first, second).overshoot()
+
+
+def _poles_of(ratio: float, tau: float) -> tuple[Pole, Pole]:
+    """The poles of the settled filter of q/r = `ratio`, > 0, and tau ≥ MIN_MOMENTUM."""
+    root = math.sqrt(min(max(ratio, MIN_RATIO), MAX_RATIO))  # only the ratio matters: no overflow
+    e, f, a, b, c = transition(1.0, root, tau)
+    noise, forgotten = 1.0 / root, -math.expm1(-1.0 / tau)
+    return poles(
+        noise * e,
+        noise * forgotten**2 + (a * e - f * b),
+        a * forgotten**2 + f * f * c + 2.0 * f * b * forgotten,
     )
 
 
@@ -142,7 +155,7 @@ def _cutoff(gain: float, product: float, first: Pole, second: Pole) -> float:
 
 
 class StepError:
-    """What is missing of a step after n samples: e(n) = e(0) S(n) - (t e(0) - e(1)) S(n - 1)."""
+    """What is missing of a step after n + 1 samples: e(n) = e(0) S(n) - (t e(0) - e(1)) S(n - 1)."""
 
     def __init__(self, kept: float, product: float, first: Pole, second: Pole) -> None:
         """Args: 1 - K, the product of the distances of the poles from 1, and the poles."""
@@ -174,7 +187,25 @@ class StepError:
 
     def overshoot(self) -> float:
         """How far it goes below 0."""
-        return max(0.0, -float(self._errors.min()))
+        return max(0.0, -float(self._errors.min()), -float(self._after(self._valley()).min()))
+
+    def _valley(self) -> Array:
+        """The whole samples around the first valley of e(n) between complex poles; 0 where there is none.
+
+        With z = exp(-s ± ia) the error is exp(-sn) (A sin an + B cos an), up to a factor: its slope is 0 where
+        tan an = (aA - sB)/(sA + aB). The first valley is the deepest one.
+        """
+        first, _ = self._poles
+        if not first.z.imag:
+            return np.zeros(1)
+        s, angle = -first.log_radius, abs(cmath.phase(first.z))
+        a, b = (
+            self._weights[0] * math.cos(angle) - self._weights[1] * math.exp(s),
+            self._weights[0] * math.sin(angle),
+        )
+        n = math.atan2(angle * a - s * b, s * a + angle * b) % math.pi / angle
+        around = [n, n + math.pi / angle]
+        return np.array([value for each in around for value in (math.floor(each), math.floor(each) + 1.0)])
 
     def first_below(self, share: float) -> float:
         """Time until no more than `share` is missing, between samples as on an exponential."""

@@ -1,0 +1,166 @@
+"""Filters with momentum from a specification: what was asked comes back from the settled filter."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, FilterParams, kalman_filter, params_for_specification, ratio_for, steady_state
+
+T = 0.02
+MOMENTA = (1e-9, 0.05, 0.7, 5.0, 60.0, 3e3, 1e5)
+TARGETS = [
+    *(("lag_samples", value) for value in (1e-3, 0.3, 2.0, 11.0, 400.0, 1e6)),
+    *(("lag_s", value) for value in (1e-3, 0.05, 30.0)),
+    *(("gain", value) for value in (1e-5, 0.02, 0.4, 0.97)),
+    *(("noise_reduction_db", value) for value in (0.05, 3.0, 13.0, 60.0)),
+    *(("cutoff_hz", value) for value in (1e-4, 0.3, 7.0, 24.0)),
+]
+
+
+@pytest.mark.parametrize("momentum", MOMENTA)
+@pytest.mark.parametrize(("target", "value"), TARGETS)
+def test_ratio_for_is_the_inverse_of_steady_state_at_any_momentum(target, value, momentum):
+    ratio = ratio_for(**{target: value}, sample_period=T, momentum=momentum)
+    found = getattr(steady_state(FilterParams(ratio, 1.0, momentum=momentum), T), target)
+    assert found == pytest.approx(value, rel=1e-9)
+
+
+@pytest.mark.parametrize(("target", "value"), TARGETS)
+def test_no_momentum_gives_the_ratio_of_before_and_a_short_one_comes_close(target, value):
+    plain = ratio_for(**{target: value}, sample_period=T)
+    assert ratio_for(**{target: value}, sample_period=T, momentum=0.0) == plain
+    if target != "lag_samples" or value > 0.1:
+        assert ratio_for(**{target: value}, sample_period=T, momentum=1e-9) == pytest.approx(plain, rel=0.1)
+
+
+@pytest.mark.parametrize("momentum", MOMENTA)
+def test_noise_and_cutoff_rise_with_the_gain_so_that_halving_finds_them(momentum):
+    gains = [*np.geomspace(1e-6, 0.5, 200), *(1.0 - np.geomspace(0.49, 1e-6, 200))]
+    found = [
+        steady_state(FilterParams(ratio_for(gain=gain, momentum=momentum), 1.0, momentum=momentum), 1.0)
+        for gain in gains
+    ]
+    noise = np.array([one.noise_reduction_db for one in found])
+    cutoff = np.array([one.cutoff_hz for one in found])
+    assert np.all(np.diff(noise) <= 1e-9)
+    seen = np.isfinite(cutoff)
+    assert np.all(np.diff(cutoff[seen]) > 0.0)
+    assert not np.any(seen[int(np.argmin(seen)) :]) or seen.all()
+
+
+# ---- an overshoot that is allowed
+
+
+@pytest.mark.parametrize("overshoot", [1e-4, 0.02, 0.1, 0.18])
+@pytest.mark.parametrize(
+    ("target", "value"),
+    [("lag_samples", 0.4), ("lag_samples", 5.0), ("lag_s", 0.5), ("noise_reduction_db", 12.0), ("cutoff_hz", 1.0)],
+)
+def test_lag_or_noise_or_cutoff_comes_back_together_with_the_overshoot(target, value, overshoot):
+    params = params_for_specification(2.5, **{target: value}, sample_period=T, overshoot=overshoot)
+    found = steady_state(params, T)
+    assert params.r == 2.5
+    assert getattr(found, target) == pytest.approx(value, rel=1e-9)
+    assert found.overshoot == pytest.approx(overshoot, rel=1e-6)
+    assert found.overshoot <= overshoot
+
+
+def test_the_filter_itself_has_the_lag_and_the_overshoot_that_were_asked():
+    params = params_for_specification(4.0, lag_samples=6.0, overshoot=0.08)
+    step = kalman_filter(np.repeat([0.0, 1.0], 3000), params).x[3000:]
+    assert step.max() == pytest.approx(1.08, abs=1e-9)
+    ramp = np.arange(6000.0)
+    assert ramp[-1] - kalman_filter(ramp, params).x[-1] == pytest.approx(6.0, abs=1e-9)
+
+
+def test_no_overshoot_is_the_filter_without_momentum():
+    assert params_for_specification(1.0, lag_samples=5.0, overshoot=0.0) == params_for_specification(
+        1.0, lag_samples=5.0
+    )
+
+
+@pytest.mark.parametrize("lag", [0.01, 0.1, 0.5, 3.0, 40.0, 1e4])
+def test_more_overshoot_never_gives_more_noise(lag):
+    allowed = [0.0, *np.geomspace(1e-5, 0.12, 25)]
+    found = [steady_state(params_for_specification(1.0, lag_samples=lag, overshoot=each)) for each in allowed]
+    noise = np.array([one.noise_reduction_db for one in found])
+    assert np.all(np.diff(noise) >= -1e-9)
+    assert noise[-1] > noise[0] + 1.0
+
+
+@pytest.mark.parametrize("lag", [0.7, 4.0, 60.0])
+def test_no_filter_within_lag_and_overshoot_leaves_less_noise(lag):
+    best = params_for_specification(1.0, lag_samples=lag, overshoot=0.07)
+    least = steady_state(best).noise_reduction_db
+    rng = np.random.default_rng(5)
+    tried = 0
+    for shift, stretch in rng.normal(0.0, 0.7, (300, 2)):
+        other = steady_state(
+            FilterParams(best.q * math.exp(shift), 1.0, momentum=min(best.momentum * math.exp(stretch), 1e5))
+        )
+        if other.lag_samples <= lag and other.overshoot <= 0.07:
+            tried += 1
+            assert other.noise_reduction_db <= least + 1e-9
+    assert tried > 20
+
+
+@pytest.mark.parametrize("noise_reduction_db", [3.0, 13.0, 30.0])
+def test_more_overshoot_never_gives_more_lag_at_equal_noise(noise_reduction_db):
+    allowed = np.geomspace(1e-4, 0.1, 12)
+    lags = [
+        steady_state(
+            params_for_specification(1.0, noise_reduction_db=noise_reduction_db, overshoot=each)
+        ).lag_samples
+        for each in allowed
+    ]
+    assert np.all(np.diff(lags) < 0.0)
+
+
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        ({"lag_samples": 5.0, "overshoot": 0.3}, r"at most 20\.55 % of a step with this target \(got 30 %\)"),
+        ({"gain": 0.9, "overshoot": 0.2}, r"at most 7\.44 % of a step with this target \(got 20 %\)"),
+        ({"lag_samples": 5.0, "overshoot": -0.1}, r"overshoot must be a share .* \(got -0\.1\)"),
+        ({"lag_samples": 5.0, "overshoot": math.nan}, r"overshoot must be a share .* \(got nan\)"),
+        ({"lag_samples": 5.0, "overshoot": math.inf}, r"overshoot must be a share .* \(got inf\)"),
+        ({"overshoot": 0.1}, "exactly one of"),
+        ({"lag_samples": 5.0, "overshoot": 0.1, "momentum": 3.0}, r"without momentum.*\(got 3 too\)"),
+        ({"lag_samples": 5.0, "momentum": -1.0}, "momentum must be a number of sample periods"),
+        ({"lag_samples": 5.0, "momentum": math.nan}, "momentum must be a number of sample periods"),
+    ],
+)
+def test_what_no_filter_has_is_refused_with_what_is_possible(asked, says):
+    with pytest.raises(BadSetting, match=says):
+        params_for_specification(1.0, **asked)
+
+
+def test_the_largest_overshoot_that_the_message_names_is_possible():
+    found = steady_state(params_for_specification(1.0, lag_samples=5.0, overshoot=0.2055))
+    assert found.overshoot == pytest.approx(0.2055, rel=1e-6)
+
+
+@pytest.mark.parametrize(("ratio", "tau"), [(1e-4, 1e3), (1e-6, 4e3), (1e-8, 4e4), (1e-9, 1e5), (1e-10, 7e4)])
+def test_the_overshoot_of_a_slow_filter_is_that_of_its_limit(ratio, tau):
+    """The limit of slow filters: 1 - H = s(s + 1/τ)/(s² + as + b) with b = √λ/τ and a² = 1/τ² + 2b."""
+    b = math.sqrt(ratio) / tau
+    rate = 0.5 * math.sqrt(1.0 / tau**2 + 2.0 * b)
+    turn = math.sqrt(b - rate * rate)
+    t = np.linspace(0.0, 20.0 / rate, 1_000_001)
+    missing = np.exp(-rate * t) * (np.cos(turn * t) + (1.0 / tau - rate) / turn * np.sin(turn * t))
+    found = steady_state(FilterParams(ratio, 1.0, momentum=tau)).overshoot
+    assert found == pytest.approx(-missing.min(), rel=2.0 * rate)
+
+
+@pytest.mark.parametrize(("ratio", "tau"), [(1e-7, 3e4), (1e-9, 8e4)])
+def test_the_overshoot_of_a_slow_filter_is_exact(ratio, tau):
+    settled = steady_state(FilterParams(ratio, 1.0, momentum=tau))
+    e, f, x, v, largest = math.exp(-1.0 / tau), -tau * math.expm1(-1.0 / tau), 0.0, 0.0, 0.0
+    for _ in range(400_000):
+        ahead = x + f * v
+        x, v = ahead + settled.gain * (1.0 - ahead), e * v + settled.velocity_gain * (1.0 - ahead)
+        largest = max(largest, x)
+    assert settled.overshoot == pytest.approx(largest - 1.0, rel=1e-7)
