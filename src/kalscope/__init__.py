@@ -16,7 +16,8 @@ from kalscope.estimation.known import (
     noise_from_still,
     params_for_specification,
 )
-from kalscope.estimation.likelihood.profile import likelihood_profile, log_likelihood
+from kalscope.estimation.likelihood.profile import log_likelihood
+from kalscope.estimation.momentum.profile import likelihood_profile
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.starting import starting_params
 from kalscope.export.registry import export_tuning

@@ -9,7 +9,8 @@ import pytest
 
 from kalscope import FilterParams, kalman_filter
 from kalscope.estimation.estimate import estimate
-from kalscope.estimation.likelihood.profile import likelihood_profile, log_likelihood
+from kalscope.estimation.likelihood.profile import log_likelihood
+from kalscope.estimation.momentum.profile import likelihood_profile
 
 NORWAY = """560 533 490 511 509 539 471 442 434 437 362 338 401 409 407 402 452 398 378 381 332 323 325 281 283 305
     255 303 352 304 341 275 312 280"""

@@ -11,7 +11,7 @@ from numba import njit
 
 from kalscope.cli.bench.contest import PARAMS, Contest, Q, R, Work
 from kalscope.common.array import Array
-from kalscope.estimation.likelihood.profile import likelihood_profile
+from kalscope.estimation.momentum.profile import likelihood_profile
 from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state

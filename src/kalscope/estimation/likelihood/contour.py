@@ -8,13 +8,14 @@ the two r on the contour follow from u − 1 − ln u = c with u = r̂/r, which 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
-from kalscope.estimation.likelihood.profile import MAX_LOG_RATIO, Profile, likelihood_profile
+from kalscope.estimation.likelihood.profile import MAX_LOG_RATIO, Profile, walk_profile
 from kalscope.estimation.result import Estimate
 
 DROP_95 = 5.991464547107979
@@ -38,8 +39,12 @@ class Contour:
     """Whether the line is closed; it is open where the record allows λ → 0 or λ → ∞."""
 
 
+Scan = Callable[[ArrayLike, ArrayLike | None, ArrayLike | None], Profile]
+"""`likelihood_profile` of a model: z, ln λ, dt -> Profile."""
+
+
 def likelihood_contour(
-    z: ArrayLike, best: Estimate, dt: ArrayLike | None = None, drop: float = DROP_95
+    z: ArrayLike, best: Estimate, dt: ArrayLike | None = None, drop: float = DROP_95, scan: Scan = walk_profile
 ) -> Contour | None:
     """The line on which twice the log-likelihood is `drop` below its maximum.
 
@@ -48,6 +53,7 @@ def likelihood_contour(
         best: what `estimate(z, "ml", dt)` gave.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         drop: see `DROP_95`, > 0.
+        scan: scans the record; another than the default where `best` has momentum.
 
     Returns:
         The contour; None where the likelihood has no maximum.
@@ -63,7 +69,7 @@ def likelihood_contour(
         return None
     low, high = _first_reach(best)
     for _ in range(6):
-        profile = likelihood_profile(z, np.linspace(low, high, _NODES), dt)
+        profile = scan(z, np.linspace(low, high, _NODES), dt)
         short = 2.0 * (float(best.loglik) - profile.loglik)
         wider = (
             low - (high - low) if short[0] < drop and low > -_edge(best) else low,

@@ -128,53 +128,58 @@ class Profile:
     """Σln f with r = 1, shape (k,)."""
     m: int
     """Scored innovations."""
+    step: float = 1.0
+    """Variance of one step of the signal for q = 1: 1 without momentum, less with it."""
 
     def loglik_at(self, q: ArrayLike, r: ArrayLike) -> Array:
         """Log-likelihood at q and r ≥ 0, unit², arrays that broadcast; outside the profile its end is kept.
 
-        Read between the points by a cubic spline of χ²(1 + λ) and Σln f − m ln(1 + λ), which are level at
-        both ends; with the default 121 points good to about 3e-6 m (a map, not the last digit).
+        Read between the points by a cubic spline of χ²(1 + cλ) and Σln f − m ln(1 + cλ), which are level at
+        both ends, c = `step`; with the default 121 points good to about 3e-6 m (a map, not the last digit).
         """
         from scipy.interpolate import CubicSpline
 
         q, r = np.asarray(q, dtype=np.float64), np.asarray(r, dtype=np.float64)
-        log_total = np.logaddexp(0.0, self.log_ratios)  # ln(1 + λ)
+        log_total = np.logaddexp(0.0, self.log_ratios + math.log(self.step))  # ln(1 + cλ)
         level = np.stack([self.chi2 * np.exp(log_total), self.logdet - self.m * log_total], axis=-1)
         with np.errstate(divide="ignore", invalid="ignore"):
             wanted = np.clip(np.log(q) - np.log(r), self.log_ratios[0], self.log_ratios[-1])
             chi2, logdet = np.moveaxis(CubicSpline(self.log_ratios, level)(wanted), -1, 0)
-            total = q + r
+            total = self.step * q + r
             return -0.5 * (self.m * (math.log(2.0 * math.pi) + np.log(total)) + logdet + chi2 / total)
 
 
-def likelihood_profile(z: ArrayLike, log_ratios: ArrayLike | None = None, dt: ArrayLike | None = None) -> Profile:
-    """Scan the likelihood of one channel over λ, exact diffuse start, in a single pass over the data.
+def walk_profile(z: ArrayLike, log_ratios: ArrayLike | None = None, dt: ArrayLike | None = None) -> Profile:
+    """`likelihood_profile` without momentum."""
+    data, grid = profile_input(z, log_ratios, dt)
+    chi2, logdet = data.sums(np.exp(grid))
+    return profile_of(data, grid, chi2, logdet)
 
-    Args:
-        z: measurements, shape (n,), at least two of them finite; NaN is a missing sample.
-        log_ratios: ln λ, shape (k,), rising, within ±300; None = 121 values from −24 to 24.
-        dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
 
-    Raises:
-        BadSetting: z is not one channel, holds inf or fewer than two finite samples; log_ratios do not rise or
-            leave ±300; dt does not fit z.
-    """
+def profile_input(
+    z: ArrayLike, log_ratios: ArrayLike | None, dt: ArrayLike | None, default: Array = DEFAULT_LOG_RATIOS
+) -> tuple[Differences, Array]:
+    """The record and the ln λ of a profile, checked as `likelihood_profile` says."""
     columns, shape = columns_of(z)
     if len(shape) != 1:
         raise BadSetting(f"z must be one channel, shape (n,) (got {shape})")
     steps = steps_of(dt, shape[0])
     refuse_infinite(columns)
-    grid = DEFAULT_LOG_RATIOS if log_ratios is None else np.asarray(log_ratios, dtype=np.float64)
+    grid = default if log_ratios is None else np.asarray(log_ratios, dtype=np.float64)
     if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0) or not np.abs(grid).max() <= MAX_LOG_RATIO:
         raise BadSetting(f"log_ratios must be two or more rising numbers within ±300 (got {log_ratios})")
     data = differences(columns[0], steps)
     if data.m < 1:
         raise BadSetting("z must hold at least two finite samples (got fewer)")
-    chi2, logdet = data.sums(np.exp(grid))
+    return data, grid
+
+
+def profile_of(data: Differences, grid: Array, chi2: Array, logdet: Array, step: float = 1.0) -> Profile:
+    """The profile of Σv²/f (in scale²) and Σln f at each ln λ, r = 1."""
     loglik = data.from_sums(chi2, logdet)
     with np.errstate(over="ignore", under="ignore"):
         chi2 = chi2 * data.scale * data.scale
-    return Profile(grid, loglik, chi2 / data.m, chi2, logdet, data.m)
+    return Profile(grid, loglik, chi2 / data.m, chi2, logdet, data.m, step)
 
 
 def loglik_map(profile: Profile, log_q: ArrayLike, log_r: ArrayLike) -> Array:
