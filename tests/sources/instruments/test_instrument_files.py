@@ -177,6 +177,22 @@ def test_a_trace_without_stamps_counts_from_the_trigger(name, tmp_path):
     assert read_recording(path).time == pytest.approx(T * 1e-5 - 1e-4)
 
 
+@pytest.mark.parametrize(
+    ("text", "start"),
+    [
+        (["1551453301.000000, IBI", *lines("{:.6f},{}", t=T + 145.631666, a=A)], "2019-03-01T15:15:01"),
+        (FILES["labchart"][0], "2009-07-06T00:00:00"),
+    ],
+    ids=["empatica", "labchart"],
+)
+def test_the_start_is_said_where_there_are_stamps(text, start, tmp_path):
+    path = tmp_path / "file.csv"
+    path.write_text("\n".join(text) + "\n", encoding="utf-8")
+    recording = read_recording(path)
+    assert recording.time[0] == pytest.approx(145.631666 if "IBI" in text[0] else 0)
+    assert f"stamps are read as s; time counts from {start}+00:00" in recording.report.notes
+
+
 def quoted(line):
     return line if '"' in line else ",".join(f'"{cell}"' if cell else cell for cell in line.split(","))
 

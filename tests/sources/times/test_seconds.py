@@ -30,6 +30,8 @@ def test_minutes_begin_again_at_the_hour_and_elapsed_time_never_does(clock, cell
         ([0.0, 8.5, 17.1], "s"),
         ([0, 60, 120], "s"),
         ([0, 3600, 7200], "s"),
+        ([0, 300, 600], "s"),
+        ([0, 5, 10], "ms"),
         ([0, 10, 20], "ms"),
         ([0, 1000, 2000], "ms"),
         ([3, 1004, 2006], "ms"),

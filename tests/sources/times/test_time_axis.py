@@ -91,6 +91,10 @@ def test_a_coarse_clock_has_neither_gaps_nor_repeated_samples():
     assert "67.0 Hz" in axis.notes[-1]
 
 
+UNSTEADY = np.cumsum(np.random.default_rng(1).pareto(1.1, 400) * 10 + 2)
+"""Stamps in ms without a scale at which they come steadily: median step 10 ms, mean step 90 ms."""
+
+
 @pytest.mark.parametrize(
     ("stamps", "given", "source", "rate", "said"),
     [
@@ -101,6 +105,10 @@ def test_a_coarse_clock_has_neither_gaps_nor_repeated_samples():
         (np.arange(500) * 10.0, GivenPeriod(file=0.02), "stamps", 100, "gives a sample rate of 50.0 Hz, but its"),
         (np.arange(500) * 10.0, GivenPeriod(option=0.02), "option", 50, "stamps are read as ms"),
         (np.full(50, 7000.0), GivenPeriod(file=0.02), "file", 50, "stamps are read as ms"),
+        (UNSTEADY, GivenPeriod(file=0.03), "file", 1 / 0.03, "the one that the file gives, 33.3 Hz"),
+        (UNSTEADY, GivenPeriod(file=0.001), "stamps", 99.1, "gives a sample rate of 1.00 kHz, but its stamps"),
+        (UNSTEADY, GivenPeriod(file=5.0), "stamps", 99.1, "gives a sample rate of 0.200 Hz, but its stamps"),
+        (np.array([0.0, 0, 0, 1000, 1000]), GivenPeriod(file=0.34), "file", 1 / 0.34, "the file gives, 2.94 Hz"),
     ],
 )
 def test_a_rate_that_is_given_has_its_place(stamps, given, source, rate, said):

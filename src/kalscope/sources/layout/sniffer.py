@@ -57,7 +57,7 @@ class Layout:
     period: float | None = None
     """Sample period in s that the file itself says; None where it says none."""
     start: float | None = None
-    """Time of the first sample in s since 1970 that the file itself says; None where it says none."""
+    """What second 0 of the stamps is, or the first sample where there are none, in s since 1970; None: unknown."""
     offset: float = 0.0
     """Stamp of the first sample in s where no column is the time: an oscilloscope counts from its trigger."""
 

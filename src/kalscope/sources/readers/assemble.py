@@ -111,7 +111,8 @@ def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float |
         if options.time_unit is not None:
             raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
         return counted_time(n, given, layout.offset, layout.start)
-    return read_time(reading.columns[column.index], column, options.time_unit, given, options.gaps)
+    stamps = reading.columns[column.index]
+    return read_time(stamps, column, options.time_unit, given, options.gaps, layout.start)
 
 
 def _chosen_period(options: ReadOptions, sample_period: float | None) -> float | None:

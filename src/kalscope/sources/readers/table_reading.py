@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
@@ -18,10 +17,6 @@ from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.layout.time.time_column import chosen_time, find_time
 from kalscope.sources.readers.assemble import Reading
 from kalscope.sources.readers.csv_rows import Tally
-
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_YEAR_9999 = 2.5e11
-"""Seconds from 1970."""
 
 _HEAD_ROWS = 1000
 """Rows by which a column is known as the time."""
@@ -44,15 +39,15 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
         columns = [Column("time", "s", "time"), *columns]
         time = TimeColumn(0, "number", "s")
         columns, _, more = settle_roles(columns, time)
-        notes = (*notes, *_about_start(table), *([table.clock] if table.clock else []), *more[1:])
+        notes = (*notes, *([table.clock] if table.clock else []), *more[1:])
     else:
         time = _find_time(table, columns, options)
         columns = [replace(column, role="text") if i in table.dates else column for i, column in enumerate(columns)]
         columns, time, more = settle_roles(columns, time)
         if time is None and table.period is not None:
-            more = (*_about_start(table), f"the file gives one sample every {table.period:.9g} s", *more[1:])
+            more = (f"the file gives one sample every {table.period:.9g} s", *more[1:])
         notes = (*notes, *more)
-    layout = Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), notes)
+    layout = Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), notes, start=table.start)
     wanted = {*layout.channels, *(time.indices if time else ())}
     return _counted({i: column for i, column in data.items() if i in wanted}, layout, table)
 
@@ -63,13 +58,6 @@ def _column(name: str, unit: str) -> Column:
     if column.unit.isdecimal():  # acc[0] is a name
         column = Column(name)
     return column if unit in ("", column.unit) else replace(column, name=name, unit=unit)
-
-
-def _about_start(table: Table) -> tuple[str, ...]:
-    if table.start is None or not abs(table.start) < _YEAR_9999:
-        return ()
-    first = _EPOCH + timedelta(seconds=table.start)
-    return (f"time counts from {first.isoformat()}",)
 
 
 def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> TimeColumn | None:

@@ -16,9 +16,10 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 def unit_by_magnitude(stamps: Array) -> str:
     """Unit of numeric stamps that name none: epoch stamps by their size, integer counters by their step.
 
-    The most plausible rate decides: a sensor samples between every other second and 500 times a second, so that
-    integer steps of 2000 and more are microseconds, of two millions nanoseconds. Steps that divide an hour or
-    are hours stay seconds, and so do all fractions; minutes of milliseconds stay milliseconds.
+    The most plausible rate decides, one between a sample every other second and 500 samples a second: integer
+    steps below 2 are seconds, from 2 on milliseconds, from 2000 on microseconds, from two millions on nanoseconds.
+    Fractions are seconds. So are steps of whole minutes that divide an hour, and of hours, as of a logger (60, 300,
+    3600; not 5, which is 5 ms of a board); steps of whole minutes in milliseconds are milliseconds.
     """
     low, high = float(stamps.min()), float(stamps.max())
     step = _median_step(stamps[:100_000])
@@ -43,32 +44,34 @@ def is_epoch(stamps: Array, unit: str) -> bool:
     return scale <= 1.0 and 1e9 <= float(stamps[0]) * scale < 4.2e9
 
 
-def to_seconds(stamps: Array, column: TimeColumn) -> tuple[Array, str]:
+def to_seconds(stamps: Array, column: TimeColumn, start: float | None = None) -> tuple[Array, str]:
     """Seconds of the stamps, shape (n,), n >= 1, and a sentence that says how they were read.
 
-    Calendar and epoch stamps count from the first sample; others, years among them, as the source counts them.
+    Calendar and epoch stamps count from the first sample; others, years among them, as the source counts them:
+    their second 0 is `start`, in s since 1970, where that is known.
     """
     if column.kind == "calendar":
-        start = date_text(float(stamps[0]) * 1e-6)
-        return (stamps - stamps[0]) / 1e6, f"time counts from the first stamp, {start}"
+        first = date_text(float(stamps[0]) * 1e-6)
+        return (stamps - stamps[0]) / 1e6, f"time counts from the first stamp, {first}"
     if column.kind == "clock":
         # A clock that jumps back by more than half a turn has begun its next one.
         turn = column.turn_s
         turns = np.cumsum(np.diff(stamps, prepend=stamps[0]) < -0.5e6 * turn) if turn else np.zeros(len(stamps))
         seconds = (stamps - stamps[0]) / 1e6 + turn * turns
-        start = timedelta(microseconds=float(stamps[0]))
+        clock = timedelta(microseconds=float(stamps[0]))
         what = "midnight" if turn == 86400.0 else "the hour"
         passed = f"; the clock passes {what} {times(int(turns[-1]))}" if turns[-1] else ""
-        return seconds, f"time counts from the first stamp, {start} on the clock{passed}"
+        return seconds, f"time counts from the first stamp, {clock} on the clock{passed}"
     unit = column.unit or unit_by_magnitude(stamps)
     said = f"read as {unit}" if column.unit else f"read as {unit} (assumed from their size: --time-unit changes it)"
     scale = SECONDS_PER_UNIT[unit]
     if unit == "year":
         return stamps * scale, f"stamps are {said}"
     if is_epoch(stamps, unit):
-        start = date_text(float(stamps[0]) * scale)
-        return _scaled(stamps - stamps[0], scale), f"stamps are {said} since 1970; time counts from {start}"
-    return _scaled(stamps, scale), f"stamps are {said}"
+        first = date_text(float(stamps[0]) * scale)
+        return _scaled(stamps - stamps[0], scale), f"stamps are {said} since 1970; time counts from {first}"
+    counted = "" if start is None else f"; time counts from {date_text(start)}"
+    return _scaled(stamps, scale), f"stamps are {said}{counted}"
 
 
 def _scaled(stamps: Array, scale: float) -> Array:

@@ -18,7 +18,7 @@ from kalscope.sources.times.timing_text import with_words
 
 _COUNTERS = {2.0**16: "16-bit counter", 2.0**32: "32-bit counter (millis() or micros())"}
 _ALIKE = 0.02
-"""A period that the file states is believed where that of the stamps is as near, as a share of it, or unsure."""
+"""A period that the file states is believed where that of the stamps is as near, as a share of it."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ def read_time(
     unit: str | None = None,
     given: GivenPeriod | None = None,
     gaps: Gaps = "rows",
+    start: float | None = None,
 ) -> TimeAxis:
     """Time of the stamps, shape (n,), n >= 1, all finite, in the unit of their column.
 
@@ -62,6 +63,7 @@ def read_time(
         unit: Unit of numeric stamps that outranks the column's; None = the column's own.
         given: Sample periods that are known besides.
         gaps: How gaps in time are to be read: no advice is given where that was chosen.
+        start: What second 0 of numeric stamps is, in s since 1970; None where that is not known.
     """
     given = given or GivenPeriod()
     notes: list[str] = []
@@ -69,7 +71,7 @@ def read_time(
         column = replace(column, unit=unit or column.unit)
         stamps, said = unwrap(stamps)
         notes += said
-    time, how = to_seconds(stamps, column)
+    time, how = to_seconds(stamps, column, start)
     rate = find_rate(time)
     crowded = rate is not None and rate.stamps in ("coarse", "bursts")
     steps = np.diff(time) if rate is None else rate.steps.all
@@ -138,12 +140,24 @@ def _chosen(rate: SampleRate, given: GivenPeriod) -> tuple[float, RateSource]:
     """The period that is taken, and whose it is."""
     if given.option is not None:
         return given.option, "option"
-    unsure = not np.isfinite(rate.error)
-    if given.file is not None and (rate.stamps in ("coarse", "bursts") or unsure):
-        off = abs(given.file - rate.period)
-        if unsure or off <= max(_ALIKE * given.file, 3 * rate.error):
-            return given.file, "file"
+    if given.file is not None and _bear_out(rate, given.file):
+        return given.file, "file"
     return rate.period, "stamps"
+
+
+def _bear_out(rate: SampleRate, stated: float) -> bool:
+    """True where the stamps leave the period open, and the one that the file states, in s, may be it.
+
+    Where there is no rate at which they come steadily, the period lies between the median and the mean step: late
+    rows and lost samples lengthen the mean, bursts shorten the median.
+    """
+    if np.isfinite(rate.error):
+        off = abs(stated - rate.period)
+        return rate.stamps in ("coarse", "bursts") and off <= max(_ALIKE * stated, 3 * rate.error)
+    steps = rate.steps.all
+    mean = float(steps[steps >= 0].mean())
+    margin = max(_ALIKE * stated, rate.longest / len(steps))
+    return min(rate.period, mean) - margin <= stated <= max(rate.period, mean) + margin
 
 
 def unwrap(stamps: Array) -> tuple[Array, list[str]]:
