@@ -15,7 +15,8 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.likelihood.contour import likelihood_contour
-from kalscope.estimation.likelihood.profile import Profile, likelihood_profile, loglik_map
+from kalscope.estimation.likelihood.profile import Profile, loglik_map
+from kalscope.estimation.momentum.profile import likelihood_profile
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
