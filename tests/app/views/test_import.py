@@ -20,6 +20,7 @@ EXAMPLES = [
     {"delimiter": "tab", "decimal": "comma", "time_column": "3", "time_unit": "millis", "missing": ["-200", "n/x"]},
     {"time_column": "none", "header_row": "0", "unit_row": "2", "rate": "250", "gaps": "dt", "part": "/imu"},
     {"time_format": "%d.%m.%Y %H:%M", "day_first": False},
+    {"missing": ["no data", "-200", "it's", "\\N", "#N/A"]},
 ]
 
 

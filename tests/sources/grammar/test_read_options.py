@@ -2,10 +2,12 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
-from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
+from kalscope.sources.grammar.read_options import ReadOptions, join_values, options_from_text, split_values
 from kalscope.sources.readers.account import account
 from kalscope.sources.readers.recording_file import read_recording
 
@@ -242,3 +244,28 @@ def test_the_account_adds_up_and_names_every_issue(read):
     assert "line 4, \"a\": must be a number (got 'ERR')" in text
     assert "line 6: must have 2 fields (got 1) (got '2')" in text
     assert all(line.isprintable() for line in text.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("", []),
+        ("  -200   400 ", ["-200", "400"]),
+        ('-200 "no data"', ["-200", "no data"]),
+        ("'no data' n/x", ["no data", "n/x"]),
+        (r"\N #N/A ° | ; &", [r"\N", "#N/A", "°", "|", ";", "&"]),
+    ],
+)
+def test_values_of_one_line_are_parted_by_blanks_outside_quotes(text, values):
+    assert split_values(text) == values
+
+
+@given(st.lists(st.text(min_size=1)))
+def test_values_joined_into_one_line_are_the_same_again(values):
+    assert split_values(join_values(values)) == values
+
+
+@pytest.mark.parametrize("text", ["it's", 'a "b', "'"])
+def test_a_lone_quote_is_refused(text):
+    with pytest.raises(BadSetting, match="quotes must come in pairs"):
+        split_values(text)

@@ -6,7 +6,13 @@ from collections.abc import Callable
 
 import viser
 
-from kalscope.sources.grammar.read_options import ReadOptions, option_texts, options_from_text
+from kalscope.sources.grammar.read_options import (
+    ReadOptions,
+    join_values,
+    option_texts,
+    options_from_text,
+    split_values,
+)
 from kalscope_app.views.binding import on_user
 
 
@@ -21,7 +27,7 @@ class ReadingForm:
         self._add_text("time_column", "time column", "Its name, its number from 1, or none.")
         self._add_choice("time_unit", UNITS, "The unit of a numeric time column.")
         self._add_text(
-            "missing", "missing values", "Values that mark a missing sample, separated by spaces, such as -200 400."
+            "missing", "missing values", 'Values that mark a missing sample, between blanks: -200 n/x "no data".'
         )
         self._add_choice("gaps", GAPS, "How long gaps are filtered.", "gaps in time")
         with gui.add_folder("More options", expand_by_default=False):
@@ -47,7 +53,8 @@ class ReadingForm:
             return
         self._shown, texts = options, option_texts(options)
         for option, box in self._boxes.items():
-            text = " ".join(texts.get(option, ()))
+            values = texts.get(option, ())
+            text = join_values(values) if option == "missing" else "".join(values)
             words = {meaning: word for word, meaning in CHOICES.get(option, {}).items()}
             box.value = words.get(text, text)
 
@@ -57,7 +64,7 @@ class ReadingForm:
         order, missing = given.pop("day_first"), given.pop("missing")
         self._read(
             options_from_text(
-                missing=(missing or "").split(),
+                missing=split_values(missing or ""),
                 day_first=None if order is None else order == "day",
                 **given,
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
@@ -193,6 +194,28 @@ def option_words(options: ReadOptions) -> tuple[str, ...]:
     order = [f"--{text}-first" for text in texts.pop("day_first", ())]
     given = (option(name.replace("_", "-"), text) for name, values in texts.items() for text in values)
     return (*order, *(word for words in given for word in words))
+
+
+def split_values(text: str) -> list[str]:
+    r"""Values of one line, separated by blanks: `-200 "no data" \N`; quotes hold a text with blanks together.
+
+    Raises:
+        BadSetting: a quote has no other end.
+    """
+    words = shlex.shlex(text, posix=True, punctuation_chars=False)
+    words.whitespace_split, words.commenters, words.escape = True, "", ""
+    try:
+        return list(words)
+    except ValueError:
+        raise BadSetting(f"""quotes must come in pairs, "no data" or 'no data' (got {text!r})""") from None
+
+
+def join_values(values: Sequence[str]) -> str:
+    """One line from which `split_values` takes the same values."""
+    plain = [value.split() == [value] and not {"'", '"'} & set(value) for value in values]
+    return " ".join(
+        value if is_plain else shlex.quote(value) for value, is_plain in zip(values, plain, strict=True)
+    )
 
 
 def _written(value: float | str) -> str:
