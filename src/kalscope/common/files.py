@@ -133,7 +133,7 @@ def _replacement(target: Path, mode: int | None) -> Generator[BinaryIO]:
         if mode is not None:
             os.chmod(temporary, stat.S_IMODE(mode))
         _replace(temporary, target)
-    except BaseException:
+    except BaseException:  # Ctrl+C as well must leave no temporary file
         with suppress(OSError):
             temporary.unlink()
         raise

@@ -31,7 +31,11 @@ def explain(
     for places, what in ((left_out, "no samples"), (body.beside - left_out, "metadata beside the data")):
         if places:
             notes.append(f"{_places(places)} {what}")
-    notes += [_about_form(column, i, form) for i, column in enumerate(columns) if column.form is not None]
+    notes += [
+        f"{_named(column, i)}: {_about_numbers(column.form, form)}"
+        for i, column in enumerate(columns)
+        if column.form is not None
+    ]
     if body.narrow:
         fields = " or ".join(map(str, sorted(body.narrow)))
         notes.append(f"rows of {fields} fields in a row lack the last columns, which the logger wrote later")
@@ -68,9 +72,8 @@ def _could_be(form: LineFormat, second: HeadTable) -> str:
     return f"it could also be {count}: {' '.join(chosen)}"
 
 
-def _about_form(column: Column, index: int, form: LineFormat) -> str:
-    name, number = _named(column, index), column.form
-    assert number is not None
+def _about_numbers(number: NumberForm, form: LineFormat) -> str:
+    """How the numbers of a column differ from those of the rest of the table."""
     said: list[str] = []
     if number.suffix:
         said.append(f'each number is followed by its unit, "{number.suffix}"')
@@ -78,7 +81,7 @@ def _about_form(column: Column, index: int, form: LineFormat) -> str:
         said.append(f'the decimal mark is "{number.decimal}"')
     if number.thousands:
         said.append(f'"{"." if number.decimal == "," else ","}" parts the thousands')
-    return f"{name}: {', '.join(said)}"
+    return ", ".join(said)
 
 
 def _named(column: Column, index: int) -> str:

@@ -99,7 +99,7 @@ class AppendFile:
         try:
             _lock(fd, self.path)
             self._size = os.fstat(fd).st_size
-        except BaseException:
+        except BaseException:  # Ctrl+C as well must not keep the file open and locked
             os.close(fd)
             raise
         self._fd = fd

@@ -63,6 +63,6 @@ if __name__ == "__main__":
         resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
     try:
         convert(sys.argv[1], sys.argv[2])
-    except BaseException as error:
+    except BaseException as error:  # a panic of the library, which is written in Rust, is no Exception
         sys.stderr.write(" ".join(str(error).split())[:200])
         sys.exit(1)

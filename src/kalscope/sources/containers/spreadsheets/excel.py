@@ -71,7 +71,7 @@ def _convert(path: Path, folder: str, progress: Progress) -> None:
                     break
                 except subprocess.TimeoutExpired:
                     continue
-        except BaseException:
+        except BaseException:  # leaving the block waits for the process, after Ctrl+C as well
             process.kill()
             raise
     if process.returncode:
