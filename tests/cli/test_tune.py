@@ -182,6 +182,42 @@ def test_a_wish_is_met_exactly(
         assert said["verdict"] == "chosen"
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "field", "met"),
+    [("--lag-ms", "150", "lag_s", 0.15), ("--noise-reduction-db", "9", "noise_reduction_db", 9.0)],
+)
+@pytest.mark.parametrize("overshoot", ["8", "8%"])
+def test_an_overshoot_is_met_together_with_the_lag_and_saved(
+    option: str, value: str, field: str, met: float, overshoot: str, log: Path, tmp_path: Path, capsys: Captured
+) -> None:
+    path = tmp_path / "t.toml"
+    asked = (str(log), option, value, "--overshoot", overshoot, "--channel", "noisy")
+    said = tuned(capsys, *asked, "-o", str(path))
+    assert said["steady"][field] == pytest.approx(met, rel=1e-9)
+    assert said["steady"]["overshoot"] == pytest.approx(0.08, rel=1e-6)
+    assert said["how"].endswith("and 8 % overshoot")
+    saved = load_tuning(path).channel("noisy")
+    assert (saved.q, saved.r, saved.momentum) == (said["q"], said["r"], said["momentum"])
+    assert run(["tune", *asked]) == 0
+    out = capsys.readouterr().out
+    assert "momentum           τ = " in out
+    assert "beyond a step    8.0 %" in out
+    assert "Your choice" not in out
+
+
+def test_no_overshoot_is_the_filter_without_momentum(log: Path, capsys: Captured) -> None:
+    asked = (str(log), "--lag-ms", "150", "--channel", "noisy")
+    plain = tuned(capsys, *asked)
+    assert tuned(capsys, *asked, "--overshoot", "0") == plain
+    assert plain["momentum"] == 0.0
+
+
+def test_a_lag_is_met_at_a_given_momentum(log: Path, capsys: Captured) -> None:
+    said = tuned(capsys, str(log), "--lag-ms", "150", "--momentum", "12", "--channel", "noisy")
+    assert said["momentum"] == 12.0
+    assert said["steady"]["lag_s"] == pytest.approx(0.15, rel=1e-9)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_the_method_is_the_one_asked_for(method: str, log: Path, capsys: Captured) -> None:
     said = tuned(capsys, str(log), "--method", method)
@@ -303,6 +339,23 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["demo", "--method", "em", "--r", "1"], "--method em must stand without --r"),
     (["demo", "--still", "0:0.1"], "still stretch must hold at least 8 samples"),
     (["demo", "--still", "1-2"], "--still must be FROM:TO"),
+    (
+        ["demo", "--overshoot", "5"],
+        "--overshoot needs one of --lag-ms, --cutoff-hz, --noise-reduction-db, --gain (got",
+    ),
+    (["demo", "--overshoot", "5", "--ratio", "1"], "--overshoot needs one of --lag-ms"),
+    (["demo", "--overshoot", "x", "--gain", "0.1"], "--overshoot must be a percentage from 0 to 100 (got 'x')"),
+    (["demo", "--overshoot", "-1", "--gain", "0.1"], "--overshoot must be a percentage from 0 to 100 (got '-1')"),
+    (["demo", "--overshoot", "nan", "--gain", "0.1"], "--overshoot must be a percentage"),
+    (["demo", "--overshoot", "100", "--gain", "0.1"], "--overshoot must be a percentage"),
+    (
+        ["demo", "--overshoot", "30", "--lag-ms", "90"],
+        "overshoot must be at most 20.56 % of a step with this target",
+    ),
+    (
+        ["demo", "--overshoot", "5", "--lag-ms", "90", "--momentum", "9"],
+        "overshoot needs a target such as a lag, and",
+    ),
     (["demo", "-o", "missing/t.toml"], "'missing/t.toml': No such file or directory"),
 ]
 

@@ -222,3 +222,43 @@ def test_all_pairs_of_two_noises_are_refused() -> None:
     for a, b in itertools.combinations(values, 2):
         with pytest.raises(BadSetting, match="must come from one source"):
             find_parameters(Z, noise=Noise(**{a: values[a], b: values[b]}))  # pyright: ignore
+
+
+# ---- an overshoot beside the target
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_target_and_overshoot_are_both_met(target: str) -> None:
+    found = find_parameters(Z, sample_period=PERIOD, target={target: WISHED[target]}, overshoot=0.06)
+    assert found.params is not None
+    steady = steady_state(found.params, PERIOD)
+    assert getattr(steady, target) == pytest.approx(WISHED[target], rel=1e-9)
+    assert steady.overshoot == pytest.approx(0.06, rel=1e-6)
+    assert found.how.endswith(" and 6 % overshoot")
+    assert "with a momentum of " in found.message
+
+
+@pytest.mark.parametrize("noise", [Noise(), Noise(r=1.5)])
+def test_a_target_is_met_at_the_momentum_that_is_given(noise: Noise) -> None:
+    found = find_parameters(Z, target={"lag_samples": 7.0}, momentum=15.0, noise=noise)
+    assert found.params is not None
+    assert found.params.momentum == 15.0
+    assert steady_state(found.params).lag_samples == pytest.approx(7.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        ({"overshoot": 0.1}, r"overshoot needs a target .* \(got none\)"),
+        ({"overshoot": 0.1, "ratio": 0.1}, r"overshoot needs a target .* \(got none\)"),
+        ({"overshoot": 0.1, "target": {"gain": 0.1}, "momentum": 0.0}, r"no momentum.*\(got momentum = 0.0\)"),
+        ({"overshoot": 0.3, "target": {"gain": 0.1}}, r"overshoot must be at most 19\.\d+ % of a step"),
+        ({"ratio": 0.1, "momentum": 3.0}, r'momentum must be "auto" or 0 with a ratio or known noise'),
+        ({"noise": Noise(r=1.0), "momentum": 3.0}, r'momentum must be "auto" or 0 with a ratio or known noise'),
+    ],
+)
+def test_an_overshoot_or_momentum_that_does_not_go_with_the_rest_is_refused(
+    asked: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(BadSetting, match=says):
+        find_parameters(Z, **asked)

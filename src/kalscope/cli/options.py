@@ -40,6 +40,14 @@ def positive(text: str) -> float:
     return value
 
 
+def percentage(text: str) -> float:
+    """The percentage that was typed, with or without its sign, as a share."""
+    value = _float(text.removesuffix("%"))
+    if not 0.0 <= value < 100.0:
+        raise BadValue("a percentage from 0 to 100", text)
+    return value / 100.0
+
+
 def number_or(word: str) -> Callable[[str], float]:
     """A parser that takes a number, or `word` and then gives NaN."""
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
-from kalscope.common.text import number
+from kalscope.common.text import number, plural
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import METHODS, checked_momentum, estimate
 from kalscope.estimation.known import (
@@ -26,6 +26,7 @@ from kalscope.estimation.known import (
 )
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.starting import is_even_ramp, starting_params
+from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 
 METHOD_NAMES = {
@@ -109,6 +110,7 @@ def find_parameters(
     progress: Callable[[float, str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
     momentum: float | Literal["auto"] = "auto",
+    overshoot: float | None = None,
 ) -> Found:
     """Find q, r and momentum of one channel.
 
@@ -123,30 +125,38 @@ def find_parameters(
         present_r: r to keep with a target where the noise is unknown; None = estimate it.
         progress: called with the fraction done and a few words.
         cancelled: whether to stop.
-        momentum: τ in sample periods, or "auto", as `estimate` takes it; with a target, a ratio or known noise
-            both can only be 0.
+        momentum: τ in sample periods, or "auto", as `estimate` takes it; "auto" is 0 with a target, and with a
+            ratio or known noise it can only be 0.
+        overshoot: share of a step that the target may cost; the momentum follows from both.
 
     Raises:
-        BadSetting: targets that contradict each other, are unknown or out of range; momentum above 0 with one of
-            them.
+        BadSetting: targets that contradict each other, are unknown or out of range; momentum above 0 with a ratio
+            or known noise; an overshoot without a target, beside momentum, or out of reach.
         Cancelled: `cancelled()` was true.
     """
     _check(method, target, ratio)
     noise = noise or Noise()
     known = noise.resolve(z)
     tau = checked_momentum(momentum, method)
-    if tau and (target or known or ratio is not None):
+    if overshoot is not None and (momentum != "auto" or not target):
+        got = "none" if not target else f"momentum = {momentum}"
         raise BadSetting(
-            f'momentum must be "auto" or 0 with a target, a ratio or known noise: it is estimated with q and r '
-            f"(got {tau:g})"
+            f"overshoot needs a target such as a lag, and no momentum, which follows from both (got {got})"
         )
     if target:
         r, said = known or _noise_for_target(z, dt, present_r, progress, cancelled)
-        ((name, value),) = target.items()
-        params = _two_variances(params_for_specification(r, **target, sample_period=sample_period))
-        words = _target_text(name, value)
+        params = _two_variances(
+            params_for_specification(
+                r, **target, sample_period=sample_period, momentum=tau or 0.0, overshoot=overshoot
+            )
+        )
+        words = _target_text(*next(iter(target.items())), overshoot)
         how = f"{words}, r {noise.origin}" if known else words
-        return Found(params, how, f"q/r = {number(float(params.ratio), 4)} has {words}. {said}")
+        return Found(params, how, f"{_ratio_text(params)} has {words}. {said}")
+    if tau and (known or ratio is not None):
+        raise BadSetting(
+            f'momentum must be "auto" or 0 with a ratio or known noise: it is estimated with q and r (got {tau:g})'
+        )
     if ratio is not None and known:
         params = _two_variances(FilterParams(q=ratio * known[0], r=known[0]))
         return Found(params, f"q/r = {ratio:g}, r {noise.origin}", f"q = {ratio:g} · r. {known[1]}")
@@ -222,11 +232,17 @@ def shows_no_noise(z: Array) -> bool:
     return len(finite) < 3 or is_even_ramp(finite)
 
 
-def _target_text(name: str, value: float) -> str:
-    return {
+def _ratio_text(params: FilterParams) -> str:
+    ratio, tau = f"q/r = {number(scalar(params.ratio), 4)}", scalar(params.momentum)
+    return f"{ratio} with a momentum of {plural(tau, 'sample')}" if tau else ratio
+
+
+def _target_text(name: str, value: float, overshoot: float | None) -> str:
+    words = {
         "lag_s": f"a lag of {value * 1e3:.4g} ms",
         "lag_samples": f"a lag of {value:.4g} samples",
         "cutoff_hz": f"its −3 dB cut-off at {value:.4g} Hz",
         "noise_reduction_db": f"{value:.4g} dB less noise",
         "gain": f"the gain {value:.4g}",
     }[name]
+    return f"{words} and {100.0 * overshoot:.4g} % overshoot" if overshoot else words

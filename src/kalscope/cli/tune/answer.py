@@ -39,6 +39,8 @@ class TuneRequest:
     """What is known of r."""
     momentum: float | Literal["auto"] = "auto"
     """τ in sample periods, or "auto"."""
+    overshoot: float | None = None
+    """Share of a step that the target may cost."""
 
     def find(self, z: Array, **more: Any) -> Found:
         """The pair for the samples z; the other arguments as `find_parameters` takes them."""
@@ -49,6 +51,7 @@ class TuneRequest:
             ratio=self.ratio,
             noise=self.noise,
             momentum=self.momentum,
+            overshoot=self.overshoot,
             **more,
         )
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.options import SamplePeriod, Source, number_option, number_or, reads_source
+from kalscope.cli.options import SamplePeriod, Source, number_option, number_or, percentage, reads_source
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
@@ -51,6 +51,9 @@ def tune_command(
     cutoff_hz: Annotated[float | None, number_option("Wanted: −3 dB frequency, Hz.")] = None,
     noise_reduction_db: Annotated[float | None, number_option("Wanted: white noise less, dB.")] = None,
     gain: Annotated[float | None, number_option("Wanted: steady gain, 0 to 1.")] = None,
+    overshoot: Annotated[
+        float | None, number_option("Allowed with one of these: percent beyond a step; gives momentum.", percentage)
+    ] = None,
     ratio: Annotated[float | None, number_option("Wanted: q/r, such as 0.01; r is estimated.")] = None,
     still: Annotated[
         str | None,
@@ -87,6 +90,7 @@ def tune_command(
         "--cutoff-hz": cutoff_hz,
         "--noise-reduction-db": noise_reduction_db,
         "--gain": gain,
+        "--overshoot": overshoot,
         "--ratio": ratio,
         "--sigma": sigma,
         "--density": density,
@@ -116,6 +120,8 @@ def _refuse_contradictions(
         several = [name for name in group if name in named]
         if len(several) > 1:
             raise BadSetting(f"only one of {', '.join(group)} can {must} (got {' and '.join(several)})")
+    if "--overshoot" in given and not any(name in given for name in SPECIFICATIONS):
+        raise BadSetting(f"--overshoot needs one of {', '.join(SPECIFICATIONS)} (got none)")
     if ("--density" in given) != ("--bandwidth-hz" in given):
         alone = "--density" if "--density" in given else "--bandwidth-hz"
         raise BadSetting(f"--density and --bandwidth-hz must be given together (got only {alone})")
@@ -143,7 +149,7 @@ def _request(given: Given, method: str, still: str | None, recording: Recording)
         bandwidth_hz=given.get("--bandwidth-hz"),
         still=None if still is None else still_samples(recording, still),
     )
-    return TuneRequest(method, target, given.get("--ratio"), noise)
+    return TuneRequest(method, target, given.get("--ratio"), noise, overshoot=given.get("--overshoot"))
 
 
 def _answers(recording: Recording, names: tuple[str, ...], request: TuneRequest) -> list[Answer]:

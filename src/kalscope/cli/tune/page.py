@@ -109,7 +109,7 @@ def _meaning(answer: Answer) -> Iterator[str]:
         yield "What this filter does"
         yield from _steady_lines(answer.steady, answer.found.params, answer.sample_period)
     yield from _wrapped(f"The record allows (95 %): {_interval(answer)}.")
-    if answer.verdict == CHOSEN and answer.found.params is not None:
+    if answer.verdict == CHOSEN and answer.found.params is not None and not scalar(answer.found.params.momentum):
         yield from _wrapped(_choice(answer, scalar(answer.found.params.ratio)))
 
 
