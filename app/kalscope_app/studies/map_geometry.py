@@ -48,6 +48,8 @@ class MapFrame:
     """Exponents of q at the left and the right edge."""
     r: Range
     """Exponents of r at the bottom and the top edge."""
+    momentum: float = 0.0
+    """Momentum of every filter on the map, samples."""
 
     def pixel(self, point: Point) -> Point:
         """Where a pair of exponents (q, r) lies, also outside the rectangle; infinite ones far outside."""
@@ -78,11 +80,11 @@ class MapFrame:
         return self.left <= pixel[0] <= self.right and self.top <= pixel[1] <= self.bottom
 
 
-def frame_for(width: float, height: float, q: Range, r: Range) -> MapFrame:
+def frame_for(width: float, height: float, q: Range, r: Range, momentum: float = 0.0) -> MapFrame:
     """The map in a canvas: space for names and numbers around it and for the legend below."""
     left, right, top = 62.0, width - 54.0, 88.0
     bottom = min(height - LEGEND_HEIGHT, top + 1.5 * (right - left))
-    return MapFrame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r)
+    return MapFrame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r, momentum)
 
 
 LEGEND_HEIGHT = 258.0
@@ -135,7 +137,8 @@ def diagonal(frame: MapFrame, ratio: float) -> Diagonal | None:
     if first >= last:
         return None
     start, end = (frame.pixel((q, q - shift)) for q in (first, last))
-    return Diagonal(start, end, float(steady_state(FilterParams(q=ratio, r=1.0)).lag_samples))
+    params = FilterParams(q=ratio, r=1.0, momentum=frame.momentum)
+    return Diagonal(start, end, float(steady_state(params).lag_samples))
 
 
 def lag_lines(frame: MapFrame, sample: float) -> list[Diagonal]:
@@ -150,7 +153,7 @@ def lag_lines(frame: MapFrame, sample: float) -> list[Diagonal]:
     for decade in range(lowest, highest + 1, step):
         for lead in (1.0, 3.0) if step == 1 else (1.0,):
             lag = lead * 10.0**decade / sample
-            ratio = ratio_for(lag_samples=lag) if lag >= NO_FILTERING else 0.0
+            ratio = ratio_for(lag_samples=lag, momentum=frame.momentum) if lag >= NO_FILTERING else 0.0
             line = diagonal(frame, ratio) if ratio > 0.0 else None
             if line is not None:
                 lines.append(line)

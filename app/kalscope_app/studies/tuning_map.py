@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from kalscope.estimation.momentum.profile import likelihood_profile
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.cache import Cache
 from kalscope_app.session.state import State
@@ -39,7 +41,7 @@ LN10 = math.log(10.0)
 
 @dataclass(frozen=True)
 class Scan:
-    """What a recording says about every pair (q, r), whatever the map's colours and range."""
+    """What a recording says about every pair (q, r) at one momentum, whatever the map's colours and range."""
 
     best: Estimate
     """Maximum likelihood."""
@@ -47,6 +49,8 @@ class Scan:
     """The likelihood over λ; None where there is none to draw."""
     contour: Array | None
     """Exponents (q, r) around the 95 % region, shape (k, 2)."""
+    momentum: float = 0.0
+    """Momentum of every pair, samples."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,8 @@ class TuningMap:
     """Exponents (q, r) around the 95 % region, shape (k, 2)."""
     note: str
     """What the map does not take into account, or why there is none."""
+    momentum: float = 0.0
+    """Momentum of every filter on it, samples."""
 
 
 class MapMaker:
@@ -94,7 +100,7 @@ class MapMaker:
         """The map of a state; the same object while nothing of it has changed."""
         if not state.filter.is_standard:
             return nothing("This filter has no q and r: the tuning map belongs to the standard filter.")
-        signal = state.recording, state.channel
+        signal = state.recording, state.channel, state.tuning.momentum
         scan = self._scans.once(lambda: scan_recording(state), *signal)
         colour = state.view.map_colour
         if colour == "RMSE" and state.recording.truth is None:
@@ -113,13 +119,14 @@ def nothing(why: str) -> TuningMap:
 
 def scan_recording(state: State) -> Scan:
     """One scan of the channel on screen: the best pair, the likelihood over λ, the 95 % region."""
-    z, dt = state.z, state.dt
-    best = estimate(z, "ml", dt=dt, momentum=0.0)
+    z, dt, momentum = state.z, state.dt, state.tuning.momentum
+    best = estimate(z, "ml", dt=dt, momentum=momentum)
     if best.verdict in ("too_few", "constant", "bad_unit"):
         return Scan(best, None, None)
-    around = likelihood_contour(z, best, dt)
+    scan = partial(likelihood_profile, momentum=momentum)
+    around = likelihood_contour(z, best, dt, scan=scan)
     line = None if around is None else np.stack([around.log_q, around.log_r], axis=1) / LN10
-    return Scan(best, likelihood_profile(z, dt=dt), line)
+    return Scan(best, scan(z, dt=dt), line, momentum)
 
 
 def errors_over_ratio(state: State) -> Errors:
@@ -130,7 +137,8 @@ def errors_over_ratio(state: State) -> Errors:
     out = np.empty(len(z))
     rmse: list[float] = []
     for log_ratio in LOG_RATIOS:
-        denoise(z, FilterParams(q=math.exp(log_ratio), r=1.0), dt, out=out)
+        params = FilterParams(q=math.exp(log_ratio), r=1.0, momentum=state.tuning.momentum)
+        denoise(z, params, dt, out=out)
         rmse.append(rms(np.subtract(out, truth, out=out)))
     return Errors(np.array(rmse), rms(z - truth))
 
@@ -205,14 +213,25 @@ def draw_map(scan: Scan, errors: Errors | None, colour: str, q: Range, r: Range,
         shade, marks = shade_of_excess(values, float(errors.rmse.min()))
         note = f"{note} The error against the truth depends on q/r alone.".strip()
     elif colour == "lag":
-        over = np.exp(np.minimum(-log_ratio, 700.0))  # r/q, kept finite at the far ends
-        values = 2.0 * over / (1.0 + np.sqrt(1.0 + 4.0 * over))  # (1 − K)/K = K/λ
+        values = lags(log_ratio, scan.momentum)
         shade, marks = shade_of_lag(values)
     else:
         colour = "likelihood"
         values = loglik_map(scan.profile, log_q, log_r)
         shade, marks = shade_of_loglik(values, float(scan.best.loglik))
-    return TuningMap(colour, q, r, values, shade, marks, (optimum[0], optimum[1]), scan.contour, note)
+    best = (optimum[0], optimum[1])
+    return TuningMap(colour, q, r, values, shade, marks, best, scan.contour, note, scan.momentum)
+
+
+def lags(log_ratio: Array, momentum: float) -> Array:
+    """Lag on a ramp, samples, of each ln λ; with momentum read from a table, good to 0.1 %."""
+    over = np.exp(np.minimum(-log_ratio, 700.0))  # r/q, kept finite at the far ends
+    if momentum == 0.0:
+        return 2.0 * over / (1.0 + np.sqrt(1.0 + 4.0 * over))  # (1 − K)/K = K/λ
+    table = np.linspace(-60.0, 60.0, 241)
+    params = FilterParams(np.exp(table), np.ones(len(table)), momentum=momentum)
+    log_lags = np.log(np.maximum(np.asarray(steady_state(params).lag_samples), 1e-30))
+    return np.exp(np.interp(log_ratio, table, log_lags))
 
 
 def between(rmse: Array, log_ratio: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -122,6 +123,19 @@ def test_a_ratio_that_misses_the_map_has_no_line():
 def test_lines_of_equal_lag_are_1_and_3_of_every_decade_that_crosses_the_map():
     lags = [line.lag * 10.0 for line in lag_lines(FRAME, 10.0)]  # ms, at 100 Hz
     assert lags == pytest.approx([10, 30, 100, 300, 1e3, 3e3, 1e4, 3e4], rel=1e-9)
+
+
+@pytest.mark.parametrize("momentum", [2.0, 100.0, 1e4])
+def test_with_momentum_the_lines_have_the_lag_that_is_written_beside_them(momentum):
+    frame = replace(FRAME, momentum=momentum)
+    lines = lag_lines(frame, 10.0)
+    written = sorted(float(f"{10.0 * line.lag:.3g}") for line in lines)
+    assert set(written) <= {10, 30, 100, 300, 1e3, 3e3, 1e4, 3e4, 1e5}
+    assert len(written) == len(set(written)) > 4
+    for line in lines:
+        q, r = frame.point(line.end)
+        steady = steady_state(FilterParams(q=10.0 ** (q - r), r=1.0, momentum=momentum))
+        assert float(steady.lag_samples) == pytest.approx(line.lag, rel=1e-6)
 
 
 @pytest.mark.parametrize(

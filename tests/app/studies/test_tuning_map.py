@@ -16,9 +16,11 @@ from kalscope import (
     estimate,
     kalman_filter,
     log_likelihood,
+    steady_state,
     synthesize,
 )
 from kalscope.catalogue import open_source
+from kalscope_app.session.changes.momentum import set_momentum_text
 from kalscope_app.session.changes.parameters import set_automatic_start, set_exponent, set_point, set_variant_of_eq3
 from kalscope_app.session.changes.view import set_map_colour, set_map_shown, set_window
 from kalscope_app.session.history import HELD, History, record, step_back
@@ -185,3 +187,33 @@ def test_a_held_gesture_stays_one_however_long_it_rests(key, entries):
 
 def test_a_demo_has_a_map():
     assert MapMaker()(opened(open_source("demo"))).optimum is not None
+
+
+@pytest.mark.parametrize("momentum", [7.0, 300.0])
+def test_each_cell_is_that_of_the_filter_with_the_present_momentum(momentum):
+    state = set_momentum_text("momentum", str(momentum))(opened(known()))
+    z, truth = state.z, state.recording.truth[:, 0]
+    found = estimate(z, momentum=momentum)
+    maps = {colour: MapMaker()(set_map_colour(colour)(state)) for colour in ("likelihood", "RMSE", "lag")}
+    assert maps["likelihood"].optimum == pytest.approx((math.log10(found.q), math.log10(found.r)))
+    for row, column in np.random.default_rng(1).integers(0, CELLS, (12, 2)):
+        shown = maps["likelihood"]
+        q, r = 10 ** cell_exponents(shown.q)[column], 10 ** cell_exponents(shown.r)[row]
+        params = FilterParams(q=q, r=r, momentum=momentum)
+        error = kalman_filter(z, params).x - truth
+        expected = {
+            "likelihood": log_likelihood(z, params),
+            "RMSE": math.sqrt(np.mean(error**2)),
+            "lag": float(steady_state(params).lag_samples),
+        }
+        for colour, value in expected.items():
+            assert maps[colour].values[row, column] == pytest.approx(value, rel=5e-3, abs=0.1)
+
+
+def test_another_momentum_gives_another_map_and_back_again_the_first():
+    make, state = MapMaker(), opened(walk())
+    plain = make(state)
+    moved = make(set_momentum_text("momentum", "30")(state))
+    assert (plain.momentum, moved.momentum) == (0.0, 30.0)
+    assert not np.array_equal(moved.values, plain.values)
+    assert np.array_equal(make(state).values, plain.values)

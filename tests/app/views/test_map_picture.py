@@ -23,6 +23,7 @@ from kalscope_app.views.map.picture import (
     draw_ring,
     lag_words,
     tick,
+    title_of,
 )
 
 SIZES = [(520, 1080), (452, 900), (380, 720)]
@@ -77,6 +78,14 @@ def test_pinned_variants_are_drawn_at_their_pair():
     x, y = (round(SHARPNESS * at) for at in one.frame.pixel((-3.0, -1.5)))
     patch = draw_map_picture(pinned)[y - 10 : y + 10, x - 10 : x + 10].reshape(-1, 3).tolist()
     assert rgb("#009E73") in patch
+
+
+def test_the_title_says_for_which_momentum_the_map_holds():
+    plain = inputs()
+    moving = replace(plain, frame=replace(plain.frame, momentum=24.0))
+    assert title_of(plain) == "lag"
+    assert title_of(replace(moving, period=0.01)) == "with momentum 240 ms: lag"
+    assert title_of(replace(moving, period=None)) == "with momentum 24 samples: lag"
 
 
 def test_where_there_is_no_map_the_reason_is_written():

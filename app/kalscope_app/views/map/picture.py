@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from kalscope.common.text import DURATIONS, duration, squared, trimmed
+from kalscope_app.session.changes.momentum import momentum_words
 from kalscope_app.studies.map_geometry import MapFrame, Point, decades, diagonal, lag_lines
 from kalscope_app.studies.tuning_map import TuningMap
 from kalscope_app.views.charts.pen import Pen
@@ -137,7 +138,7 @@ def _write_chips(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None
 def _write_lags(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None:
     """The lag of each line where it leaves the map, at the top or the right edge."""
     frame, free = inputs.frame, -math.inf
-    pen.text((0.5 * (frame.left + frame.right), frame.top - 34), "lag", palette.quiet, 12, "ms")
+    pen.text((0.5 * (frame.left + frame.right), frame.top - 34), title_of(inputs), palette.quiet, 12, "ms")
     for line in sorted(lag_lines(frame, inputs.lag_unit[1]), key=lambda one: one.end[0]):
         text = lag_words(line.lag, inputs)
         x, y = line.end
@@ -147,6 +148,12 @@ def _write_lags(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None:
         elif x - 0.5 * pen.width(text, 11) > free:
             pen.text((x, frame.top - 7), text, palette.ink, 11, "ms")
             free = x + 0.5 * pen.width(text, 11) + 6.0
+
+
+def title_of(inputs: MapPictureInput) -> str:
+    """What stands above the lags: the momentum, where the filters on the map have any."""
+    momentum = inputs.frame.momentum
+    return f"with momentum {momentum_words(momentum, inputs.period)}: lag" if momentum > 0.0 else "lag"
 
 
 def lag_words(lag: float, inputs: MapPictureInput) -> str:

@@ -153,7 +153,7 @@ class TuningMapView:
             self._draw(answer[0])
 
     def _draw(self, state: State) -> None:
-        self._frame = frame_for(*SIZE, self._map.q, self._map.r)
+        self._frame = frame_for(*SIZE, self._map.q, self._map.r, self._map.momentum)
         inputs = picture_input(state, self._map, self._frame)
         self._place(state)
         self._show_colour(state)
