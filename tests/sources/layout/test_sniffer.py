@@ -200,6 +200,22 @@ def test_a_pair_above_the_names_is_no_row_of_those_that_a_field_was_added_to():
     assert (layout.first_data, [column.name for column in layout.columns]) == (5, ["time", "hum", "level"])
 
 
+@pytest.mark.parametrize("above", ["#;hum;level", "# n;hum;level"])
+def test_a_log_gains_a_field_below_names_that_look_like_a_comment(above):
+    narrow, wide = ([f"{i};{i % 7},5{end}" for i in range(1, 14)] for end in ("", ";3,5"))
+    layout = sniff(["Site: Barn 7", above, *narrow, *wide, *wide])
+    assert (layout.narrow, layout.first_data) == ({2}, 3)
+
+
+def test_rows_of_a_stamp_and_missing_samples_are_rows_of_a_log_that_gains_a_field():
+    void = [f"00:07.0{i:02},--,--" for i in range(9)]
+    narrow, wide = (
+        [f"00:07.{i},9.5,-4.5{end}" for i in range(*span)] for end, span in (("", (100, 102)), (",7.5", (102, 160)))
+    )
+    layout = sniff(["Data logger export", "timestamp,a,b,c", *void, *narrow, *wide])
+    assert (layout.narrow, layout.first_data) == ({3}, 3)
+
+
 def test_units_stand_behind_numbers_with_thousands_too():
     layout = sniff(["n|level", *(f"{i}|4,{500 + i}.144C" for i in range(20))])
     assert layout is not None

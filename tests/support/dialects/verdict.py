@@ -1,9 +1,14 @@
-"""What became of a case: read exactly, refused, asked about, or wrong without a word."""
+"""What became of a case: read exactly, refused, asked about, or wrong without a word.
+
+Asked is what a note answers: it names the options with which the log is read exactly.
+"""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +16,11 @@ from dialects.labelled import make_labelled
 from dialects.tables import Case, make_table
 from kalscope.errors import KalscopeError
 from kalscope.recording import Recording
+from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
 from kalscope.sources.readers.recording_file import read_recording
 
-QUESTIONS = ("could also be", "?", "ambiguous")
+OPTION = re.compile(r'--([a-z-]+)(?:[ =](?:"([^"]*)"|([^\s";)]+)))?')
+"""An option with its value, as a note names it."""
 RATE_TOLERANCE = {"burst": 0.1, "coarse": 0.04, "pause": 0.01, "jitter": 0.04, "even": 1e-3}
 """Of the period, relative; a burst's last samples may be missing from its stretch."""
 
@@ -34,8 +41,32 @@ def judge(case: Case, path: Path) -> tuple[str, str]:
     why = difference(case, recording)
     if not why:
         return "exact", ""
-    asked = [note for note in recording.report.notes if any(mark in note for mark in QUESTIONS)]
-    return ("asked", f"{why}; {asked[0]}") if asked else ("wrong", why)
+    for note in recording.report.notes:
+        if (options := named_options(note)) and is_exact(case, path, options):
+            return "asked", f"{why}; {note}"
+    return "wrong", why
+
+
+def named_options(note: str) -> ReadOptions | None:
+    """The options that a note names; None where it names none, or none with a value."""
+    given: dict[str, Any] = {}
+    for name, quoted, bare in OPTION.findall(note):
+        if name in ("day-first", "month-first"):
+            given["day_first"] = name == "day-first"
+        else:
+            given[name.replace("-", "_")] = quoted or bare
+    try:
+        return options_from_text(**given) if given else None
+    except (KalscopeError, TypeError):  # `--time-unit changes it`
+        return None
+
+
+def is_exact(case: Case, path: Path, options: ReadOptions) -> bool:
+    """Whether a user who takes the options of a note gets the right reading."""
+    try:
+        return not difference(case, read_recording(path, options))
+    except KalscopeError:
+        return False
 
 
 def difference(case: Case, recording: Recording) -> str:

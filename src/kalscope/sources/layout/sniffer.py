@@ -85,7 +85,7 @@ def sniff(
     """
     plan = make_plan(head, options)
     lines, marks = candidate_lines(head, samples)
-    table, second = weigh(lines, candidate_tables(lines, plan))
+    table, second = weigh(lines, candidate_tables(lines, plan, head))
     if table is None or table.width > MAX_COLUMNS or table.rows[0][0] > len(head):
         return None
     return _layout(head, plan, lines, replace(table, form=_marked(table.form, marks)), second)

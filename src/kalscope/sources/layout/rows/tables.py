@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 
-from kalscope.sources.grammar.cells import is_blank, is_comment, is_number, split_fields
+from kalscope.sources.grammar.cells import is_blank, is_comment, is_number
 from kalscope.sources.grammar.line_format import (
     LineFormat,
     split_checksum,
@@ -20,7 +19,8 @@ from kalscope.sources.grammar.line_format import (
 from kalscope.sources.grammar.read_options import DELIMITERS
 from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.layout.plan import Plan
-from kalscope.sources.layout.rows.kinds import NUMERIC, CellKinds, Cells, column_type, likeness, only_text
+from kalscope.sources.layout.rows.grown import SplitLines, grown_width
+from kalscope.sources.layout.rows.kinds import NUMERIC, CellKinds, Cells, likeness, only_text
 from kalscope.sources.layout.rows.shapes import HeadLine, first_of_each_shape, shaped
 
 MIN_TEXT_SHARE = 0.04
@@ -31,12 +31,8 @@ MIN_UNIFORM_LINES = 20
 """Lines it takes to judge that."""
 _SOME = 64
 """Lines of which one shows that a file may hold one column."""
-MAX_JUDGED = 500
-"""Rows by which those of two widths are compared."""
 MIN_COMPLETE, MIN_COMPLETE_ROWS = 0.95, 20
 """Share of labelled lines that hold every label, and how many there must be, for the others to be damaged."""
-MIN_RUN, MIN_NAMED_RUN = 8, 3
-"""Lines in a row of another width that are no damage: the logger gained a field; and below its name."""
 
 
 @dataclass(frozen=True)
@@ -92,13 +88,13 @@ def _without_checksums(lines: list[HeadLine]) -> tuple[list[HeadLine], bool]:
     return shaped(sorted(checked + plain, key=lambda line: line.number)), True  # a header has no checksum
 
 
-def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
-    """Every way to split the lines, with how much each makes them look like data."""
+def candidate_tables(lines: list[HeadLine], plan: Plan, head: Sequence[str]) -> list[HeadTable]:
+    """Every way to split the lines of a head, with how much each makes them look like data."""
     some = first_of_each_shape(lines)
     candidates = [] if plan.delimiter else [_teleplot(lines, some), _labelled(lines, some, plan)]
     kinds = {mark: CellKinds(mark, plan.options.missing_texts) for mark in ".,"}
     for delimiter in (plan.delimiter,) if plan.delimiter else _delimiters(lines, some, kinds):
-        split = _Split(lines, some, delimiter)
+        split = SplitLines(lines, some, delimiter, head)
         for decimal in ".," if plan.decimal is None else plan.decimal:
             form = LineFormat("table", delimiter, decimal)
             if decimal != delimiter:
@@ -125,27 +121,7 @@ def _holds(text: str, delimiter: str) -> bool:
     return delimiter in text if delimiter != " " else " " in text.strip(" \t") or "\t" in text
 
 
-class _Split:
-    """The lines of a log split at one delimiter; each when its cells are asked for."""
-
-    def __init__(self, lines: list[HeadLine], some: Mapping[str, Sequence[str]], delimiter: str) -> None:
-        self.lines = lines
-        self.some = {
-            shape: [tuple(split_fields(text, delimiter)) for text in texts] for shape, texts in some.items()
-        }
-        self._delimiter = delimiter
-        self._widths = {shape: len(rows[0]) for shape, rows in self.some.items()}
-
-    def width(self, line: HeadLine) -> int:
-        """Cells of a line; quotes and delimiters are the same in all lines of a shape."""
-        return self._widths[line.shape]
-
-    def cells(self, line: HeadLine) -> Cells:
-        """The cells of a line."""
-        return tuple(split_fields(line.text, self._delimiter))
-
-
-def _as_table(split: _Split, form: LineFormat, kinds: CellKinds) -> HeadTable | None:
+def _as_table(split: SplitLines, form: LineFormat, kinds: CellKinds) -> HeadTable | None:
     """The lines of the commonest width, weighed by how much they look like data."""
     lines = split.lines
     likely = {
@@ -157,7 +133,7 @@ def _as_table(split: _Split, form: LineFormat, kinds: CellKinds) -> HeadTable | 
     width = max(weight, key=lambda width: weight[width], default=0)
     if not width or weight[width] < MIN_TEXT_SHARE * len(lines):
         return None
-    width, narrow = _grown(split, likely, width, kinds)
+    width, narrow = grown_width(split, likely, width, kinds)
     total = weight[width] + sum(weight[w] for w in narrow)
     fitting = [line for line in lines if split.width(line) == width or split.width(line) in narrow]
     if len(lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
@@ -170,50 +146,6 @@ def _as_table(split: _Split, form: LineFormat, kinds: CellKinds) -> HeadTable | 
     if narrow:
         rows = [(number, cells + ("",) * (width - len(cells))) for number, cells in rows]
     return HeadTable(total / len(lines), form, width, tuple(rows), narrow)
-
-
-def _grown(split: _Split, likely: Mapping[str, float], width: int, kinds: CellKinds) -> tuple[int, frozenset[int]]:
-    """The width of the rows, and the smaller widths of the rows above that a later field was added to.
-
-    `width` is the commonest. A file grows where runs of rows of another width stand below a line of names for the
-    widest, or between the rows of the widest.
-    """
-    lines = split.lines
-    runs: list[tuple[int, int, int]] = []  # width, lines, place of the first
-    parted = False  # `Gain;24` above the names is no row of those below
-    for i, line in enumerate(lines):
-        here = split.width(line)
-        if not likely[line.shape]:
-            parted |= here > 1 and all(kinds[cell] == "text" for cell in split.cells(line))
-        elif runs and runs[-1][0] == here and not parted:
-            runs[-1] = (here, runs[-1][1] + 1, runs[-1][2])
-        else:
-            runs.append((here, 1, i))
-            parted = False
-    long = [run for run in runs if run[1] >= MIN_NAMED_RUN and run[0] > 1]
-    widest = max((run[0] for run in long), default=width)
-    above = lines[: long[0][2]] if long else []
-    named = any(split.width(line) == widest and not likely[line.shape] for line in above)
-    long = long if named else [run for run in long if run[1] >= MIN_RUN]
-    if len({run[0] for run in long}) < 2 or width not in {run[0] for run in long}:
-        return width, frozenset()
-    first = long[0][2] if named else next(run[2] for run in long if run[0] == widest)
-
-    def judged(width: int) -> list[Cells]:
-        of_width = (line for line in lines if split.width(line) == width and likely[line.shape])
-        return [split.cells(line) for line in islice(of_width, MAX_JUDGED)]
-
-    narrow = {run[0] for run in long if run[0] < widest and run[2] >= first}
-    narrow = frozenset(w for w in narrow if _alike(judged(widest), judged(w), w, kinds))
-    return (widest, narrow) if width == widest or width in narrow else (width, frozenset())
-
-
-def _alike(wide: list[Cells], narrow: list[Cells], width: int, kinds: CellKinds) -> bool:
-    """True where the first `width` columns hold the same in both: no table of another kind."""
-    return all(
-        column_type([cells[i] for cells in wide], kinds).suits(column_type([cells[i] for cells in narrow], kinds))
-        for i in range(width)
-    )
 
 
 def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Plan) -> HeadTable | None:
