@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, FilterParams, ratio_for, steady_state
+from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
 from kalscope.analysis.allan import allan_deviation, allan_model, best_average, first_minimum, log_sizes
 from kalscope.analysis.spectrum import magnitude_response, spectrum, whole_stretch
 
@@ -46,9 +46,47 @@ def test_the_response_is_the_fourier_transform_of_the_impulse_response(gain):
     impulse = gain * (1 - gain) ** np.arange(n)
     dense = np.abs(np.fft.rfft(impulse))
     frequency = np.arange(len(dense)) / n
-    assert np.allclose(magnitude_response(gain, frequency), dense, rtol=0, atol=1e-9 + (1 - gain) ** n)
-    assert magnitude_response(gain, 0.0) == 1.0
-    assert np.all(magnitude_response(0.0, frequency) == 0.0)
+    params = FilterParams(q=ratio_for(gain=gain), r=1.0) if gain < 1.0 else FilterParams(q=1.0, r=0.0)
+    assert np.allclose(magnitude_response(params, frequency), dense, rtol=0, atol=1e-9 + (1 - gain) ** n)
+    assert magnitude_response(params, 0.0) == 1.0
+    assert np.all(magnitude_response(FilterParams(q=0.0, r=1.0), frequency) == 0.0)
+
+
+MOVING = [(0.01, 20.0), (1e-4, 300.0), (1.0, 0.3), (30.0, 5.0), (1e3, 1e5), (1e-6, 3e3), (0.1, 0.01)]
+
+
+@pytest.mark.parametrize(("q", "momentum"), MOVING)
+def test_with_momentum_the_response_is_the_fourier_transform_of_what_the_filter_answers(q, momentum):
+    params = FilterParams(q=q, r=1.0, p0=1.0, x0=0.0, momentum=momentum)
+    start, n = 1 << 15, 1 << 15
+    z = np.zeros(start + n)
+    z[start] = 1.0  # long after the start
+    dense = np.abs(np.fft.rfft(kalman_filter(z, params).x[start:]))
+    frequency = np.arange(len(dense)) / n
+    assert np.allclose(magnitude_response(params, frequency), dense, rtol=0, atol=2e-6)
+    assert magnitude_response(params, 0.0) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("q", "momentum"), MOVING)
+def test_with_momentum_the_response_is_minus_three_decibel_at_the_cutoff(q, momentum):
+    params = FilterParams(q=q, r=1.0, momentum=momentum)
+    cutoff = steady_state(params, 1.0).cutoff_hz
+    if not math.isnan(cutoff):
+        assert magnitude_response(params, cutoff) == pytest.approx(math.sqrt(0.5), rel=1e-9)
+
+
+def test_with_momentum_filtered_and_residual_densities_are_the_raw_one_times_the_response():
+    params = FilterParams(q=0.01, r=1.0, momentum=20.0)
+    found = spectrum(RNG.normal(size=400_000), params, sample_period=0.01)
+    passed = (found.filtered / found.raw)[5:-1]
+    assert np.median(passed / found.response[5:-1] ** 2) == pytest.approx(1.0, rel=0.02)
+    assert found.cutoff == pytest.approx(steady_state(params, 0.01).cutoff_hz)
+    assert found.response.max() > 1.005  # what overshoots, amplifies somewhere
+
+
+def test_without_measurement_noise_everything_passes_with_momentum_too():
+    params = FilterParams(q=1.0, r=0.0, momentum=20.0)
+    assert magnitude_response(params, np.linspace(0.0, 0.5, 50)) == pytest.approx(1.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("hertz", [0.2, 1.59, 20.0])
@@ -56,8 +94,7 @@ def test_the_response_is_minus_three_decibel_at_the_cutoff(hertz):
     ratio = ratio_for(cutoff_hz=hertz, sample_period=0.01)
     found = spectrum(RNG.normal(size=4000), FilterParams(q=ratio, r=1.0), sample_period=0.01)
     assert found.cutoff == pytest.approx(hertz)
-    gain = float(steady_state(FilterParams(q=ratio, r=1.0)).gain)
-    assert magnitude_response(gain, hertz * 0.01) == pytest.approx(math.sqrt(0.5))
+    assert magnitude_response(FilterParams(q=ratio, r=1.0), hertz * 0.01) == pytest.approx(math.sqrt(0.5))
 
 
 def test_a_tone_stands_where_it_is():

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, diagnose, kalman_filter, smooth
 from kalscope.analysis.alternatives.comparison import compare_alternatives
-from kalscope.analysis.spectrum import spectrum
 from kalscope.filtering.running import RunningFilter
 
 PARAMS = (
@@ -160,7 +159,7 @@ def test_a_momentum_out_of_range_is_refused(momentum):
         FilterParams(1.0, 1.0, momentum=momentum)
 
 
-@pytest.mark.parametrize("ask", [spectrum, compare_alternatives])
+@pytest.mark.parametrize("ask", [compare_alternatives])
 def test_what_does_not_know_momentum_refuses_it(ask):
     with pytest.raises(BadSetting, match="momentum must be 0 for "):
         ask(record()[0], FilterParams(0.05, 1.0, momentum=20.0))

@@ -9,7 +9,6 @@ import numpy as np
 from kalscope.analysis.allan import AllanDeviation, allan_deviation
 from kalscope.analysis.spectrum import Spectrum, magnitude_response, spectrum
 from kalscope.common.array import Array
-from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.state import State
 
 BINS = 240
@@ -36,7 +35,7 @@ class Spectra:
 
 def compute_spectra(state: State) -> Spectra | None:
     """Densities and response of the channel on screen; None where that is not known of its filter."""
-    if not state.filter.is_standard or state.tuning.momentum:
+    if not state.filter.is_standard:
         return None
     period = state.recording.sample_period
     found = spectrum(state.z, state.params, state.dt, period)
@@ -46,7 +45,7 @@ def compute_spectra(state: State) -> Spectra | None:
     )
     if found.samples and fine[0] < found.cutoff < fine[-1]:
         fine = np.sort(np.append(fine, found.cutoff))
-    response = magnitude_response(float(steady_state(state.params).gain), fine * (period or 1.0))
+    response = magnitude_response(state.params, fine * (period or 1.0))
     decibel = 20.0 * np.log10(np.maximum(response, 1e-20))
     raw, filtered, residual = densities
     return Spectra(state, found, frequency, (raw, filtered, residual), fine, decibel)

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array
 from kalscope.filtering.arrays import one_channel, scalar
 from kalscope.filtering.batch import kalman_filter
-from kalscope.filtering.params import FilterParams, refuse_momentum
+from kalscope.filtering.momentum.settled import MIN_MOMENTUM
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
 MIN_SAMPLES = 32
@@ -38,7 +39,7 @@ class Spectrum:
     residual: Array
     """The same of what the filter removes, raw − filtered."""
     response: Array
-    """|H| of the settled filter there, 0 … 1."""
+    """|H| of the settled filter there, 0 … 1; with momentum somewhat above 1 where it overshoots."""
     cutoff: float
     """−3 dB frequency of the settled filter, in the unit of `frequency`; NaN where there is none."""
     in_hertz: bool
@@ -51,16 +52,28 @@ class Spectrum:
     """How it was computed, and how missing samples were treated."""
 
 
-def magnitude_response(gain: float, frequency: ArrayLike) -> Array:
-    """|H| of the settled filter x += K (z − x) at frequencies in cycles a sample.
+def magnitude_response(params: FilterParams, frequency: ArrayLike) -> Array:
+    """|H| of the settled filter at frequencies in cycles a sample.
 
-    |H|² = K² / (1 − 2(1 − K) cos 2πf + (1 − K)²), from H = K / (1 − (1 − K) e^(−2πif)); the denominator is
-    computed as K² + 4(1 − K) sin² πf, which loses no digits at low frequencies.
+    H = (K + (P − K) L) / ((1 − z₁ L)(1 − z₂ L)) with L = e^(−2πif), poles whose product is π = e (1 − K), and
+    P = (1 − z₁)(1 − z₂) = H's value at L = 1. Without momentum e = 0 and P = K: exponential smoothing. Both squares
+    are written in u = 4 sin² πf, which loses no digits at low frequencies.
+
+    Args:
+        params: the filter, scalars.
+        frequency: cycles a sample, any shape.
     """
-    wave = np.sin(np.pi * np.asarray(frequency, dtype=np.float64))
+    steady, tau = steady_state(params), scalar(params.momentum)
+    gain, faster = scalar(steady.gain), scalar(steady.velocity_gain)
+    u = 4.0 * np.sin(np.pi * np.asarray(frequency, dtype=np.float64)) ** 2
     if gain <= 0.0:
-        return np.zeros_like(wave)
-    return gain / np.sqrt(gain * gain + 4.0 * (1.0 - gain) * wave * wave)
+        return np.zeros_like(u)
+    tau = max(tau, MIN_MOMENTUM) if tau else 0.0
+    e = math.exp(-1.0 / tau) if tau else 0.0
+    product, both = (1.0 - e) * (gain + tau * faster), e * (1.0 - gain)
+    middle = (1.0 - both) ** 2 - product * (1.0 + both)
+    through = product * product + gain * (gain - product) * u
+    return np.sqrt(through / (product * product + middle * u + both * u * u))
 
 
 def spectrum(
@@ -83,8 +96,6 @@ def spectrum(
     Source: Welch (1967), IEEE Trans. AU-15, 70; Hann windows, half overlap, the mean of each segment removed.
     """
     samples = one_channel(z, params)
-    refuse_momentum(params, "the spectrum")
-    steady = steady_state(params, sample_period)
     period = 1.0 if sample_period is None else float(sample_period)
     curve = kalman_filter(samples, params, dt).x
     part, note = whole_stretch(samples)
@@ -101,7 +112,7 @@ def spectrum(
         raw=raw_density,
         filtered=_welch(filtered, piece, period)[1],
         residual=_welch(raw - filtered, piece, period)[1],
-        response=magnitude_response(float(steady.gain), frequency * period),
+        response=magnitude_response(params, frequency * period),
         cutoff=scalar(steady_state(params, period).cutoff_hz),
         in_hertz=sample_period is not None,
         samples=length,
