@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 from kalscope.errors import BadSetting
+from kalscope.estimation.known import params_for_specification
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
-from kalscope.filtering.steady_state import ratio_for
+from kalscope.filtering.steady_state import ratio_for, steady_state
 from kalscope.papers.interactive_matter_2009.document import ASSUMED_R, WALK
 from kalscope.papers.maarif_2019.paper import SIMULATED_FIGURES
 from kalscope_app.session.state import Change, State
@@ -37,6 +38,15 @@ LAGS = (
 )
 """Name, lag in samples and reason of the presets by lag."""
 
+OVERSHOOT = 0.1
+"""Share of a step by which the preset with momentum overshoots."""
+
+FOLLOWS_RAMPS = (
+    "For what keeps its direction, such as an arm that bends or a pulse: as calm as *balanced*, with a lag of 5.7 "
+    "samples in place of 10. A step overshoots by a tenth."
+)
+"""Why there is a preset with momentum."""
+
 PAPER_1 = {
     3: "More process noise than sensor noise: the output is almost the raw signal.",
     4: "Q as large as R: the noise goes down to two thirds, and hardly any lag comes.",
@@ -64,12 +74,28 @@ def _by_lag(lag_samples: float, state: State) -> FilterParams:
     return FilterParams(min(float(f"{r * ratio_for(lag_samples=lag_samples):.3e}"), MAX_VARIANCE), r)
 
 
+@lru_cache(maxsize=1)
+def _follows_ramps() -> FilterParams:
+    """The filter for r = 1: the noise of the balanced preset, and the momentum that overshoots as said."""
+    balanced = steady_state(FilterParams(ratio_for(lag_samples=10.0), 1.0))
+    decibel = float(balanced.noise_reduction_db)
+    return params_for_specification(1.0, noise_reduction_db=decibel, overshoot=OVERSHOOT)
+
+
+def _with_momentum(state: State) -> FilterParams:
+    """The signal's own noise as r, as the presets by lag have it, and momentum."""
+    unit, r = _follows_ramps(), state.start.r
+    q, momentum = (float(f"{value:.3e}") for value in (float(unit.ratio) * r, float(unit.momentum)))
+    return FilterParams(min(q, MAX_VARIANCE), r, momentum=momentum)
+
+
 def _fixed(q: float, r: float, _state: State) -> FilterParams:
     return FilterParams(q, r)
 
 
 def _all() -> tuple[Preset, ...]:
     by_lag = [Preset(f"{name}: lag {lag:g} samples", why, partial(_by_lag, lag)) for name, lag, why in LAGS]
+    by_lag.append(Preset(f"follows ramps: overshoot {100.0 * OVERSHOOT:g} %", FOLLOWS_RAMPS, _with_momentum))
     first = [
         Preset(f"Ma'arif 2019: R = {r:g}, Q = {q:g}", f"Figure {figure}. {PAPER_1[figure]}", partial(_fixed, q, r))
         for figure, r, q in SIMULATED_FIGURES

@@ -39,6 +39,6 @@ def compute_checks(state: State) -> Checks | None:
     estimated = state.tuning.how in METHOD_NAMES.values()
 
     def fit(first: Array, dt: Array | None) -> FilterParams:
-        return estimate(first, dt=dt, momentum=0.0).params or state.params
+        return estimate(first, dt=dt, momentum=state.tuning.momentum).params or state.params
 
     return Checks(state, whole, diagnose_held_out(z, fit if estimated else state.params, dt), estimated)

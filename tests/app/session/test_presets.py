@@ -32,6 +32,20 @@ def test_a_preset_by_lag_has_that_lag_and_keeps_the_said_share_of_the_noise(stat
     assert np.std(kalman_filter(noise, taken.params).x[1000:]) == pytest.approx(kept, rel=0.05)
 
 
+def test_the_preset_with_momentum_is_as_calm_as_balanced_and_does_what_it_says(state):
+    ramps, balanced = (
+        next(title for title in PRESETS if title.startswith(name)) for name in ("follows", "balanced")
+    )
+    taken, calm = take_preset(ramps)(state), take_preset(balanced)(state)
+    steady, reference = steady_state(taken.params), steady_state(calm.params)
+    assert taken.tuning.momentum > 0.0
+    assert float(steady.noise_reduction_db) == pytest.approx(float(reference.noise_reduction_db), abs=0.01)
+    assert float(steady.overshoot) == pytest.approx(0.1, abs=1e-3)
+    assert f"a lag of {float(steady.lag_samples):.1f} samples in place of 10" in PRESETS[ramps].why
+    assert "| overshoot | 0 % | **10 %** |" in preset_text(state, ramps, steady_state(state.params))
+    assert take_preset(balanced)(taken).tuning.momentum == 0.0
+
+
 @pytest.mark.parametrize(
     ("beginning", "q", "r"),
     [

@@ -9,6 +9,7 @@ import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, compare_methods, steady_state
 from kalscope.analysis.advice import as_sentences
+from kalscope.common.text import percent
 from kalscope.estimation.finding import Found, find_parameters
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.frame import compute_frame
@@ -55,6 +56,32 @@ def test_a_wish_is_met_exactly_and_r_is_kept(state, way, text, field, value):
     found = search(state, way, text)
     assert getattr(steady_state(found.params, 0.01), field) == pytest.approx(value)
     assert found.params.r == state.params.r
+
+
+@pytest.mark.parametrize(
+    ("way", "text", "field", "value"),
+    [("maximum lag", "50", "lag_s", 0.05), ("noise reduction", "12", "noise_reduction_db", 12.0)],
+)
+def test_an_overshoot_that_is_allowed_finds_the_momentum_and_none_keeps_the_present_one(
+    state, way, text, field, value
+):
+    moving = state.with_tuning(momentum=30.0)
+    for texts, momentum in (([text, ""], 30.0), ([text, "0"], 0.0), ([text, "8"], None)):
+        params = search(moving, way, *texts).params
+        steady = steady_state(params, 0.01)
+        assert getattr(steady, field) == pytest.approx(value, rel=1e-6)
+        if momentum is None:
+            assert steady.overshoot == pytest.approx(0.08, abs=1e-6)
+        else:
+            assert params.momentum == momentum
+
+
+def test_the_answer_says_what_momentum_costs(state):
+    found = Found(FilterParams(1.0, 2.0, momentum=24.0), "maximum likelihood", "Found.")
+    text = answer_text(apply_found(state.recording, "a", found)(state))
+    overshoot = percent(float(steady_state(found.params).overshoot))
+    assert "| momentum | off | **240 ms** |" in text
+    assert f"| overshoot | 0 % | **{overshoot}** |" in text
 
 
 @pytest.mark.parametrize("way", [way for way in SEARCH_METHODS if not SEARCH_METHODS[way].boxes])

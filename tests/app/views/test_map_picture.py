@@ -84,8 +84,8 @@ def test_the_title_says_for_which_momentum_the_map_holds():
     plain = inputs()
     moving = replace(plain, frame=replace(plain.frame, momentum=24.0))
     assert title_of(plain) == "lag"
-    assert title_of(replace(moving, period=0.01)) == "with momentum 240 ms: lag"
-    assert title_of(replace(moving, period=None)) == "with momentum 24 samples: lag"
+    assert title_of(replace(moving, period=0.01)) == "at momentum 240 ms: lag"
+    assert title_of(replace(moving, period=None)) == "at momentum 24 samples: lag"
 
 
 def test_where_there_is_no_map_the_reason_is_written():

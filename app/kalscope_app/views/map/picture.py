@@ -153,7 +153,7 @@ def _write_lags(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None:
 def title_of(inputs: MapPictureInput) -> str:
     """What stands above the lags: the momentum, where the filters on the map have any."""
     momentum = inputs.frame.momentum
-    return f"with momentum {momentum_words(momentum, inputs.period)}: lag" if momentum > 0.0 else "lag"
+    return f"at momentum {momentum_words(momentum, inputs.period)}: lag" if momentum > 0.0 else "lag"
 
 
 def lag_words(lag: float, inputs: MapPictureInput) -> str:

@@ -26,6 +26,9 @@ from kalscope_app.views.scales import Scale, time_scale_for
 from kalscope_app.views.slow_job import SlowJobProgress
 from kalscope_app.views.tune.numbers import rows_of
 
+OVERSHOOT = "overshoot (%)"
+"""Label of the box for the overshoot that a target may cost."""
+
 
 @dataclass(frozen=True)
 class SearchMethod:
@@ -41,11 +44,20 @@ def _method(name: str) -> SearchMethod:
     return SearchMethod(lambda _state, _texts: {"method": name})
 
 
-def _target(name: str, label: str, content: str, factor: float = 1.0) -> SearchMethod:
+def _target(
+    name: str, label: str, content: str, factor: float = 1.0, *, with_overshoot: bool = False
+) -> SearchMethod:
     def arguments(state: State, texts: list[str]) -> dict[str, Any]:
-        return {"target": {name: factor * typed_number(label, texts[0])}, "present_r": state.tuning.r}
+        allowed = texts[1].strip() if with_overshoot and len(texts) > 1 else ""
+        momentum = (
+            {"overshoot": typed_number("overshoot", allowed) / 100.0}
+            if allowed
+            else {"momentum": state.tuning.momentum}
+        )
+        target = {name: factor * typed_number(label, texts[0])}
+        return {"target": target, "present_r": state.tuning.r, **momentum}
 
-    return SearchMethod(arguments, ((label, content),))
+    return SearchMethod(arguments, ((label, content), *(((OVERSHOOT, ""),) if with_overshoot else ())))
 
 
 def _noise(*names: tuple[str, str, str]) -> SearchMethod:
@@ -94,6 +106,7 @@ BOX_HINTS = {
     "lag (ms)": "The largest lag that you accept: the setting within it that leaves the least noise is used.",
     "cut-off (Hz)": "Higher frequencies are attenuated, lower ones pass.",
     "reduction (dB)": "How much less noise: 20 dB is a tenth of its size, 6 dB half of it.",
+    OVERSHOOT: "How far a step may overshoot: more of it gives less noise or lag. Empty: the present momentum.",
     "gain K": "The weight of each new sample in the estimate, between 0 and 1.",
     "lag (samples)": "Delay of the filtered signal behind a steady slope, samples.",
     "from": "Where the stretch begins, as on the time axis. Empty: where the part on screen begins.",
@@ -106,11 +119,11 @@ BOX_HINTS = {
 
 SEARCH_METHODS: dict[str, SearchMethod] = {
     "maximum likelihood": _method("ml"),
-    "maximum lag": _target("lag_s", "lag (ms)", "50", 1e-3),
+    "maximum lag": _target("lag_s", "lag (ms)", "50", 1e-3, with_overshoot=True),
     "cut-off frequency": _target("cutoff_hz", "cut-off (Hz)", "1"),
-    "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12"),
+    "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
     "gain K": _target("gain", "gain K", "0.1"),
-    "lag in samples": _target("lag_samples", "lag (samples)", "10"),
+    "lag in samples": _target("lag_samples", "lag (samples)", "10", with_overshoot=True),
     STILL: SearchMethod(_still, (("from", ""), ("to", ""))),
     "data sheet σ, fit q": _noise(("sigma", "σ, one std", "")),
     "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),

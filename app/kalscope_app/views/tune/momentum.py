@@ -22,7 +22,10 @@ LABEL = "momentum τ, samples"
 HINT = "How long the signal keeps its direction, or as 240 ms. More: less noise at the same lag, but overshoot."
 
 
-MARKS = ((0.0, OFF), *((slider_position(10.0**power), f"1e{power}") for power in range(1, 6)))
+MARKS = (
+    (0.0, OFF),
+    *((slider_position(10.0**power), text) for power, text in enumerate(("10", "100", "1000", "1e4", "1e5"), 1)),
+)
 """Values beside the slider, in samples."""
 
 
