@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from kalscope import ChannelTuning, Recording, Tuning
+from kalscope.filtering.momentum.kernels import transition
 
 ROWS = 400
 MISSING = math.nan
@@ -62,6 +63,30 @@ def textbook(channel, z):
     return np.array(answers)
 
 
+def textbook_with_momentum(channel, z):
+    """The same with a second state, the velocity v, whose variance is w; g is its covariance with x."""
+    e, f, q11, q12, q22 = transition(1.0, channel.q, channel.momentum)
+    x, v = (MISSING if channel.x0 is None else channel.x0), 0.0
+    p, g, w = (math.inf if channel.p0 is None else channel.p0), 0.0, 0.5 * channel.q / channel.momentum
+    refused, answers = 0, []
+    for sample in z:
+        x, v = x + f * v, e * v
+        p, g, w = p + f * (2.0 * g + f * w) + q11, e * (g + f * w) + q12, e * e * w + q22
+        k, s = 0.0, p + channel.r
+        if math.isnan(sample):
+            pass
+        elif math.isinf(p):
+            x, p, g, k, refused = sample, channel.r, 0.0, 1.0, 0
+        elif channel.gate is not None and (sample - x) * (sample - x) > channel.gate * s and refused < 5:
+            refused += 1
+        else:
+            k, ell = p / s, g / s
+            x, v = (sample, v) if math.isnan(x) else (x + k * (sample - x), v + ell * (sample - x))
+            p, g, w, refused = (1.0 - k) * p, (1.0 - k) * g, w - ell * g, 0
+        answers.append((x, k))
+    return np.array(answers)
+
+
 def noisy(seed, level=0.0, sigma=1.0):
     rng = random.Random(seed)
     return [level + rng.gauss(0.0, sigma) for _ in range(ROWS)]
@@ -105,13 +130,49 @@ def extreme_channels():
     ]
 
 
+MOMENTA = (20.0, 0.3, 1e5, 3.0, 100.0)
+
+
+def channels_with_momentum():
+    """The same difficulties with momenta from a third of a sample on, among some without."""
+    cases = channels_and_samples()
+    return cases[:2] + [
+        (replace(channel, name=f"{channel.name} on", momentum=MOMENTA[i % len(MOMENTA)]), samples)
+        for i, (channel, samples) in enumerate(cases)
+    ]
+
+
 @pytest.fixture(scope="session")
 def shared():
-    """Every case of the shared vectors."""
-    cases = channels_and_samples() + extreme_channels()
+    """Every case of the shared vectors without momentum."""
+    return answered(channels_and_samples() + extreme_channels())
+
+
+@pytest.fixture(scope="session")
+def shared_with_momentum():
+    """The cases with momentum."""
+    return answered(channels_with_momentum())
+
+
+@pytest.fixture(scope="session", params=["shared", "shared_with_momentum"])
+def either(request):
+    """For targets that know momentum: the cases without it and those with it."""
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(scope="session", params=["shared_float32", "shared_with_momentum"])
+def either_float32(request):
+    """The same for float32."""
+    return request.getfixturevalue(request.param)
+
+
+def answered(cases):
+    """The cases with what the textbook answers."""
     channels = tuple(channel for channel, _ in cases)
     z = np.array([samples for _, samples in cases]).T
-    answers = np.array([textbook(channel, samples) for channel, samples in cases])
+    answers = np.array(
+        [(textbook_with_momentum if channel.momentum else textbook)(channel, samples) for channel, samples in cases]
+    )
     names = tuple(channel.name for channel in channels)
     recording = Recording(np.arange(ROWS) * 0.01, names, ("",) * len(names), z, 0.01)
     return Shared(Tuning(channels, sample_period=0.01), recording, answers[..., 0].T, answers[..., 1].T)

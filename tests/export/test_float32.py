@@ -127,7 +127,7 @@ def test_momentum_zero_is_the_filter_of_before_and_a_velocity_that_never_lasts_t
     ):
         plain = float32_params(params)
         assert plain.momentum is None
-        none = Float32Momentum(tau=F(0), e=F(0), f=F(0), q11=plain.q, q12=F(0), q22=F(0), w0=F(0))
+        none = Float32Momentum(momentum=F(0), e=F(0), f=F(0), q11=plain.q, q12=F(0), q22=F(0), w0=F(0))
         np.testing.assert_array_equal(filter_float32(z, replace(plain, momentum=none)), filter_float32(z, plain))
 
 
@@ -144,7 +144,7 @@ def test_momentum_in_float32_stays_with_the_filter_in_double(tau):
     ("name", "params"),
     [
         ("momentum", FilterParams(1.0, 1.0, momentum=1e-39)),
-        ("q11 of q and momentum", FilterParams(1e-30, 1.0, momentum=1e5)),
+        ("q.. of q and momentum", FilterParams(1e-30, 1.0, momentum=1e5)),
         (r"q / \(2 momentum\)", FilterParams(1e30, 1.0, momentum=1e-20)),
     ],
 )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from kalscope import BadSetting, ChannelTuning, Tuning, steady_state
-from kalscope.export.job import ExportJob, job_of
+from kalscope.export.job import ExportJob, job_of, step_of
+from kalscope.filtering.momentum.kernels import transition
 
 TUNING = Tuning(
     (ChannelTuning("Temp °C", "°C", 0.01, 1.0), ChannelTuning("temp degc", "°C", 1.0, 2.0)), sample_period=0.5
@@ -33,6 +34,10 @@ def test_the_settled_filter_is_that_of_the_period():
     assert job.steady(job.channels[0]) == steady_state(TUNING.channels[0].params, 0.5)
 
 
-def test_momentum_is_refused() -> None:
-    with pytest.raises(BadSetting, match=r"momentum must be 0 for an export \(got 20\.0\)"):
-        job_of(Tuning((ChannelTuning("a", "", 1.0, 1.0, momentum=20.0),)))
+def test_the_constants_of_a_momentum_are_those_of_one_sample():
+    plain, with_momentum = ChannelTuning("a", "", 2.0, 1.0), ChannelTuning("b", "", 2.0, 1.0, momentum=20.0)
+    assert step_of(plain) == {}
+    constants = step_of(with_momentum)
+    assert tuple(constants[name] for name in ("e", "f", "q11", "q12", "q22")) == transition(1.0, 2.0, 20.0)
+    assert (constants["momentum"], constants["w0"]) == (20.0, 0.05)
+    assert [ExportJob((channel,)).has_momentum for channel in (plain, with_momentum)] == [False, True]

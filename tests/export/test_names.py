@@ -69,7 +69,7 @@ HOSTILE = (
 SIXES = [HOSTILE[i : i + 6] for i in range(0, len(HOSTILE), 6)]
 """The sketch reads at most six channels."""
 WRITING = [name for name in TARGETS if name not in ("simplekalmanfilter", "gyverfilters")]
-C_LIKE = ("arduino", "c", "bachagas", "kalmanjs")
+C_LIKE = ("arduino", "c", "bachagas", "kalmanjs", "javascript")
 
 CHANNEL = ChannelTuning("calm", "V", 0.01, 0.25, 1.0, 0.5, how="by hand", gate=9.0)
 

@@ -201,6 +201,13 @@ def test_matlab_numbers_read_back_through_octave(tuning, numbers, tmp_path):
     identical(np.fromfile(tmp_path / "out.bin", "<f8").tolist(), numbers)
 
 
+def test_javascript_numbers_read_back(tuning, numbers):
+    """As kalmanjs, below."""
+    (text,) = export_tuning(tuning, "javascript").values()
+    rows = re.findall(r"new KalmanFilter\(\{ q: (\S+), r: (\S+), p0: (\S+), x0: (\S+), gate: (\S+) \}\)", text)
+    identical([float(word) for row in rows for word in row], numbers)
+
+
 def test_kalmanjs_numbers_read_back(tuning):
     """JavaScript reads a decimal literal as IEEE says, and so does Python; node runs the module in test_targets."""
     good = Tuning(tuple(c for c in tuning.channels if c.q + c.r >= 1e-300), sample_period=0.01)

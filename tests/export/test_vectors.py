@@ -13,9 +13,9 @@ from kalscope.export.job import job_of
 from kalscope.export.vectors import DEFAULT_ROWS, vector_files
 
 
-def read(text):
+def read(text, *more):
     rows = list(csv.reader(io.StringIO(text)))
-    assert rows[0] == ["time", "raw", "filtered", "gain"]
+    assert rows[0] == ["time", "raw", "filtered", "gain", *more]
     return np.array([[float(cell) for cell in row] for row in rows[1:]])
 
 
@@ -28,22 +28,26 @@ def test_the_shared_vectors_hold_all_difficulties(shared):
     assert 0.0 < np.nanmax(np.abs(z[:, shared.recording.index("subnormal")])) < 1e-150
 
 
-def test_our_filter_answers_as_the_textbook_bit_for_bit(shared):
-    for i, channel in enumerate(shared.tuning.channels):
-        result = kalman_filter(shared.recording.values[:, i], channel.params)
-        np.testing.assert_array_equal(result.x, shared.x[:, i], err_msg=channel.name)
-        np.testing.assert_array_equal(result.k, shared.k[:, i], err_msg=channel.name)
+def test_our_filter_answers_as_the_textbook_bit_for_bit(either):
+    for i, channel in enumerate(either.tuning.channels):
+        result = kalman_filter(either.recording.values[:, i], channel.params)
+        np.testing.assert_array_equal(result.x, either.x[:, i], err_msg=channel.name)
+        np.testing.assert_array_equal(result.k, either.k[:, i], err_msg=channel.name)
 
 
-def test_a_vector_file_reads_back_bit_for_bit(shared):
-    files = vector_files(job_of(shared.tuning), shared.recording)
-    assert len(files) == len(shared.names)
+def test_a_vector_file_reads_back_bit_for_bit(either):
+    files = vector_files(job_of(either.tuning), either.recording)
+    assert len(files) == len(either.names)
     for i, text in enumerate(files.values()):
-        columns = read(text)
-        np.testing.assert_array_equal(columns[:, 0], shared.recording.time)
-        np.testing.assert_array_equal(columns[:, 1], shared.recording.values[:, i])
-        np.testing.assert_array_equal(columns[:, 2], shared.x[:, i])
-        np.testing.assert_array_equal(columns[:, 3], shared.k[:, i])
+        channel = either.tuning.channels[i]
+        columns = read(text, *(["velocity"] if channel.momentum else []))
+        np.testing.assert_array_equal(columns[:, 0], either.recording.time)
+        np.testing.assert_array_equal(columns[:, 1], either.recording.values[:, i])
+        np.testing.assert_array_equal(columns[:, 2], either.x[:, i])
+        np.testing.assert_array_equal(columns[:, 3], either.k[:, i])
+        if channel.momentum:
+            velocity = kalman_filter(either.recording.values[:, i], channel.params).velocity
+            np.testing.assert_array_equal(columns[:, 4], velocity)
 
 
 def test_every_export_can_carry_vectors(shared):

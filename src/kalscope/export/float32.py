@@ -7,7 +7,7 @@ says and does not fuse a multiplication with an addition: what a board prints ca
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import cast
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.errors import BadSetting
 from kalscope.filtering.kernels import GATE_LIMIT
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.momentum.constants import step_constants
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
@@ -33,14 +33,10 @@ _NOTHING, _UNKNOWN, _INFINITE = np.float32(0.0), np.float32(np.nan), np.float32(
 
 @dataclass(frozen=True)
 class Float32Momentum:
-    """The momentum of one channel as a board holds it; each field is a float32 value.
+    """The momentum of one channel as a board holds it, see `StepConstants`; each field is a float32 value."""
 
-    Over one sample period x grows by f v, v fades to e v, and the variances of x and v and their covariance grow
-    by q11, q22 and q12: `filtering.momentum.kernels.transition`.
-    """
-
-    tau: np.float32
-    """Momentum τ, sample periods, > 0."""
+    momentum: np.float32
+    """Momentum τ, sample periods; 0 = the five lines."""
     e: np.float32
     """Share of the velocity that is left after one sample."""
     f: np.float32
@@ -52,7 +48,7 @@ class Float32Momentum:
     q22: np.float32
     """Variance added to v, (unit per sample)²."""
     w0: np.float32
-    """Variance of v before the first sample, q/(2τ), (unit per sample)²."""
+    """Variance of v before the first sample, (unit per sample)²."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +93,12 @@ def float32_params(params: FilterParams) -> Float32Params:
     if sum(map(float, parts)) > float(np.finfo(np.float32).max):
         raise BadSetting(f"q + r + p0 must fit float32, up to 3.4e38 (got {sum(map(float, parts)):.6g})")
     return rounded
+
+
+def without_momentum(q: np.float32) -> Float32Momentum:
+    """The five lines as a filter with momentum computes them: to the last bit, but slower."""
+    none = np.float32(0.0)
+    return Float32Momentum(none, e=none, f=none, q11=q, q12=none, q22=none, w0=none)
 
 
 def float32_text(value: np.float32) -> str:
@@ -144,21 +146,14 @@ def _rounded(name: str, value: float) -> np.float32:
     return rounded
 
 
-def _momentum(q: float, tau: float) -> Float32Momentum | None:
+def _momentum(q: float, momentum: float) -> Float32Momentum | None:
     """The constants, computed in double and rounded; None without momentum."""
-    if tau == 0.0:
+    if momentum == 0.0:
         return None
-    e, f, q11, q12, q22 = transition(1.0, q, tau)
-    held, start = _rounded("momentum", tau), _rounded("q / (2 momentum)", 0.5 * q / tau)
-    return Float32Momentum(
-        tau=held,
-        e=np.float32(e if e >= MIN_NORMAL else 0.0),
-        f=_rounded("momentum", f),
-        q11=_rounded("q11 of q and momentum", q11),
-        q12=_rounded("q12 of q and momentum", q12),
-        q22=_rounded("q22 of q and momentum", q22),
-        w0=start,
-    )
+    held = asdict(step_constants(q, momentum))
+    begin = {"momentum": _rounded("momentum", momentum), "w0": _rounded("q / (2 momentum)", held["w0"])}
+    rest = {name: _rounded(f"{name} of q and momentum", value) for name, value in held.items() if name not in begin}
+    return Float32Momentum(**begin, **rest)
 
 
 def _settled_gain(params: FilterParams) -> np.float32:

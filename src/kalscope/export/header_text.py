@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from string import Template
@@ -14,9 +15,18 @@ from kalscope.tuning.tuning import ChannelTuning
 TEMPLATES = Path(__file__).parent / "targets" / "templates"
 
 
-def fill_template(name: str, **texts: str) -> str:
-    """A file of `targets/templates` in which each $name is replaced by its text."""
-    return Template((TEMPLATES / name).read_text(encoding="utf-8")).substitute(texts)
+_MARKED = re.compile(r"^@(plain|momentum) ?(.*\n)", re.MULTILINE)
+
+
+def fill_template(name: str, *, has_momentum: bool = False, **texts: str) -> str:
+    """A file of `targets/templates` in which each $name is replaced by its text.
+
+    A line after `@momentum` stands only in exports with momentum, one after `@plain` only in the others.
+    """
+    keep = "momentum" if has_momentum else "plain"
+    text = (TEMPLATES / name).read_text(encoding="utf-8")
+    chosen = _MARKED.sub(lambda found: found[2] if found[1] == keep else "", text)
+    return Template(chosen).substitute(texts)
 
 
 def about(job: ExportJob) -> tuple[str, ...]:
@@ -38,7 +48,13 @@ def about(job: ExportJob) -> tuple[str, ...]:
     else:
         period = job.sample_period
         lines.append(f"Holds for a sample period of {number_text(period)} s ({1.0 / period:.4g} samples a second);")
-        lines.append("with another period T multiply q by T / this period; r and p0 stay.")
+        lines.append(
+            "for another period export again: the constants of the momentum hold for this one only."
+            if job.has_momentum
+            else "with another period T multiply q by T / this period; r and p0 stay."
+        )
+    if job.has_momentum:
+        lines.append("Each update counts as one such period: pass a missing sample as NaN, so that time goes on.")
     return tuple(lines)
 
 
@@ -53,7 +69,7 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
     if channel.gate is not None:
         limit = number_text(channel.gate)
         gate = f"a sample whose v^2/s exceeds {limit} is not used, {GATE_LIMIT} in a row at most"
-    return (
+    lines = [
         f"Channel {comment_text(channel.name)}; all are variances (not standard deviations) in {square}:",
         f"  process noise q = {number_text(channel.q)} per sample",
         f"  measurement noise r = {number_text(channel.r)}",
@@ -62,7 +78,17 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
         f"  outlier gate: {gate}",
         f"  found: {comment_text(channel.how)}",
         f"  settled: gain K = {steady.gain:.6g}, lag behind a ramp {lag}",
-    )
+    ]
+    if channel.momentum > 0.0:
+        lasts = f"{number_text(channel.momentum)} samples"
+        if job.sample_period is not None:
+            lasts += f" = {channel.momentum * job.sample_period:.4g} s"
+        lines[3:3] = [f"  momentum tau = {lasts}: so long the signal keeps its direction"]
+        lines.append(
+            f"  settled: velocity gain L = {steady.velocity_gain:.6g} per sample,"
+            f" overshoot on a step {100.0 * float(steady.overshoot):.3g} %"
+        )
+    return tuple(lines)
 
 
 def ascii_squared(unit: str) -> str:

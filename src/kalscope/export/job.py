@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from kalscope.errors import BadSetting
 from kalscope.export.names import identifiers
-from kalscope.filtering.params import refuse_momentum
+from kalscope.filtering.momentum.constants import step_constants
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
@@ -16,7 +16,7 @@ class ExportJob:
     """The filters to be exported and where they come from.
 
     Raises:
-        BadSetting: No channel, or one with momentum.
+        BadSetting: No channel.
     """
 
     channels: tuple[ChannelTuning, ...]
@@ -35,8 +35,6 @@ class ExportJob:
     def __post_init__(self) -> None:
         if not self.channels:
             raise BadSetting("an export must hold at least one channel (got none)")
-        for channel in self.channels:
-            refuse_momentum(channel.params, "an export")
 
     @property
     def identifiers(self) -> tuple[str, ...]:
@@ -48,9 +46,19 @@ class ExportJob:
         """Each channel with its identifier, in their order."""
         return tuple(zip(self.identifiers, self.channels, strict=True))
 
+    @property
+    def has_momentum(self) -> bool:
+        """Whether any filter has momentum: its code then has the second state, also for those without."""
+        return any(channel.momentum > 0.0 for channel in self.channels)
+
     def steady(self, channel: ChannelTuning) -> SteadyState:
         """Gain, lag and cut-off of the settled filter of one of the channels."""
         return steady_state(channel.params, self.sample_period)
+
+
+def step_of(channel: ChannelTuning) -> dict[str, float]:
+    """The constants of a channel with momentum by the names of `StepConstants`; {} without momentum."""
+    return asdict(step_constants(channel.q, channel.momentum)) if channel.momentum > 0.0 else {}
 
 
 def job_of(tuning: Tuning, channel: str | None = None) -> ExportJob:

@@ -11,21 +11,11 @@ from types import MappingProxyType
 
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, job_of
-from kalscope.export.targets import (
-    arduino,
-    bachagas,
-    c,
-    esphome,
-    json_file,
-    kalmanjs,
-    matlab,
-    platformio,
-    python,
-    ros2,
-)
-from kalscope.export.targets.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
+from kalscope.export.targets import arduino, c, javascript, json_file, matlab, platformio, python, ros2
+from kalscope.export.targets.libraries import bachagas, esphome, kalmanjs
+from kalscope.export.targets.libraries.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
 from kalscope.recording import Recording
-from kalscope.tuning.tuning import Tuning, same_period
+from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
 
 
 @dataclass(frozen=True)
@@ -51,6 +41,9 @@ TARGETS = MappingProxyType(
         ),
         "matlab": Target(
             matlab.files, "MATLAB, Octave", "A script for MATLAB and Octave in the style of the first paper."
+        ),
+        "javascript": Target(
+            javascript.files, "JavaScript", "An ES module with a small class without dependencies."
         ),
         "json": Target(json_file.files, "JSON", "The parameters as JSON."),
         "ros2": Target(ros2.files, "ROS 2 parameters", "A ROS 2 parameter file (YAML)."),
@@ -122,5 +115,12 @@ def rescaled_to_period(tuning: Tuning, sample_period: float) -> Tuning:
     if old is None or same_period(old, sample_period):
         return moved
     ratio = sample_period / old
-    channels = (replace(new, how=f"q times {ratio:.4g}, found at {old:.4g} s; {new.how}") for new in moved.channels)
+    channels = (
+        replace(new, how=f"q times {ratio:.4g}{_momentum(new)}, found at {old:.4g} s; {new.how}")
+        for new in moved.channels
+    )
     return replace(moved, channels=tuple(channels))
+
+
+def _momentum(channel: ChannelTuning) -> str:
+    return " and momentum divided by it" if channel.momentum > 0.0 else ""

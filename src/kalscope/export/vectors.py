@@ -20,7 +20,8 @@ def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS)
     """`groundtruth.csv`, or `groundtruth_IDENTIFIER.csv` for each of several channels.
 
     The first rows of the recording through the filter without time (dt = None), as a device runs it; float64
-    digits that read back bit for bit; a missing sample is `nan`, and so is x before the first sample.
+    digits that read back bit for bit; a missing sample is `nan`, and so is x before the first sample. With momentum
+    a last column has the filtered velocity, unit per sample.
 
     Args:
         job: The filters.
@@ -45,6 +46,10 @@ def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS)
 def _text(channel: ChannelTuning, recording: Recording, name: str, rows: int) -> str:
     z = np.ascontiguousarray(recording.channel(name)[:rows])
     result = kalman_filter(z, channel.params)
-    columns = (recording.time[:rows], z, result.x, result.k)
+    columns = [recording.time[:rows], z, result.x, result.k]
+    header = HEADER
+    if result.velocity is not None:
+        columns.append(result.velocity)
+        header += ",velocity"
     lines = (",".join(map(repr, row)) for row in zip(*(c.tolist() for c in columns), strict=True))
-    return "\n".join((HEADER, *lines, ""))
+    return "\n".join((header, *lines, ""))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 from required import not_here
 
 from kalscope import kalman_filter
-from kalscope.export.float32 import filter_float32
+from kalscope.export.board.momentum import momentum_on_board
+from kalscope.export.float32 import filter_float32, without_momentum
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c
 from kalscope.tuning.tuning import ChannelTuning
@@ -58,6 +60,16 @@ FILTERS = (
     ChannelTuning("r0", "V", 0.2, 0.0, 3.0),
     ChannelTuning("slow", "V", 3e-15, 30.0, 1.2e-6, 0.5),
 )
+WITH_MOMENTUM = (
+    *(
+        replace(channel, momentum=momentum)
+        for channel, momentum in zip(FILTERS, (20.0, 0.01, 1e5, 3.0, 50.0, 7.0), strict=True)
+    ),
+    FILTERS[0],
+    FILTERS[2],
+)
+"""Each filter with a momentum, and two without among them."""
+EITHER = pytest.mark.parametrize("channels", [FILTERS, WITH_MOMENTUM], ids=["five lines", "momentum"])
 WITH_FMA = CPUINFO.is_file() and " fma " in CPUINFO.read_text()
 
 
@@ -117,9 +129,9 @@ def signal(dtype):
     return z.astype(dtype)
 
 
-def assert_bits_of(answer, reference, dtype):
+def assert_bits_of(answer, reference, dtype, channels):
     z = signal(dtype)
-    for i, channel in enumerate(FILTERS):
+    for i, channel in enumerate(channels):
         np.testing.assert_array_equal(answer(i, z), reference(z, channel.params), err_msg=channel.name)
 
 
@@ -127,24 +139,66 @@ def in_double(z, params):
     return kalman_filter(z, params).x
 
 
-def test_c_in_double_gives_the_bits_of_our_filter(tmp_path, gcc):
-    assert_bits_of(in_c(tmp_path, gcc, FILTERS, *STRICT), in_double, np.float64)
+@EITHER
+def test_c_in_double_gives_the_bits_of_our_filter(tmp_path, gcc, channels):
+    assert_bits_of(in_c(tmp_path, gcc, channels, *STRICT), in_double, np.float64, channels)
 
 
-def test_c_in_float_gives_the_bits_of_the_float32_filter(tmp_path, gcc):
-    assert_bits_of(in_c(tmp_path, gcc, FILTERS, *STRICT, "-DKALSCOPE_FLOAT"), filter_float32, np.float32)
+@EITHER
+def test_c_in_float_gives_the_bits_of_the_float32_filter(tmp_path, gcc, channels):
+    run = in_c(tmp_path, gcc, channels, *STRICT, "-DKALSCOPE_FLOAT")
+    assert_bits_of(run, filter_float32, np.float32, channels)
 
 
-def test_cpp_gives_the_bits_of_the_float32_filter(tmp_path, gxx):
+@EITHER
+def test_cpp_gives_the_bits_of_the_float32_filter(tmp_path, gxx, channels):
     flags = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-std=c++11", "-O2")
-    assert_bits_of(in_cpp(tmp_path, gxx, FILTERS, *flags), filter_float32, np.float32)
+    for part in (channels[:4], channels[4:]):  # the sketch reads at most six channels
+        assert_bits_of(in_cpp(tmp_path, gxx, part, *flags), filter_float32, np.float32, part)
 
 
 @pytest.mark.skipif(not WITH_FMA, reason="this processor has no fused multiply-add")
-def test_a_processor_that_could_fuse_a_multiplication_with_an_addition_does_not(tmp_path, gcc, gxx):
+@EITHER
+def test_a_processor_that_could_fuse_a_multiplication_with_an_addition_does_not(tmp_path, gcc, gxx, channels):
     fused = ("-O3", "-mfma")
-    assert_bits_of(in_c(tmp_path, gcc, FILTERS, *fused, "-std=gnu11"), in_double, np.float64)
-    assert_bits_of(in_cpp(tmp_path, gxx, FILTERS, *fused, "-std=gnu++17"), filter_float32, np.float32)
+    assert_bits_of(in_c(tmp_path, gcc, channels, *fused, "-std=gnu11"), in_double, np.float64, channels)
+    few = channels[:6]
+    assert_bits_of(in_cpp(tmp_path, gxx, few, *fused, "-std=gnu++17"), filter_float32, np.float32, few)
+
+
+SET_MAIN = r"""
+#include <stdio.h>
+#include "KalscopeFilter.h"
+int main() {
+  KalscopeFilter filter(TUNINGS);
+  float said[2];
+  while (fread(said, sizeof said, 1, stdin) == 1) {
+    filter.setMomentum(said[0], said[1]);
+    const KalscopeTuning &t = filter.tuning;
+    const float held[] = {t.momentum, t.e, t.f, t.q11, t.q12, t.q22, t.w0};
+    fwrite(held, sizeof held, 1, stdout);
+  }
+}
+"""
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ("-O2",),
+        pytest.param(("-O3", "-mfma"), marks=pytest.mark.skipif(not WITH_FMA, reason="no fused multiply-add")),
+    ],
+)
+def test_the_constants_that_a_board_computes_are_those_we_predict(tmp_path, gxx, flags):
+    rng = np.random.default_rng(4)
+    q = 10.0 ** rng.uniform(-6, 6, 2000)
+    tau = np.concatenate([[0.0, 1.0, 2.0, 1e-3, 1e5], 10.0 ** rng.uniform(-3, 5, 1995)])
+    files = arduino.files(ExportJob(WITH_MOMENTUM[:1]))
+    command = [gxx, "-std=c++11", "-Wall", "-Wextra", "-Werror", "-Wno-unused-result", *flags, "main.cpp"]
+    said = np.stack([q, tau], axis=1).astype(np.float32)
+    answer = _compiled(tmp_path, command, SET_MAIN, "KALSCOPE_TUNING_PLAIN", files)(0, said.ravel())
+    expected = [list(vars(momentum_on_board(*pair) or without_momentum(pair[0])).values()) for pair in said]
+    np.testing.assert_array_equal(answer.reshape(-1, 7), np.array(expected, dtype=np.float32))
 
 
 def test_what_float_cannot_hold_stops_the_c_compiler_in_float_only(tmp_path, gcc):

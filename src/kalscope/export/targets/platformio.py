@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from kalscope.export.header_text import about, about_channel, commented, fill_template
-from kalscope.export.job import ExportJob
+from kalscope.export.job import ExportJob, step_of
 from kalscope.export.names import number_text
 
 
@@ -26,3 +26,5 @@ def _macros(job: ExportJob) -> Iterator[tuple[str, float]]:
             value = getattr(channel, name)
             if value is not None:
                 yield f"KALSCOPE_{word}_{name}".upper(), value
+        for name, value in step_of(channel).items():
+            yield f"KALSCOPE_{word}_{name}".upper(), value

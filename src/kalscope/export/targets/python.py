@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from kalscope.export.header_text import about, about_channel, commented, fill_template
-from kalscope.export.job import ExportJob
+from kalscope.export.job import ExportJob, step_of
 from kalscope.export.names import number_text
 from kalscope.tuning.tuning import ChannelTuning
+
+FILES = (("kalscope_filter.py", "KalmanFilter", True), ("with_kalscope.py", "kalscope.FilterParams", False))
+"""Each file, what makes its filters, and whether that takes the constants of a momentum."""
 
 
 def files(job: ExportJob) -> dict[str, str]:
@@ -15,20 +18,24 @@ def files(job: ExportJob) -> dict[str, str]:
     """
     head = commented(about(job), "#")
     return {
-        name: fill_template(f"{name}.txt", about=head, filters=_entries(job, maker))
-        for name, maker in (("kalscope_filter.py", "KalmanFilter"), ("with_kalscope.py", "kalscope.FilterParams"))
+        name: fill_template(
+            f"{name}.txt", has_momentum=job.has_momentum, about=head, filters=_entries(job, maker, whole)
+        )
+        for name, maker, whole in FILES
     }
 
 
-def _entries(job: ExportJob, maker: str) -> str:
+def _entries(job: ExportJob, maker: str, own_filter: bool) -> str:
     return "".join(
-        commented(about_channel(job, channel), "    #") + f'    "{word}": {maker}({_arguments(channel)}),\n'
+        commented(about_channel(job, channel), "    #")
+        + f'    "{word}": {maker}({_arguments(channel, own_filter)}),\n'
         for word, channel in job.named_channels
     )
 
 
-def _arguments(channel: ChannelTuning) -> str:
+def _arguments(channel: ChannelTuning, own_filter: bool) -> str:
     """The numbers that the tuning gives; a start or a gate that is left out is the automatic one in both."""
-    names = ("q", "r", "p0", "x0", "gate")
-    values = ((name, getattr(channel, name)) for name in names)
-    return ", ".join(f"{name}={number_text(value)}" for name, value in values if value is not None)
+    values = {name: getattr(channel, name) for name in ("q", "r", "p0", "x0", "gate")}
+    if channel.momentum > 0.0:
+        values |= step_of(channel) if own_filter else {"momentum": channel.momentum}
+    return ", ".join(f"{name}={number_text(value)}" for name, value in values.items() if value is not None)

@@ -7,10 +7,11 @@ double stops; and what strtod reports as out of range, subnormal numbers too, fo
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 
 from kalscope.errors import BadSetting
 from kalscope.export.header_text import about, about_channel, commented, fill_template
-from kalscope.export.job import ExportJob
+from kalscope.export.job import ExportJob, step_of
 from kalscope.export.names import comment_text, number_text, quoted
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -57,8 +58,13 @@ def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> str:
         name=quoted(comment_text(channel.name)),  # harmless: launch files may substitute "$(…)"
         q=_number(channel.q),
         r=_number(channel.r),
-        rest=rest,
+        rest=rest + "".join(_momentum_lines(channel)),
     )
+
+
+def _momentum_lines(channel: ChannelTuning) -> Iterator[str]:
+    for name, value in step_of(channel).items():
+        yield f"        {name if name == 'momentum' else f'momentum_{name}'}: {_number(value)}\n"
 
 
 def _number(value: float) -> str:

@@ -3,7 +3,9 @@ $about
 //   KalscopeFilter filter($first);
 //   float filtered = filter.update(raw);      // NAN where a sample is missing
 //
-// The five lines of the scalar Kalman filter in float (32 bits), without heap, one object a channel.
+@plain // The five lines of the scalar Kalman filter in float (32 bits), without heap, one object a channel.
+@momentum // The scalar Kalman filter with momentum in float (32 bits), without heap, one object a channel: its second
+@momentum // state is the velocity.
 // Written for C++11: Arduino, PlatformIO, ESP-IDF. Do not compile it with -ffast-math: NAN would be lost.
 
 #ifndef KALSCOPE_FILTER_H
@@ -27,6 +29,13 @@ struct KalscopeTuning {
   float x0;            // start estimate; NAN: the first sample
   float gate;          // a sample with v * v > gate * s is not used, $gate_limit in a row at most; 0: no gate
   float settled_gain;  // gain once the variance has settled, where float is too coarse to find it; 0: not needed
+@momentum   float momentum;      // tau, how long the signal keeps its direction, in samples; 0: the five lines. The others
+@momentum   float e;             // follow from q and tau: the share of the velocity that is left after a sample,
+@momentum   float f;             // how far a velocity of 1 goes in a sample,
+@momentum   float q11;           // variance added per sample to x,
+@momentum   float q12;           // to the covariance of x and the velocity,
+@momentum   float q22;           // and to the velocity,
+@momentum   float w0;            // and its variance at the start
 };
 
 $tunings
@@ -39,13 +48,54 @@ class KalscopeFilter {
     x = tuning.x0;
     p = tuning.p0;
     k = 0.0f;
+@momentum     velocity = 0.0f;
+@momentum     g = 0.0f;
+@momentum     w = tuning.w0;
     rejected = 0;
   }
 
-  // Takes one sample and returns the filtered value. NAN where none came: then the variance grows and x stays.
+@momentum   // Other values while it runs: the constants follow by sums, products and quotients alone, so that every
+@momentum   // processor finds the same bits. tau from 0.001 to 100000 samples, or 0.
+@momentum   void setMomentum(float q, float tau) {
+@momentum     tuning.q = q;
+@momentum     tuning.momentum = tau;
+@momentum     tuning.settled_gain = 0.0f;  // it belonged to the values before
+@momentum     tuning.e = tuning.f = tuning.q12 = tuning.q22 = tuning.w0 = 0.0f;
+@momentum     tuning.q11 = q;
+@momentum     if (!(tau > 0.0f)) return;
+@momentum     const float h = 1.0f / tau;
+@momentum     float halved = h;
+@momentum     uint8_t doublings = 0;
+@momentum     for (; halved > 1.0f; doublings++) halved = halved * 0.5f;
+@momentum     float power = halved, gone = halved;  // powers of h over their factorials, and their sum 1 - e
+@momentum     float sum = 0.0f, both = 0.0f;
+@momentum     for (uint8_t n = 2; n <= $last_power; n++) {
+@momentum       power = power * -halved / n;
+@momentum       gone = gone + power;
+@momentum       sum = sum + both * power;
+@momentum       both = both + both + 2.0f;
+@momentum     }
+@momentum     for (uint8_t i = 0; i < doublings; i++) gone = gone * (2.0f - gone);
+@momentum     if (doublings > 0) sum = h - gone - 0.5f * gone * gone;
+@momentum     tuning.w0 = 0.5f * q / tau;
+@momentum     tuning.e = 1.0f - gone;
+@momentum     tuning.f = tau * gone;
+@momentum     tuning.q11 = q * tau * sum;
+@momentum     tuning.q12 = 0.5f * q * gone * gone;
+@momentum     tuning.q22 = tuning.w0 * gone * (2.0f - gone);
+@momentum   }
+@momentum 
+@plain   // Takes one sample and returns the filtered value. NAN where none came: then the variance grows and x stays.
+@momentum   // Takes one sample and returns the filtered value. NAN where none came: then x goes on as fast as it went.
   float update(float z) {
     const float before = p;
-    p = p + tuning.q;
+@plain     p = p + tuning.q;
+@momentum     const float carried = tuning.f * w;
+@momentum     p = p + tuning.f * (2.0f * g + carried) + tuning.q11;
+@momentum     g = tuning.e * (g + carried) + tuning.q12;
+@momentum     w = tuning.e * tuning.e * w + tuning.q22;
+@momentum     x = x + tuning.f * velocity;
+@momentum     velocity = tuning.e * velocity;
     const float predicted = p;
     const float s = predicted + tuning.r;
     k = 0.0f;
@@ -53,10 +103,12 @@ class KalscopeFilter {
     if (isinf(predicted)) {  // nothing was known: believe the first sample
       k = 1.0f;
       p = tuning.r;
+@momentum       g = 0.0f;
       x = z;
     } else if (x != x) {  // p0 is known, the first sample is the start
       k = s > 0.0f ? predicted / s : 0.0f;
       p = (1.0f - k) * predicted;
+@momentum       if (s > 0.0f) velocityGain(s);
       x = z;
     } else if (s > 0.0f) {
       const float v = z - x;
@@ -66,6 +118,7 @@ class KalscopeFilter {
       }
       k = predicted / s;
       p = (1.0f - k) * predicted;
+@momentum       velocity = velocity + velocityGain(s) * v;
       if (tuning.settled_gain > 0.0f && p == before) k = tuning.settled_gain;
       x = x + k * v;
     } else {
@@ -75,12 +128,25 @@ class KalscopeFilter {
     return x;
   }
 
-  KalscopeTuning tuning;  // q, r and gate may be changed at any time, p0 and x0 act at the next restart()
+@plain   KalscopeTuning tuning;  // q, r and gate may be changed at any time, p0 and x0 act at the next restart()
+@momentum   KalscopeTuning tuning;  // r and gate may be changed at any time, q and tau by setMomentum(); p0 and x0 act at the
+@momentum                           // next restart()
   float x;                // filtered value; NAN before the first sample
   float p;                // its variance
   float k;                // gain of the last sample, 0 to 1
+@momentum   float velocity;         // filtered velocity, unit per sample
 
  private:
+@momentum   // What a sample tells of the velocity: its gain, by which the variance w and the covariance g shrink.
+@momentum   float velocityGain(float s) {
+@momentum     const float gain = g / s;
+@momentum     w = w - gain * g;
+@momentum     g = (1.0f - k) * g;
+@momentum     return gain;
+@momentum   }
+@momentum 
+@momentum   float g;           // covariance of x and the velocity
+@momentum   float w;           // variance of the velocity
   uint8_t rejected;  // by the gate, in a row
 };
 

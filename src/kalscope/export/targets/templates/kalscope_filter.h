@@ -30,13 +30,24 @@ typedef struct {
     kalscope_real x0;           /* start estimate; NAN: the first sample */
     kalscope_real gate;         /* a sample with v * v > gate * s is not used; 0: no gate */
     kalscope_real settled_gain; /* gain once the variance repeats itself, where float is too coarse; 0: not needed */
+@momentum     kalscope_real momentum;     /* tau, how long the signal keeps its direction, in samples; 0: the five lines */
+@momentum     kalscope_real e;            /* the others follow from q and tau: share of the velocity left after a sample, */
+@momentum     kalscope_real f;            /* how far a velocity of 1 goes in a sample, */
+@momentum     kalscope_real q11;          /* variance added per sample to x, */
+@momentum     kalscope_real q12;          /* to the covariance of x and the velocity, */
+@momentum     kalscope_real q22;          /* and to the velocity, */
+@momentum     kalscope_real w0;           /* and its variance at the start */
 } kalscope_tuning;
 
 typedef struct {
-    kalscope_tuning tuning; /* q, r and gate may be changed at any time */
+@plain     kalscope_tuning tuning; /* q, r and gate may be changed at any time */
+@momentum     kalscope_tuning tuning; /* r and gate may be changed at any time */
     kalscope_real x;        /* filtered value; NAN before the first sample */
     kalscope_real p;        /* its variance */
     kalscope_real k;        /* gain of the last sample, 0 to 1 */
+@momentum     kalscope_real velocity; /* filtered velocity, unit per sample */
+@momentum     kalscope_real g;        /* covariance of x and the velocity */
+@momentum     kalscope_real w;        /* variance of the velocity */
     int rejected;           /* samples that the gate refused in a row */
 } kalscope_filter;
 

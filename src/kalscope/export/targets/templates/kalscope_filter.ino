@@ -7,6 +7,7 @@ $about
 // Lines it understands while it runs, in the unit above:
 //   q 0.01     process noise; the filter goes on
 //   r 4        measurement noise; the filter goes on
+@momentum //   t 20       momentum in samples, 0.001 to 100000, or 0 for none; the filter goes on
 //   p 1000     start variance, and start again; p inf: the first sample is the start
 //   ?          which values are in use
 // Each is answered by a # line with the values and their exact bits. Wait for it before the next: a board keeps
@@ -79,15 +80,24 @@ void answer(uint8_t channel) {
   printSmall(tuning.r);
   Serial.print(F(" p="));
   printSmall(tuning.p0);
+@momentum   Serial.print(F(" t="));
+@momentum   printSmall(tuning.momentum);
   Serial.print(F(" bits="));
   printBits(tuning.q);
   Serial.print(',');
   printBits(tuning.r);
   Serial.print(',');
   printBits(tuning.p0);
+@momentum   Serial.print(',');
+@momentum   printBits(tuning.momentum);
   Serial.println();
 }
 
+@momentum // Whether float holds what the filter makes of them.
+@momentum bool fits(float q, float tau) {
+@momentum   return tau == 0.0f || (tau >= 1e-3f && tau <= 1e5f && !isinf(0.5f * q / tau));
+@momentum }
+@momentum 
 // Takes the value into use; false where the filter cannot work with it.
 bool change(KalscopeFilter &filter, char what, float value) {
   KalscopeTuning &tuning = filter.tuning;
@@ -98,8 +108,19 @@ bool change(KalscopeFilter &filter, char what, float value) {
     filter.restart();
     return true;
   }
+@momentum   if (what == 't') {
+@momentum     if (!fits(tuning.q, value)) return false;
+@momentum     filter.setMomentum(tuning.q, value);
+@momentum     return true;
+@momentum   }
   if (value + (what == 'q' ? tuning.r : tuning.q) == 0.0f) return false;  // not both
-  (what == 'q' ? tuning.q : tuning.r) = value;
+@plain   (what == 'q' ? tuning.q : tuning.r) = value;
+@momentum   if (what == 'q') {
+@momentum     if (!fits(value, tuning.momentum)) return false;
+@momentum     filter.setMomentum(value, tuning.momentum);
+@momentum   } else {
+@momentum     tuning.r = value;
+@momentum   }
   tuning.settled_gain = 0.0f;  // it belonged to the values before
   return true;
 }
@@ -110,14 +131,19 @@ void obey(char *line) {
   while (*at == ' ') at++;
   const char what = *at;
   const float value = strtod(what == '\0' ? at : at + 1, &end);
-  const bool complete = what == '?' || (strchr("qrp", what) && what != '\0' && end > at + 1);
+@plain   const bool complete = what == '?' || (strchr("qrp", what) && what != '\0' && end > at + 1);
+@momentum   const bool complete = what == '?' || (strchr("qrtp", what) && what != '\0' && end > at + 1);
   bool done = complete && *end == '\0' && only <= CHANNELS;
   for (uint8_t i = 0; i < CHANNELS && done; i++) {
     if (only != 0 && only != i + 1u) continue;
     done = change(filters[i], what, value);
     if (done) answer(i);
   }
-  if (!done) Serial.println(F("# not understood; q VALUE, r VALUE (0 or more, not both 0), p VALUE (or inf), or ?"));
+@plain   if (!done) Serial.println(F("# not understood; q VALUE, r VALUE (0 or more, not both 0), p VALUE (or inf), or ?"));
+@momentum   if (!done) {
+@momentum     Serial.print(F("# not understood; q VALUE, r VALUE (0 or more, not both 0), t VALUE (0, or 0.001 to 100000), "));
+@momentum     Serial.println(F("p VALUE (or inf), or ?"));
+@momentum   }
 }
 
 // Collects what has come, without waiting, and obeys each line that is complete.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text
+from kalscope.export.targets.libraries.nearest import nearest_without_momentum
 
 MAX_CHANNELS_SHOWN = 4
 """Channels whose code the message gives: it is one line."""
@@ -25,7 +26,7 @@ class RefusedLibrary:
         """Always raises BadSetting; the message gives the nearest code for each channel."""
         lines: list[str] = []
         for name, channel in job.named_channels[:MAX_CHANNELS_SHOWN]:
-            gain = float(job.steady(channel).gain)
+            gain = float(job.steady(nearest_without_momentum(channel)).gain)
             code = self.nearest.format(name=name, gain=number_text(float(f"{gain:.6g}")))
             lines.append(f"{comment_text(channel.name)}: {code if gain > 0.0 else 'none, because q is 0 (a mean)'}")
         more = len(job.channels) - MAX_CHANNELS_SHOWN

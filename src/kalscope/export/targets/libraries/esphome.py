@@ -15,6 +15,7 @@ from kalscope.errors import BadSetting
 from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text, quoted
+from kalscope.export.targets.libraries.nearest import require_no_momentum
 from kalscope.tuning.tuning import ChannelTuning
 
 _SENSOR = """\
@@ -33,14 +34,15 @@ def files(job: ExportJob) -> dict[str, str]:
     """`kalscope_esphome.yaml`.
 
     Raises:
-        BadSetting: The sample period is unknown, or float32 cannot hold the variances.
+        BadSetting: The sample period is unknown, or float32 cannot hold the variances, or a channel has momentum.
     """
+    require_no_momentum(job, "ESPHome")
     if job.sample_period is None:
         raise BadSetting(
             "sample_period of the tuning must be known for ESPHome, which counts q per second (got none)"
         )
     sensors = "".join(_sensor(job, job.sample_period, *named) for named in job.named_channels)
-    text = fill_template("kalscope_esphome.yaml", about=commented(about(job), "#"), sensors=sensors)
+    text = fill_template("libraries/kalscope_esphome.yaml", about=commented(about(job), "#"), sensors=sensors)
     return {"kalscope_esphome.yaml": text}
 
 
