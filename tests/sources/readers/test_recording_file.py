@@ -363,3 +363,21 @@ def test_a_large_clean_file_is_read_whole(tmp_path):
     path = tmp_path / "large.csv"
     path.write_text("t,a,b\n" + "".join(f"{i * 0.01:.2f},{i % 97}.25,{i % 89}.5\n" for i in range(n)))
     assert len(read_recording(path)) == n
+
+
+@pytest.mark.parametrize("stamp", ["{:.2f}", "2024-02-29 12:00:{:05.2f}"])
+def test_a_log_that_begins_with_its_newest_row_is_put_into_the_order_of_time(read, stamp):
+    rows = [f"{stamp.format(0.1 * i)},{i * i}\n" for i in range(40)]
+    rows.insert(7, rows[7])  # a repeated row keeps its place
+    oldest, newest = read("time,a\n" + "".join(rows)), read("time,a\n" + "".join(rows[::-1]))
+    np.testing.assert_array_equal(newest.time - newest.time[0], oldest.time - oldest.time[0])
+    np.testing.assert_array_equal(newest.values, oldest.values)
+    assert newest.sample_period == 0.1
+    assert any("newest row comes first" in note for note in newest.report.notes)
+    assert _accounted(newest)
+
+
+def test_rows_of_which_one_steps_forward_keep_the_order_of_the_file(read):
+    stamps = [50.5, 49, 48, 47, 46, 45, 44, 43, 42, 41, 99, 98]
+    recording = read("time,a\n" + "".join(f"{stamp},{i % 7}\n" for i, stamp in enumerate(stamps)))
+    assert recording.time.tolist() == stamps

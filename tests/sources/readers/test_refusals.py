@@ -28,6 +28,10 @@ REFUSED = {
         "".join(f"{','.join(['1.5'] * (2 + i % 7))}\n" for i in range(50)),
         ["all of one width", "2 fields in line 1, 3 fields in line 2", "try --delimiter"],
     ),
+    "too wide": (
+        ",".join(f"c{i}" for i in range(300)) + "\n" + (",".join(map(str, range(300))) + "\n") * 50,
+        ["at most 256 columns", "300 fields in line 2", "write the columns"],
+    ),
     "only times": ("time,state\n" + "".join(f"{i},ok\n" for i in range(30)), ["besides the time", "'29,ok'"]),
     "binary": ("ab\n\x00\x01\x02\x00\x05", ["binary data", "0x00, on line 2"]),
 }

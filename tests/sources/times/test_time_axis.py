@@ -63,6 +63,13 @@ def test_jitter_is_said_only_where_there_is_some():
     assert any("nine of ten steps lie between 0.0082" in note for note in axis.notes)
 
 
+def test_nothing_is_said_of_steps_that_are_even_but_for_steps_back():
+    stamps = np.array([i if i % 50 else i - 3 for i in range(300)], dtype=float)
+    notes = read_time(stamps, TimeColumn(0, "number", "s")).notes
+    assert any("uneven" in note for note in notes)
+    assert not any(note.rstrip().endswith(":") for note in notes)
+
+
 def test_gaps_are_counted_and_the_choice_is_named():
     stamps = np.concatenate((np.arange(50), 70 + np.arange(50), 500 + np.arange(50))) * 10.0
     notes = " ".join(read_time(stamps, NUMBER).notes)

@@ -17,6 +17,9 @@ from kalscope.sources.readers.sentinels import Extremes, suggest_missing
 from kalscope.sources.times.gaps import fill_gaps
 from kalscope.sources.times.time_axis import GivenPeriod, TimeAxis, counted_time, read_time
 
+_MIN_FALLING = 8
+"""Steps back that show a log which begins with its newest row, where no step goes forward."""
+
 Columns = dict[int, Array]
 """Columns by index, each of shape (n,): the channels and the time."""
 
@@ -46,11 +49,12 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     tally, layout = reading.tally, reading.layout
     if not tally.lines["row"]:
         raise no_rows(name, tally.lines["rejected"], tally.issues)
+    turned = _oldest_first(reading.columns, layout)
     channels = layout.channels
     values, taken = _values(reading.columns, channels, options)
     axis = _axis(reading, len(values), options, sample_period)
     timing, period = axis.timing, axis.timing.period
-    notes = [*layout.notes, *axis.notes, *taken, *tally.notes]
+    notes = [*layout.notes, *turned, *axis.notes, *taken, *tally.notes]
     with np.errstate(invalid="ignore"):
         ends = np.fmin.reduce(values), np.fmax.reduce(values)
     notes += _about_columns(layout, ends, len(values), name)
@@ -80,6 +84,22 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     names = tuple(layout.columns[i].name for i in channels)
     units = tuple(layout.columns[i].unit for i in channels)
     return Recording(time, names, units, values, period, report, gaps=options.gaps)
+
+
+def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
+    """Turn the rows of a log that begins with its newest one, as services export it, and say so.
+
+    Only where the stamps do nothing but fall: a device that restarts, or a few rows out of order, keep theirs.
+    """
+    time = layout.time
+    if time is None or time.kind == "clock":  # which falls at midnight
+        return []
+    steps = np.diff(columns[time.index])
+    if np.count_nonzero(steps < 0) < _MIN_FALLING or np.any(steps > 0):
+        return []
+    for i, column in columns.items():
+        columns[i] = column[::-1]
+    return ["the newest row comes first in the file: the rows were put into the order of time"]
 
 
 def _options(options: ReadOptions, sample_period: float | None) -> tuple[str, ...]:

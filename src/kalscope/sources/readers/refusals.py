@@ -9,12 +9,13 @@ from kalscope.errors import BadFile
 from kalscope.recording import LineIssue
 from kalscope.sources.grammar.cells import is_blank, is_comment, is_number, split_fields
 from kalscope.sources.grammar.read_options import DELIMITERS, ReadOptions, option_words
+from kalscope.sources.layout.sniffer import MAX_COLUMNS
 
 MAX_TEXT = 60
 """Letters of a line that are quoted."""
 MAX_LINES = 2000
 """Lines that are looked at for the reason."""
-MAX_LINE = 2000
+MAX_LINE = 16_384
 """Letters of a line that are looked at."""
 
 _PAGES = ("<!doctype html", "<html", "<head", "<body")
@@ -49,6 +50,12 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
     if len(said) <= 2 and not _numbers(said[-1][1]):
         number, line = said[0]
         return BadFile(f"{name} must hold numbers below its header (got only line {number}: {_quoted(line)})")
+    wide = max(widths := _widths(said), default=0)
+    if wide > MAX_COLUMNS and len(widths) == 1:
+        return BadFile(
+            f"{name} must be a table of numbers, of at most {MAX_COLUMNS} columns (got {wide} fields in line"
+            f" {widths[wide]}): write the columns that matter to a file of their own"
+        )
     given = " ".join(option_words(options))
     instead = f"leave out {given}" if given else "try --delimiter, --decimal, --header-row or --time-column"
     return BadFile(
@@ -80,15 +87,20 @@ def no_rows(name: str, rejected: int, issues: Sequence[LineIssue]) -> BadFile:
     )
 
 
-def _closest(said: Sequence[tuple[int, str]]) -> str:
-    """What the lines with most numbers lack to be a table."""
+def _widths(said: Sequence[tuple[int, str]]) -> dict[int, int]:
+    """The first line of each number of fields, of the lines with most numbers."""
     mark = max(DELIMITERS, key=lambda mark: sum(_numbers(line, mark) for _, line in said))
     widths: dict[int, int] = {}
     for number, line in said:
         cells = split_fields(line, mark)
         if _numbers(line, mark) > 0.5 * len(cells):
             widths.setdefault(len(cells), number)
-    (width, number), *others = [*widths.items(), (0, 0)]
+    return widths
+
+
+def _closest(said: Sequence[tuple[int, str]]) -> str:
+    """What the lines with most numbers lack to be a table."""
+    (width, number), *others = [*_widths(said).items(), (0, 0)]
     if width == 0:
         return f"text such as line {said[-1][0]}: {_quoted(said[-1][1])}"
     text = dict(said)[number]

@@ -63,9 +63,12 @@ def _about_stamps(timing: Timing, usual: tuple[float, float] | None) -> list[str
         return [f"the clock is one {clock}: samples were placed evenly between its steps, {rate}"]
     if timing.stamps == "bursts":
         return [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
+    said: list[str] = []
     if timing.error is None:
-        return [f"the stamps show no steady rate: the sample period, {period:.6g} s, is the median step; {steps}"]
-    return [f"the stamps are uneven, {rate}: {steps}"] if timing.stamps == "uneven" else []
+        said = [f"the stamps show no steady rate: the sample period, {period:.6g} s, is the median step"]
+    elif timing.stamps == "uneven":
+        said = [f"the stamps are uneven, {rate}"]
+    return [": ".join((*said, steps))] if said and steps else said
 
 
 def _about_stated(timing: Timing, stated: float | None) -> list[str]:
