@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -147,8 +148,9 @@ def wait_until_quiet(page: Page, milliseconds: int = 400) -> None:
 
 
 def slider(page: Page, name: str) -> Locator:
-    """The thumb of the slider of q, r or p0."""
-    root = page.locator("label", has_text=f"log₁₀ {name}").first.get_attribute("for")
+    """The thumb of the slider of q, r, p0 or momentum."""
+    label = re.compile("^τ " if name == "momentum" else f"^log₁₀ {name}$")  # that of τ goes on with its value
+    root = page.locator("label", has_text=label).first.get_attribute("for")
     return page.locator(f'[id="{root}"] [role="slider"]')
 
 

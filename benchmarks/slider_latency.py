@@ -1,7 +1,8 @@
-"""Key press on the q slider -> changed chart drawn, in a real Chromium, for records of three lengths.
+"""Key press on the slider of q or momentum -> changed chart drawn, in a real Chromium, for records of some lengths.
 
-The lengths take turns (a fresh page each, ten presses a turn), so that a noisy machine hurts all of them. A
-press counts as drawn at the end of the first draw whose filtered line has other numbers than before, and as shown
+The lengths take turns (a fresh page each, ten presses a turn), and on each page the two sliders do, so that a noisy
+machine hurts all of them. The momentum moves around some ten samples, where each press filters anew with momentum.
+A press counts as drawn at the end of the first draw whose filtered line has other numbers than before, and as shown
 when the browser begins the frame after next, for which it must be done with this one. The clock starts at the time
 stamp of the key event itself.
 
@@ -16,9 +17,19 @@ import math
 import statistics
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import Any
 
-from dashboard_page import FILTERED, SIGNAL_CHART, Program, chromium, dashboard_page, slider
-from playwright.sync_api import Browser, Page
+from dashboard_page import (
+    FILTERED,
+    SIGNAL_CHART,
+    Program,
+    chromium,
+    dashboard_page,
+    slider,
+    text_box,
+    wait_until_quiet,
+)
+from playwright.sync_api import Browser, Locator, Page
 
 WHAT = ("drawn", "shown")
 TURNS = 3
@@ -26,6 +37,9 @@ WARM_UP = 3
 """First presses of each page that do not count: the browser still compiles what it runs."""
 PAUSE = 120
 """Milliseconds between two presses: viser holds back what comes within 50 ms of the last."""
+MOMENTUM = "12"
+"""Samples around which the momentum moves."""
+SLIDERS = ("q", "momentum")
 
 WATCH = f"""() => {{
     const print = (numbers) => numbers.reduce((hash, value, i) => hash + value * (1 + i % 7), 0);
@@ -55,12 +69,21 @@ class Press:
     """To the frame after next."""
 
 
-def press_times(browser: Browser, url: str, presses: int) -> list[Press]:
-    """Key presses on a fresh page."""
+def press_times(browser: Browser, url: str, presses: int) -> dict[str, list[Press]]:
+    """Key presses on the sliders of a fresh page, by the name of the slider."""
     with dashboard_page(browser, url) as page:
         page.evaluate(WATCH)
-        slider(page, "q").focus()
-        times = [one_press(page, "ArrowRight" if i % 2 else "ArrowLeft") for i in range(WARM_UP + presses)]
+        times = {"q": presses_on(page, slider(page, "q"), presses)}
+        text_box(page, "momentum").fill(MOMENTUM)
+        wait_until_quiet(page, 1500)
+        times["momentum"] = presses_on(page, slider(page, "momentum"), presses)
+    return times
+
+
+def presses_on(page: Page, thumb: Locator, presses: int) -> list[Press]:
+    """Key presses on one slider, those of the warm-up left out."""
+    thumb.focus()
+    times = [one_press(page, "ArrowRight" if i % 2 else "ArrowLeft") for i in range(WARM_UP + presses)]
     return times[WARM_UP:]
 
 
@@ -73,9 +96,9 @@ def one_press(page: Page, key: str) -> Press:
     return Press(drawn, shown)
 
 
-def measure(samples: list[int], presses: int) -> list[dict[str, float]]:
-    """One row for each number of samples; the first is what the others are held against."""
-    taken: dict[int, list[Press]] = {n: [] for n in samples}
+def measure(samples: list[int], presses: int) -> list[dict[str, Any]]:
+    """One row for each slider and number of samples, beside q at the first number, and q at its own."""
+    taken: dict[tuple[str, int], list[Press]] = {(name, n): [] for n in samples for name in SLIDERS}
     with ExitStack() as stack:
         browser = stack.enter_context(chromium())
         programs = {
@@ -87,17 +110,21 @@ def measure(samples: list[int], presses: int) -> list[dict[str, float]]:
             share = math.ceil(left / (TURNS - turn))
             left -= share
             for n in samples if turn % 2 == 0 else samples[::-1]:
-                taken[n] += press_times(browser, programs[n].url, share)
-    rows = [summary(n, times) for n, times in taken.items()]
-    return [
-        row | {f"ratio_{what}": row[f"median_{what}_ms"] / rows[0][f"median_{what}_ms"] for what in WHAT}
-        for row in rows
-    ]
+                for name, times in press_times(browser, programs[n].url, share).items():
+                    taken[name, n] += times
+    rows = {key: summary(*key, times) for key, times in taken.items()}
+    first = rows["q", samples[0]]
+    for (_, n), row in rows.items():
+        for what in WHAT:
+            median = f"median_{what}_ms"
+            row[f"ratio_{what}"] = row[median] / first[median]
+            row[f"over_q_{what}"] = row[median] / rows["q", n][median]
+    return list(rows.values())
 
 
-def summary(n: int, times: list[Press]) -> dict[str, float]:
+def summary(name: str, n: int, times: list[Press]) -> dict[str, Any]:
     """Medians and 95th percentiles, ms."""
-    row: dict[str, float] = {"samples": n, "presses": len(times)}
+    row: dict[str, Any] = {"slider": name, "samples": n, "presses": len(times)}
     for what in WHAT:
         sorted_times = sorted(getattr(press, what) for press in times)
         row[f"median_{what}_ms"] = statistics.median(sorted_times)
@@ -115,13 +142,15 @@ def main() -> None:
     if options.json:
         print(json.dumps(rows, indent=1))
         return
-    print(f"{'samples':>10}  {'presses':>7}", *(f"{what} ms: median  p95   ratio" for what in WHAT), sep="   ")
+    heads = (f"{what} ms: median  p95   ratio  over q" for what in WHAT)
+    print(f"{'slider':>8}  {'samples':>10}  {'presses':>7}", *heads, sep="   ")
     for row in rows:
         parts = (
             f"{row[f'median_{what}_ms']:>16.1f} {row[f'p95_{what}_ms']:>5.0f} {row[f'ratio_{what}']:>5.2f} ×"
+            f" {row[f'over_q_{what}']:>5.2f} ×"
             for what in WHAT
         )
-        print(f"{row['samples']:>10,}  {row['presses']:>7}", *parts, sep="   ")
+        print(f"{row['slider']:>8}  {row['samples']:>10,}  {row['presses']:>7}", *parts, sep="   ")
 
 
 if __name__ == "__main__":
