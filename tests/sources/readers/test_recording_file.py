@@ -3,7 +3,7 @@ import hashlib
 import math
 import re
 import zipfile
-from datetime import datetime
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
@@ -363,6 +363,19 @@ def test_a_large_clean_file_is_read_whole(tmp_path):
     path = tmp_path / "large.csv"
     path.write_text("t,a,b\n" + "".join(f"{i * 0.01:.2f},{i % 97}.25,{i % 89}.5\n" for i in range(n)))
     assert len(read_recording(path)) == n
+
+
+@pytest.mark.parametrize("blank", [" ", "\u00a0", "\u202f"])
+@pytest.mark.parametrize("minus", ["-", "\u2212"])
+def test_blanks_that_do_not_break_and_the_minus_sign_of_typography(read, blank, minus):
+    times = [datetime(2024, 2, 29, 9) + timedelta(minutes=20 * i) for i in range(60)]
+    stamps = [time.strftime(f"%m/%d/%Y, %I:%M:%S{blank}%p") for time in times]
+    text = "".join(f"{stamp};{minus}{i}.5{blank}\n" for i, stamp in enumerate(stamps))
+    recording = read(f"Date/Time;sea{blank}level{blank}(m)\n{text}")
+    assert (recording.names, recording.units) == (("sea level",), ("m",))
+    np.testing.assert_array_equal(recording.values[:, 0], [-i - 0.5 for i in range(60)])
+    assert recording.sample_period == 1200.0
+    assert recording.report.bad_cells == recording.report.rejected == 0
 
 
 @pytest.mark.parametrize("stamp", ["{:.2f}", "2024-02-29 12:00:{:05.2f}"])

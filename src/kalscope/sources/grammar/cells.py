@@ -29,6 +29,8 @@ NUMBER = {
 }
 """The whole grammar of a number, by its decimal mark."""
 
+_TYPED = str.maketrans({"\u00a0": " ", "\u2009": " ", "\u202f": " ", "\u2212": "-"})
+"""What is typed for blanks that do not break, as browsers write them before AM, and for the typographic minus."""
 _RUN_OF_SPACES = re.compile(r"[ \t]+")
 
 
@@ -43,11 +45,16 @@ def is_blank(line: str, delimiter: str = "") -> bool:
 
 
 def split_fields(line: str, delimiter: str) -> list[str]:
-    """Cells of one table line, without the blanks and quotes around them.
+    """Cells of one table line, without the blanks and quotes around them; typographic blanks and minus as typed.
 
     A quote never reaches over the end of the line: a stray one is a damaged cell, and must not swallow
     the rows below it.
     """
+    cells = _split(line, delimiter)
+    return cells if line.isascii() else [cell.translate(_TYPED).strip(" ") for cell in cells]
+
+
+def _split(line: str, delimiter: str) -> list[str]:
     text = line.strip(" \t\r\n") if delimiter == " " else line.rstrip("\r\n")
     if '"' in text and text.count('"') % 2 == 0:
         try:
