@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, diagnose, kalman_filter, smooth
-from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.filtering.running import RunningFilter
 
 PARAMS = (
@@ -157,12 +156,6 @@ def test_the_smoother_is_never_less_sure_than_the_filter():
 def test_a_momentum_out_of_range_is_refused(momentum):
     with pytest.raises(BadSetting, match="momentum must be a number of sample periods from 0 to 1e5"):
         FilterParams(1.0, 1.0, momentum=momentum)
-
-
-@pytest.mark.parametrize("ask", [compare_alternatives])
-def test_what_does_not_know_momentum_refuses_it(ask):
-    with pytest.raises(BadSetting, match="momentum must be 0 for "):
-        ask(record()[0], FilterParams(0.05, 1.0, momentum=20.0))
 
 
 def test_a_filter_of_the_right_momentum_leaves_white_residuals():

@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array
 from kalscope.filtering.arrays import one_channel, scalar
 from kalscope.filtering.batch import kalman_filter
-from kalscope.filtering.momentum.settled import MIN_MOMENTUM
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady_state import settled_transfer, steady_state
 
 MIN_SAMPLES = 32
 """Samples in a row that a density needs."""
@@ -55,22 +54,17 @@ class Spectrum:
 def magnitude_response(params: FilterParams, frequency: ArrayLike) -> Array:
     """|H| of the settled filter at frequencies in cycles a sample.
 
-    H = (K + (P − K) L) / ((1 − z₁ L)(1 − z₂ L)) with L = e^(−2πif), poles whose product is π = e (1 − K), and
-    P = (1 − z₁)(1 − z₂) = H's value at L = 1. Without momentum e = 0 and P = K: exponential smoothing. Both squares
-    are written in u = 4 sin² πf, which loses no digits at low frequencies.
+    The squares of numerator and denominator of H (see `settled_transfer`) are written in u = 4 sin² πf, which loses
+    no digits at low frequencies.
 
     Args:
         params: the filter, scalars.
         frequency: cycles a sample, any shape.
     """
-    steady, tau = steady_state(params), scalar(params.momentum)
-    gain, faster = scalar(steady.gain), scalar(steady.velocity_gain)
+    gain, product, both = settled_transfer(params)
     u = 4.0 * np.sin(np.pi * np.asarray(frequency, dtype=np.float64)) ** 2
     if gain <= 0.0:
         return np.zeros_like(u)
-    tau = max(tau, MIN_MOMENTUM) if tau else 0.0
-    e = math.exp(-1.0 / tau) if tau else 0.0
-    product, both = (1.0 - e) * (gain + tau * faster), e * (1.0 - gain)
     middle = (1.0 - both) ** 2 - product * (1.0 + both)
     through = product * product + gain * (gain - product) * u
     return np.sqrt(through / (product * product + middle * u + both * u * u))

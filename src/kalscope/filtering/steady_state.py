@@ -16,7 +16,8 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
-from kalscope.filtering.momentum.settled import Settled, settle
+from kalscope.filtering.arrays import scalar
+from kalscope.filtering.momentum.settled import MIN_MOMENTUM, Settled, settle
 from kalscope.filtering.momentum.specification import ratio_with_momentum
 from kalscope.filtering.params import FilterParams
 
@@ -74,6 +75,24 @@ def steady_state(params: FilterParams, sample_period: float | None = None) -> St
         return None if values[0] is None else np.array(values)
 
     return SteadyState(**{name: column(name) for name in names})  # pyright: ignore[reportArgumentType]
+
+
+def settled_transfer(params: FilterParams) -> tuple[float, float, float]:
+    """(K, P, π) of the settled filter x = H z, H = (K + (P − K) L) / (1 − (1 + π − P) L + π L²).
+
+    L is the sample before; the poles z₁, z₂ have π = z₁z₂ = e (1 − K) and P = (1 − z₁)(1 − z₂). Without momentum
+    π = 0 and P = K.
+
+    Args:
+        params: the filter, scalars.
+    """
+    steady = steady_state(params)
+    gain, tau = scalar(steady.gain), scalar(params.momentum)
+    if not tau:
+        return gain, gain, 0.0
+    tau = max(tau, MIN_MOMENTUM)
+    forgotten = -math.expm1(-1.0 / tau)
+    return gain, forgotten * (gain + tau * scalar(steady.velocity_gain)), math.exp(-1.0 / tau) * (1.0 - gain)
 
 
 def ratio_for(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from kalscope.analysis.alternatives import filters
-from kalscope.analysis.alternatives.measured_response import Bench, Run
+from kalscope.analysis.alternatives.measured_response import Bench, Run, step_overshoot
 from kalscope.common.array import Array
 
 SETTLED = 0.01
@@ -45,6 +45,8 @@ class Description:
     """How it treats missing samples."""
     causal: bool = True
     """Whether a device can run it: its output needs no later sample."""
+    overshoot: float = 0.0
+    """How far its answer to a step goes beyond it, share of the step; NaN where that is not known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +126,7 @@ def exponential(alpha: float) -> Candidate:
         noise_gain=alpha / (2.0 - alpha),
         start_samples=1 if alpha >= 1.0 else max(1, math.ceil(math.log(SETTLED) / math.log1p(-alpha))),
         memory=1,
-        sentence="The same filter as yours once both have settled; it starts more slowly and ignores gaps.",
+        sentence="The settled Kalman filter without momentum; it starts more slowly and ignores gaps.",
     )
 
 
@@ -156,28 +158,35 @@ def median(window: int, bench: Bench) -> Candidate:
 def butterworth(cutoff: float) -> Candidate:
     """Second-order low-pass, −3 dB at `cutoff` cycles a sample."""
     slope = math.tan(math.pi * cutoff)
+    run = partial(filters.butterworth, cutoff=cutoff)
     return Candidate(
         name="2nd-order Butterworth",
         parameters=f"cut-off {cutoff:.3g}",
-        run=partial(filters.butterworth, cutoff=cutoff),
+        run=run,
         lag_samples=math.sqrt(0.5) / slope,
         noise_gain=_butterworth_noise(cutoff),
         start_samples=math.ceil(-math.log(SETTLED) * math.sqrt(0.5) / slope) + 1,  # its poles decay by exp(−Ω/√2)
         memory=2,
+        overshoot=step_overshoot(run, math.ceil(4.0 / slope) + 10),  # √2 π/Ω is where it peaks
         sentence="Falls off twice as steeply above its cut-off, and overshoots a step by 4 % for it.",
     )
 
 
 def savitzky_golay_delayed(window: int) -> Candidate:
     """A parabola through `window` samples, odd, available once the window is full."""
+
+    def run(z: Array) -> Array:
+        return filters.delayed(filters.savitzky_golay(z, window), window // 2)
+
     return Candidate(
         name="Delayed Savitzky-Golay",
         parameters=f"parabola over {window}",
-        run=lambda z: filters.delayed(filters.savitzky_golay(z, window), window // 2),
+        run=run,
         lag_samples=0.5 * (window - 1),
         noise_gain=_parabola_noise(window),
         start_samples=window,
         memory=window,
+        overshoot=step_overshoot(run, window),
         sentence="Keeps peaks and slopes in shape, at the price of a pure delay of half its window.",
         gaps=BRIDGES,
     )

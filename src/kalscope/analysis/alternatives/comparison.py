@@ -11,16 +11,16 @@ from numpy.typing import ArrayLike
 
 from kalscope.analysis.alternatives.candidates import Candidate, Description, at_lag, at_noise
 from kalscope.analysis.alternatives.error_measures import Errors
-from kalscope.analysis.alternatives.filters import exponential
+from kalscope.analysis.alternatives.filters import settled
 from kalscope.analysis.alternatives.measured_response import bench_of
-from kalscope.analysis.alternatives.verdict import Difference, difference, refusal, verdict
+from kalscope.analysis.alternatives.verdict import Difference, difference, overshoot_words, refusal, verdict
 from kalscope.analysis.alternatives.versus_smoothing import identity_words
 from kalscope.common.array import Array
 from kalscope.common.text import decibels, plural
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import one_channel
+from kalscope.filtering.arrays import one_channel, scalar
 from kalscope.filtering.batch import FilterResult, kalman_filter
-from kalscope.filtering.params import FilterParams, refuse_momentum
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.smoothing import smooth
 from kalscope.filtering.steady_state import SteadyState, steady_state
 
@@ -110,26 +110,29 @@ def compare_alternatives(
     if match not in ("lag", "noise"):
         raise BadSetting(f'match must be "lag" or "noise" (got {match!r})')
     samples = one_channel(z, params)
-    refuse_momentum(params, "a comparison with simpler filters")
     first, last = stretch_of(len(samples), window)
     part = slice(first, last)
     piece = np.ascontiguousarray(samples[part])
     steps, true = (None if each is None else np.asarray(each, dtype=np.float64)[part] for each in (dt, truth))
     result = kalman_filter(piece, params, steps)
     steady = steady_state(params)
-    lag, gain = float(steady.lag_samples), float(steady.gain)
+    lag, gain, moves = float(steady.lag_samples), float(steady.gain), scalar(params.momentum) > 0.0
     refused = refusal(piece, lag, gain)
     chosen: tuple[Candidate, ...] = ()
     if refused is None:
-        bench = bench_of(piece, result.x, lag)
-        chosen = at_lag(lag, bench) if match == "lag" else at_noise(gain / (2.0 - gain), bench)
+        share = 10.0 ** (-0.1 * float(steady.noise_reduction_db)) if moves else gain / (2.0 - gain)
+        # What has the noise of a filter with momentum lags more than that does.
+        bench = bench_of(piece, result.x, 0.5 * (1.0 / share - 1.0) if moves and match == "noise" else lag)
+        chosen = at_lag(lag, bench) if match == "lag" else at_noise(share, bench)
     begun = _begun(piece, [one for one in chosen if one.causal])
     errors = Errors(piece, true, begun)
-    present = _present(result, steady, errors)
+    present = _present(result, steady, errors, moves)
     if refused is not None:
         note = _note(first, last, len(samples), 0, true)
         return Comparison(match, first, last, 0, present, (), verdict=refused, identity="", note=note)
-    others = _others(chosen, present, errors, match)
+    # Errors with momentum follow each other for longer than the lag: for as long as the filter takes to settle.
+    memory = max(lag, float(steady.settle_samples) / math.log(100.0)) if moves else lag
+    others = _others(chosen, present, errors, match, memory)
     offline = _smoother(piece, params, steps, errors)
     return Comparison(
         match=match,
@@ -138,8 +141,8 @@ def compare_alternatives(
         judged=errors.judged,
         present=present,
         others=(*others, offline),
-        verdict=_verdict(others, match, errors.words),
-        identity=identity_words(piece, result, params, exponential(piece, gain)),
+        verdict=_verdict(present, others, match, errors.words),
+        identity=identity_words(piece, result, params, settled(piece, params)),
         note=_note(first, last, len(samples), errors.judged, true),
     )
 
@@ -153,12 +156,13 @@ def stretch_of(n: int, window: tuple[int, int] | None) -> tuple[int, int]:
     return first, first + MAX_SAMPLES
 
 
-def _present(result: FilterResult, steady: SteadyState, errors: Errors) -> Alternative:
-    settled, lag = float(steady.gain), float(steady.lag_samples)
-    close = np.abs(result.k - settled) <= 0.01 * settled
+def _present(result: FilterResult, steady: SteadyState, errors: Errors, moves: bool) -> Alternative:
+    gain, lag = float(steady.gain), float(steady.lag_samples)
+    close = np.abs(result.k - gain) <= 0.01 * gain
+    less = "Lags less for the same noise, because it keeps the direction, and overshoots for it."
     return Alternative(
         name="Kalman (present)",
-        parameters=f"K = {settled:.4g}",
+        parameters=f"K = {gain:.4g}" + (f", L = {float(steady.velocity_gain):.4g}" if moves else ""),
         curve=result.x,
         causal=True,
         lag_samples=lag,
@@ -168,13 +172,15 @@ def _present(result: FilterResult, steady: SteadyState, errors: Errors) -> Alter
         roughness=errors.roughness(result.x),
         start_samples=int(np.argmax(close)) if close.any() else len(result.k),
         gaps="lets its variance grow, and weights the next sample more",
-        memory=2,
-        sentence="Starts as fast as the noise allows, and knows its own uncertainty, also across gaps.",
+        memory=5 if moves else 2,
+        overshoot=float(steady.overshoot),
+        sentence="Starts as fast as the noise allows, and knows its own uncertainty, also across gaps."
+        + (f" {less}" if moves else ""),
     )
 
 
 def _others(
-    chosen: tuple[Candidate, ...], present: Alternative, errors: Errors, match: Match
+    chosen: tuple[Candidate, ...], present: Alternative, errors: Errors, match: Match, memory: float
 ) -> tuple[Alternative, ...]:
     lag, reduction = present.lag_samples, present.noise_reduction_db
     causal = sum(candidate.causal for candidate in chosen)
@@ -198,7 +204,7 @@ def _others(
                 prediction=errors.prediction(curve) if candidate.causal else None,
                 roughness=errors.roughness(curve),
                 matched=near and gain < MAX_NOISE_GAIN,
-                against=difference(errors.squared(curve), own, lag, causal) if candidate.causal else None,
+                against=difference(errors.squared(curve), own, memory, causal) if candidate.causal else None,
             )
         )
     return tuple(made)
@@ -209,7 +215,7 @@ def is_matched(miss: float, lag: float) -> bool:
     return abs(miss) <= max(0.05 * lag, 0.5 + 1e-9)
 
 
-def _verdict(others: tuple[Alternative, ...], match: Match, what: str) -> str:
+def _verdict(present: Alternative, others: tuple[Alternative, ...], match: Match, what: str) -> str:
     """The verdict on those that came near enough to what was asked; the rest are named."""
     runnable = [one for one in others if one.against is not None]
     equal = [one for one in runnable if one.matched]
@@ -221,16 +227,18 @@ def _verdict(others: tuple[Alternative, ...], match: Match, what: str) -> str:
         for one in runnable
         if not one.matched
     ]
-    if not far or not said.startswith("At equal"):
+    if not said.startswith("At equal"):
         return said
-    return f"{said} Not available at this {words}: {', '.join(far)}."
+    if far:
+        said = f"{said} Not available at this {words}: {', '.join(far)}."
+    return said + overshoot_words(present.overshoot, [(one.name, one.overshoot) for one in equal])
 
 
 def _smoother(z: Array, params: FilterParams, steps: Array | None, errors: Errors) -> Alternative:
     curve = smooth(z, params, steps).x
     return Alternative(
         name="Smoother (offline bound)",
-        parameters="same q and r, both ways",
+        parameters="same parameters, both ways" if scalar(params.momentum) else "same q and r, both ways",
         curve=curve,
         causal=False,
         lag_samples=0.0,
@@ -241,6 +249,7 @@ def _smoother(z: Array, params: FilterParams, steps: Array | None, errors: Error
         start_samples=0,
         gaps="interpolates from both sides",
         memory=0,
+        overshoot=math.nan,
         sentence="The best estimate that q and r allow for a finished recording; no device can run it.",
     )
 

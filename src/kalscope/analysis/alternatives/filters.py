@@ -13,6 +13,8 @@ import numpy as np
 
 from kalscope.analysis.alternatives import one_euro as kernels
 from kalscope.common.array import Array
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import settled_transfer
 
 MAX_DIRECT = 501
 """Longest window of a parabola that is computed without Fourier transform."""
@@ -39,6 +41,15 @@ def exponential(z: Array, alpha: float) -> Array:
         return cast("Array", lfilter([alpha], [1.0, alpha - 1.0], seen - seen[0])) + seen[0]
 
     return _skipping(z, smooth)
+
+
+def settled(z: Array, params: FilterParams) -> Array:
+    """The Kalman filter with the gains that it settles to, begun at the first sample; scalars."""
+    from scipy.signal import lfilter
+
+    gain, product, both = settled_transfer(params)
+    top, bottom = [gain, product - gain], [1.0, product - both - 1.0, both]
+    return _skipping(z, lambda seen: cast("Array", lfilter(top, bottom, seen - seen[0])) + seen[0])
 
 
 def median(z: Array, window: int) -> Array:

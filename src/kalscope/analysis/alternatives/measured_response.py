@@ -88,6 +88,13 @@ class Bench:
         return np.random.default_rng(1).choice(self.noise, 2 * MAX_RAMP)
 
 
+def step_overshoot(run: Run, size: int) -> float:
+    """How far the answer of a linear filter goes beyond a step, share of it; it peaks within `size` samples."""
+    size = min(size, MAX_RAMP)
+    step = np.repeat([0.0, 1.0], (size, 2 * size))
+    return max(0.0, float(np.nanmax(run(step))) - 1.0)
+
+
 def bench_of(z: Array, curve: Array, lag: float) -> Bench:
     """The bench of the samples z, shape (n,), NaN where missing, and a filtered curve of them.
 

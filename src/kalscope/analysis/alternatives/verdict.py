@@ -20,6 +20,9 @@ MIN_BLOCKS = 8
 NEGLIGIBLE = 1e-4
 """A ratio this close to 1 makes no practical difference, however significant."""
 
+MIN_OVERSHOOT = 5e-4
+"""Smaller overshoots are not worth a word."""
+
 MAX_VALUE = 1e120
 """Fourth powers of larger values, or of values below its inverse, overflow or underflow a double."""
 
@@ -130,6 +133,21 @@ def verdict(names: Sequence[str], found: Sequence[Difference], what: str, equal:
     if worse:
         parts.append(f"Significantly worse: {_listed(worse)}; worst {_worst(judged)}.")
     return " ".join(parts)
+
+
+def overshoot_words(own: float, others: Sequence[tuple[str, float]]) -> str:
+    """A sentence on which filters overshoot a step, with a blank before it; "" where the present one does not.
+
+    Args:
+        own: overshoot of the present filter, share of the step.
+        others: names and overshoots of the others.
+    """
+    if own < MIN_OVERSHOOT:
+        return ""
+    beyond = [f"{name} by {percent(share)}" for name, share in others if share >= MIN_OVERSHOOT]
+    parts = [_listed(beyond)] if beyond else []
+    parts += ["the others do not"] if len(beyond) < len(others) else []
+    return "; ".join([f" Your filter overshoots a step by {percent(own)}", *parts]) + "."
 
 
 def _worst(judged: Sequence[tuple[Difference, str]]) -> str:

@@ -1,4 +1,4 @@
-"""What the Kalman filter of this model adds to exponential smoothing, with numbers."""
+"""What the Kalman filter of this model adds to fixed gains, such as exponential smoothing, with numbers."""
 
 from __future__ import annotations
 
@@ -9,25 +9,24 @@ from numpy.typing import NDArray
 
 from kalscope.common.array import Array
 from kalscope.common.text import number
+from kalscope.filtering.arrays import scalar
 from kalscope.filtering.batch import FilterResult
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady_state import SteadyState, steady_state
 
 
 def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothed: Array) -> str:
-    """Sentences on the current filter and exponential smoothing of the same gain.
+    """Sentences on the current filter and the same with the gains it settles to.
 
     Args:
         z: measurements, shape (n,), NaN where missing.
         result: the output of the current filter.
         params: its parameters.
-        smoothed: exponential smoothing with α = K, begun at the first sample, shape (n,).
+        smoothed: fixed gains begun at the first sample, shape (n,); without momentum exponential smoothing.
     """
-    gain, noise = float(steady_state(params).gain), math.sqrt(float(params.r))
-    parts = [
-        f"Once settled your filter is exponential smoothing with α = K = {number(gain, 4)}: "
-        f"x += {number(gain, 4)}·(z − x). The Kalman filter differs at the start and at gaps."
-    ]
+    steady, noise = steady_state(params), math.sqrt(float(params.r))
+    gain = float(steady.gain)
+    parts = [f"{_settled(steady, scalar(params.momentum))} The Kalman filter differs at the start and at gaps."]
     apart = np.abs(result.x - smoothed)
     seen = np.flatnonzero(np.isfinite(z))
     gaps = np.flatnonzero(np.diff(seen) > 1) if len(seen) else seen
@@ -37,6 +36,18 @@ def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothe
     if params.gate is not None and int(result.rejected):
         parts.append(f"Your outlier gate rejected {int(result.rejected)} samples, which no other filter here does.")
     return " ".join(part for part in parts if part)
+
+
+def _settled(steady: SteadyState, tau: float) -> str:
+    """The settled filter as a formula."""
+    gain = number(float(steady.gain), 4)
+    if not tau:
+        return f"Once settled your filter is exponential smoothing with α = K = {gain}: x += {gain}·(z − x)."
+    kept, ahead = math.exp(-1.0 / tau), -tau * math.expm1(-1.0 / tau)
+    return (
+        f"Once settled your filter has fixed gains: x += {number(ahead, 4)}·v and v *= {number(kept, 4)} predict,"
+        f" then e = z − x corrects, x += {gain}·e and v += {number(float(steady.velocity_gain), 4)}·e."
+    )
 
 
 def _start(apart: Array, k: Array, gain: float, noise: float) -> str:
@@ -54,8 +65,8 @@ def _start(apart: Array, k: Array, gain: float, noise: float) -> str:
     second = float(quick[begin + 1]) if len(quick) > begin + 1 else gain
     return (
         f"At the start they differ by up to {number(largest / noise, 2)} standard deviations of the noise"
-        f"{lasting}: the Kalman filter averages what it has (second gain {number(second, 2)}), exponential "
-        "smoothing stays biased towards its first sample."
+        f"{lasting}: the Kalman filter averages what it has (second gain {number(second, 2)}), fixed "
+        "gains stay biased towards the first sample."
     )
 
 

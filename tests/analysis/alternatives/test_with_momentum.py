@@ -1,0 +1,145 @@
+"""The comparison of a filter with momentum: its lag, noise and overshoot against direct simulation."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from kalscope import FilterParams, kalman_filter, params_for_specification, steady_state
+from kalscope.analysis.alternatives import filters
+from kalscope.analysis.alternatives.candidates import at_lag
+from kalscope.analysis.alternatives.comparison import compare_alternatives
+from kalscope.analysis.alternatives.measured_response import Bench
+from kalscope.analysis.alternatives.verdict import overshoot_words
+
+RNG = np.random.default_rng(31)
+
+
+def moving(n=60_000, tau=60.0, q=0.3):
+    """A signal that keeps its direction, and noise of variance 1."""
+    fade = math.exp(-1.0 / tau)
+    kicks = RNG.normal(size=n) * math.sqrt(0.5 * q / tau * (1.0 - fade * fade))
+    v = np.empty(n)
+    v[0] = 0.0
+    for i in range(1, n):
+        v[i] = fade * v[i - 1] + kicks[i]
+    truth = np.cumsum(v)
+    return truth, truth + RNG.normal(size=n), FilterParams(q, 1.0, momentum=tau)
+
+
+def overshoot_of(run, size=20_000):
+    step = np.repeat([0.0, 1.0], size)
+    return max(0.0, float(np.nanmax(run(step))) - 1.0)
+
+
+@pytest.mark.parametrize("lag", [0.7, 3.0, 9.5, 60.0])
+def test_each_candidate_overshoots_a_step_as_it_is_said_to(lag):
+    bench = Bench(noise=RNG.normal(size=5000), speed=0.2, samples=100_000, present_lag=lag)
+    for one in at_lag(lag, bench):
+        if one.name == "One-euro":  # what it answers depends on the size of the step; it never goes beyond
+            assert one.overshoot == 0.0
+            assert overshoot_of(one.run) <= 1e-12
+        else:
+            assert one.overshoot == pytest.approx(overshoot_of(one.run), abs=1e-6), one.name
+
+
+@pytest.mark.parametrize("momentum", [0.0, 0.3, 20.0, 100.0])
+def test_fixed_gains_are_the_filter_begun_where_it_settles(momentum):
+    z = np.cumsum(RNG.normal(size=3000)) + 3.0 * RNG.normal(size=3000)
+    params = FilterParams(0.2, 9.0, momentum=momentum)
+    step = np.repeat([0.0, 1.0], 4000)
+    z[[50, 51]] = np.nan
+    assert np.allclose(
+        filters.settled(step, params)[3990:], kalman_filter(step, params).x[3990:], rtol=0, atol=1e-6
+    )
+    whole = z[52:]
+    found, late = filters.settled(whole, params), kalman_filter(whole, params).x
+    assert np.allclose(found[2000:], late[2000:], rtol=0, atol=1e-4 * np.abs(whole).max())
+    held = filters.settled(z, params)
+    assert held[50] == held[51] == held[49]
+
+
+def test_a_filter_with_momentum_is_compared_at_its_own_lag():
+    truth, z, params = moving()
+    found = compare_alternatives(z, params, truth=truth)
+    steady = steady_state(params)
+    assert found.present.lag_samples == steady.lag_samples
+    assert found.present.overshoot == steady.overshoot > 0.05
+    assert found.present.parameters == f"K = {steady.gain:.4g}, L = {steady.velocity_gain:.4g}"
+    exponential = next(one for one in found.others if one.name == "Exponential")
+    assert exponential.lag_samples == pytest.approx(steady.lag_samples)
+    assert exponential.noise_reduction_db < steady.noise_reduction_db - 1.0
+    assert found.present.rmse == pytest.approx(
+        math.sqrt(np.mean((kalman_filter(z, params).x - truth)[-found.judged :] ** 2)), rel=1e-12
+    )
+
+
+@pytest.mark.parametrize("match", ["lag", "noise"])
+def test_where_the_signal_keeps_its_direction_nothing_simpler_is_better(match):
+    truth, z, params = moving()
+    found = compare_alternatives(z, params, match=match, truth=truth)
+    assert "nothing simpler does better than your filter here" in found.verdict
+    exponential = next(one for one in found.others if one.name == "Exponential")
+    assert exponential.matched
+    assert exponential.against.worse
+    if match == "noise":
+        assert exponential.noise_reduction_db == pytest.approx(found.present.noise_reduction_db)
+        assert exponential.lag_samples > 2.0 * found.present.lag_samples
+
+
+def test_the_verdict_names_who_overshoots():
+    _, z, params = moving()
+    said = compare_alternatives(z, params).verdict
+    own = steady_state(params).overshoot
+    share = re.search(r"Your filter overshoots a step by (\d+) %; 2nd-order Butterworth by", said)
+    assert share is not None
+    assert int(share[1]) == round(100.0 * own)
+    assert said.endswith("; the others do not.")
+    plain = FilterParams(0.05, 1.0)
+    assert "overshoots" not in compare_alternatives(z, plain).verdict
+
+
+def test_the_words_about_overshoot():
+    assert overshoot_words(0.0, [("A", 0.2)]) == ""
+    assert overshoot_words(0.12, []) == " Your filter overshoots a step by 12 %."
+    assert overshoot_words(0.12, [("A", 0.0)]) == " Your filter overshoots a step by 12 %; the others do not."
+    both = overshoot_words(0.12, [("Delayed one", 0.2), ("Butterworth", 0.043)])
+    assert both == " Your filter overshoots a step by 12 %; delayed one by 20 % and butterworth by 4.3 %."
+
+
+def test_the_identity_is_the_settled_recursion():
+    _, z, params = moving()
+    z[1000:1100] = np.nan
+    found = compare_alternatives(z, params)
+    ahead, kept, gain, faster = map(float, re.findall(r"\d[\d.e-]*(?=·|\spredict)", found.identity)[:4])
+    x = v = 0.0
+    for _ in range(5000):
+        x += ahead * v
+        v *= kept
+        e = 1.0 - x
+        x += gain * e
+        v += faster * e
+    assert x == pytest.approx(1.0, abs=1e-3)
+    steady = steady_state(params)
+    assert (gain, faster) == pytest.approx((steady.gain, steady.velocity_gain), rel=1e-3)
+    assert "There is 1 gap" in found.identity
+
+
+@pytest.mark.parametrize("momentum", [1e-6, 5.0, 1e5])
+@pytest.mark.parametrize("match", ["lag", "noise"])
+def test_every_momentum_can_be_compared(momentum, match):
+    z = np.cumsum(RNG.normal(size=3000)) + 3.0 * RNG.normal(size=3000)
+    found = compare_alternatives(z, FilterParams(0.5, 9.0, momentum=momentum), match=match)
+    assert found.verdict
+    assert np.isfinite(found.present.curve).all()
+
+
+def test_a_specification_is_compared_at_its_lag_and_its_overshoot():
+    _, z, _ = moving(20_000)
+    found = compare_alternatives(z, params_for_specification(1.0, lag_samples=4.0, overshoot=0.08))
+    assert found.present.lag_samples == pytest.approx(4.0)
+    assert found.present.overshoot == pytest.approx(0.08)
+    assert {one.lag_samples for one in found.others if one.name in ("Exponential", "Moving average")} == {4.0}
