@@ -12,8 +12,8 @@ from waiting import PATIENCE
 
 from kalscope import FilterParams
 from kalscope.export.board.commands import commands, is_refusal, read_answer
-from kalscope.export.device_limits import UNO_FLASH, UNO_RAM, UNO_READ_US, UNO_UPDATE_US
-from kalscope.export.float32 import filter_float32, float32_params
+from kalscope.export.device_limits import UNO, UNO_READ_US, UNO_WITH_MOMENTUM
+from kalscope.export.float32 import filter_float32, float32_params, without_momentum
 from kalscope.export.job import ExportJob
 from kalscope.export.targets.arduino import files
 from kalscope.sources.lines.line_parser import LineParser
@@ -54,6 +54,37 @@ class Float32Oracle:
         k = p / (p + self.r) if np.isfinite(p) else np.float32(1.0)
         self.p = (np.float32(1.0) - k) * p if np.isfinite(p) else self.r
         self.x = z if np.isnan(self.x) else self.x + k * (z - self.x)
+        return self.x
+
+
+class MomentumOracle:
+    """The two-state filter in numpy's float32, in the order of the exported code; goes on when values change."""
+
+    def __init__(self, params):
+        self.use(params)
+        self.x, self.v, self.p, self.g = np.float32(np.nan), np.float32(0), params.p0, np.float32(0)
+        self.w = self.m.w0
+
+    def use(self, params):
+        self.r, self.m = params.r, params.momentum or without_momentum(params.q)
+
+    def update(self, z):
+        z, m, one, two = np.float32(z), self.m, np.float32(1), np.float32(2)
+        carried = m.f * self.w
+        self.p = self.p + m.f * (two * self.g + carried) + m.q11
+        self.g = m.e * (self.g + carried) + m.q12
+        self.w = m.e * m.e * self.w + m.q22
+        self.x, self.v = self.x + m.f * self.v, m.e * self.v
+        s, innovation = self.p + self.r, z - self.x
+        if np.isinf(self.p):
+            self.x, self.p, self.g = z, self.r, np.float32(0)
+            return self.x
+        k, ell = self.p / s, self.g / s
+        self.p, self.g, self.w = (one - k) * self.p, (one - k) * self.g, self.w - ell * self.g
+        if np.isnan(self.x):
+            self.x = z
+        else:
+            self.x, self.v = self.x + k * innovation, self.v + ell * innovation
         return self.x
 
 
@@ -142,6 +173,51 @@ def test_gate_start_missing_samples_and_a_gain_that_float_cannot_settle_to_on_th
         np.testing.assert_array_equal(printed[:, 2 * c + 1], filter_float32(z[:, c], channel.params))
 
 
+MOMENTA = [(0.01, 4.0, None, 20.0), (0.3, 25.0, 1000.0, 0.0), (0.05, 30.0, None, 1e5), (2.0, 2.0, 1.0, 0.4)]
+
+
+def test_a_board_with_momentum_obeys_bit_for_bit_while_it_runs(start_board, workshop):
+    """After each command the filter goes on with constants that the board computed itself; p restarts it."""
+    counts = noisy_counts(4000, seed=3)
+    params = float32_params(FilterParams(0.5, 9.0, momentum=7.0))
+    board = start_board(exported(workshop, ChannelTuning("raw", "", 0.5, 9.0, momentum=7.0)), counts, *FLAT_OUT)
+    with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
+        assert port.readline() == b"# raw,filtered\r\n"
+        talk = Conversation(port, counts, MomentumOracle(params))
+        for q, r, p0, momentum in MOMENTA:
+            talk.follow(300)
+            for text in commands(float32_params(FilterParams(q, r, p0, momentum=momentum)), knows_momentum=True):
+                params = talk.ask(text).applied_to(params)
+                talk.oracle.use(params)
+                if text.startswith("t"):
+                    talk.follow(50)
+            said = (params.q, params.r, params.p0, params.momentum.momentum if params.momentum else 0.0)
+            np.testing.assert_allclose(said, [q, r, np.inf if p0 is None else p0, momentum], rtol=3e-7)
+            talk.oracle = MomentumOracle(params)
+        talk.follow(600)
+
+
+def test_momentum_with_gate_start_and_missing_samples_beside_a_channel_without(start_board, workshop):
+    counts = noisy_counts(1500 * 3, seed=4).reshape(-1, 3)
+    rng = np.random.default_rng(9)
+    counts[rng.random(counts.shape) < 0.02] = 1023
+    counts[rng.random(counts.shape) < 0.02] = 0  # no sample
+    counts[:4, 1] = 0
+    channels = (
+        ChannelTuning("gated", "mV", 0.5, 40.0, gate=9.0, momentum=30.0),
+        ChannelTuning("begun", "", 1e-3, 25.0, 1000.0, 400.0, momentum=1e4),
+        ChannelTuning("plain", "", 0.01, 40.0, gate=9.0),
+    )
+    missing = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
+    board = start_board(exported(workshop, *channels, edits=(*FAST, missing)), counts, *FLAT_OUT)
+    lines = [line for line in read_lines(board.port, 1100, 1_000_000) if not line.startswith(b"#")]
+    board.stop()
+    printed = np.array([[float(cell) for cell in line.split(b",")] for line in lines], dtype=np.float32)
+    z = np.where(counts[: len(printed)] == 0, np.nan, counts[: len(printed)])
+    for c, channel in enumerate(channels):
+        np.testing.assert_array_equal(printed[:, 2 * c + 1], filter_float32(z[:, c], channel.params))
+
+
 def test_every_float_from_a_sixteenth_up_is_printed_so_that_it_is_read_back(start_board, workshop):
     counts = noisy_counts(1200)
     scaled = (
@@ -165,6 +241,22 @@ def test_kalscope_reads_the_sketch_with_its_names(start_board, workshop):
     parser.feed(b"".join(read_lines(board.port, 20, 1_000_000)))
     assert [event.kind for event in parser][:1] == ["comment"]
     assert [column.name for column in parser.layout.columns] == ["raw", "filtered"]
+
+
+@pytest.mark.parametrize("line", ["t", "t -1", "t 1e-4", "t 100001", "t nan", "t inf", "q 3e38", "r x"])
+def test_what_a_board_with_momentum_cannot_take_changes_nothing(start_board, workshop, line):
+    channel = ChannelTuning("light", "", 0.25, 4.0, momentum=0.25)
+    board = start_board(exported(workshop, channel), 500, *FLAT_OUT)
+    with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
+        port.readline()
+        port.write(line.encode() + b"\n?\n")
+        said = []
+        while b"bits=" not in (answer := port.readline()):
+            said += [answer] if is_refusal(answer.decode()) else []
+    assert answer == (
+        b"# light q=2.500000e-1 r=4.000000 p=inf t=2.500000e-1 bits=3E800000,40800000,7F800000,3E800000\r\n"
+    )
+    assert len(said) == 1
 
 
 @pytest.mark.parametrize(
@@ -205,17 +297,18 @@ void loop() {}
 """
 
 
-def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path):
-    channel = ChannelTuning("light", "", 0.01, 4.0)
+@pytest.mark.parametrize(("momentum", "cost"), [(0.0, UNO), (20.0, UNO_WITH_MOMENTUM)])
+def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, momentum, cost):
+    channel = ChannelTuning("light", "", 0.01, 4.0, momentum=momentum)
     firmware = exported(workshop, channel, edits=())
-    assert firmware.flash == pytest.approx(UNO_FLASH, rel=0.05)
-    assert firmware.ram == pytest.approx(UNO_RAM, rel=0.05)
+    assert firmware.flash == pytest.approx(cost.flash, rel=0.05)
+    assert firmware.ram == pytest.approx(cost.ram, rel=0.05)
     header = files(ExportJob((channel,)))["KalscopeFilter.h"]
     (tmp_path / "KalscopeFilter.h").write_text(header)
     (tmp_path / "timing.ino").write_text(TIMING)
     board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
     thousand_updates_us, hundred_reads_us = map(int, read_lines(board.port, 2))
-    assert thousand_updates_us / 1000 == pytest.approx(UNO_UPDATE_US, rel=0.05)
+    assert thousand_updates_us / 1000 == pytest.approx(cost.update_us, rel=0.05)
     assert hundred_reads_us / 100 == pytest.approx(UNO_READ_US, rel=0.05)
 
 

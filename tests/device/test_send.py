@@ -54,8 +54,12 @@ def test_a_board_that_runs_already_can_be_sent_to_though_it_has_told_no_names(st
     assert check.different == 0
 
 
-def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(start_board, workshop, tmp_path):
-    light, temp = ChannelTuning("light", "counts", 0.5, 20.0), ChannelTuning("temp", "counts", 0.01, 9.0, 4.0)
+@pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (20.0, 5.0), (20.0, 0.0)])
+def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(
+    start_board, workshop, tmp_path, before, after
+):
+    light = ChannelTuning("light", "counts", 0.5, 20.0)
+    temp = ChannelTuning("temp", "counts", 0.01, 9.0, 4.0, momentum=before)
     for name, text in export_tuning(Tuning((light, temp), sample_period=0.005), "arduino").items():
         (tmp_path / name).write_text(text)
     firmware = workshop.sketch(tmp_path / "kalscope_filter.ino", include=[tmp_path])
@@ -64,7 +68,7 @@ def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(star
     with LiveSource(board.port) as source:
         state = grown(source, opened_live(BoardId(), "board"), lambda state: len(state.recording) > 150)
         assert state.recording.names == ("light", "light_filtered", "temp", "temp_filtered")
-        state = state.with_open(channel="temp").with_tuning(q=0.037, r=11.3)
+        state = state.with_open(channel="temp").with_tuning(q=0.037, r=11.3, momentum=after)
         state = replace(state, sent=send_setting(state, source))
         rows = state.sent.row + 200
         state = grown(source, state, lambda state: len(state.recording) > rows)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from kalscope import FilterParams
 from kalscope.errors import BadSetting
-from kalscope.export.device_limits import UNO_READ_US, UNO_UPDATE_US, device_limits
+from kalscope.export.device_limits import UNO, UNO_READ_US, UNO_WITH_MOMENTUM, device_limits
 from kalscope.export.float32 import filter_float32
 
 
@@ -17,7 +19,7 @@ def kinds(*args, **settings):
 
 def moves_towards_a_step(params, level, step):
     """How far x comes from `level` towards `level + step` in 3,000 samples, as a share of the step."""
-    start = FilterParams(params.q, params.r, p0=params.r * np.sqrt(params.q / params.r), x0=level)
+    start = replace(params, p0=params.r * np.sqrt(params.q / params.r), x0=level)
     x = filter_float32(np.full(3000, level + step), start)
     return float(x[-1] - np.float32(level)) / step
 
@@ -34,10 +36,11 @@ def test_a_gain_that_float32_misses_is_told_with_the_constant_gain():
     assert "gain as small as 1e-07" in limit.message
 
 
+@pytest.mark.parametrize("momentum", [0.0, 3.0, 100.0])
 @pytest.mark.parametrize("ratio", [1e-6, 1e-8, 1e-10, 1e-12, 1e-14])
-def test_an_estimate_that_will_stand_still_is_told_and_no_other(ratio):
-    params = FilterParams(16.0 * ratio, 16.0)
-    told = "estimate" in kinds(params.q, params.r)
+def test_an_estimate_that_will_stand_still_is_told_and_no_other(ratio, momentum):
+    params = FilterParams(16.0 * ratio, 16.0, momentum=momentum)
+    told = "estimate" in [limit.kind for limit in device_limits(params, level=1023.0)]
     stands_still = moves_towards_a_step(params, 1023.0, 4.0) == 0.0
     assert told == stands_still
 
@@ -55,9 +58,12 @@ def test_what_float32_cannot_hold_is_told_by_name():
 
 
 def test_too_many_channels_for_the_time_of_an_uno_are_told():
-    per_channel = (UNO_READ_US + UNO_UPDATE_US) * 1e-6
-    assert kinds(0.01, 4.0, sample_period=3.01 * per_channel, channels=3) == []
-    assert kinds(0.01, 4.0, sample_period=2.99 * per_channel, channels=3) == ["time"]
+    for momentum, cost in ((0.0, UNO), (20.0, UNO_WITH_MOMENTUM)):
+        params = FilterParams(0.01, 4.0, momentum=momentum)
+        per_channel = (UNO_READ_US + cost.update_us) * 1e-6
+        assert device_limits(params, level=1023.0, sample_period=3.01 * per_channel, channels=3) == ()
+        (limit,) = device_limits(params, level=1023.0, sample_period=2.99 * per_channel, channels=3)
+        assert limit.kind == "time"
 
 
 def test_what_is_no_period_or_level_is_refused():

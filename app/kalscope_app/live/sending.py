@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.export.board.commands import BoardAnswer, commands, is_refusal, read_answer
@@ -57,25 +55,25 @@ def is_unnamed(names: tuple[str, ...]) -> bool:
 
 
 def send_setting(state: State, source: LiveSource) -> Sent:
-    """Bring q, r and p0 of the channel on screen onto the board, one command at a time, each answered.
+    """Bring q, r, momentum and p0 of the channel on screen onto the board, one command at a time, each answered.
 
     Raises:
-        BadSetting: the values do not fit float32, the board has no such filter, or no standard filter is on screen.
+        BadSetting: the values do not fit float32, the board has no such filter or does not know momentum, or no
+            standard filter is on screen.
         BadDevice: the board did not answer, or did not take a value.
     """
     state.require_standard_filter([state.channel])
     wanted = float32_params(state.params)
     names = state.recording.names
-    filters = len(_answers(source, "?")) if is_unnamed(names) and len(names) > 1 else 0
-    its = board_filter(names, state.channel, filters)
-    *values, restart = commands(wanted, its.number)
+    said = _answers(source, "?")
+    its = board_filter(names, state.channel, len(said))
+    *values, restart = commands(wanted, its.number, knows_momentum=said[0].momentum is not None)
     for line in values:
         _answers(source, line)
     row = _rows(source.snapshot())
     answer = _answers(source, restart)[-1]
     # x0 and gate stay those of the export; the settled gain belonged to the values before.
-    taken = replace(wanted, q=answer.q, r=answer.r, p0=answer.p0, settled_gain=np.float32(0.0))
-    return Sent(state.record_key, state.channel, its.filtered, state.params, taken, row)
+    return Sent(state.record_key, state.channel, its.filtered, state.params, answer.applied_to(wanted), row)
 
 
 def _answers(source: LiveSource, line: str) -> list[BoardAnswer]:

@@ -14,15 +14,25 @@ from kalscope.export.float32 import STALLING_GAIN, float32_params
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
-UNO_UPDATE_US = 120
-"""Time of one update on an Uno, 16 MHz, µs: measured in simavr, avr-gcc 5.4 with -Os."""
-UNO_FLASH = 7738
-"""Bytes of flash of the exported sketch with one channel, of an Uno's 32,256; measured as above."""
-UNO_RAM = 314
-"""Bytes of RAM of the same, of an Uno's 2,048; the stack comes on top."""
+
+@dataclass(frozen=True)
+class Cost:
+    """What the exported sketch with one channel takes of an Uno: measured in simavr, avr-gcc 5.4 with -Os."""
+
+    update_us: float
+    """Time of one update at 16 MHz, µs."""
+    flash: int
+    """Bytes of flash, of 32,256."""
+    ram: int
+    """Bytes of RAM, of 2,048; the stack comes on top."""
+
+
+UNO = Cost(update_us=120, flash=7738, ram=314)
+"""The five lines."""
+UNO_WITH_MOMENTUM = Cost(update_us=317, flash=9916, ram=386)
+"""The filter with momentum, also in a channel without it beside one that has it."""
 UNO_READ_US = 112
 """Time of one analogRead() on an Uno, µs."""
-
 
 FLOAT32_TARGETS = {"arduino": True, "platformio": False, "esphome": False, "bachagas": False}
 """Targets that compute in float32, at least on an AVR board; and whether they go on with a constant gain."""
@@ -72,7 +82,7 @@ def device_limits(
     found = [_refused(params)]
     if found == [None]:
         found = [_gain(params, constant_gain=constant_gain), _estimate(params, level)]
-    return tuple(limit for limit in (*found, _time(sample_period, channels)) if limit is not None)
+    return tuple(limit for limit in (*found, _time(params, sample_period, channels)) if limit is not None)
 
 
 def _refused(params: FilterParams) -> DeviceLimit | None:
@@ -100,8 +110,12 @@ def _gain(params: FilterParams, *, constant_gain: bool) -> DeviceLimit | None:
 
 
 def _estimate(params: FilterParams, level: float) -> DeviceLimit | None:
-    """A correction below half the distance of two floats is lost: x no longer moves."""
+    """A correction below half the distance of two floats is lost: x no longer moves.
+
+    With momentum the velocity collects what single corrections lose: a lasting innovation i drives it to τ L i.
+    """
     gain, spread = _settled(params)
+    gain = max(gain, cast("float", params.momentum) * float(np.asarray(steady_state(params).velocity_gain)))
     half_ulp = float(np.spacing(np.float32(level))) / 2.0
     if gain * spread >= half_ulp:
         return None
@@ -123,8 +137,9 @@ def _settled(params: FilterParams) -> tuple[float, float]:
     return gain, math.sqrt(q if gain == 1.0 else r / (1.0 - gain))
 
 
-def _time(sample_period: float | None, channels: int) -> DeviceLimit | None:
-    needed_us = channels * (UNO_UPDATE_US + UNO_READ_US)
+def _time(params: FilterParams, sample_period: float | None, channels: int) -> DeviceLimit | None:
+    cost = UNO_WITH_MOMENTUM if params.momentum else UNO
+    needed_us = channels * (cost.update_us + UNO_READ_US)
     all_of_them = "one channel" if channels == 1 else f"{channels} channels"
     if sample_period is None or needed_us <= sample_period * 1e6:
         return None

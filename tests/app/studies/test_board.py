@@ -11,6 +11,7 @@ import pytest
 
 from kalscope import BadSetting, Recording
 from kalscope.errors import BadDevice
+from kalscope.export.board.momentum import momentum_on_board
 from kalscope.export.float32 import Float32Params, filter_float32
 from kalscope.sources.live.live_samples import Snapshot
 from kalscope_app.live.connection import BoardConnection
@@ -19,7 +20,7 @@ from kalscope_app.session.live_state import BoardId, Live, Sent
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
-from kalscope_app.views.export.board import BoardView, compared
+from kalscope_app.views.export.board import BoardView, compared, values
 from kalscope_app.views.export.export import how_to_use
 
 ROWS = 400
@@ -28,8 +29,10 @@ ROWS = 400
 class Board:
     """Obeys as the exported sketch does; `says` replaces its answer to a command that begins so."""
 
-    def __init__(self, says=None):
+    def __init__(self, says=None, momentum=None):
         self.used = {"q": np.float32(1.0), "r": np.float32(1.0), "p": np.float32(np.inf)}
+        if momentum is not None:
+            self.used["t"] = np.float32(momentum)
         self.says, self.asked = says or {}, []
 
     def snapshot(self):
@@ -37,10 +40,11 @@ class Board:
 
     def send(self, line):
         self.asked.append(line)
-        name, value = line.split()[-2:]
+        name = line.split()[0]
         if name in self.says:
             return (self.says[name],)
-        self.used[name] = np.float32(float(value))
+        if name != "?":
+            self.used[name] = np.float32(float(line.split()[1]))
         bits = ",".join(f"{one.view(np.uint32):08X}" for one in self.used.values())
         return (f"# light q=0 r=0 p=0 bits={bits}",)
 
@@ -86,9 +90,26 @@ def test_a_board_that_told_its_names_before_we_listened_is_known_by_the_order_of
 def test_what_the_board_says_it_uses_is_what_counts(state):
     board = Board()
     sent = send_setting(state, board)
-    assert [line.split()[0] for line in board.asked] == ["q", "r", "p"]
+    assert [line.split()[0] for line in board.asked] == ["?", "q", "r", "p"]
     assert (sent.params.q, sent.params.r) == (np.float32(0.037), np.float32(11.3))
     assert sent.asked == state.params
+
+
+@pytest.mark.parametrize(("momentum", "before"), [(20.0, 3.0), (0.0, 3.0), (20.0, 0.0)])
+def test_a_momentum_is_sent_to_a_sketch_that_knows_it(state, momentum, before):
+    board = Board(momentum=before)
+    state = state.with_tuning(momentum=momentum)
+    sent = send_setting(state, board)
+    assert [line.split()[0] for line in board.asked] == ["?", "q", "r", "t", "p"]
+    assert sent.params.momentum == momentum_on_board(board.used["q"], np.float32(momentum))
+    assert f"p0 = inf{f', momentum = {momentum:g}' if momentum else ''}" in values(sent) + "\n"
+
+
+def test_a_sketch_without_momentum_is_left_as_it_is_and_named(state):
+    board = Board()
+    with pytest.raises(BadSetting, match="momentum must be 0 for this board, whose sketch was exported without it"):
+        send_setting(state.with_tuning(momentum=20.0), board)
+    assert board.asked == ["?"]
 
 
 @pytest.mark.parametrize("answer", ["# not understood; q VALUE", "# hello"])

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from kalscope import FilterParams
+from kalscope import BadSetting, FilterParams
 from kalscope.export.board.commands import BoardAnswer, commands, is_refusal, read_answer
-from kalscope.export.float32 import Float32Params, float32_params
+from kalscope.export.board.momentum import momentum_on_board
+from kalscope.export.float32 import Float32Params, float32_params, without_momentum
 
+F = np.float32
 MAX_LINE = 30
 """Letters that the exported sketch takes in a line."""
 
@@ -17,15 +21,39 @@ def test_a_command_says_the_float32_exactly_and_fits_the_line_of_a_board():
     rng = np.random.default_rng(2)
     values = rng.integers(0x00800000, 0x7E000000, (500, 3), dtype=np.uint32).view(np.float32)
     for q, r, p0 in values:
-        lines = commands(Float32Params(q, r, p0), channel=6)
+        tau = np.float32(10.0 ** rng.uniform(-3, 5))
+        momentum = replace(without_momentum(q), momentum=tau)
+        lines = commands(Float32Params(q, r, p0, momentum=momentum), channel=6, knows_momentum=True)
         assert max(map(len, lines)) <= MAX_LINE
         said = {line.split()[1]: np.float32(line.split()[2]) for line in lines}
-        assert said == {"q": q, "r": r, "p": p0}
+        assert said == {"q": q, "r": r, "t": tau, "p": p0}
 
 
 def test_zero_comes_after_the_other_and_the_start_comes_last():
     assert commands(float32_params(FilterParams(0.0, 4.0))) == ("r 4", "q 0", "p inf")
     assert commands(float32_params(FilterParams(0.5, 0.0, 2.0)), channel=2) == ("2 q 0.5", "2 r 0", "2 p 2")
+
+
+def test_momentum_goes_to_a_board_that_knows_it_only_and_is_switched_off_there():
+    plain, held = (float32_params(FilterParams(0.5, 4.0, momentum=momentum)) for momentum in (0.0, 20.0))
+    assert commands(plain) == ("q 0.5", "r 4", "p inf")
+    assert commands(plain, knows_momentum=True) == ("q 0.5", "r 4", "t 0", "p inf")
+    assert commands(held, 2, knows_momentum=True) == ("2 q 0.5", "2 r 4", "2 t 20", "2 p inf")
+    with pytest.raises(BadSetting, match=r"momentum must be 0 for this board, .* \(got 20 samples\): export"):
+        commands(held)
+    with pytest.raises(BadSetting, match=r"at least 0.001 samples for a board \(got 0.0001\)"):
+        commands(float32_params(FilterParams(0.5, 4.0, momentum=1e-4)), knows_momentum=True)
+
+
+def test_an_answer_with_momentum_says_which_filter_the_board_runs():
+    line = "# light q=1.000000e-2 r=4.000000 p=inf t=20.000000 bits=3C23D70A,40800000,7F800000,41A00000\r\n"
+    answer = read_answer(line)
+    assert answer == BoardAnswer("light", F(0.01), F(4.0), F(np.inf), F(20.0))
+    asked = float32_params(FilterParams(1e-14, 4.0, gate=9.0, momentum=10.0))
+    used = answer.applied_to(asked)
+    assert (used.q, used.r, used.gate, used.settled_gain) == (F(0.01), F(4.0), F(9.0), F(0.0))
+    assert used.momentum == momentum_on_board(F(0.01), F(20.0))
+    assert replace(answer, momentum=F(0.0)).applied_to(asked).momentum is None
 
 
 def test_an_answer_is_read_from_its_bits():

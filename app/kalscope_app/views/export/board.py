@@ -40,7 +40,9 @@ class BoardView:
         self._session, self._tell, self._connection = session, tell, connection
         with gui.add_folder("Send to the board", visible=False) as self._folder:
             gui.add_markdown(HOW)
-            send = gui.add_button("Send q, r and p0", hint="One value at a time; the board confirms each.")
+            send = gui.add_button(
+                "Send q, r and p0", hint="And the momentum, where the sketch has it. The board confirms each value."
+            )
             self._text = gui.add_markdown("")
         on_user(send.on_click, lambda _client: jobs.run_with_state(session, self._send))
 
@@ -85,4 +87,7 @@ def compared(state: State) -> str:
 
 def values(sent: Sent) -> str:
     """What a board uses."""
-    return ", ".join(f"{name} = {float(getattr(sent.params, name)):.6g}" for name in ("q", "r", "p0"))
+    used = {name: float(getattr(sent.params, name)) for name in ("q", "r", "p0")}
+    if sent.params.momentum is not None:
+        used["momentum"] = float(sent.params.momentum.momentum)
+    return ", ".join(f"{name} = {value:.6g}" for name, value in used.items())

@@ -6,13 +6,19 @@ Send one command, wait for its answer, then send the next: a small board keeps 6
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kalscope.errors import BadSetting
+from kalscope.export.board.momentum import momentum_on_board
 from kalscope.export.float32 import Float32Params
 
-_ANSWER = re.compile(r"# (\w+) q=\S+ r=\S+ p=\S+ bits=([0-9A-F]{8}),([0-9A-F]{8}),([0-9A-F]{8})\s*")
+MIN_MOMENTUM = 1e-3
+"""Shortest momentum that a board takes, sample periods; shorter ones are as good as none."""
+
+_BITS = "([0-9A-F]{8})"
+_ANSWER = re.compile(rf"# (\w+) q=\S+ r=\S+ p=\S+ (?:t=\S+ )?bits={_BITS},{_BITS},{_BITS}(?:,{_BITS})?\s*")
 
 
 @dataclass(frozen=True)
@@ -27,19 +33,42 @@ class BoardAnswer:
     """Measurement-noise variance, unit²."""
     p0: np.float32
     """Start variance, unit²; inf = the first sample is the start."""
+    momentum: np.float32 | None = None
+    """Momentum τ, sample periods; None = the sketch was exported without momentum and cannot take one."""
+
+    def applied_to(self, params: Float32Params) -> Float32Params:
+        """`params` as the board computes with them: its own q, r, p0 and momentum, and the gain that follows."""
+        momentum = None if self.momentum is None else momentum_on_board(self.q, self.momentum)
+        return replace(params, q=self.q, r=self.r, p0=self.p0, momentum=momentum, settled_gain=np.float32(0.0))
 
 
-def commands(params: Float32Params, channel: int | None = None) -> tuple[str, ...]:
-    r"""The lines, without \n, that set q, r and p0 on a board and restart its filter.
+def commands(params: Float32Params, channel: int | None = None, *, knows_momentum: bool = False) -> tuple[str, ...]:
+    r"""The lines, without \n, that set q, r, momentum and p0 on a board and restart its filter.
 
     Args:
         params: The values; gate, x0 and the settled gain stay those of the export.
         channel: Which channel of the board, from 1; None = all.
+        knows_momentum: Whether its answers name a momentum.
+
+    Raises:
+        BadSetting: The board does not know momentum, or the momentum is too short for it.
     """
+    momentum = np.float32(0.0) if params.momentum is None else params.momentum.momentum
+    if momentum > 0.0 and not knows_momentum:
+        raise BadSetting(
+            "momentum must be 0 for this board, whose sketch was exported without it"
+            f" (got {float(momentum):.6g} samples): export the sketch with this tuning and flash it, then the board"
+            " takes any momentum, 0 too"
+        )
+    if 0.0 < momentum < MIN_MOMENTUM:
+        raise BadSetting(
+            f"momentum must be 0 or at least {MIN_MOMENTUM:g} samples for a board (got {float(momentum):.6g})"
+        )
     which = "" if channel is None else f"{channel} "
     # A value of 0 comes last: the board refuses q = r = 0, also on the way.
     pair = sorted((("q", params.q), ("r", params.r)), key=lambda named: named[1] == 0)
-    return tuple(f"{which}{name} {float(value):.9g}" for name, value in (*pair, ("p", params.p0)))
+    between = (("t", momentum),) if knows_momentum else ()
+    return tuple(f"{which}{name} {float(value):.9g}" for name, value in (*pair, *between, ("p", params.p0)))
 
 
 def read_answer(line: str) -> BoardAnswer | None:
@@ -47,8 +76,8 @@ def read_answer(line: str) -> BoardAnswer | None:
     found = _ANSWER.fullmatch(line)
     if found is None:
         return None
-    q, r, p0 = (np.uint32(int(bits, 16)).view(np.float32) for bits in found.groups()[1:])
-    return BoardAnswer(found[1], q, r, p0)
+    held = (np.uint32(int(bits, 16)).view(np.float32) for bits in found.groups()[1:] if bits is not None)
+    return BoardAnswer(found[1], *held)
 
 
 def is_refusal(line: str) -> bool:
