@@ -13,7 +13,7 @@ from PIL import Image
 
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, open_source, steady_state
 from kalscope.cli.app import run
-from kalscope.common.text import decibels, frequency, lag_in_full, number, trimmed
+from kalscope.common.text import decibels, frequency, lag_in_full, number, percent, trimmed
 from kalscope.export.report.content import MAX_DRAWN_POINTS, make_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import SIZE, as_png
@@ -69,6 +69,17 @@ def test_the_page_has_the_numbers_of_the_filter():
         "2024-05-06 12:00 UTC",
     ):
         assert words in text
+
+
+def test_momentum_and_its_overshoot_stand_on_the_page():
+    rec = recording()
+    text = " ".join(Page(as_html(make_report(rec, tuned(rec, momentum=24.0), now=NOON))).text)
+    steady = steady_state(FilterParams(0.0025, 1.0, momentum=24.0), 0.01)
+    for words in ("momentum τ", "240 ms (24 samples)", "overshoot on a step", percent(float(steady.overshoot))):
+        assert words in text
+    plain = " ".join(Page(as_html(make_report(rec, tuned(rec), now=NOON))).text)
+    assert "momentum" not in plain
+    assert "overshoot" not in plain
 
 
 def test_nothing_from_outside_becomes_markup():

@@ -66,7 +66,7 @@ class SpectrumView:
     def _draw_response(self, spectra: Spectra, palette: Palette, hertz: Scale) -> None:
         x = spectra.fine * hertz.factor
         cut = np.where(spectra.fine == spectra.found.cutoff, spectra.response_db, np.nan)
-        lowest = float(spectra.response_db.min())
+        lowest, highest = float(spectra.response_db.min()), float(spectra.response_db.max())
         layout = ChartLayout(
             (
                 {"label": f"frequency ({hertz.unit})"},
@@ -75,7 +75,7 @@ class SpectrumView:
             ),
             log_axes(x, None, "response (dB)"),
             gaps=frozenset({1}),
-            y_range=(min(-6.0, 5.0 * math.floor(lowest / 5.0)), 2.0),
+            y_range=(min(-6.0, 5.0 * math.floor(lowest / 5.0)), max(2.0, math.ceil(highest + 0.5))),
             log_x=True,
         )
         self._response.show(x, [spectra.response_db, cut], layout, spectra.state.view.resets)

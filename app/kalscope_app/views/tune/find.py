@@ -179,7 +179,6 @@ class FindView:
                 sample_period=period,
                 progress=shown.report,
                 cancelled=stop.is_set,
-                momentum=0.0,
                 **method.arguments(state, texts),
             )
         self._session.request(apply_found(state.recording, state.channel, found))

@@ -90,8 +90,8 @@ def table_text(table: VariantComparison) -> str:
         return EMPTY
     with_truth = any(row.measures.rmse is not None for row in table.rows)
     unit = escape_markdown(table.state.tuning.unit, 12)
-    head = ["", "q", "r", *(("momentum",) if table.with_momentum else ()), "lag", "noise"]
-    head += ["overshoot"] if table.with_momentum else []
+    head = ["", "q", "r", *(("τ",) if table.with_momentum else ()), "lag", "noise"]
+    head += ["over\u00adshoot"] if table.with_momentum else []
     head += [f"RMSE {unit}".strip()] if with_truth else []
     head += ["NIS", "lag‑1 corr.", "log-likelihood"]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
@@ -129,7 +129,7 @@ def _cells(
         f"{correlation(d.r1)} {'✓' if quiet else '✗'}",
         _bold(number(measures.loglik, 6), measures.loglik == best[1]),
     ]
-    return cells
+    return [cells[0], *(cell.replace(" ", "\u00a0") for cell in cells[1:])]
 
 
 def mark(variant: Variant, *, dark: bool) -> str:

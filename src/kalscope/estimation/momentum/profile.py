@@ -48,7 +48,7 @@ def likelihood_profile(
 
 
 def default_log_ratios(step: float) -> Array:
-    """Ln λ from lags far beyond any record to no filtering, where a step of the signal has the variance q·`step`."""
+    """Ln λ from lags far beyond any record to no filtering; a step of the signal has the variance q·`step`."""
     more = math.ceil(-math.log(step) / SPACING)
     return np.concatenate([DEFAULT_LOG_RATIOS, DEFAULT_LOG_RATIOS[-1] + SPACING * np.arange(1.0, more + 1.0)])
 

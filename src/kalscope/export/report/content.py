@@ -24,6 +24,7 @@ from kalscope.common.text import (
     lag_in_full,
     number,
     p_value,
+    percent,
     sample_rate,
     squared,
     trimmed,
@@ -115,7 +116,7 @@ def make_report(
         subtitle=_subtitle(recording, z),
         charts=_charts(recording, own, z, result, truth),
         tables=(
-            ReportTable("Parameters", _parameters(own)),
+            ReportTable("Parameters", _parameters(own, recording.sample_period)),
             ReportTable("Resulting filter", _meaning(steady, result, recording.sample_period)),
             ReportTable("Residuals", _tests(checks)),
             _filters(found),
@@ -139,7 +140,7 @@ def _subtitle(recording: Recording, z: Array) -> str:
     return ", ".join(parts)
 
 
-def _parameters(own: ChannelTuning) -> Rows:
+def _parameters(own: ChannelTuning, period: float | None) -> Rows:
     unit = squared(own.unit)
     rows = [
         ("process noise q", f"{trimmed(own.q, 4)} {unit} per sample"),
@@ -147,6 +148,8 @@ def _parameters(own: ChannelTuning) -> Rows:
         ("initial variance p0", "automatic (diffuse)" if own.p0 is None else f"{trimmed(own.p0, 4)} {unit}"),
         ("initial estimate x0", "first sample" if own.x0 is None else f"{trimmed(own.x0, 4)} {own.unit}".strip()),
     ]
+    if own.momentum > 0.0:
+        rows.insert(2, ("momentum τ", lag_in_full(own.momentum, period)))
     if own.gate is not None:
         rows.append(("outlier gate on v²/s", trimmed(own.gate)))
     return (*rows, ("found", own.how))
@@ -161,6 +164,8 @@ def _meaning(steady: SteadyState, result: FilterResult, period: float | None) ->
         ("settling time (to 1 %)", lag_in_full(settle, period)),
         ("log-likelihood", f"{number(float(result.loglik), 6)} of {count(int(result.m))} samples"),
     ]
+    if steady.velocity_gain:
+        rows.insert(2, ("overshoot on a step", percent(float(steady.overshoot))))
     if steady.cutoff_hz is not None and math.isfinite(float(steady.cutoff_hz)):
         rows.insert(2, ("cut-off (−3 dB)", frequency(float(steady.cutoff_hz))))
     return tuple(rows)
