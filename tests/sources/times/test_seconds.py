@@ -30,6 +30,14 @@ def test_minutes_begin_again_at_the_hour_and_elapsed_time_never_does(clock, cell
         ([0.0, 8.5, 17.1], "s"),
         ([0, 60, 120], "s"),
         ([0, 3600, 7200], "s"),
+        (45123.5 + np.arange(50) / 144, "day"),
+        (np.round(45123.5 + np.arange(50) / 1440, 9), "day"),
+        (739000.5 + np.arange(50) / 86400, "day"),
+        (2460000.5 + np.arange(50) / 24, "day"),
+        (45123.5 + np.arange(50) / 100, "s"),
+        (45123.5 + np.arange(50) / 3, "s"),
+        (45123.5 + np.cumsum(np.random.default_rng(1).uniform(0, 0.1, 50)), "s"),
+        (39000.5 + np.arange(50) / 144, "s"),
         ([0, 300, 600], "s"),
         ([0, 5, 10], "ms"),
         ([0, 10, 20], "ms"),
@@ -47,3 +55,13 @@ def test_minutes_begin_again_at_the_hour_and_elapsed_time_never_does(clock, cell
 )
 def test_the_unit_follows_from_the_size_of_stamp_and_step(stamps, unit):
     assert unit_by_magnitude(np.array(stamps, dtype=float)) == unit
+
+
+@pytest.mark.parametrize(
+    ("first", "date"),
+    [(45123.5, "2023-07-16T12:00:00"), (739000.5, "2023-04-24T12:00:00"), (2460000.5, "2023-02-25T00:00:00")],
+)
+def test_numbers_of_days_count_from_their_date(first, date):
+    seconds, said = to_seconds(first + np.arange(50) / 144, TimeColumn(0, "number"))
+    assert seconds.tolist() == [600.0 * i for i in range(50)]
+    assert f"time counts from {date}+00:00" in said

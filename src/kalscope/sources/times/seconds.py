@@ -11,15 +11,24 @@ from kalscope.sources.grammar.time_units import SECONDS_PER_UNIT
 from kalscope.sources.grammar.timestamps import TimeColumn
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_DAY_NUMBERS = (
+    (40_000.0, 55_000.0, 25_569.0),  # spreadsheets: 2009 to 2050
+    (725_000.0, 770_000.0, 719_529.0),  # MATLAB's datenum: 1984 to 2108
+    (2_440_000.0, 2_490_000.0, 2_440_587.5),  # Julian dates: 1968 to 2105
+)
+"""Lowest and highest number of a day that is counted from a date long ago, and the number of 1970-01-01."""
+_WHOLE_SECOND = 0.02
+"""Days with seven decimals and more lie as close, in s, to the whole seconds they mean."""
 
 
 def unit_by_magnitude(stamps: Array) -> str:
-    """Unit of numeric stamps that name none: epoch stamps by their size, integer counters by their step.
+    """Unit of numeric stamps that name none: epoch stamps by their size, others by their step.
 
     The most plausible rate decides, one between a sample every other second and 500 samples a second: integer
     steps below 2 are seconds, from 2 on milliseconds, from 2000 on microseconds, from two millions on nanoseconds.
-    Fractions are seconds. So are steps of whole minutes that divide an hour, and of hours, as of a logger (60, 300,
-    3600; not 5, which is 5 ms of a board); steps of whole minutes in milliseconds are milliseconds.
+    Steps of whole minutes that divide an hour, and of hours, are seconds, as of a logger (60, 300, 3600; not 5,
+    which is 5 ms of a board); steps of whole minutes in milliseconds are milliseconds. Fractions are seconds, but
+    days where they are numbers of days that lie whole seconds apart (45123.506944444).
     """
     low, high = float(stamps.min()), float(stamps.max())
     step = _median_step(stamps[:100_000])
@@ -30,12 +39,28 @@ def unit_by_magnitude(stamps: Array) -> str:
         counter = unit == "s" and whole and step >= 1000 and step % 60 != 0
         if size <= low and high < 4.2 * size and not counter:
             return unit
+    if not whole and _day_of_1970(stamps) is not None and _are_seconds_in_days(stamps):
+        return "day"
     minutes = step > 0 and step % 60 == 0
     if not whole or step < 2 or (minutes and (3600 % step == 0 or step % 3600 == 0)):
         return "s"
     if step < 2000 or step % 60_000 == 0:
         return "ms"
     return "us" if step < 2e6 else "ns"
+
+
+def _day_of_1970(stamps: Array) -> float | None:
+    """What 1970-01-01 is, where all stamps are numbers of days in one of the usual counts."""
+    low, high = float(stamps.min()), float(stamps.max())
+    return next((day for first, last, day in _DAY_NUMBERS if first <= low and high <= last), None)
+
+
+def _are_seconds_in_days(stamps: Array) -> bool:
+    """True where stamps of many decimals are whole seconds, up to an hour, apart as days: 1/144 is 10 min."""
+    many = np.abs(stamps * 1e5 - np.round(stamps * 1e5)) > 0.01
+    seconds: Array = (stamps - stamps[0]) * 86400.0
+    near = np.abs(seconds - np.round(seconds)) <= _WHOLE_SECOND
+    return float(many.mean()) >= 0.5 and float(near.mean()) >= 0.99 and 0.5 < _median_step(seconds) < 3601
 
 
 def is_epoch(stamps: Array, unit: str) -> bool:
@@ -67,6 +92,12 @@ def to_seconds(stamps: Array, column: TimeColumn, start: float | None = None) ->
     scale = SECONDS_PER_UNIT[unit]
     if unit == "year":
         return stamps * scale, f"stamps are {said}"
+    day_of_1970 = _day_of_1970(stamps) if unit == "day" else None
+    if day_of_1970 is not None:
+        first = date_text((float(stamps[0]) - day_of_1970) * scale)
+        # The last of their digits is 10 µs and more.
+        since: Array = np.round((stamps - stamps[0]) * scale, 3)
+        return since, f"stamps are {said}; time counts from {first}"
     if is_epoch(stamps, unit):
         first = date_text(float(stamps[0]) * scale)
         return _scaled(stamps - stamps[0], scale), f"stamps are {said} since 1970; time counts from {first}"

@@ -48,7 +48,7 @@ def parse_excel(cell: str, decimal: str) -> float | None:
     days = parse_number(cell, decimal)
     if days is None or not MIN_EXCEL <= days <= MAX_EXCEL:
         return None
-    return float(round((days - _EXCEL_EPOCH_DAYS) * 86400e6))
+    return round((days - _EXCEL_EPOCH_DAYS) * 86400e3) * 1e3  # spreadsheets know no more than ms
 
 
 def parse_with_format(cell: str, form: str) -> float | None:
