@@ -97,6 +97,17 @@ def test_fields_of_a_matlab_struct_and_a_matrix_are_channels(mat):
     assert recording.sample_period == pytest.approx(0.02)
 
 
+def test_the_structs_of_an_array_are_groups(mat):
+    runs = np.zeros(3, dtype=[("t", object), ("x", object), ("name", object)])
+    for i, n in enumerate((20, 50, 30)):
+        runs[i] = (T[:n], i + X[:n], f"run {i}")
+    recording = mat(runs=runs)
+    np.testing.assert_array_equal(recording.values[:, 0], 1 + X)
+    assert recording.sample_period == pytest.approx(0.02)
+    assert any('"runs[0]" (20 × 2)' in note for note in recording.report.notes)
+    np.testing.assert_array_equal(mat(runs=runs, part="runs[2]").values[:, 0], 2 + X[:30])
+
+
 def test_a_time_beside_a_struct_is_its_time(mat):
     recording = mat(t=T, log={"x": X, "y": 2 * X}, other=np.arange(7.0))
     assert recording.names == ("x", "y")

@@ -96,7 +96,7 @@ def to_seconds(stamps: Array, column: TimeColumn, start: float | None = None) ->
     if day_of_1970 is not None:
         first = date_text((float(stamps[0]) - day_of_1970) * scale)
         # The last of their digits is 10 µs and more.
-        since: Array = np.round((stamps - stamps[0]) * scale, 3)
+        since = ((stamps - stamps[0]) * scale).round(3)
         return since, f"stamps are {said}; time counts from {first}"
     if is_epoch(stamps, unit):
         first = date_text(float(stamps[0]) * scale)

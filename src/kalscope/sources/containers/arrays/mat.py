@@ -17,6 +17,8 @@ from kalscope.sources.containers.library import load_library
 from kalscope.sources.containers.table import MAX_NUMBERS, Table
 
 _MAX_DEPTH = 8
+_MAX_STRUCTS = 256
+"""Structs of one array that are read."""
 _COMPRESSED = 15
 """Type of an element of a file of version 5 that holds a compressed variable."""
 _MAX_UNPACKED = 1 << 29
@@ -93,6 +95,11 @@ def _collect(
                 _collect(name, inner, part, items, scalars, depth + 1)
         return
     array = np.asarray(value)
+    if array.dtype == object and array.ndim == 1:  # an array of structs: each is a group of its own
+        for i, part in enumerate(array[:_MAX_STRUCTS]):
+            if isinstance(part, dict):
+                _collect(f"{key}[{i}]", group, part, items, scalars, depth + 1)
+        return
     if not is_numeric(array.dtype):
         return
     if array.size == 1:
