@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -483,3 +484,62 @@ def test_long_record_whose_samples_all_lie_between_the_stretches_is_not_an_error
     z[10_000:10_100] = noisy_walk(100)
     assert judge(z, 0.01, 0.0).n == 99
     assert judge(z, 0.01, 1.0).advice == NO_FAULT
+
+
+# ---- momentum
+
+
+def moving(tau, q=1.0, r=1.0, n=6000, seed=3):
+    """A signal that keeps its direction for `tau` samples, and white noise."""
+    rng = np.random.default_rng(seed)
+    fade = math.exp(-1.0 / tau)
+    kicks = rng.normal(size=n) * math.sqrt(0.5 * q / tau * (1.0 - fade * fade))
+    v = np.empty(n)
+    v[0] = kicks[0]
+    for i in range(1, n):
+        v[i] = fade * v[i - 1] + kicks[i]
+    return np.cumsum(v) + math.sqrt(r) * rng.normal(size=n)
+
+
+@pytest.mark.parametrize(("tau", "r"), [(10.0, 0.1), (30.0, 1.0), (30.0, 1e-3), (100.0, 1.0), (700.0, 0.01)])
+@pytest.mark.parametrize("ratio", [0.01, 1.0])
+def test_where_momentum_describes_what_is_left_it_is_what_to_try(tau, r, ratio):
+    z = moving(tau, r=r)
+    said = diagnose(kalman_filter(z, FilterParams(ratio, r))).advice
+    found = re.search(r"; try a momentum of about (\d+) samples$", said)
+    assert found is not None, said
+    assert tau / 4.0 < float(found[1]) < 4.0 * tau
+    tried = diagnose(kalman_filter(z, FilterParams(1.0, r, momentum=tau)))
+    assert tried.advice == NO_FAULT
+
+
+def test_momentum_is_not_proposed_where_it_does_not_help():
+    rng = np.random.default_rng(8)
+    walk = np.cumsum(rng.normal(size=6000)) + 3.0 * rng.normal(size=6000)
+    hum = walk + 4.0 * np.sin(2.0 * math.pi * 0.31 * np.arange(6000))
+    for z in (walk, hum):
+        for ratio in (1e-3, 0.1, 10.0):
+            assert "momentum" not in diagnose(kalman_filter(z, FilterParams(9.0 * ratio, 9.0))).advice
+
+
+@pytest.mark.parametrize("factor", [0.1, 4.0])
+def test_with_momentum_a_wrong_scale_is_advised_by_its_factor(factor):
+    judged = diagnose(kalman_filter(moving(30.0), FilterParams(factor, factor, momentum=30.0)))
+    assert judged.q_factor == judged.r_factor == pytest.approx(1.0 / factor, rel=0.1)
+    size = "small" if factor < 1.0 else "large"
+    assert judged.advice.startswith(f"q and r are both too {size} by about")
+    assert judged.advice.endswith("this changes the band, not the curve")
+
+
+def test_with_momentum_spikes_do_not_change_the_scale():
+    z = moving(30.0)
+    z[500::500] += 60.0
+    judged = diagnose(kalman_filter(z, FilterParams(1.0, 1.0, gate=25.0, momentum=30.0)))
+    assert judged.q_factor == judged.r_factor == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize(("q", "r"), [(1e-3, 1.0), (1.0, 1e-4)])
+def test_with_momentum_a_filter_at_the_wrong_lag_is_to_be_estimated_again(q, r):
+    said = diagnose(kalman_filter(moving(30.0), FilterParams(q, r, momentum=30.0))).advice
+    assert said.endswith("; estimate q, r and momentum again")
+    assert "random walk" not in said

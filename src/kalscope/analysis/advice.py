@@ -107,11 +107,25 @@ class Correction:
     """Standardised innovations of the best fit, NaN between stretches; None where none was found."""
 
 
+def find_scale(e: Array, spikes: Indices) -> Correction:
+    """The one factor for q and r, which keeps the curve, that fits the residuals e without their spikes best.
+
+    For a filter with momentum: other corrections would need its momentum, which its output does not hold.
+    """
+    calm = np.delete(e, spikes)
+    m = len(calm)
+    scale = dot(calm, calm) / max(m, 1)
+    if not 0.0 < scale < math.inf or 0.5 * m * (scale - 1.0 - math.log(scale)) <= LR_LIMIT[0]:
+        return Correction(e=e)
+    factor = min(max(scale, 1e-3), 1e3)
+    return Correction(factor, factor, e=e)
+
+
 def find_correction(record: Record) -> Correction:
     """The simplest change of q and r that the record does not reject; on at most 20,000 samples."""
     edge = not 1e-12 < record.ratio < 1e12
     log_ratios = 2.0 * LOG_FACTORS if edge else LOG_FACTORS + math.log(record.ratio)
-    logdet, chi2, m = np.array([_refilter(record, math.exp(v), 1.0)[:3] for v in log_ratios]).T
+    logdet, chi2, m = np.array([refilter(record, math.exp(v), 1.0)[:3] for v in log_ratios]).T
     m = m[0]
     if m < MIN_SAMPLES:
         return Correction()
@@ -119,7 +133,7 @@ def find_correction(record: Record) -> Correction:
         return Correction(1e-3, 1e-3) if record.moves else Correction()
     _, at = _peak(-0.5 * (logdet + m * np.log(chi2)))
     best = math.exp(log_ratios[0] + at * (log_ratios[1] - log_ratios[0]))
-    best_logdet, best_chi2, _, e = _refilter(record, best, 1.0)
+    best_logdet, best_chi2, _, e = refilter(record, best, 1.0)
     scale = best_chi2 / m
     beyond_grid = at in (0.0, len(chi2) - 1.0) and 1e-6 < best < 100.0
     e = None if beyond_grid else e / math.sqrt(scale)
@@ -127,7 +141,7 @@ def find_correction(record: Record) -> Correction:
         return Correction()
     free = -0.5 * (best_logdet + m * math.log(scale) + m)
     if edge:
-        now = _refilter(record, *((0.0, 1.0) if record.ratio < 1.0 else (1.0, 0.0)))
+        now = refilter(record, *((0.0, 1.0) if record.ratio < 1.0 else (1.0, 0.0)))
         fits = now[1] > 0.0 and free <= -0.5 * (now[0] + m * math.log(now[1] / m) + m) + LR_LIMIT[0]
         return Correction(instead_of_edge=None if fits else best, e=e)
     middle = len(LOG_FACTORS) // 2
@@ -186,20 +200,28 @@ def edge_sentence(correction: Correction, ratio: float) -> str | None:
     return f"{what} lets all noise through: r about {number(1.0 / best, 1)} × q fits best"
 
 
-def model_sentence(e: Array, lags: int) -> str | None:
-    """The structure that no q and r can remove from the residuals e of the best fit; None where there is none."""
+def structure_sentence(e: Array, lags: int, momentum: bool) -> str | None:
+    """What is left in the residuals e of the best fit, with momentum of the filter itself; None if nothing is."""
     scored = e[np.isfinite(e)]
     share, _, p = low_frequency_share(scored)
+    again = "; estimate q, r and momentum again" if momentum else ""
     if p < ALARM and share >= MIN_SHARE:
-        return (
-            f"low frequencies hold {percent(share)} of the residual power: the signal has a trend the model lacks"
-        )
+        left = f"low frequencies hold {percent(share)} of the residual power"
+        return f"{left}: the signal has a trend the model lacks{again}"
     left = correlation(e, lags, fitted=True)
     if left.p < ALARM and left.q >= MIN_SHARE * len(scored):
+        if momentum:
+            return f"residuals are correlated: the filter is too slow or too fast, or the signal has hum{again}"
         return (
             "residuals stay correlated for any q and r: the signal has hum, trend or coloured noise that a "
             "random walk cannot describe"
         )
+    return None
+
+
+def variance_sentence(e: Array) -> str | None:
+    """Whether the noise of the residuals e changes by more than one r can fit, in words; None where it does not."""
+    scored = e[np.isfinite(e)]
     ratio, p = variance_change(scored)
     if p < ALARM and not 1.0 / MIN_FACTOR < ratio < MIN_FACTOR:
         size = number(ratio, 2)
@@ -232,13 +254,13 @@ def _undo(columns: tuple[Array, ...], spikes: Indices) -> tuple[Array, Array]:
     return z, np.r_[0.0, np.where(known, steps, 0.0)]
 
 
-def _refilter(record: Record, q: float, r: float) -> tuple[float, float, int, Array]:
-    """Σ ln s, Σ v²/s, their number m, and e with a NaN between stretches, at these q and r."""
+def refilter(record: Record, q: float, r: float, momentum: float = 0.0) -> tuple[float, float, int, Array]:
+    """Σ ln s, Σ v²/s, their number m, and e with a NaN between stretches, at these parameters."""
     loglik = chi2 = 0.0
     m = 0
     e: list[Array] = []
     for z, dt in record.stretches:
-        result = kalman_filter(z, FilterParams(q, r), dt)
+        result = kalman_filter(z, FilterParams(q, r, momentum=momentum), dt)
         part = result.innovation / np.sqrt(result.s)
         part[np.isnan(result.innovation)] = math.nan
         seen = part[np.isfinite(part)]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.analysis import advice, residual_kernels, residual_tests
+from kalscope.analysis.misfit import misfit_sentence
 from kalscope.common.array import Array
 from kalscope.common.text import number
 from kalscope.errors import BadSetting
@@ -89,7 +90,7 @@ class Diagnostics:
     slow_p: float = 1.0
     """Its p value."""
     q_factor: float = 1.0
-    """Advised factor for q, by likelihood; 1 = keep. None is advised for a filter with momentum."""
+    """Advised factor for q, by likelihood; 1 = keep. With momentum it is that for r, which keeps the curve."""
     r_factor: float = 1.0
     """Advised factor for r; 1 = keep."""
 
@@ -225,15 +226,14 @@ def _advise(
     steps = len(lone) <= jumps and _too_many(spikes.size, n)
     outliers = lone if spiky and len(lone) <= advice.MAX_OUTLIERS * n else lone[:0]
     record = advice.Record.of(columns, seen, seen[outliers])
-    # The corrections are those of a random walk; with momentum nothing is known of them.
-    correction = advice.Correction(e=scored) if momentum else advice.find_correction(record)
+    correction = advice.find_scale(scored, outliers) if momentum else advice.find_correction(record)
     start = f"the first sample lies {number(abs(scored[0]), 2)} σ from x0: leave x0 and p0 unset, or raise p0"
     said = [
         start if spikes.start_is_off else None,
         advice.spike_sentence(len(lone), n) if spiky else None,
-        advice.edge_sentence(correction, record.ratio),
+        None if momentum else advice.edge_sentence(correction, record.ratio),
         advice.noise_sentence(correction),
-        None if correction.e is None else advice.model_sentence(correction.e, lags),
+        None if correction.e is None else misfit_sentence(record, correction.e, lags, momentum),
         advice.jump_sentence(jumps) if steps else None,
     ]
     return correction, ". ".join([sentence for sentence in said if sentence][:2]) or NO_FAULT
