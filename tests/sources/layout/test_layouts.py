@@ -210,3 +210,21 @@ def test_one_word_alone_between_the_names_and_the_data_keeps_the_names(read, mar
     rows = ROWS.replace(",", mark)
     assert read(f"t{mark}a\nstart\n{rows}").names == ("a",)
     assert read(f"boot\nstart\n{rows}").names == ("value 1",)
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_names_that_break_inside_their_quotes(read, mark):
+    rows = "".join(f"{0.1 * i:.1f},{20 + i % 7},{i % 5}\n" for i in range(30)).replace(",", mark)
+    names = '"time","temp ""inner""\n(degC)","two\n\nlines"\n'.replace(",", mark)
+    recording = read(f"made by hand\n{names}{rows}")
+    assert recording.names == ('temp "inner"', "two lines")
+    assert recording.units == ("degC", "")
+    assert recording.sample_period == pytest.approx(0.1)
+    report = recording.report
+    assert (report.rows, report.rejected) == (30, 0)
+    assert report.rows + report.blank + report.comments + report.headers == report.lines == 35
+
+
+def test_a_stray_quote_above_the_data_joins_no_rows(read):
+    recording = read('t,a"\n' + ROWS.replace("\n", '"\n', 2))
+    assert recording.report.rows == 28

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from kalscope.sources.grammar.cells import COMMENT_MARKS, is_comment, is_number, parse_number, split_fields
+from kalscope.sources.grammar.read_options import DELIMITERS
 from kalscope.sources.layout.columns import COUNTING_NAMES, Column, named_column
 from kalscope.sources.layout.plan import Plan
 from kalscope.sources.layout.rows.body import Body, header_cells
@@ -17,6 +18,8 @@ from kalscope.sources.layout.units import are_units, bare_unit, words
 
 _COMMENT_NAME_LENGTH, _COMMENT_NAME_WORDS = 40, 3
 _MIN_CODE_ROWS = 20
+_MAX_HEADER_PLACE, _MAX_HEADER_LENGTH, _MAX_NAME_LINES = 50, 4000, 12
+"""Lines of the head that are looked at for names that break, their length, and lines of one header."""
 
 _PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med first last")
 
@@ -46,6 +49,28 @@ class _Rows:
     others: tuple[Row, ...] = ()
     first: int = 0
     said: str = "no header line"
+
+
+def join_quoted(head: Sequence[str]) -> list[str]:
+    """The lines, with names that break inside their quotes in the last line of the header and nothing above it.
+
+    Spreadsheets write such names. A stray quote in a row of data joins nothing: all cells must be names.
+    """
+    lines = list(head)
+    for first, line in enumerate(lines[:_MAX_HEADER_PLACE]):
+        if line.count('"') % 2 == 0 or len(line) > _MAX_HEADER_LENGTH:
+            continue
+        for last in range(first + 1, min(first + _MAX_NAME_LINES, len(lines))):
+            if lines[last].count('"') % 2 == 1 and len(lines[last]) <= _MAX_HEADER_LENGTH:
+                joined = " ".join(part.strip() for part in lines[first : last + 1] if part)
+                if any(_are_texts(split_fields(joined, mark)) for mark in DELIMITERS if mark != " "):
+                    lines[first : last + 1] = [""] * (last - first) + [joined]
+                break
+    return lines
+
+
+def _are_texts(cells: list[str]) -> bool:
+    return len(cells) > 1 and not any('"' in cell[:1] or is_number(cell) for cell in cells)
 
 
 def read_header(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds) -> Header:

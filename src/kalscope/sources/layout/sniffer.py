@@ -18,7 +18,7 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.layout.columns import Column, named_column, role_of, settle_roles
 from kalscope.sources.layout.explain import explain, explain_doubt
-from kalscope.sources.layout.headers import Header, read_header
+from kalscope.sources.layout.headers import Header, join_quoted, read_header
 from kalscope.sources.layout.long_table import mark_series
 from kalscope.sources.layout.plan import Plan, make_plan
 from kalscope.sources.layout.rows.body import Body, find_body
@@ -83,6 +83,7 @@ def sniff(
     Raises:
         BadSetting: there is no such time column, or no such row.
     """
+    head = join_quoted(head)
     plan = make_plan(head, options)
     lines, marks = candidate_lines(head, samples)
     table, second = weigh(lines, candidate_tables(lines, plan, head))
