@@ -47,6 +47,7 @@ from kalscope_app.views.source.source import SourceView
 from kalscope_app.views.tour import Tour
 from kalscope_app.views.tune.checks import ChecksView
 from kalscope_app.views.tune.find import FindView
+from kalscope_app.views.tune.momentum_profile import MomentumProfileView
 from kalscope_app.views.tune.numbers import NumbersView
 from kalscope_app.views.tune.parameters import ParametersView
 from kalscope_app.views.tune.presets import PresetsView
@@ -121,6 +122,8 @@ class Dashboard:
             self._checks = ChecksView(gui, check)
             self._find = FindView(gui, check, self.session, self._jobs)
             self._presets = PresetsView(gui, self.session)
+        with check:
+            self._momentum = MomentumProfileView(gui, self.session, self._jobs)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
             recording = BoardRecording(self._connection, folder, self.tell, self.session.wakeup.set)
@@ -178,7 +181,15 @@ class Dashboard:
             view = frame.state.view
             self._dark.value, self._smoother.value, self._velocity.value = view.dark, view.smoother, view.velocity
             self.signal.show(frame)
-            for view in (self._numbers, self._find, self._presets, self._window, self._source, self._live):
+            for view in (
+                self._numbers,
+                self._find,
+                self._momentum,
+                self._presets,
+                self._window,
+                self._source,
+                self._live,
+            ):
                 view.show(frame)
             if self._last is None or not only_grown(self._last, frame):
                 chosen = self.parameters, self._variants, self._channels
