@@ -78,7 +78,7 @@ class ReadReport:
     lines: int = 0
     """Lines in the file, a torn last one included."""
     rows: int = 0
-    """Lines that became one row of `Recording.values`; several lines of Teleplot may share a row."""
+    """Lines that became one row of `Recording.values`; several lines may make up one row."""
     rejected: int = 0
     """Lines of the wrong shape, left out."""
     blank: int = 0

@@ -88,7 +88,7 @@ def parse_number(cell: str, decimal: str = ".") -> float | None:
 
 
 _MEASURE = re.compile(
-    r"([-+]?(?:[0-9]+(?:[.,][0-9]+){0,4}|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?) ?([^\s0-9.,+\-][^\s]{0,7})"
+    r"([-+]?(?:[0-9]+(?:[.,][0-9]+){0,4}|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?) ?([^\s0-9.,+\-][^\s]{0,7}(?: [AD]C)?)"
 )
 _GROUPED = {
     # The thousands of "1,234.5" by its decimal mark; 0,123 has none.

@@ -30,6 +30,13 @@ _COUNTED = re.compile(
     r"(?:\[[ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?)\]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:)[ \t](.*)", re.DOTALL
 )
 """What a kernel and an ESP32 write before a line: `[   12.345]`, `I (12345) sensor:`."""
+_SYSLOG = re.compile(
+    r"[A-Z][a-z]{2} [ 0-9]?[0-9] ([0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?) \S{1,64} [^\s:]{1,64}: (.*)",
+    re.DOTALL,
+)
+"""What syslog and journalctl write before a line: `May 17 09:30:00 host sensor[612]: `; the date has no year."""
+_TOPIC = re.compile(r"[^\s/]{1,99}/[^\s/]{3,99}(?:/\S{1,99})? \S{1,40}")
+"""`barn/temperature 21.5`: a topic of MQTT and its value; `m/s 3` is a unit."""
 _HEXADECIMAL = frozenset(hexdigits)
 _DIGITS_OR_BLANKS = frozenset("0123456789 \t")
 _TELEPLOT = re.compile(r"\s*>([^:>|§]+):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
@@ -53,6 +60,8 @@ class LineFormat:
     """True where each line begins with the `12:00:00.023 -> ` of a serial monitor; that stamp is cell 0."""
     checksum: bool = False
     """True where each line ends with a checksum: one without it was cut."""
+    lead: int | None = None
+    """Column of the label that begins a row where several lines make up one; None where each line is a row."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +99,13 @@ def split_stamp(line: str) -> tuple[str, str] | None:
         return match[1] or match[2], match[3]
     if ":" in line[:_STAMP_REACH] and (match := _LINE_STAMP.fullmatch(line)):
         return match[1] or match[2], match[3]
+    if line[3:4] == " " and (match := _SYSLOG.fullmatch(line)):
+        return match[1], match[2]
     match = _BARE_STAMP.fullmatch(line) if line[:1] in _DIGITS_OR_BLANKS else None
-    if match is None or not (":" in match[2] or "=" in match[2]):
+    if match is None:
         return None
+    if not (":" in match[2] or "=" in match[2]):
+        return (match[1], match[2]) if _TOPIC.fullmatch(match[2]) else None
     # The 24 of `24 Apr 2016 17:03:07` is no stamp before the label 17.
     label = match[2].replace("=", ":").partition(":")[0].split()
     return None if not label or is_number(label[-1]) else (match[1], match[2])

@@ -78,11 +78,16 @@ def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> Ti
     number = TimeColumn(0, "number")
     if fits(stamp_parser(number, decimal)):
         return number
+    # In a column that is named a date 17.05.24 is no clock.
+    calendar = _calendar(present, counted, least, hints.day_first) if hints.may_be_spreadsheet else None
+    found = calendar or _clock(counted, least) or _calendar(present, counted, least, hints.day_first)
+    return found or _with_dateutil(counted, hints, fits)
+
+
+def _clock(counted: list[str], least: float) -> TimeColumn | None:
     counts = {form: _count(counted, CLOCK_PARSERS[form]) for form in _CLOCK_FORMS}
     best = max(_CLOCK_FORMS, key=lambda form: counts[form])
-    if counts[best] >= least:
-        return TimeColumn(0, "clock", clock=best)
-    return _calendar(present, counted, least, hints.day_first) or _with_dateutil(counted, hints, fits)
+    return TimeColumn(0, "clock", clock=best) if counts[best] >= least else None
 
 
 def _are_dates_in_digits(counted: list[str], hints: StampHints) -> bool:

@@ -226,7 +226,7 @@ def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: 
         if is_comment(text):
             names = _commented_cells(text, table.form.delimiter, table.width)
             full = len(names) <= table.width and all(kind.kind == "empty" for kind in body.types[len(names) :])
-            listed = full and table.width > 1 and all(map(_is_name, names))
+            listed = full and table.width > 1 and all(_is_name(name, table.form.delimiter) for name in names)
             return (number, names) if listed and _are_names(names, below, kinds) else None
     return None
 
@@ -252,15 +252,15 @@ def _are_names(names: Cells, below: Cells, kinds: CellKinds) -> bool:
     return len(others) == len(names) or (named and len(others) == len(names) - 1)
 
 
-def _is_name(text: str) -> bool:
-    """A few words, with their unit in brackets perhaps: no sentence."""
+def _is_name(text: str, delimiter: str) -> bool:
+    """A few words, with their unit in brackets or behind a comma perhaps: no sentence."""
     bare = text.partition("[")[0].partition("(")[0].strip()
     few = len(bare.split()) <= _COMMENT_NAME_WORDS
     return (
         0 < len(bare) <= _COMMENT_NAME_LENGTH
         and few
         and not bare.endswith(":")
-        and not any(c in bare for c in "\t,;|")
+        and not any(c in bare for c in ("\t;|" if delimiter in "\t;|" else "\t,;|"))
     )
 
 

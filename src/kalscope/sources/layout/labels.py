@@ -23,6 +23,15 @@ _LABEL_PAIR = re.compile(r"(?<![^\s:])([^\s:]++)\s*+:\s*(\S+)")
 _LEVEL = re.compile(r"\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
 """What a logger writes before its text."""
 _PIECE = re.compile(r"[^\s:=,;|]+|[:=]")
+_ESPHOME = re.compile(
+    r"(?:\[[^\]\s]{0,40}\]){0,3}:?[ ]?'([^']{1,60})'(?:: Sending state| >>) (\S{1,24})(?: ([^\s0-9]{1,8}))?"
+    r"(?: with [0-9]{1,2} decimals of accuracy)?"
+)
+"""`[D][sensor:094]: 'Barn': Sending state 20.5 °C with 1 decimals of accuracy`, `'Barn' >> 20.5 °C`: ESPHome."""
+_TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{]{0,200}) (\S{1,40})")
+"""`home/barn/temperature 21.5`: what mosquitto_sub -v writes."""
+_MAX_PREFIX = 240
+"""Characters before the object of `tele/barn/SENSOR = {"Temperature": 21.5}`."""
 
 
 def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
@@ -33,7 +42,7 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
         line, or a label is a number (`12:30:05`). Between commas a bare number could be the decimals of the value
         before it, so there it is refused as well.
     """
-    if ":" not in line and "=" not in line:
+    if ":" not in line and "=" not in line and "/" not in line and ">>" not in line:
         return None
     if line[:1].isdecimal() and line.isascii() and line.lower() == line.upper():
         return None  # a number and no letter, as in a table with a clock
@@ -42,6 +51,9 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     if text.startswith("{"):
         found = find_object(text)
         return None if found is None else (found, ignored)
+    found = _logged(text)
+    if found is not None:
+        return found, ignored
     equal = _equalities(text) if "=" in text else None
     if equal is not None:
         pairs, complete = equal, True
@@ -59,7 +71,39 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     if not pairs or not complete or any(not label or is_number(label) for label, _ in pairs):
         measured = _measures(text)
         return None if measured is None else (measured, [])
-    return pairs, ignored
+    return [(label, _unstarred(value)) for label, value in _with_axes(pairs)], ignored
+
+
+def _logged(text: str) -> Pairs | None:
+    """The pairs of a line of ESPHome or MQTT: a quoted name and its state, a topic and its value or object."""
+    if "'" in text and (match := _ESPHOME.fullmatch(text)):
+        return [(match[1], f"{match[2]} {match[3]}" if match[3] else match[2])]
+    start = text.find("{", 0, _MAX_PREFIX)
+    if start > 0 and text.endswith("}"):
+        before = text[:start]
+        found = find_object(text[start:]) if not any(mark in before for mark in ',;"') else None
+        words = before.rstrip(" =:\t").split()
+        topic = words[-1] + "." if words and "/" in words[-1] else ""
+        return found and [(topic + name, value) for name, value in found]
+    match = _TOPIC.fullmatch(text) if "/" in text else None
+    is_topic = (
+        match is not None and "/" in match[1] and match[1].lower() not in MISSING and not is_measure(match[1])
+    )
+    return [(match[1], match[2])] if match is not None and is_topic and _is_value(match[2]) else None
+
+
+def _with_axes(pairs: Pairs) -> Pairs:
+    """`Rotation X: 1, Y: 2, Z: 3` names Rotation Y and Rotation Z."""
+    words, _, axis = pairs[0][0].rpartition(" ")
+    rest = "".join(label for label, _ in pairs[1:])
+    if not words or axis + rest not in ("XY", "XYZ", "xy", "xyz"):
+        return pairs
+    return [pairs[0], *((f"{words} {label}", value) for label, value in pairs[1:])]
+
+
+def _unstarred(value: str) -> str:
+    """`21.5 *C` as `21.5 C`: boards write the star where they lack a degree sign."""
+    return f"{value[:-2].rstrip()} {value[-1]}" if value[-2:] in ("*C", "*F") else value
 
 
 def _measures(text: str) -> Pairs | None:

@@ -22,10 +22,12 @@ from kalscope.sources.layout.headers import Header, join_quoted, read_header
 from kalscope.sources.layout.long_table import mark_series
 from kalscope.sources.layout.plan import Plan, make_plan
 from kalscope.sources.layout.rows.body import Body, find_body
+from kalscope.sources.layout.rows.cycles import leading_label
 from kalscope.sources.layout.rows.kinds import CellKinds, Cells, number_form
 from kalscope.sources.layout.rows.shapes import HeadLine
 from kalscope.sources.layout.rows.tables import HeadTable, candidate_lines, candidate_tables
 from kalscope.sources.layout.rows.weigh import weigh
+from kalscope.sources.layout.time.candidates import stamps_of
 from kalscope.sources.layout.time.time_column import chosen_time, find_time
 
 MAX_COLUMNS = 256
@@ -115,18 +117,20 @@ def _layout(
         cells = [(stamps[number], *row) for number, row in (*body.rows, *body.samples)]
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
+    lead = _leading(table, columns, cells, time)
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
     notes = (
         *explain(table.form, plan, body, columns, second),
         *doubtful,
         *header.notes,
+        *([] if lead is None else [f'several lines make up a row, which "{columns[lead].name}" begins']),
         *about_series,
         *about_columns,
         *plan.preface.notes,
     )
     return Layout(
-        form=table.form,
+        form=replace(table.form, lead=lead),
         columns=tuple(columns),
         time=time,
         first_data=header.first,
@@ -207,6 +211,16 @@ def _find_time(
     if time is not None and time.kind == "number" and plan.preface.time_unit:
         time = replace(time, unit=plan.preface.time_unit)
     return time
+
+
+def _leading(table: HeadTable, columns: list[Column], rows: list[Cells], time: TimeColumn | None) -> int | None:
+    """The column of the label that begins a row of several lines; None where each line is a row."""
+    if table.form.kind != "labels" or table.form.complete:
+        return None
+    labels = [
+        i for i, column in enumerate(columns) if column.role == "channel" and not (time and i in time.indices)
+    ]
+    return leading_label(rows, labels, None if time is None else stamps_of(time, rows, table.form.decimal))
 
 
 def _in_their_places(columns: list[Column]) -> list[Column]:

@@ -52,7 +52,7 @@ def _is_unit_alone(text: str) -> bool:
 
 def is_measure(text: str) -> bool:
     """True for a unit that may stand behind each number of a column: the C of 26.69C, the % of 45%."""
-    return text.lower() in _UNITS
+    return text.removesuffix("DC").removesuffix("AC").rstrip().lower() in _UNITS  # a multimeter writes 3.3 V DC
 
 
 def is_unit_suffix(text: str) -> bool:

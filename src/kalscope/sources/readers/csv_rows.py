@@ -96,7 +96,8 @@ class _TableReader:
     def __init__(self, layout: Layout, options: ReadOptions) -> None:
         self.tally = Tally()
         self._layout = layout
-        self._rows = TeleplotRows(layout) if layout.form.kind == "teleplot" else Rows(layout)
+        is_gathered = layout.form.kind == "teleplot" or layout.form.lead is not None
+        self._rows = GatheredRows(layout) if is_gathered else Rows(layout)
         self._parse = block_parser(layout, options)
         self._reader = LineReader(layout, options.without_numbers())
         self._above: list[str] = []
@@ -164,25 +165,29 @@ class Rows:
         """All lines were added."""
 
 
-class TeleplotRows(Rows):
-    """Gathers the variables of Teleplot, one a line, into rows: those of one stamp, or one of each name."""
+class GatheredRows(Rows):
+    """Gathers labels that come in turn, on several lines, into rows; those of Teleplot by their stamps as well."""
 
     def __init__(self, layout: Layout) -> None:
         super().__init__(layout)
         self._time = None if layout.time is None else layout.time.index
+        self._lead = layout.form.lead
         self._row: list[float] = []
 
     def add(self, event: LineEvent, *, last: bool = False) -> None:  # noqa: ARG002 (no gaps here)
         """Take the samples of a line; a rejected one leaves no gap, because others make up the row."""
         for row in event.rows:
             if self._row and self._belongs(row):
-                self._row = [a if math.isnan(b) else b for a, b in zip(self._row, row, strict=True)]
+                self._row = [b if math.isnan(a) else a for a, b in zip(self._row, row, strict=True)]
             else:
                 self.finish()
                 self._row = list(row)
 
     def _belongs(self, row: tuple[float, ...]) -> bool:
-        if self._time is not None and row[self._time] != self._row[self._time]:
+        if self._lead is not None:
+            if not math.isnan(row[self._lead]):
+                return False
+        elif self._time is not None and row[self._time] != self._row[self._time]:
             return False
         pairs = enumerate(zip(self._row, row, strict=True))
         return all(math.isnan(a) or math.isnan(b) or i == self._time for i, (a, b) in pairs)

@@ -33,10 +33,12 @@ from kalscope.sources.readers.table_reading import reading_of
 from kalscope.sources.readers.text_file import (
     RawFile,
     find_encoding,
+    has_escapes,
     open_raw,
     open_text,
     sample_lines,
     text_as_file,
+    without_escapes,
 )
 
 HEAD_BYTES = (65536, 1 << 20)
@@ -94,6 +96,15 @@ def read_recording(
 
 def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Reading:
     encoding = find_encoding(raw, progress)
+    if not has_escapes(raw):
+        return _read_lines(raw, encoding, options, progress)
+    with text_as_file(without_escapes(raw, encoding), raw, progress.part(0.0, 0.5), newline="") as text:
+        reading = _read_lines(text, "utf-8", options, progress.part(0.5, 1.0))
+    notes = ("control sequences of a terminal were left out", *reading.layout.notes)
+    return replace(reading, layout=replace(reading.layout, notes=notes))
+
+
+def _read_lines(raw: RawFile, encoding: str, options: ReadOptions, progress: Progress) -> Reading:
     layout = _sniff_head(raw, encoding, options)
     table, tally = read_rows(raw.path, encoding, layout, options, progress)
     if is_long(layout):

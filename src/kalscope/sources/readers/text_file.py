@@ -7,7 +7,7 @@ import hashlib
 import io
 import re
 import tempfile
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -41,6 +41,10 @@ _NUL_RUN = re.compile(rb"\0{16,}")
 """So many NULs in a row are a part of the file that was never written, as on a card that lost power."""
 _MAX_CONTROL = 0.1
 """Share of control bytes in a text file whose wire was noisy."""
+
+_ESCAPE = r"\x1b\[[0-?]{0,24}[ -/]{0,4}[@-~]"
+_ESCAPES, _ESCAPE_BYTES = re.compile(_ESCAPE), re.compile(_ESCAPE.encode())
+"""What colours a line of a terminal, or moves its cursor, as PuTTY logs it: ESC [ 3 2 m."""
 
 SAMPLE_BYTES = 16384
 """Bytes of each of the places further down where the form is checked."""
@@ -102,15 +106,24 @@ def _open_raw(path: Path, target: Path, progress: Progress) -> RawFile:
 
 
 @contextmanager
-def text_as_file(lines: Iterable[str], origin: RawFile, progress: Progress) -> Generator[RawFile]:
-    """Lines that a container holds as a text file, which lasts as long as the context."""
+def text_as_file(
+    lines: Iterable[str], origin: RawFile, progress: Progress, newline: str = "\n"
+) -> Generator[RawFile]:
+    """Lines that a container holds as a text file, which lasts as long as the context.
+
+    Args:
+        lines: The lines.
+        origin: The file that holds them.
+        progress: Told every 4,096 lines.
+        newline: What is put behind each line; "" where they end in their own.
+    """
     with tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder:
         target = Path(folder) / "text"
         with target.open("w", encoding="utf-8", errors="replace", newline="\n") as out:
             for number, line in enumerate(lines):
                 if number % 4096 == 0:
                     progress(0.5, "reading")
-                out.write(line + "\n")
+                out.write(line + newline)
         with target.open("rb") as file:
             head = file.read(HEAD_BYTES)
         yield replace(origin, path=target, size=target.stat().st_size, head=head)
@@ -146,7 +159,7 @@ def _wide_encoding(head: bytes) -> str | None:
 
 def _require_text(head: bytes, name: str) -> None:
     """BadFile where the head is no text; long runs of NULs between text are left to the reader of lines."""
-    text = _NUL_RUN.sub(b"", head)
+    text = _ESCAPE_BYTES.sub(b"", _NUL_RUN.sub(b"", head))
     control = [byte < 32 and byte not in b"\t\n\r\f" for byte in text]
     if text and sum(control) <= _MAX_CONTROL * len(text):
         return
@@ -169,6 +182,18 @@ def _is_utf8(path: Path, progress: Progress) -> bool:
     except UnicodeDecodeError:
         return False
     return True
+
+
+def has_escapes(raw: RawFile) -> bool:
+    """True where a terminal's control sequences are in the text."""
+    return _ESCAPE_BYTES.search(raw.head) is not None
+
+
+def without_escapes(raw: RawFile, encoding: str) -> Iterator[str]:
+    """The lines without the control sequences of a terminal, with their newlines."""
+    with raw.path.open("rb") as file, open_text(file, encoding) as lines:
+        for line in lines:
+            yield _ESCAPES.sub("", line)
 
 
 def sample_lines(raw: RawFile, encoding: str) -> list[list[str]]:

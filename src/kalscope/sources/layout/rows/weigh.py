@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from kalscope.sources.grammar.cells import is_grouped, split_fields
+from kalscope.sources.grammar.cells import NumberForm, is_grouped, split_fields
 from kalscope.sources.layout.rows.kinds import CellKinds, only_text
 from kalscope.sources.layout.rows.shapes import HeadLine
 from kalscope.sources.layout.rows.tables import MIN_TEXT_SHARE, HeadTable
@@ -57,7 +57,7 @@ def _consistency(table: HeadTable) -> float:
 
 
 def _score(lines: list[HeadLine], table: HeadTable) -> float:
-    if table.form.decimal == "," and table.width == 1 and not _names_fit(lines, table):
+    if table.form.decimal == "," and table.width == 1 and not _names_fit(lines, table) and not _is_padded(table):
         # Any "12,5" is one number as well as two: the header must speak for the one.
         return table.score / 2
     return table.score
@@ -65,15 +65,37 @@ def _score(lines: list[HeadLine], table: HeadTable) -> float:
 
 def _likely(lines: list[HeadLine], table: HeadTable) -> float:
     """The score by which a second is close: of `1.013,25` alone on each line, that of one whole number."""
-    some = table.rows[:: max(1, len(table.rows) // _SOME)]
-    alone = table.width == 1 and all(is_grouped(cells[0]) for _, cells in some)
-    return table.score if alone else _score(lines, table)
+    return table.score if _is_grouped(table) else _score(lines, table)
 
 
-def _rank(lines: list[HeadLine], table: HeadTable) -> tuple[float, bool, bool, bool]:
-    """Best score; of equals Teleplot, the one whose header has as many cells, the one with the decimal point."""
+def _is_grouped(table: HeadTable) -> bool:
+    """True for one column of numbers, some of them with their thousands parted: `990,00` and `1.013,25`."""
+    if table.width != 1:
+        return False
+    some = [cells[0] for _, cells in table.rows[:: max(1, len(table.rows) // _SOME)]]
+    form = NumberForm(table.form.decimal, thousands=True)
+    return all(map(form.fits, some)) and any(is_grouped(cell) and "." in cell and "," in cell for cell in some)
+
+
+def _is_padded(table: HeadTable) -> bool:
+    """True for one column of such numbers where the digits behind a mark show that no two cells are meant.
+
+    As a cell of its own nobody would write the 05 of `1.013,05` or the 013.25 of `1,013.25`.
+    """
+    mark = table.form.decimal if table.form.decimal == "," else ","
+    parts = [cells[0].split(mark) for _, cells in table.rows]
+    padded = any(part[:1] == "0" and part[1:2].isdecimal() for _, *after in parts for part in after)
+    return padded and _is_grouped(table)
+
+
+def _rank(lines: list[HeadLine], table: HeadTable) -> tuple[float, bool, bool, bool, bool]:
+    """Best score; of equals Teleplot, the one whose header has as many cells, the one with the decimal point.
+
+    Numbers whose thousands are parted come before the cells that they could be.
+    """
     fits = _names_fit(lines, table)
-    return round(_score(lines, table), 6), table.form.kind == "teleplot", fits, table.form.decimal == "."
+    score, teleplot = round(_score(lines, table), 6), table.form.kind == "teleplot"
+    return score, teleplot, fits, _is_padded(table), table.form.decimal == "."
 
 
 def _names_fit(lines: list[HeadLine], table: HeadTable) -> bool:
