@@ -10,7 +10,7 @@ from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
 from kalscope.estimation.momentum.fit import MomentumFit
-from kalscope.estimation.momentum.likelihood import Samples, pairs, step_variance
+from kalscope.estimation.momentum.likelihood import Samples, pairs, ratio_of
 
 _DERIVATIVE_STEP = 1e-3
 """Step in ln(step variance / r) for the slope of the scale, which only feeds standard errors."""
@@ -29,7 +29,7 @@ def fit_at(data: Samples, tau: float, progress: Progress) -> MomentumFit:
     unit = data.concentrated(near, np.full(3, tau))[1] * data.scale * data.scale
     q, r = q * unit, r * unit
     errors = [_relative_error(value, peak, data.m) for value in (q, r)]
-    low, high = (math.exp(end) / step_variance(tau) for end in peak.interval)
+    low, high = (ratio_of(end, tau) for end in peak.interval)
     return MomentumFit(
         q=float(q[0]),
         r=float(r[0]),

@@ -59,6 +59,7 @@ def scan_lanes(z: Array, gap: Array, q: Array, r: Array, tau: Array, chi2: Array
 def scan_eight(z: Array, gap: Array, tau: Array, lanes: Array, logdet: Array) -> None:
     """`scan_lanes` of eight lanes that hold their start."""
     n, regular = z.shape[0], gap.shape[0] == 0
+    even_from = 0 if regular else after_last_gap(gap)
     before = np.empty(3 * LANES)
     logdet[:] = 0.0
     last = 1.0
@@ -74,7 +75,7 @@ def scan_eight(z: Array, gap: Array, tau: Array, lanes: Array, logdet: Array) ->
             advance(z[i], lanes)
             i += 1
         fold(lanes, logdet)
-        if regular and has_settled(before, lanes):
+        if i >= even_from and has_settled(before, lanes):
             set_gains(lanes)
             advance_settled(z[i:], lanes)
             for j in range(LANES):
@@ -82,6 +83,15 @@ def scan_eight(z: Array, gap: Array, tau: Array, lanes: Array, logdet: Array) ->
             i = n
     for j in range(LANES):
         logdet[j] += np.log(lanes[PRODUCT + j])
+
+
+@njit(cache=True, nogil=True)
+def after_last_gap(gap: Array) -> int:
+    """The first block from which on every step is one period, with a block before it in which the step was set."""
+    for i in range(gap.shape[0] - 1, -1, -1):
+        if gap[i] != 1.0:
+            return i + 2 + BLOCK
+    return 0
 
 
 @njit(cache=True, nogil=True)

@@ -39,6 +39,24 @@ class Samples:
         """The samples whose differences are known."""
         return Samples(np.concatenate([[0.0], np.cumsum(data.d)]), data.gap, data.scale)
 
+    @property
+    def span(self) -> float:
+        """Sample periods from the first sample to the last."""
+        return float(self.gap.sum()) if len(self.gap) else float(self.m)
+
+    def without(self, first: int, stop: int) -> Samples:
+        """The record with the samples from `first` to before `stop` missing."""
+        kept = np.r_[0:first, stop : len(self.z)]
+        times = np.arange(len(self.z), dtype=np.float64)
+        if len(self.gap):
+            times[1:] = np.cumsum(self.gap)
+        gap = np.diff(times[kept])
+        return Samples(self.z[kept] - self.z[kept[0]], np.empty(0) if np.all(gap == 1.0) else gap, self.scale)
+
+    def differences(self) -> Differences:
+        """The same record as the likelihood without momentum takes it."""
+        return Differences(np.diff(self.z), self.gap, self.scale)
+
     def sums(self, q: Array, r: Array, tau: Array) -> tuple[Array, Array]:
         """Σv²/s (in scale²) and Σln s for each triple, shape (k,); those of one τ should stand together."""
         k = len(q)
@@ -60,6 +78,11 @@ def pairs(log_moves: Array, tau: Array) -> tuple[Array, Array]:
     """Q and r up to their scale, for each ln(variance of one step / r); exact at ∓inf."""
     with np.errstate(over="ignore"):
         return 1.0 / (1.0 + np.exp(-log_moves)) / step_variances(tau), 1.0 / (1.0 + np.exp(log_moves))
+
+
+def ratio_of(log_moves: float, tau: float) -> float:
+    """q/r of ln(variance of one step / r), 0 … inf."""
+    return math.exp(log_moves) / step_variance(tau) if log_moves < 700.0 else math.inf
 
 
 def step_variances(tau: Array) -> Array:

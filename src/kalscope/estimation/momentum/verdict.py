@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from kalscope.common.progress import Progress
 from kalscope.common.text import decibels, number, percent
 from kalscope.estimation import verdict_text
 from kalscope.estimation.likelihood.profile import Differences
+from kalscope.estimation.momentum.choice import Choice, choose
 from kalscope.estimation.momentum.fit import MomentumFit
+from kalscope.estimation.momentum.free import fit_around
 from kalscope.estimation.momentum.given import fit_at
 from kalscope.estimation.momentum.likelihood import Samples
+from kalscope.estimation.momentum.search import search
 from kalscope.estimation.result import USABLE, Estimate
 from kalscope.estimation.verdict import MIN_VARIANCE
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
@@ -26,10 +30,51 @@ def with_momentum(data: Differences, plain: Estimate, momentum: float | None, pr
         momentum: τ in sample periods, above 0; None = find it, and keep `plain` unless the record asks for it.
         progress: reported to.
     """
-    if plain.verdict == "bad_unit" or momentum is None:
+    if plain.verdict == "bad_unit":
         return plain
-    found = fit_at(Samples.of(data), momentum, progress)
-    return conclude(found, f"The momentum of {number(momentum)} samples was given.")
+    samples = Samples.of(data)
+    if momentum is not None:
+        found = fit_at(samples, momentum, progress)
+        return conclude(found, f"The momentum of {number(momentum)} samples was given.")
+    top = search(samples, progress.part(0.0, 0.4))
+    choice = choose(samples, float(plain.loglik), top, progress.part(0.4, 0.8))
+    if not choice.chosen:
+        return replace(plain, message=f"{plain.message} {_kept(choice)}", prediction_gain=_prediction_gain(choice))
+    found = fit_around(samples, top, progress.part(0.8, 1.0))
+    return replace(conclude(found, _reason(found, choice)), prediction_gain=_prediction_gain(choice))
+
+
+def _prediction_gain(choice: Choice) -> float:
+    return 0.0 if math.isnan(choice.error) else 1.0 - choice.error
+
+
+def _kept(choice: Choice) -> str:
+    """Why the simpler model stays."""
+    if choice.needed == math.inf:
+        return "The record is too short to tell whether the signal has momentum."
+    if math.isnan(choice.error):
+        return "No momentum: the five lines describe it."
+    less = 1.0 - choice.error
+    said = f"only {percent(less)} less" if less > 0.0 else f"{percent(-less)} more"
+    return f"No momentum: with it the error on unseen samples would be {said}, so the five lines stay."
+
+
+def _reason(found: MomentumFit, choice: Choice) -> str:
+    """Why momentum is taken, and what it costs."""
+    low, high = found.tau_interval
+    span = f"{number(low)} to {number(high)}" if high < math.inf else f"{number(low)} or more"
+    return (
+        f"The signal keeps its direction for about {number(found.tau)} samples ({span}). With this momentum the "
+        f"error of predicting unseen samples is {percent(1.0 - choice.error)} smaller than with the five lines. It "
+        f"costs a second state on the board{_overshoot(found)}."
+    )
+
+
+def _overshoot(found: MomentumFit) -> str:
+    if found.q == 0.0 or found.r == 0.0:
+        return ""
+    overshoot = float(_settled(found.q / found.r, found.tau).overshoot)
+    return f" and an overshoot of {percent(overshoot)} on a step"
 
 
 def conclude(found: MomentumFit, reason: str) -> Estimate:

@@ -1,0 +1,96 @@
+"""Whether a record asks for momentum: by its likelihood, and by how well it predicts samples that it has not seen.
+
+Both must agree, else the simpler model stays. The likelihood alone would choose momentum for a few jumps of a long
+record; prediction alone would choose it by chance in every third random walk.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from kalscope.common.array import Array
+from kalscope.common.progress import Progress
+from kalscope.estimation.methods import maximum_likelihood as ml
+from kalscope.estimation.momentum.free import params_at
+from kalscope.estimation.momentum.likelihood import Samples
+from kalscope.estimation.momentum.search import Top, climb
+from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.params import FilterParams
+
+MIN_GAIN = 12.0
+"""Twice the log-likelihood that momentum must add: 2 for its parameter by Akaike's criterion, 10 for safety."""
+SHORT_RECORD = 5000.0
+"""This over the samples is to be added besides: a short record has seen few changes of direction, if any."""
+MAX_ERROR = 0.995
+"""One-step error with momentum over that without, on unseen samples: at least 0.5 % less."""
+FOLDS = 5
+"""Parts of the record, each of which is predicted by fits to all the others."""
+MIN_SAMPLES = 60
+"""Samples of the record, so that each part holds a dozen."""
+_BLOCKS = 2
+"""Stretches of each part. All count alike: a sensor may sleep in one of them, and be shaken in another."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What speaks for momentum in one channel."""
+
+    gain: float
+    """Twice the log-likelihood that it adds."""
+    needed: float
+    """What it must add; inf for a record that is too short to tell."""
+    error: float
+    """One-step error with momentum over that without, on unseen samples; NaN where that was not tried."""
+
+    @property
+    def chosen(self) -> bool:
+        """Whether both tests are for it."""
+        return self.gain > self.needed and self.error <= MAX_ERROR
+
+
+def choose(data: Samples, plain: float, top: Top, progress: Progress) -> Choice:
+    """Weigh momentum against the random walk.
+
+    Args:
+        data: the record.
+        plain: the log-likelihood of the best random walk.
+        top: the best place of the likelihood with momentum.
+        progress: reported to.
+    """
+    gain = 2.0 * (top.loglik - plain)
+    count = len(data.z)
+    needed = math.inf if count < MIN_SAMPLES else MIN_GAIN + SHORT_RECORD / count
+    if not gain > needed:
+        return Choice(gain, needed, math.nan)
+    ends = np.linspace(0.0, count, FOLDS + 1).astype(int).tolist()
+    ratios: list[Array] = []
+    for i, part in enumerate(itertools.pairwise(ends)):
+        progress(i / FOLDS, "prediction of unseen samples")
+        ratios.append(_error_ratios(data, part, top))
+    logs = np.log(np.concatenate(ratios))
+    return Choice(gain, needed, float(np.exp(logs.mean())) if len(logs) else math.nan)
+
+
+def _error_ratios(data: Samples, part: tuple[int, int], top: Top) -> Array:
+    """One-step errors on stretches of one part, momentum over random walk, both fitted to the other parts."""
+    others = data.without(*part)
+    differences = others.differences()
+    if not differences.d.any():
+        return np.empty(0)
+    pair = ml.fit(differences, ml.search(differences, Progress()))
+    q, r, tau = params_at(others, climb(others, top))
+    walk = _squares(data, FilterParams(q=pair.q, r=pair.r), part)
+    moving = _squares(data, FilterParams(q=q, r=r, momentum=tau), part)
+    still = (walk == 0.0) | (moving == 0.0)
+    return np.sqrt(moving[~still] / walk[~still])
+
+
+def _squares(data: Samples, params: FilterParams, part: tuple[int, int]) -> Array:
+    """Mean squared one-step error of each stretch of a part."""
+    dt = np.append(1.0, data.gap) if len(data.gap) else None
+    squares = kalman_filter(data.z, params, dt).innovation[max(part[0], 1) : part[1]] ** 2
+    return np.array([float(np.mean(stretch)) for stretch in np.array_split(squares, _BLOCKS)])
