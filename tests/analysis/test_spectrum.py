@@ -167,6 +167,43 @@ def test_the_minimum_of_the_model_is_its_minimum():
     assert best_average(1.0, 0.0) == 1.0
 
 
+@pytest.mark.parametrize("momentum", [1e-9, 0.3, 5.0, 80.0, 3e3, 1e5])
+@pytest.mark.parametrize("size", [1, 2, 7, 40, 300])
+def test_allan_of_the_model_with_momentum_is_its_definition(momentum, size):
+    """Two averages of a process that is off by q(k - τ + τ exp(-k/τ)) after k samples, in the mean square."""
+    apart = np.abs(np.subtract.outer(np.arange(2.0 * size), np.arange(2.0 * size)))
+    off = 2.0 * (apart + momentum * np.expm1(-apart / momentum))
+    weights = np.repeat([-1.0 / size, 1.0 / size], size)
+    expected = -0.25 * weights @ off @ weights + 3.0 / size
+    assert float(allan_model(size, 2.0, 3.0, momentum)) == pytest.approx(expected, rel=1e-11)
+
+
+def test_allan_of_a_signal_that_keeps_its_direction_follows_the_model():
+    n, tau, q = 200_000, 30.0, 0.25
+    fade = math.exp(-1.0 / tau)
+    kicks = RNG.normal(size=n) * math.sqrt(0.5 * q / tau * (1.0 - fade * fade))
+    v = np.empty(n)
+    v[0] = 0.0
+    for i in range(1, n):
+        v[i] = fade * v[i - 1] + kicks[i]
+    z = np.cumsum(v) + 2.0 * RNG.normal(size=n)
+    # v is the velocity at the samples: summed, it differs from the integral by less than 1/τ of a step
+    found = allan_deviation(z, FilterParams(q=q, r=4.0, momentum=tau))
+    assert np.all(np.abs(found.deviation - found.model) < 5.0 * found.spread + 0.01 * found.model)
+    assert np.abs(found.deviation / allan_deviation(z, FilterParams(q=q, r=4.0)).model - 1.0).max() > 0.2
+
+
+def test_the_minimum_with_momentum_is_the_minimum_of_the_model():
+    for q, r, momentum in ((0.01, 1.0, 20.0), (1.0, 1.0, 1e3), (1e-3, 1.0, 1e5), (1e-4, 1.0, 0.01)):
+        best = best_average(q, r, momentum)
+        near = np.rint(best * np.array([0.8, 1.0, 1.25]))
+        assert np.argmin(allan_model(near, q, r, momentum)) == 1
+        assert best >= 0.9 * best_average(q, r)  # what keeps its direction moves less at first
+    assert best_average(0.0, 1.0, 5.0) == math.inf
+    said = allan_deviation(RNG.normal(size=5000), FilterParams(1e-4, 1.0, momentum=100.0)).message
+    assert "By the model averaging longer than" in said
+
+
 def test_the_words_name_the_minimum_of_model_and_recording():
     n = 100_000
     z = RNG.normal(size=n) + np.cumsum(0.01 * RNG.normal(size=n))

@@ -74,6 +74,6 @@ class Allan:
 
 def compute_allan(state: State) -> Allan | None:
     """Allan deviation of the channel on screen; None where that is not known of its model."""
-    if not state.filter.is_standard or state.tuning.momentum:
+    if not state.filter.is_standard:
         return None
     return Allan(state, allan_deviation(state.z, state.params, state.recording.sample_period))

@@ -21,6 +21,9 @@ SIZES_PER_OCTAVE = 3
 """Averaging lengths in each doubling."""
 
 
+CLOSED_FROM = 0.1
+"""Averages over more of the momentum than this have a closed form that loses no digits that matter."""
+
 MAX_SAMPLES = 2_000_000
 """Samples used, the first ones of the record."""
 
@@ -38,7 +41,7 @@ class AllanDeviation:
     spread: Array
     """One standard error of it, unit, from the number of independent averages."""
     model: Array
-    """Of white noise r and a random walk q, unit."""
+    """Of white noise r and a random walk q with the filter's momentum, unit."""
     best_size: float
     """Averaging length of the model's minimum, samples; inf for q = 0, 1 where averaging never helps."""
     in_seconds: bool
@@ -51,7 +54,8 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
     """Overlapping Allan deviation at log-spaced averaging lengths, beside that of the model.
 
     Averages that would hold a missing sample are left out. The model is AVAR(M) = r/M + q(2M² + 1)/(6M), white
-    measurement noise and a random walk (Zhang 2008, Metrologia 45, 549); its minimum lies at M² = 3r/q + ½.
+    measurement noise and a random walk (Zhang 2008, Metrologia 45, 549); its minimum lies at M² = 3r/q + ½. With
+    momentum see `allan_model`.
 
     Args:
         z: measurements of one channel, shape (n,); NaN is a missing sample.
@@ -67,34 +71,69 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
     level = float(samples[there].mean()) if there.any() else 0.0
     row = np.where(there, samples - level, 0.0)
     size, variance, degrees = allan_variances(row, there, log_sizes(len(row) // 4))
-    q, r = float(params.q), float(params.r)
+    q, r, momentum = float(params.q), float(params.r), float(params.momentum)
     deviation = np.sqrt(variance)
     spread = deviation / np.sqrt(2.0 * degrees)
-    best = best_average(q, r)
+    best = best_average(q, r, momentum)
+    least = math.sqrt(float(allan_model(best, q, r, momentum))) if math.isfinite(best) else math.nan
     return AllanDeviation(
         size=size,
         tau=size * period,
         deviation=deviation,
         spread=spread,
-        model=np.sqrt(allan_model(size, q, r)),
+        model=np.sqrt(allan_model(size, q, r, momentum)),
         best_size=best,
         in_seconds=sample_period is not None,
-        message=_message(size, deviation, spread, q, r, best, sample_period),
+        message=_message(size, deviation, spread, best, least, sample_period),
     )
 
 
-def allan_model(size: ArrayLike, q: float, r: float) -> Array:
+def allan_model(size: ArrayLike, q: float, r: float, momentum: float = 0.0) -> Array:
     """Allan variance of white noise r and a random walk of q a sample, at averages over `size` samples, unit².
 
-    r/M + q(2M² + 1)/(6M): Zhang (2008), Metrologia 45, 549; the same as `av_wn` and `av_rw` of R's avar.
+    r/M + q(2M² + 1)/(6M): Zhang (2008), Metrologia 45, 549; the same as `av_wn` and `av_rw` of R's avar. With
+    momentum τ the walk is off by q(k − τ(1 − eᵏ)) after k samples, in the mean square, and twice summed this gives
+    what `_kept_direction` takes away.
     """
     m = np.asarray(size, dtype=np.float64)
-    return r / m + q * (2.0 * m * m + 1.0) / (6.0 * m)
+    walk = q * (2.0 * m * m + 1.0) / (6.0 * m)
+    if not momentum:
+        return r / m + walk
+    far = m >= CLOSED_FROM * momentum
+    with np.errstate(over="ignore", invalid="ignore"):
+        walk = walk - 0.5 * q * _kept_direction(np.where(far, m, momentum), momentum)
+    near = [0.5 * q * _near(float(each), momentum) for each in m[~far].flat]
+    walk = np.array(walk)
+    walk[~far] = near
+    return r / m + walk
 
 
-def best_average(q: float, r: float) -> float:
-    """Averaging length in samples where the model's Allan deviation is least, ≥ 1: √(3r/q + ½); inf for q = 0."""
-    return math.inf if q == 0.0 else max(1.0, math.sqrt(3.0 * (r / q) + 0.5))
+def _kept_direction(m: Array, tau: float) -> Array:
+    """How much less two averages over m samples differ in the mean square for the momentum τ, for q = 1."""
+    forgotten, left = -np.expm1(-1.0 / tau), np.exp(-m / tau)
+    e = 1.0 - forgotten
+    return tau / m * ((1.0 + e) / forgotten - e * -np.expm1(-m / tau) * (3.0 - left) / (m * forgotten * forgotten))
+
+
+def _near(m: float, tau: float) -> float:
+    """Mean squared difference of two averages over m samples, far fewer than τ, where the closed form cancels."""
+    k = np.arange(1.0, 2.0 * round(m))
+    weight = np.where(k <= m, 3.0 * k - 2.0 * m, 2.0 * m - k) / (m * m)
+    return float(weight @ (k + tau * np.expm1(-k / tau)))
+
+
+def best_average(q: float, r: float, momentum: float = 0.0) -> float:
+    """Averaging length in samples where the model's Allan deviation is least, ≥ 1: √(3r/q + ½); inf for q = 0.
+
+    With momentum the least of lengths that rise by 2 %: the walk alone would have its minimum later still.
+    """
+    if q == 0.0:
+        return math.inf
+    plain = max(1.0, math.sqrt(3.0 * (r / q) + 0.5))
+    if not momentum:
+        return plain
+    lengths = np.unique(np.rint(np.geomspace(1.0, max(2.0, 10.0 * (plain + momentum)), 1200)))
+    return float(lengths[int(np.argmin(allan_model(lengths, q, r, momentum)))])
 
 
 def first_minimum(deviation: Array, spread: Array) -> int:
@@ -119,10 +158,8 @@ def log_sizes(longest: int) -> NDArray[np.int64]:
     return np.unique(np.rint(2.0 ** (steps / SIZES_PER_OCTAVE)).astype(np.int64))
 
 
-def _message(
-    size: Array, deviation: Array, spread: Array, q: float, r: float, best: float, period: float | None
-) -> str:
-    """Where averaging stops helping: by the model, and in the recording."""
+def _message(size: Array, deviation: Array, spread: Array, best: float, least: float, period: float | None) -> str:
+    """Where averaging stops helping: by the model, `least` at `best` samples, and in the recording."""
     if len(size) < 2:
         return "The recording is too short for an Allan deviation."
     if math.isinf(best):
@@ -132,7 +169,6 @@ def _message(
             "By the model averaging does not help at all: the signal changes more between samples than its noise."
         )
     else:
-        least = math.sqrt(float(allan_model(best, q, r)))
         longest = lag_in_full(best, period)
         model = (
             f"By the model averaging longer than {longest} does not help: {number(least)} is the lowest deviation."
