@@ -20,7 +20,7 @@ from kalscope.sources.instruments.metadata import (
     is_sample,
     positive,
 )
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.preface import Preface, TablePreface
 
 _NAME = "ActiGraph"
 _AWD_LINES = 7
@@ -46,12 +46,9 @@ def recognise(head: Sequence[str]) -> Preface | None:
     if period is None:
         return None
     start = None if stamped else _start(head[0], _behind(above, "start date"), _behind(above, "start time"))
-    return Preface(
+    return TablePreface(
         _NAME,
-        delimiter=",",
-        decimal=".",
         header_row=end + 2 if named else 0,
-        unit_row=0,
         first_row=end + 2 + named,
         time_column=None if stamped else -1,
         period=period,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from kalscope.sources.instruments.metadata import cells_of
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.preface import Preface, TablePreface
 
 _STAMPS = ("timestamp", "tmstamp", "ts")
 _COUNTERS = ("record", "recnbr", "rn")
@@ -32,10 +32,8 @@ def _preface(form: str, head: Sequence[str], first: int) -> Preface:
     bare = tuple("" if unit.lower() in _NO_UNITS else unit for unit in units)
     bases = [name.lower() for name in names]
     station = f' of station "{about[1]}"' if len(about) > 1 else ""
-    return Preface(
+    return TablePreface(
         "Campbell logger",
-        delimiter=",",
-        decimal=".",
         header_row=2,
         unit_row=3 if units else 0,
         first_row=first,

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from kalscope.sources.grammar.cells import is_number
 from kalscope.sources.instruments.metadata import Cells, cells_of
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.preface import Preface, TablePreface
 
 _NAME = "Empatica E4"
 _RATES = (1.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0)
@@ -25,12 +25,8 @@ def recognise(head: Sequence[str]) -> Preface | None:
         return None
     first, second = cells_of(head[0]), cells_of(head[1])
     if len(first) == 2 and first[1].upper() == "IBI" and _is_start(first[0]):
-        return Preface(
+        return TablePreface(
             _NAME,
-            delimiter=",",
-            decimal=".",
-            header_row=0,
-            unit_row=0,
             first_row=2,
             names=("time", "IBI"),
             units=("s", "s"),
@@ -47,12 +43,8 @@ def recognise(head: Sequence[str]) -> Preface | None:
         return None
     # The file's name says what one column holds; three are the accelerometer.
     three = len(first) == 3
-    return Preface(
+    return TablePreface(
         _NAME,
-        delimiter=",",
-        decimal=".",
-        header_row=0,
-        unit_row=0,
         first_row=3,
         names=("x", "y", "z") if three else ("value",) if len(first) == 1 else ("",) * len(first),
         units=("1/64 g",) * 3 if three else ("",) * len(first),

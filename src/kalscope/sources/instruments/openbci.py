@@ -17,7 +17,7 @@ from kalscope.sources.instruments.metadata import (
     inverse,
     positive,
 )
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.preface import Preface, TablePreface
 
 _NAME = "OpenBCI"
 _MIN_EPOCH_MS = 1e11
@@ -92,12 +92,9 @@ def _preface(
     numeric = is_number(cell)
     exg = sum(name.startswith("EXG") for name in names)
     rate = f", sample interval {in_words(period)} from the rate above the table" if period else ""
-    return Preface(
+    return TablePreface(
         _NAME,
-        delimiter=",",
-        decimal=".",
         header_row=header_row,
-        unit_row=0,
         first_row=first_row,
         names=names,
         units=tuple(_unit(name) for name in names),

@@ -25,7 +25,7 @@ from kalscope.sources.instruments.metadata import (
     said,
     table_rows,
 )
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.preface import Preface, TablePreface
 
 _PLAIN = frozenset(("raw", "custom", "unknown", ""))
 _MAX_CHANNELS = 64
@@ -60,12 +60,8 @@ def _opensignals(head: Sequence[str]) -> Preface | None:
         return None
     period = inverse(positive(str(devices[0].get("sampling rate", ""))))
     interval = f", sample interval {in_words(period)} from its header" if period else ""
-    return Preface(
+    return TablePreface(
         "OpenSignals",
-        delimiter=",",
-        decimal=".",
-        header_row=0,
-        unit_row=0,
         first_row=at + 1,
         names=names,
         units=("",) * len(names),
@@ -114,12 +110,9 @@ def _biopac(rows: list[Cells], at: int) -> Preface | None:
     word = rows[header][0].lower() if rows[header] else ""
     unit = "ms" if word == "millisec" else UNIT_OF_WORD.get(word)
     timed = len(rows[header]) == count + 1 and unit is not None
-    return Preface(
+    return TablePreface(
         "BIOPAC AcqKnowledge",
-        delimiter=",",
-        decimal=".",
         header_row=header + 1,
-        unit_row=0,
         first_row=first + 1,
         names=(*["time"] * timed, *titled[::2]),
         units=(*[unit or ""] * timed, *titled[1::2]),
@@ -139,12 +132,8 @@ def _labchart(rows: list[Cells]) -> Preface | None:
     timed = len(rows[first]) > len(titles)
     days = parse_number(said(rows[:20], "exceldatetime").split(" ")[0])
     bare = [*(units if len(units) == len(titles) else [""] * len(titles))]
-    return Preface(
+    return TablePreface(
         "LabChart",
-        delimiter=",",
-        decimal=".",
-        header_row=0,
-        unit_row=0,
         first_row=first + 1,
         names=(*["time"] * timed, *titles),
         units=(*["s"] * timed, *bare),

@@ -41,3 +41,16 @@ class Preface:
     trigger."""
     notes: tuple[str, ...] = ()
     """What else was understood, each a sentence for the report."""
+
+
+@dataclass(frozen=True)
+class TablePreface(Preface):
+    """The same of a table between commas, with decimal points, and without rows of names and units.
+
+    Rules see every file so: `dialect.py` puts back what a spreadsheet wrote.
+    """
+
+    delimiter: str | None = ","
+    decimal: str | None = "."
+    header_row: int | None = 0
+    unit_row: int | None = 0

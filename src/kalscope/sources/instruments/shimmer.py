@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from kalscope.sources.grammar.time_units import UNIT_OF_WORD
 from kalscope.sources.instruments.metadata import Cells, cells_of, is_sample
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.preface import Preface, TablePreface
 
 _KINDS = frozenset(("raw", "cal", "uncal", "calibrated", "uncalibrated"))
 _SUFFIXES = ("_cal", "_raw", "_uncal")
@@ -62,10 +62,8 @@ def _preface(above: list[tuple[int, Cells]], first: int) -> Preface | None:
     bare += ("",) * (len(names) - len(bare))
     stamps = [i for i, name in enumerate(names) if "timestamp" in name.lower()]
     time = next((i for i in stamps if "unix" in names[i].lower()), stamps[0] if stamps else None)
-    return Preface(
+    return TablePreface(
         "Shimmer",
-        delimiter=",",
-        decimal=".",
         header_row=header + 1,
         unit_row=unit_row + 1,
         first_row=first + 1,

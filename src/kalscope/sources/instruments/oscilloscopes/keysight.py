@@ -20,7 +20,7 @@ from kalscope.sources.instruments.metadata import (
     unit_in,
 )
 from kalscope.sources.instruments.oscilloscopes.trace import counted, trace
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.preface import Preface, TablePreface
 
 _NAME = "Keysight oscilloscope"
 _FIRST = ("x-axis", "points/segment", "revision", "type:", "type,")
@@ -52,12 +52,8 @@ def _infiniium(lines: list[Cells]) -> Preface | None:
     if period is None or time_unit != "s":
         return None
     channels = len(rows[first]) - timed
-    return Preface(
+    return TablePreface(
         _NAME,
-        delimiter=",",
-        decimal=".",
-        header_row=0,
-        unit_row=0,
         first_row=first + 1,
         names=(*(["time"] * timed), *([""] * channels)),
         units=(*(["s"] * timed), *([unit] * channels)),

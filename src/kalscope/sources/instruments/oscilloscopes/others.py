@@ -23,7 +23,7 @@ from kalscope.sources.instruments.metadata import (
     unit_in,
 )
 from kalscope.sources.instruments.oscilloscopes.trace import counted, trace
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.preface import Preface, TablePreface
 
 
 def recognise(head: Sequence[str]) -> Preface | None:
@@ -44,12 +44,9 @@ def _lecroy(rows: list[Cells]) -> Preface | None:
     notes = [f"LeCroy oscilloscope: {counted(len(rows[at]) - 1)}"]
     if segments.isdecimal() and segments not in ("0", "1"):
         notes.append(f"{segments} segments follow one another, each with stamps from its own trigger")
-    return Preface(
+    return TablePreface(
         "LeCroy oscilloscope",
-        delimiter=",",
-        decimal=".",
         header_row=at + 1,
-        unit_row=0,
         first_row=first + 1,
         names=("time", *rows[at][1:]),
         units=("s", *[""] * (len(rows[at]) - 1)),
@@ -79,12 +76,8 @@ def _gw_instek(rows: list[Cells]) -> Preface | None:
     timed = len(rows[first]) == 2
     # Without stamps ("Fast") the samples are counts of the converter.
     unit = (unit_in(said(rows[:at], "vertical units")) or "") if timed else ""
-    return Preface(
+    return TablePreface(
         "GW Instek oscilloscope",
-        delimiter=",",
-        decimal=".",
-        header_row=0,
-        unit_row=0,
         first_row=first + 1,
         names=(*(["time"] * timed), said(rows[:at], "source")),
         units=(*(["s"] * timed), unit),
@@ -100,12 +93,8 @@ def _hantek(rows: list[Cells]) -> Preface | None:
     if first is None or len(rows[first]) < 2:
         return None
     channels = len(rows[first]) - 1
-    return Preface(
+    return TablePreface(
         "Hantek oscilloscope",
-        delimiter=",",
-        decimal=".",
-        header_row=0,
-        unit_row=0,
         first_row=first + 1,
         names=("time", *[""] * channels),
         units=("s", *["V"] * channels),
@@ -128,12 +117,9 @@ def _owon(rows: list[Cells]) -> Preface | None:
     size = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}.get(UNIT_OF_WORD[units[1]], 1.0)
     period = float(f"{(stamps[0] - stamps[1]) * size:.9g}")
     note = f", stamps run backwards: the samples are taken {in_words(period)} apart" if backwards else ""
-    return Preface(
+    return TablePreface(
         "Owon oscilloscope",
-        delimiter=",",
-        decimal=".",
         header_row=1,
-        unit_row=0,
         first_row=first + 1,
         names=("#", "time", *names[2:]),
         units=("", units[1], *units[2:]),
@@ -152,12 +138,9 @@ def _rohde_schwarz(rows: list[Cells]) -> Preface | None:
     if first is None or len(header) < 2 or not all(word for _, word, _ in header):
         return None
     names, units = [name.strip() for name, _, _ in header], [unit.strip() for _, _, unit in header]
-    return Preface(
+    return TablePreface(
         "Rohde & Schwarz oscilloscope",
-        delimiter=",",
-        decimal=".",
         header_row=1,
-        unit_row=0,
         first_row=first + 1,
         names=("time", *names[1:]),
         units=tuple(units),

@@ -24,7 +24,7 @@ from kalscope.sources.instruments.metadata import (
     unit_in,
 )
 from kalscope.sources.instruments.oscilloscopes.trace import channel_name, counted, trace
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.preface import Preface, TablePreface
 
 _NAME = "Rigol oscilloscope"
 
@@ -68,10 +68,8 @@ def _counted(rows: list[Cells], at: int) -> Preface | None:
     # Pods of eight digital lines, written 0x00, are no samples.
     pods = {i for i, name in enumerate(names[:width]) if name.upper().startswith("D") and "-" in name}
     interval = f"sample interval {in_words(period)} from its header" if period else "it gives no sample interval"
-    return Preface(
+    return TablePreface(
         _NAME,
-        delimiter=",",
-        decimal=".",
         header_row=at,
         unit_row=at + 1,
         first_row=first + 1,
@@ -96,12 +94,9 @@ def _in_one_line(rows: list[Cells]) -> Preface | None:
     if not timed and period is None:
         return None
     interval = f", sample interval {in_words(period)} from its header" if period else ""
-    return Preface(
+    return TablePreface(
         _NAME,
-        delimiter=",",
-        decimal=".",
         header_row=1,
-        unit_row=0,
         first_row=first + 1,
         names=(*["time"] * timed, *(name for name, _ in header[timed:])),
         units=tuple(unit for _, unit in header),

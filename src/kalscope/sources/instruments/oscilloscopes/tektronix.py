@@ -22,7 +22,7 @@ from kalscope.sources.instruments.metadata import (
     unit_in,
 )
 from kalscope.sources.instruments.oscilloscopes.trace import counted
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.preface import Preface, TablePreface
 
 _NAME = "Tektronix oscilloscope"
 _MIN_BESIDE = 2
@@ -65,12 +65,8 @@ def _beside(rows: list[Cells]) -> Preface | None:
     channels = width - left - 1
     names = (source,) if channels == 1 else tuple("" for _ in range(channels))
     period, note = _judged(period, whole, left)
-    return Preface(
+    return TablePreface(
         _NAME,
-        delimiter=",",
-        decimal=".",
-        header_row=0,
-        unit_row=0,
         first_row=1,
         names=(*("" for _ in range(left)), "time", *names),
         units=(*("" for _ in range(left)), time_unit, *(unit or "" for _ in range(channels))),
@@ -102,12 +98,9 @@ def _above(rows: list[Cells]) -> Preface | None:
     keys = {i for i, name in enumerate(names) if not name or (i and name.upper() == "TIME")}
     samples = [cells for cells in rows[first:] if is_sample(cells)]
     period, note = _judged(positive(said(rows[:at], "sample interval")), samples, 0)
-    return Preface(
+    return TablePreface(
         _NAME,
-        delimiter=",",
-        decimal=".",
         header_row=at + 1,
-        unit_row=0,
         first_row=first + 1,
         names=("time", *names[1:]),
         units=(time_unit, *units[1:]),

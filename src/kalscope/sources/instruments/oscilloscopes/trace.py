@@ -14,7 +14,7 @@ from kalscope.sources.instruments.metadata import (
     is_sample,
     unit_in,
 )
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.preface import Preface, TablePreface
 
 
 def trace_units(cells: Cells) -> tuple[str, ...] | None:
@@ -63,10 +63,8 @@ def trace(
             + ("" if fits else ", which the stamps contradict: the stamps are used")
         )
         period = period if fits else None
-    return Preface(
+    return TablePreface(
         instrument,
-        delimiter=",",
-        decimal=".",
         header_row=0 if header_at is None else header_at + 1,
         unit_row=units_at + 1,
         first_row=first + 1,
