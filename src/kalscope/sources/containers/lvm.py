@@ -7,63 +7,22 @@ tags (units, start, step), a row of names, and rows. Segments of the same channe
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.recording import MAX_ISSUE_LENGTH, MAX_ISSUES, LineIssue
+from kalscope.sources.containers.lvm_segments import Segment, X, gathered
 from kalscope.sources.containers.parts import Part, choose_part
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.cells import parse_number
 
 MAGIC = "LabVIEW Measurement"
 
-_X = "X_Value"
 _LINES_PER_REPORT = 4096
 _PLAIN = dict.fromkeys(map(ord, "0123456789+-.,eE\t ;"))
 """Marks of a row of numbers, which `str.translate` takes away."""
-
-
-@dataclass
-class _Segment:
-    """One segment while it is read."""
-
-    tags: dict[str, list[str]] = field(default_factory=dict[str, "list[str]"])
-    """Cells of each tag, by column; those of the file header where the segment gives none."""
-    names: list[str] = field(default_factory=list[str])
-    """The row of names; empty until it is read."""
-    numeric: list[int] = field(default_factory=list[int])
-    """Columns of the channels and of the x axes."""
-    rows: list[list[float]] = field(default_factory=list["list[float]"])
-    """The numbers, one a column; NaN in columns of text."""
-    filled: int = 0
-    """Rows of missing samples that keep the place of a rejected line."""
-    is_dated: bool = False
-    """True where it gives a start of its own, not only that of the file."""
-
-    def tag(self, name: str, column: int, default: str = "") -> str:
-        """The cell of a tag above a column; a tag of the file header has one cell for all."""
-        cells = self.tags.get(name, [])
-        cell = cells[1:2] if len(cells) <= 2 else cells[column : column + 1]
-        return "".join(cell).strip() or default
-
-
-@dataclass
-class _Series:
-    """Channels of one time axis, gathered from all segments."""
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    times: list[Array] = field(default_factory=list["Array"])
-    columns: list[list[Array]] = field(default_factory=list["list[Array]"])
-    periods: list[float | None] = field(default_factory=list["float | None"])
-    start: float | None = None
-    filled: int = 0
 
 
 def read_lvm(path: Path, name: str, part: str | None, progress: Progress) -> Table:
@@ -76,7 +35,7 @@ def read_lvm(path: Path, name: str, part: str | None, progress: Progress) -> Tab
     reader = _Reader(progress)
     with path.open("rb") as file:
         reader.take(_lines(file.read()))
-    series = _gathered(reader.segments, reader.decimal)
+    series = gathered(reader.segments, reader.decimal)
     parts = [Part(", ".join(one.names), sum(map(len, one.times)), len(one.names)) for one in series]
     chosen, notes = choose_part([part for part in parts if part.rows], part, name, "set of channels")
     one = [one for one, part in zip(series, parts, strict=True) if part.rows][chosen]
@@ -110,7 +69,7 @@ class _Reader:
     """Sorts the lines into segments."""
 
     def __init__(self, progress: Progress) -> None:
-        self.segments: list[_Segment] = []
+        self.segments: list[Segment] = []
         self.headers = self.rejected = self.bad_cells = 0
         self.issues: list[LineIssue] = []
         self.decimal = "."
@@ -121,7 +80,7 @@ class _Reader:
     def take(self, lines: list[str]) -> None:
         """Take all lines; the last is empty where the file ends with a newline."""
         file_tags: dict[str, list[str]] = {}
-        segment: _Segment | None = None
+        segment: Segment | None = None
         torn = len(lines) if lines[-1].strip() else 0
         for number, line in enumerate(lines[: len(lines) if torn else -1], 1):
             if number % _LINES_PER_REPORT == 1:
@@ -143,17 +102,17 @@ class _Reader:
                 continue
             cells = line.split(self._separator)
             if cells[0] == "Channels":
-                segment = _Segment(dict(file_tags))
+                segment = Segment(dict(file_tags))
                 self.segments.append(segment)
-            elif cells[0] == _X:
+            elif cells[0] == X:
                 # Without a segment header of its own, a row of names begins one all the same.
                 if segment is None or segment.names:
-                    segment = _Segment(dict(file_tags))
+                    segment = Segment(dict(file_tags))
                     self.segments.append(segment)
                 segment.names = [cell.strip() for cell in cells]
                 has_x = segment.tag("X_Columns", 1).lower() != "no"
-                named = [j for j, name in enumerate(segment.names) if has_x and name == _X]
-                segment.numeric = sorted({*named, *_channels(segment)}) if _channels(segment) else []
+                named = [j for j, name in enumerate(segment.names) if has_x and name == X]
+                segment.numeric = sorted({*named, *segment.channels}) if segment.channels else []
             elif cells[0] == "Decimal_Separator":
                 self.decimal = "," if cells[1:] and cells[1].strip() == "," else "."
             if segment is not None and cells[0] in ("Date", "Time"):
@@ -173,7 +132,7 @@ class _Reader:
         first = cells[0].strip()
         return any(map(str.strip, cells)) and (not first or parse_number(first, self.decimal) is not None)
 
-    def _plain_row(self, segment: _Segment, line: str, cells: list[str]) -> list[float] | None:
+    def _plain_row(self, segment: Segment, line: str, cells: list[str]) -> list[float] | None:
         """The numbers of a row that holds nothing else; None for any other line."""
         if line.translate(_PLAIN) or len(cells) <= segment.numeric[-1]:
             return None
@@ -188,8 +147,8 @@ class _Reader:
             row[j] = value
         return row if all(map(math.isfinite, numbers)) else None
 
-    def _take_row(self, segment: _Segment, number: int, line: str, cells: list[str], is_torn: bool) -> None:
-        channels = _channels(segment)
+    def _take_row(self, segment: Segment, number: int, line: str, cells: list[str], is_torn: bool) -> None:
+        channels = segment.channels
         row = [np.nan] * len(segment.names)
         if is_torn or not channels or len(cells) <= channels[-1]:
             reason = (
@@ -215,87 +174,3 @@ class _Reader:
     def _note(self, issue: LineIssue) -> None:
         if len(self.issues) < MAX_ISSUES:
             self.issues.append(issue)
-
-
-def _channels(segment: _Segment) -> list[int]:
-    """Columns of the channels: all that are named, but the x columns and the comment behind the last."""
-    names = segment.names
-    return [
-        j for j, name in enumerate(names) if name and name != _X and not (name == "Comment" and j == len(names) - 1)
-    ]
-
-
-def _gathered(segments: list[_Segment], decimal: str) -> list[_Series]:
-    series: dict[tuple[str, ...], _Series] = {}
-    for segment in segments:
-        if not segment.rows:
-            continue
-        table = np.array(segment.rows)
-        for columns, time, period in _axes(segment, table, decimal):
-            names = tuple(segment.names[j] for j in columns)
-            units = tuple(segment.tag("Y_Unit_Label", j) for j in columns)
-            one = series.setdefault(names, _Series(names, units))
-            start = _start(segment, columns[0])
-            one.start = start if not one.times else one.start
-            one.times.append(time + _offset(one, segment, start, time, period))
-            one.periods.append(period)
-            one.filled += segment.filled
-            one.columns.append([table[:, j] for j in columns])
-    return list(series.values())
-
-
-def _axes(segment: _Segment, table: Array, decimal: str) -> Iterator[tuple[list[int], Array, float | None]]:
-    """(columns, seconds, period where they are even) of the channels of each x axis."""
-    found: list[tuple[list[int], Array, float | None]] = []
-    has_x = segment.tag("X_Columns", 1, "One").lower() != "no"
-    for j in _channels(segment):
-        before = [i for i in range(j) if segment.names[i] == _X] if has_x else []
-        time, period = _x_axis(segment, j, table[:, before[-1]] if before else None, len(table), decimal)
-        same = next((columns for columns, other, _ in found if np.array_equal(other, time, equal_nan=True)), None)
-        if same is None:
-            found.append(([j], time, period))
-        else:
-            same.append(j)
-    yield from found
-
-
-def _x_axis(segment: _Segment, column: int, x: Array | None, n: int, decimal: str) -> tuple[Array, float | None]:
-    """X0 + i Delta_X, where no x column says otherwise by more than half a step: x is rounded, Delta_X is not."""
-    step = parse_number(segment.tag("Delta_X", column), decimal)
-    first = parse_number(segment.tag("X0", column), decimal)
-    even: Array | None = None
-    if step is not None and step > 0.0:
-        even = np.arange(n, dtype=np.float64) * step
-        even += first if first is not None and np.isfinite(first) else 0.0
-    if x is None or not np.isfinite(x).any():
-        return (np.arange(n, dtype=np.float64), None) if even is None else (even, step)
-    if even is not None and np.abs(x - even).max() <= 0.5 * float(even[-1] - even[0]) / max(n - 1, 1):
-        return even, step
-    return x, None
-
-
-def _offset(one: _Series, segment: _Segment, start: float | None, time: Array, period: float | None) -> float:
-    """Seconds from the first segment to this one, by its own clock; else it follows the last without a gap."""
-    if not one.times:
-        return 0.0
-    if (
-        segment.is_dated
-        and start is not None
-        and one.start is not None
-        and segment.tag("Time_Pref", 1).lower() != "relative"
-    ):
-        return start - one.start
-    last = float(one.times[-1][-1])
-    return 0.0 if time[0] > last else last + (period or 0.0) - float(time[0])
-
-
-def _start(segment: _Segment, column: int) -> float | None:
-    """Seconds since 1970 of the start; LabVIEW gives local time without a zone."""
-    clock = segment.tag("Time", column).replace(",", ".").split(":")
-    try:
-        day = datetime.strptime(segment.tag("Date", column), "%Y/%m/%d").replace(tzinfo=UTC)
-        hour, minute, second = int(clock[0]), int(clock[1]), float(clock[2])
-    except (ValueError, IndexError):
-        return None
-    seconds = day.timestamp() + 3600 * hour + 60 * minute + second
-    return seconds if np.isfinite(seconds) else None
