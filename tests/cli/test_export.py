@@ -50,6 +50,19 @@ def test_without_a_folder_the_main_file_goes_to_stdout(tuning_file, capfd):
     assert shown.err == "kalscope: note: kalscope_filter.py; with -o DIR also with_kalscope.py\n"
 
 
+def test_fixed_gains_are_written_and_their_limits_named(tmp_path, capfd):
+    path = tmp_path / "tuning.toml"
+    save_tuning(Tuning((ChannelTuning("raw", "V", 1e-14, 1.0, momentum=20.0),), sample_period=1e-4), path)
+    assert cli.run(["export", str(path), "--to", "arduino", "--fixed-gains"]) == 0
+    shown = capfd.readouterr()
+    assert shown.out == export_tuning(load_tuning(path), "arduino", fixed_gains=True)["kalscope_fixed_gains.h"]
+    assert "float32 steps by" in shown.err
+    assert "settle to a gain" not in shown.err
+    assert "an Uno needs" not in shown.err
+    assert cli.run(["export", str(path), "--to", "json", "--fixed-gains"]) == 2
+    assert "target must be arduino or c for fixed gains (got json)" in capfd.readouterr().err
+
+
 def test_q_is_carried_over_to_the_period_of_the_device(tuning_file, capfd):
     command = ["export", str(tuning_file), "--to", "json", "--sample-period"]
     assert cli.run([*command, "0.04"]) == 0

@@ -33,6 +33,9 @@ def export_command(
         str | None, typer.Option(metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered.")
     ] = None,
     sample_period: Annotated[float | None, number_option("Of the device, s: q is rescaled to it.")] = None,
+    fixed: Annotated[
+        bool, typer.Option("--fixed-gains", help="Only the settled filter, whose gains never change (c, arduino).")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     reading: ReadOptions = DEFAULTS,
 ) -> None:
@@ -50,8 +53,8 @@ def export_command(
     if sample_period is not None:
         tuned = rescaled_to_period(tuned, sample_period)
     recording = None if vectors is None else open_source(vectors, reading)
-    files = export_tuning(tuned, target, channel=channel, vectors=recording)
-    for message in [*_other_rate(recording, tuned), *limits_of(tuned, channel, target)]:
+    files = export_tuning(tuned, target, channel=channel, vectors=recording, fixed_gains=fixed)
+    for message in [*_other_rate(recording, tuned), *limits_of(tuned, channel, target, fixed_gains=fixed)]:
         say(f"note: {message}")
     if output is None:
         (main, text), *others = files.items()

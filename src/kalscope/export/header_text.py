@@ -29,8 +29,8 @@ def fill_template(name: str, *, has_momentum: bool = False, **texts: str) -> str
     return Template(chosen).substitute(texts)
 
 
-def about(job: ExportJob) -> tuple[str, ...]:
-    """Where the export comes from and which sample period it holds for.
+def about(job: ExportJob, *, for_one_period: bool = False) -> tuple[str, ...]:
+    """Where the export comes from and which sample period it holds for: only for that one, or with another q.
 
     Not for the first two lines of a Python file: a name may read "coding: utf-7".
     """
@@ -49,11 +49,11 @@ def about(job: ExportJob) -> tuple[str, ...]:
         period = job.sample_period
         lines.append(f"Holds for a sample period of {number_text(period)} s ({1.0 / period:.4g} samples a second);")
         lines.append(
-            "for another period export again: the constants of the momentum hold for this one only."
-            if job.has_momentum
+            "for another period export again: the constants below hold for this one only."
+            if job.has_momentum or for_one_period
             else "with another period T multiply q by T / this period; r and p0 stay."
         )
-    if job.has_momentum:
+    if job.has_momentum or for_one_period:
         lines.append("Each update counts as one such period: pass a missing sample as NaN, so that time goes on.")
     return tuple(lines)
 

@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, job_of
-from kalscope.export.targets import arduino, c, javascript, json_file, matlab, platformio, python, ros2
+from kalscope.export.targets import arduino, c, fixed_gains, javascript, json_file, matlab, platformio, python, ros2
 from kalscope.export.targets.libraries import bachagas, esphome, kalmanjs
 from kalscope.export.targets.libraries.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
 from kalscope.recording import Recording
@@ -28,14 +28,19 @@ class Target:
     """Its name on screen, a few words."""
     what: str
     """What it is, one sentence."""
+    fixed_gains: Callable[[ExportJob], dict[str, str]] | None = None
+    """Writes the settled filter instead; None = the target has no such option."""
 
 
 TARGETS = MappingProxyType(
     {
         "arduino": Target(
-            arduino.files, "Arduino sketch", "A C++ header without allocation (float32) and a sketch that uses it."
+            arduino.files,
+            "Arduino sketch",
+            "A C++ header without allocation (float32) and a sketch that uses it.",
+            fixed_gains.arduino_files,
         ),
-        "c": Target(c.files, "C99", "The filter in C99, double or float by a macro."),
+        "c": Target(c.files, "C99", "The filter in C99, double or float by a macro.", fixed_gains.c_files),
         "python": Target(
             python.files, "Python", "A small Python class without dependencies, and the call of Kalscope."
         ),
@@ -81,6 +86,7 @@ def export_tuning(
     channel: str | None = None,
     vectors: Recording | None = None,
     sample_period: float | None = None,
+    fixed_gains: bool = False,
 ) -> dict[str, str]:
     """The files of one target.
 
@@ -90,23 +96,40 @@ def export_tuning(
         channel: Export this channel only; None = all.
         vectors: The recording whose first samples, filtered, come along as `groundtruth.csv`; None = none.
         sample_period: Time between two samples on the device, s: q is carried over to it; None = the tuning's.
+        fixed_gains: Write only the settled filter, whose gains never change (`kalscope_fixed_gains.h`).
 
     Returns:
         The texts by file name. A name is one plain word without a folder; a text is ASCII.
 
     Raises:
         BadSetting: No such target or channel; the target cannot hold this filter (the message says what can);
-            the recording lacks a channel; the period is not positive, or the tuning does not know its own.
+            the recording lacks a channel; fixed gains for another target, with vectors, with a gate or q = 0;
+            the period is not positive, or the tuning does not know its own.
     """
     if target not in TARGETS:
         raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
     job = job_of(tuning if sample_period is None else rescaled_to_period(tuning, sample_period), channel)
+    if fixed_gains:
+        return _fixed(target, job, vectors)
     files = TARGETS[target].files(job)
     if vectors is not None:
         from kalscope.export.vectors import vector_files
 
         files |= vector_files(job, vectors)
     return files
+
+
+def _fixed(target: str, job: ExportJob, vectors: Recording | None) -> dict[str, str]:
+    write = TARGETS[target].fixed_gains
+    if write is None:
+        able = " or ".join(name for name, each in TARGETS.items() if each.fixed_gains is not None)
+        raise BadSetting(f"target must be {able} for fixed gains (got {target}): leave that option out")
+    if vectors is not None:
+        raise BadSetting(
+            "test vectors must be left out with fixed gains (got a recording): they are those of the whole filter,"
+            " which fixed gains equal only once it has settled"
+        )
+    return write(job)
 
 
 def rescaled_to_period(tuning: Tuning, sample_period: float) -> Tuning:

@@ -13,7 +13,12 @@ UNO_COUNTS = 1023.0
 
 
 def limits_of(
-    tuning: Tuning, channel: str | None, target: str, level: Callable[[str], float] = lambda _: UNO_COUNTS
+    tuning: Tuning,
+    channel: str | None,
+    target: str,
+    level: Callable[[str], float] = lambda _: UNO_COUNTS,
+    *,
+    fixed_gains: bool = False,
 ) -> list[str]:
     """What differs on a target that computes in float32, one sentence each.
 
@@ -22,6 +27,7 @@ def limits_of(
         channel: Only this channel; None = all.
         target: A name of `TARGETS`.
         level: Largest size of the signal of a channel, unit, by its name.
+        fixed_gains: Whether only the settled filter is exported: no variance can stall, and it is faster.
     """
     from kalscope.export.device_limits import FLOAT32_TARGETS, device_limits
 
@@ -39,6 +45,7 @@ def limits_of(
             channels=len(chosen),
             constant_gain=FLOAT32_TARGETS[target],
         )
+        if limit.kind == "estimate" or not fixed_gains
     ]
     return list(dict.fromkeys(said))
 
