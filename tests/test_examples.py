@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
-EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
+ROOT = Path(__file__).parents[1]
+EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
 
 
 def test_there_are_examples():
@@ -21,3 +24,20 @@ def test_an_example_runs_and_says_something(example, tmp_path):
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) >= 3
     assert "False" not in done.stdout
+
+
+def test_the_momentum_page_shows_what_its_example_prints(tmp_path):
+    """Lag, overshoot and error of every row to three digits, and the picture."""
+    command = [sys.executable, "-W", "error", ROOT / "examples" / "04_momentum.py", tmp_path / "momentum.svg"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    page = (ROOT / "docs" / "momentum.md").read_text("utf-8").splitlines()
+    shown = [re.findall(r"\d+(?:\.\d+)?", line) for line in page if line[:1] == "|"]
+    rows = [line.split() for line in done.stdout.splitlines() if " ms" in line]
+    assert len(rows) == 11
+    for row in rows:
+        lag, overshoot, error = float(row[-9]), float(row[-5]), float(row[-1])
+        expected = {f"{lag:.3g}", f"{error:.3g}"}
+        near = [numbers for numbers in shown if expected <= {f"{float(number):.3g}" for number in numbers}]
+        assert any(abs(float(number) - overshoot) <= 0.5 for numbers in near for number in numbers), row
+    assert ElementTree.parse(tmp_path / "momentum.svg").getroot().tag.endswith("svg")
