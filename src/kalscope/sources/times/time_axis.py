@@ -14,6 +14,7 @@ from kalscope.sources.times.gaps import missing_rows
 from kalscope.sources.times.sample_rate import SampleRate, find_rate
 from kalscope.sources.times.seconds import date_text, times, to_seconds
 from kalscope.sources.times.step_pattern import GAP_PERIODS
+from kalscope.sources.times.summer_time import about_summer_time
 from kalscope.sources.times.timing_text import with_words
 
 _COUNTERS = {2.0**16: "16-bit counter", 2.0**32: "32-bit counter (millis() or micros())"}
@@ -79,6 +80,8 @@ def read_time(
     notes += [how, *_about_order(time, steps, backward, repeated=not crowded)]
     if rate is None:
         return _without_rate(time, given, backward, notes)
+    if column.kind == "calendar":
+        notes += about_summer_time(stamps, rate.period)
     pauses = rate.pauses
     if crowded:
         time = place_evenly(time, rate)
