@@ -161,3 +161,10 @@ def test_a_stream_waits_for_the_rows_that_were_chosen(options):
     assert [column.name for column in parser.layout.columns] == ["a", "b"]
     assert kinds[-2:] == ["row", "row"]
     assert parser.adopt_layout(["Logger v1.2"]) is None
+
+
+def test_colours_of_a_terminal_are_no_damage():
+    parser = line_parser.LineParser()
+    parser.feed(b"".join(b"\x1b[0;32mI (%d) app: temp=%d.5\x1b[0m\n" % (1000 + 10 * i, 20 + i) for i in range(9)))
+    rows = [event.rows[0] for event in parser if event.kind == "row"]
+    assert rows == [(1000 + 10 * i, 20.5 + i) for i in range(9)]

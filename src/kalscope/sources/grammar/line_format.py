@@ -13,6 +13,8 @@ from typing import Literal
 
 from kalscope.sources.grammar.cells import is_number
 
+ESCAPE = "\x1b["
+_ESCAPES = re.compile(r"\x1b\[[0-?]{0,24}[ -/]{0,4}[@-~]")
 _STAMP_REACH = 24  # the first colon of a clock behind a date
 _STAMP = r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9})?)"
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
@@ -60,8 +62,6 @@ class LineFormat:
     """True where each line begins with the `12:00:00.023 -> ` of a serial monitor; that stamp is cell 0."""
     checksum: bool = False
     """True where each line ends with a checksum: one without it was cut."""
-    lead: int | None = None
-    """Column of the label that begins a row where several lines make up one; None where each line is a row."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,11 @@ class Teleplot:
     """(stamp in ms or "", value) of each sample, as text."""
     unit: str = ""
     """What follows the §; "" where nothing does."""
+
+
+def without_escapes(line: str) -> str:
+    """A line without what colours it on a terminal or moves the cursor: `ESC[0;32m`."""
+    return _ESCAPES.sub("", line) if ESCAPE in line else line
 
 
 def split_teleplot(line: str) -> Teleplot | None:

@@ -62,6 +62,8 @@ class Layout:
     """What second 0 of the stamps is, or the first sample where there are none, in s since 1970; None: unknown."""
     offset: float = 0.0
     """Stamp of the first sample in s where no column is the time: an oscilloscope counts from its trigger."""
+    lead: int | None = None
+    """Column of the label that begins a row where several lines make up one; None where each line is a row."""
 
     @property
     def channels(self) -> list[int]:
@@ -130,7 +132,7 @@ def _layout(
         *plan.preface.notes,
     )
     return Layout(
-        form=replace(table.form, lead=lead),
+        form=table.form,
         columns=tuple(columns),
         time=time,
         first_data=header.first,
@@ -141,6 +143,7 @@ def _layout(
         period=_stated_period(plan),
         start=plan.preface.start,
         offset=_stated_offset(plan),
+        lead=lead,
     )
 
 

@@ -19,6 +19,7 @@ from collections.abc import Iterator, Sequence
 
 from kalscope.recording import MAX_ISSUE_LENGTH
 from kalscope.sources.grammar.cells import is_blank, is_comment
+from kalscope.sources.grammar.line_format import without_escapes
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import Layout, sniff
 from kalscope.sources.lines.line_reader import TAIL_LINES, Kind, LineEvent, LineReader, rejected
@@ -257,9 +258,9 @@ def comma_line(parser: LineParser, line: bytes) -> str:
 
 def _decoded(line: bytes | bytearray) -> str:
     try:
-        return line.decode("utf-8")
+        return without_escapes(line.decode("utf-8"))
     except UnicodeDecodeError:
-        return line.decode("latin-1")
+        return without_escapes(line.decode("latin-1"))
 
 
 def _without_layout(number: int, line: str) -> LineEvent:

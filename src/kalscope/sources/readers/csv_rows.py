@@ -96,7 +96,7 @@ class _TableReader:
     def __init__(self, layout: Layout, options: ReadOptions) -> None:
         self.tally = Tally()
         self._layout = layout
-        is_gathered = layout.form.kind == "teleplot" or layout.form.lead is not None
+        is_gathered = layout.form.kind == "teleplot" or layout.lead is not None
         self._rows = GatheredRows(layout) if is_gathered else Rows(layout)
         self._parse = block_parser(layout, options)
         self._reader = LineReader(layout, options.without_numbers())
@@ -171,7 +171,7 @@ class GatheredRows(Rows):
     def __init__(self, layout: Layout) -> None:
         super().__init__(layout)
         self._time = None if layout.time is None else layout.time.index
-        self._lead = layout.form.lead
+        self._lead = layout.lead
         self._row: list[float] = []
 
     def add(self, event: LineEvent, *, last: bool = False) -> None:  # noqa: ARG002 (no gaps here)

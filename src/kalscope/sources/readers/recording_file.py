@@ -36,9 +36,9 @@ from kalscope.sources.readers.text_file import (
     has_escapes,
     open_raw,
     open_text,
+    plain_lines,
     sample_lines,
     text_as_file,
-    without_escapes,
 )
 
 HEAD_BYTES = (65536, 1 << 20)
@@ -98,7 +98,7 @@ def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Readin
     encoding = find_encoding(raw, progress)
     if not has_escapes(raw):
         return _read_lines(raw, encoding, options, progress)
-    with text_as_file(without_escapes(raw, encoding), raw, progress.part(0.0, 0.5), newline="") as text:
+    with text_as_file(plain_lines(raw, encoding), raw, progress.part(0.0, 0.5), newline="") as text:
         reading = _read_lines(text, "utf-8", options, progress.part(0.5, 1.0))
     notes = ("control sequences of a terminal were left out", *reading.layout.notes)
     return replace(reading, layout=replace(reading.layout, notes=notes))

@@ -15,6 +15,7 @@ from typing import BinaryIO
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
+from kalscope.sources.grammar.line_format import ESCAPE, without_escapes
 from kalscope.sources.readers.archives import is_packed, unpacked
 
 HEAD_BYTES = 1 << 20
@@ -42,9 +43,6 @@ _NUL_RUN = re.compile(rb"\0{16,}")
 _MAX_CONTROL = 0.1
 """Share of control bytes in a text file whose wire was noisy."""
 
-_ESCAPE = r"\x1b\[[0-?]{0,24}[ -/]{0,4}[@-~]"
-_ESCAPES, _ESCAPE_BYTES = re.compile(_ESCAPE), re.compile(_ESCAPE.encode())
-"""What colours a line of a terminal, or moves its cursor, as PuTTY logs it: ESC [ 3 2 m."""
 
 SAMPLE_BYTES = 16384
 """Bytes of each of the places further down where the form is checked."""
@@ -159,7 +157,7 @@ def _wide_encoding(head: bytes) -> str | None:
 
 def _require_text(head: bytes, name: str) -> None:
     """BadFile where the head is no text; long runs of NULs between text are left to the reader of lines."""
-    text = _ESCAPE_BYTES.sub(b"", _NUL_RUN.sub(b"", head))
+    text = _NUL_RUN.sub(b"", head).replace(ESCAPE.encode(), b"")
     control = [byte < 32 and byte not in b"\t\n\r\f" for byte in text]
     if text and sum(control) <= _MAX_CONTROL * len(text):
         return
@@ -186,14 +184,14 @@ def _is_utf8(path: Path, progress: Progress) -> bool:
 
 def has_escapes(raw: RawFile) -> bool:
     """True where a terminal's control sequences are in the text."""
-    return _ESCAPE_BYTES.search(raw.head) is not None
+    return ESCAPE.encode() in raw.head
 
 
-def without_escapes(raw: RawFile, encoding: str) -> Iterator[str]:
+def plain_lines(raw: RawFile, encoding: str) -> Iterator[str]:
     """The lines without the control sequences of a terminal, with their newlines."""
     with raw.path.open("rb") as file, open_text(file, encoding) as lines:
         for line in lines:
-            yield _ESCAPES.sub("", line)
+            yield without_escapes(line)
 
 
 def sample_lines(raw: RawFile, encoding: str) -> list[list[str]]:
