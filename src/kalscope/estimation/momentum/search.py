@@ -91,7 +91,7 @@ def search(data: Samples, progress: Progress) -> Top:
             data.concentrated(np.append(rows[-1], math.inf), np.full(len(rows[-1]) + 1, math.exp(log_tau)))[0]
         )
     progress(0.7, "likelihood around the best momentum")
-    inner = max((_climb(data, *place) for place in _starts(log_taus, rows, heights)), key=lambda top: top.loglik)
+    inner = _climb(data, _starts(log_taus, rows, heights))
     progress(0.9, "likelihood without noise")
     at = int(np.argmax([row[-1] for row in heights]))
     return _better(inner, _climb_without_noise(data, float(log_taus[at]), _WIDE))
@@ -99,7 +99,7 @@ def search(data: Samples, progress: Progress) -> Top:
 
 def climb(data: Samples, start: Top) -> Top:
     """The highest place near that of almost the same record."""
-    inner = _climb(data, start.log_tau, min(start.log_moves, HIGHEST))
+    inner = _climb(data, [(start.log_tau, min(start.log_moves, HIGHEST))])
     return _better(inner, _climb_without_noise(data, start.log_tau, _SIZES[0]))
 
 
@@ -124,18 +124,23 @@ def _starts(log_taus: Array, rows: list[Array], heights: list[Array]) -> list[tu
     return [(float(log_taus[i]), float(rows[i][best[i]])) for i in peaks]
 
 
-def _climb(data: Samples, log_tau: float, log_moves: float) -> Top:
-    """The highest place near a start."""
-    top: Top | None = None
-    for size in _SIZES:
-        for _ in range(_MAX_MOVES):
-            top, inside = _patch_top(data, log_tau, log_moves, size)
-            moved = abs(top.log_tau - log_tau) + abs(top.log_moves - log_moves)
-            log_tau, log_moves = top.log_tau, top.log_moves
-            if inside or moved < 1e-9:
-                break
-    assert top is not None
+def _climb(data: Samples, starts: list[tuple[float, float]]) -> Top:
+    """The highest place near several starts: that of the highest large patch, looked at more and more closely."""
+    top = max((_move(data, *start, _SIZES[0]) for start in starts), key=lambda one: one.loglik)
+    for size in _SIZES[1:]:
+        top = _move(data, top.log_tau, top.log_moves, size)
     return top
+
+
+def _move(data: Samples, log_tau: float, log_moves: float, size: float) -> Top:
+    """The highest place that patches of one size come to."""
+    for _ in range(_MAX_MOVES - 1):
+        top, inside = _patch_top(data, log_tau, log_moves, size)
+        moved = abs(top.log_tau - log_tau) + abs(top.log_moves - log_moves)
+        if inside or moved < 1e-9:
+            return top
+        log_tau, log_moves = top.log_tau, top.log_moves
+    return _patch_top(data, log_tau, log_moves, size)[0]
 
 
 def _patch_top(data: Samples, log_tau: float, log_moves: float, size: float) -> tuple[Top, bool]:
