@@ -155,12 +155,16 @@ def test_the_overshoot_of_a_slow_filter_is_that_of_its_limit(ratio, tau):
     assert found == pytest.approx(-missing.min(), rel=2.0 * rate)
 
 
-@pytest.mark.parametrize(("ratio", "tau"), [(1e-7, 3e4), (1e-9, 8e4)])
-def test_the_overshoot_of_a_slow_filter_is_exact(ratio, tau):
-    settled = steady_state(FilterParams(ratio, 1.0, momentum=tau))
-    e, f, x, v, largest = math.exp(-1.0 / tau), -tau * math.expm1(-1.0 / tau), 0.0, 0.0, 0.0
+@pytest.mark.parametrize(("ratio", "tau"), [(1e-7, 3e4), (1e-9, 8e4), (1e-8, 3e3)])
+def test_the_step_of_a_slow_filter_is_exact(ratio, tau):
+    settled = steady_state(FilterParams(ratio, 1.0, momentum=tau), 1.0)
+    e, f, x, v = math.exp(-1.0 / tau), -tau * math.expm1(-1.0 / tau), 0.0, 0.0
+    errors = [1.0]
     for _ in range(400_000):
         ahead = x + f * v
         x, v = ahead + settled.gain * (1.0 - ahead), e * v + settled.velocity_gain * (1.0 - ahead)
-        largest = max(largest, x)
-    assert settled.overshoot == pytest.approx(largest - 1.0, rel=1e-7)
+        errors.append(1.0 - x)
+    error = np.array(errors)
+    assert settled.overshoot == pytest.approx(max(0.0, -error.min()), rel=1e-7, abs=1e-12)
+    assert settled.settle_samples == pytest.approx(np.flatnonzero(np.abs(error) > 0.01)[-1] + 1, abs=1)
+    assert settled.time_constant_s == pytest.approx(np.argmax(error <= math.exp(-1.0)) - 0.5, abs=1.0)

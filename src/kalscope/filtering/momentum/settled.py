@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -209,11 +210,27 @@ class StepError:
 
     def first_below(self, share: float) -> float:
         """Time until no more than `share` is missing, between samples as on an exponential."""
-        at = int(np.argmax(self._errors <= share))
-        before, after = float(self._errors[at - 1]), max(float(self._errors[at]), 1e-300)
-        part = math.log(before / share) / math.log(before / after)
-        return float(self._times[at - 1] + part * (self._times[at] - self._times[at - 1]))
+        at = self._first_whole(int(np.argmax(self._errors <= share)), lambda error: error <= share)
+        before, after = self._at(at - 1.0), max(self._at(at), 1e-300)
+        if before <= after:  # a sample is nothing beside times of 1e16
+            return at
+        return at - 1.0 + math.log(before / share) / math.log(before / after)
 
     def last_above(self, share: float) -> float:
         """Time after which the error stays within ± `share`, in whole samples."""
-        return float(self._times[int(np.flatnonzero(np.abs(self._errors) > share)[-1]) + 1])
+        last = int(np.flatnonzero(np.abs(self._errors) > share)[-1])
+        return self._first_whole(last + 1, lambda error: abs(error) <= share)
+
+    def _first_whole(self, at: int, holds: Callable[[float], bool]) -> float:
+        """The first whole time at which `holds`, after the one of the grid before `at`, where it does not yet."""
+        low, high = float(self._times[at - 1]), float(self._times[at])
+        for _ in range(64):
+            if high - low <= 1.0:
+                break
+            middle = math.floor(0.5 * (low + high))
+            low, high = (low, middle) if holds(self._at(middle)) else (middle, high)
+        return high
+
+    def _at(self, time: float) -> float:
+        """The error after `time` samples."""
+        return 1.0 if time == 0.0 else float(self._after(np.array([time - 1.0]))[0])

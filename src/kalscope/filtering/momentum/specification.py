@@ -20,7 +20,7 @@ Target = Literal["gain", "lag", "noise", "cutoff"]
 
 MAX_LOGIT = 700.0
 """Gains are sought where |ln K/(1 - K)| is smaller: beyond, K or 1 - K vanishes in a double."""
-STEPS = 100
+STEPS = 64
 """Halvings of an interval: more than a double has digits."""
 
 
