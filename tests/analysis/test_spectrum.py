@@ -11,6 +11,7 @@ import pytest
 from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
 from kalscope.analysis.allan import allan_deviation, allan_model, best_average, first_minimum, log_sizes
 from kalscope.analysis.spectrum import magnitude_response, spectrum, whole_stretch
+from kalscope.filtering.momentum.kernels import transition
 
 RNG = np.random.default_rng(21)
 PARAMS = FilterParams(q=0.01, r=1.0)
@@ -146,6 +147,25 @@ def test_allan_of_simulated_noise_and_walk_follows_the_model(q, r):
     assert np.all(np.abs(found.deviation - found.model) < 5.0 * found.spread + 1e-12)
     assert np.array_equal(found.tau, 0.5 * found.size)
     assert found.size[-1] > 1e4
+
+
+@pytest.mark.parametrize("m", [1, 2, 5, 12])
+@pytest.mark.parametrize("momentum", [0.05, 3.0, 400.0])
+def test_the_model_with_momentum_is_its_definition_over_a_dense_covariance(m, momentum):
+    """½ E[(mean of the next m samples − mean of these)²], the walk as a sum of its steps."""
+    e, f, a, b, _ = transition(1.0, 1.0, momentum)
+    variance = 0.5 / momentum
+    steps = 2 * m - 1
+    covariance = np.zeros((steps, steps))
+    for i in range(steps):
+        for j in range(steps):
+            apart = abs(i - j)
+            near = f * (f * e * variance + b) * e ** (apart - 1)
+            covariance[i, j] = near if apart else a + f * f * variance
+    walk = np.tril(np.ones((2 * m, steps)), -1)  # each sample is the sum of the steps before it
+    weights = np.concatenate([-np.ones(m), np.ones(m)]) / m
+    expected = 0.5 * weights @ walk @ covariance @ walk.T @ weights + 4.0 / m
+    assert float(allan_model(m, 1.0, 4.0, momentum)) == pytest.approx(expected, rel=1e-10)
 
 
 def test_allan_deviation_is_its_definition_gaps_left_out():

@@ -34,7 +34,7 @@ class Spectra:
 
 
 def compute_spectra(state: State) -> Spectra | None:
-    """Densities and response of the channel on screen; None where that is not known of its filter."""
+    """Densities and response of the channel on screen; None where its filter has no q and r."""
     if not state.filter.is_standard:
         return None
     period = state.recording.sample_period
@@ -73,7 +73,7 @@ class Allan:
 
 
 def compute_allan(state: State) -> Allan | None:
-    """Allan deviation of the channel on screen; None where that is not known of its model."""
+    """Allan deviation of the channel on screen; None where its filter has no q and r."""
     if not state.filter.is_standard:
         return None
     return Allan(state, allan_deviation(state.z, state.params, state.recording.sample_period))
