@@ -6,6 +6,7 @@ import pytest
 
 from kalscope import BadSetting, ChannelTuning, Tuning, steady_state
 from kalscope.export.job import ExportJob, job_of, step_of
+from kalscope.export.registry import rescaled_to_period
 from kalscope.filtering.momentum.kernels import transition
 
 TUNING = Tuning(
@@ -41,3 +42,13 @@ def test_the_constants_of_a_momentum_are_those_of_one_sample():
     assert tuple(constants[name] for name in ("e", "f", "q11", "q12", "q22")) == transition(1.0, 2.0, 20.0)
     assert (constants["momentum"], constants["w0"]) == (20.0, 0.05)
     assert [ExportJob((channel,)).has_momentum for channel in (plain, with_momentum)] == [False, True]
+
+
+def test_another_period_carries_q_and_momentum_over_and_says_so():
+    tuning = Tuning(
+        (ChannelTuning("a", "", 2.0, 1.0, momentum=20.0), ChannelTuning("b", "", 2.0, 1.0)), sample_period=0.01
+    )
+    with_momentum, plain = rescaled_to_period(tuning, 0.04).channels
+    assert (with_momentum.q, with_momentum.momentum, plain.q, plain.momentum) == (8.0, 5.0, 8.0, 0.0)
+    assert with_momentum.how == "q times 4 and momentum divided by it, found at 0.01 s; by hand"
+    assert plain.how == "q times 4, found at 0.01 s; by hand"

@@ -69,13 +69,14 @@ HOSTILE = (
 SIXES = [HOSTILE[i : i + 6] for i in range(0, len(HOSTILE), 6)]
 """The sketch reads at most six channels."""
 WRITING = [name for name in TARGETS if name not in ("simplekalmanfilter", "gyverfilters")]
+WITH_MOMENTUM = [name for name in WRITING if name not in ("esphome", "bachagas", "kalmanjs")]
 C_LIKE = ("arduino", "c", "bachagas", "kalmanjs", "javascript")
 
 CHANNEL = ChannelTuning("calm", "V", 0.01, 0.25, 1.0, 0.5, how="by hand", gate=9.0)
 
 
-def tuning_of(*names, text="calm"):
-    channels = tuple(replace(CHANNEL, name=name, unit=text, how=text) for name in names)
+def tuning_of(*names, text="calm", **changes):
+    channels = tuple(replace(CHANNEL, name=name, unit=text, how=text, **changes) for name in names)
     return Tuning(channels, source_name=text, sha256=text, sample_period=0.01, tool=text, date=text)
 
 
@@ -148,6 +149,34 @@ def test_hostile_channel_names_are_only_identifiers(target):
         for file, text in found.items():
             assert text.isascii()
             assert without_names(code_of(target, file, text)) == without_names(code_of(target, file, calm[file]))
+
+
+@pytest.mark.parametrize("target", WITH_MOMENTUM)
+def test_hostile_names_and_texts_do_no_more_with_momentum(target):
+    for names in SIXES:
+        found, calm = (
+            export_tuning(tuning_of(*words, text=text, momentum=20.0), target)
+            for words, text in ((names, names[0]), (identifiers(names), "calm"))
+        )
+        assert list(found) == list(calm)
+        for file, text in found.items():
+            assert text.isascii()
+            assert without_names(code_of(target, file, text)) == without_names(code_of(target, file, calm[file]))
+
+
+@pytest.mark.parametrize("momentum", [0.0, 20.0])
+@pytest.mark.parametrize("target", ["arduino", "c"])
+def test_hostile_names_and_texts_do_no_more_with_fixed_gains(target, momentum):
+    for names in (*SIXES, ("gains h", "GAINS_H", "update", "real")):
+        found, calm = (
+            export_tuning(tuning_of(*words, text=text, momentum=momentum, gate=None), target, fixed_gains=True)
+            for words, text in ((names, names[0]), (identifiers(names), "calm"))
+        )
+        ((text, expected),) = zip(found.values(), calm.values(), strict=True)
+        assert text.isascii()
+        assert code_of(target, "h", text) == code_of(target, "h", expected)
+        macros = re.findall(r"#define (\w+)", text)
+        assert len(set(macros)) == len(macros) == len(names) + 1
 
 
 @pytest.mark.parametrize("target", WRITING)

@@ -11,8 +11,8 @@ $about
 @plain  * C99 and C++, one multiplication a sample, no heap. Never compile it with -ffast-math: NAN would be lost.
 @momentum  * C99 and C++, three multiplications a sample, no heap. Never compile it with -ffast-math: NAN would be lost.
  */
-#ifndef KALSCOPE_FIXED_GAINS_H
-#define KALSCOPE_FIXED_GAINS_H
+#ifndef KALSCOPE_SETTLED_H
+#define KALSCOPE_SETTLED_H
 
 #include <math.h>
 
