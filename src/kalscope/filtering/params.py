@@ -97,12 +97,6 @@ class FilterParams:
         return self.q, self.r, self.p0, self.x0, self.gate, self.momentum
 
 
-def refuse_momentum(params: FilterParams, what: str) -> None:
-    """BadSetting where `what`, such as "the spectrum", is asked of a filter with momentum."""
-    if np.any(params.momentum):
-        raise BadSetting(f"momentum must be 0 for {what} (got {params.momentum})")
-
-
 def _checked(name: str, value: Any) -> Parameter:
     """`value` as a float or a read-only array of shape (channels,), in the range that _MUST states."""
     wrong = f"{name} must be {_MUST[name]}"

@@ -97,6 +97,18 @@ def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
     assert "**Median.**" in text_of(AlternativesStudy().compute(set_drawn_alternative(ALL)(state_of())))
 
 
+def test_with_momentum_the_table_has_the_overshoot_of_each_filter():
+    text = text_of(AlternativesStudy().compute(state_of().with_tuning(momentum=20.0)))
+    head, _, yours, *others = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("|")]
+    at = [cell.strip() for cell in head].index("overshoot")
+    assert yours[at].strip().replace("\u00a0", " ").endswith(" %")
+    by = {row[0].strip(" *").replace("\u00a0", " "): row[at].strip().replace("\u00a0", " ") for row in others}
+    assert by["Exponential"] == by["Moving average"] == "none"
+    assert by["2nd-order Butterworth"].endswith(" %")
+    assert by["Smoother (offline bound)"] == "–"
+    assert "overshoot" not in text_of(AlternativesStudy().compute(state_of())).splitlines()[0]
+
+
 @pytest.mark.parametrize(
     ("d", "words"),
     [

@@ -6,7 +6,7 @@ import numpy as np
 import viser
 
 from kalscope.analysis.alternatives.comparison import Alternative
-from kalscope.analysis.alternatives.verdict import Difference
+from kalscope.analysis.alternatives.verdict import MIN_OVERSHOOT, Difference
 from kalscope.common.text import count, decibels, lag_text, number, percent
 from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by
 from kalscope_app.session.session import Session
@@ -46,6 +46,9 @@ COLOURS = {
 NOTHING = "Only the Kalman filter of q and r can be compared at its lag."
 
 HEADS = ("filter", "setting", "lag", "noise", "{error}", "compared with yours")
+
+AT_OVERSHOOT = 4
+"""Where the column of the overshoot stands while your filter has momentum: after the noise."""
 
 
 class AlternativesView:
@@ -113,6 +116,7 @@ def text_of(compared: Compared) -> str:
         return found.note
     unit = escape_markdown(state.tuning.unit, 12) or "unit"
     head = [text.format(error=f"{'error' if found.present.rmse is None else 'RMSE'}, {unit}") for text in HEADS]
+    head[AT_OVERSHOOT:AT_OVERSHOOT] = ["overshoot"] if state.tuning.momentum else []
     rows = [cells(one, state) for one in (found.present, *found.others)]
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     said = "\n".join(f"- {described(one)}" for one in (*compared.alternatives, found.present))
@@ -146,10 +150,16 @@ def cells(one: Alternative, state: State) -> list[str]:
         one.parameters,
         lag_text(one.lag_samples, state.recording.sample_period) if one.causal else "looks ahead",
         "–" if np.isnan(one.noise_reduction_db) else decibels(-one.noise_reduction_db),
+        *((_overshoot(one.overshoot),) if state.tuning.momentum else ()),
         "–" if error is None else number(error, 4),
         against(one.against) if one.matched or one.against is None else "not at this " + state.view.match_by,
     ]
     return [text.replace(" ", "\u00a0") if len(text) < 16 else text for text in row]
+
+
+def _overshoot(share: float) -> str:
+    """How far an answer to a step goes beyond it; the smoother's is not known."""
+    return "–" if np.isnan(share) else "none" if share < MIN_OVERSHOOT else percent(share)
 
 
 def against(d: Difference | None) -> str:
