@@ -1,0 +1,221 @@
+"""q, r and momentum from a record: the maximum of the dense likelihood, in any unit, chosen by evidence."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, Cancelled, FilterParams, estimate, kalman_filter
+from kalscope.estimation.likelihood.profile import log_likelihood
+from kalscope.filtering.momentum.kernels import transition
+
+
+def moving(n, tau, q=10.0, r=1.0, seed=0):
+    """A record of the model itself, exact at its samples."""
+    g = np.random.default_rng(seed)
+    e, f, a, b, c = transition(1.0, q, tau)
+    shocks = g.standard_normal((n, 2)) @ np.linalg.cholesky([[a, b], [b, c]]).T
+    x, v, signal = 0.0, g.normal(0.0, math.sqrt(0.5 * q / tau)), np.empty(n)
+    for i, (move, turn) in enumerate(shocks):
+        x, v = x + f * v + move, e * v + turn
+        signal[i] = x
+    return signal + g.normal(0.0, math.sqrt(r), n)
+
+
+def walk(n, ratio=0.1, seed=0):
+    g = np.random.default_rng(seed)
+    return np.cumsum(g.normal(0.0, math.sqrt(ratio), n)) + g.normal(0.0, 1.0, n)
+
+
+@pytest.fixture(scope="module")
+def record():
+    return moving(1500, 20.0)
+
+
+def dense_loglik(z, times, q, r, tau):
+    """The Gaussian likelihood of the differences of z; their covariance is an integral of that of the velocity."""
+    lag = np.abs(times[:, None] - times[None, :])
+    # The mean square of x(t) − x(s) is q (h − τ (1 − exp(−h/τ))).
+    spread = q * (lag + tau * np.expm1(-lag / tau))
+    covariance = 0.5 * (spread[1:, :-1] + spread[:-1, 1:] - spread[1:, 1:] - spread[:-1, :-1])
+    covariance += r * (2.0 * np.eye(len(z) - 1) - np.eye(len(z) - 1, k=1) - np.eye(len(z) - 1, k=-1))
+    _, logdet = np.linalg.slogdet(covariance)
+    d = np.diff(z)
+    return -0.5 * (len(d) * math.log(2.0 * math.pi) + logdet + d @ np.linalg.solve(covariance, d))
+
+
+# --- the maximum ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("tau", "seed"), [(3.0, 1), (30.0, 2), (100.0, 3)])
+def test_the_truth_is_recovered(tau, seed):
+    found = estimate(moving(8000, tau, seed=seed))
+    low, high = found.momentum_interval
+    assert found.verdict == "ok"
+    assert 0.7 * tau < found.momentum < 1.5 * tau
+    assert low < tau < high
+    assert abs(found.q - 10.0) < 4.0 * found.q_se < 10.0
+    assert abs(found.r - 1.0) < 4.0 * found.r_se < 0.4
+    assert found.params == FilterParams(found.q, found.r, momentum=found.momentum)
+
+
+def test_it_is_the_maximum_of_the_dense_likelihood():
+    """With missing samples and uneven steps, on which no recursion relies."""
+    g = np.random.default_rng(4)
+    z = moving(400, 15.0, seed=4)
+    dt = g.choice([1.0, 2.0], 400)
+    z[g.random(400) < 0.1] = np.nan
+    found = estimate(z, dt=dt)
+    seen = np.isfinite(z)
+    record, times = z[seen], np.cumsum(dt)[seen]
+    best = dense_loglik(record, times, found.q, found.r, found.momentum)
+    assert found.momentum > 0.0
+    assert best == pytest.approx(found.loglik, abs=1e-6)
+    assert log_likelihood(z, found.params, dt) == pytest.approx(found.loglik, abs=1e-6)
+    for q, r, tau in ((1.02, 1.0, 1.0), (1.0, 1.02, 1.0), (1.0, 1.0, 1.02)):
+        for sign in (1.0, -1.0):
+            beside = dense_loglik(record, times, found.q * q**sign, found.r * r**sign, found.momentum * tau**sign)
+            assert beside < best
+
+
+def test_the_interval_ends_where_twice_the_likelihood_is_3_84_lower(record):
+    found = estimate(record)
+    for end in found.momentum_interval:
+        assert 2.0 * (found.loglik - estimate(record, momentum=end).loglik) == pytest.approx(3.8415, abs=0.02)
+
+
+def test_standard_errors_are_those_of_the_observed_information(record):
+    """By second differences of the filter's own likelihood in ln q, ln r and ln τ."""
+    found = estimate(record)
+    at, h = np.log([found.q, found.r, found.momentum]), 0.01
+
+    def loglik(shift):
+        q, r, tau = np.exp(at + shift)
+        return log_likelihood(record, FilterParams(q, r, momentum=tau))
+
+    unit = h * np.eye(3)
+    pairs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)]
+    information = [
+        [-sum(s * t * loglik(s * unit[i] + t * unit[j]) for s, t in pairs) / (4.0 * h * h) for j in range(3)]
+        for i in range(3)
+    ]
+    errors = np.sqrt(np.diag(np.linalg.inv(information)))
+    assert found.q_se == pytest.approx(found.q * errors[0], rel=0.03)
+    assert found.r_se == pytest.approx(found.r * errors[1], rel=0.03)
+
+
+# --- laws -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("s", [1e-9, 0.3, 1e6])
+def test_another_unit_gives_the_same_answer(record, s):
+    one, other = estimate(record), estimate(record * s)
+    assert other.q == pytest.approx(one.q * s * s, rel=1e-5)
+    assert other.r == pytest.approx(one.r * s * s, rel=1e-5)
+    assert other.momentum == pytest.approx(one.momentum, rel=1e-5)
+    assert other.momentum_interval == pytest.approx(one.momentum_interval, rel=1e-4)
+    assert (other.verdict, other.message) == (one.verdict, one.message)
+
+
+def test_a_given_momentum_leaves_only_the_ratio_to_find(record):
+    best = estimate(record)
+    for tau in (1.0, best.momentum, 500.0):
+        found = estimate(record, momentum=tau)
+        assert found.momentum == tau
+        assert found.momentum_interval == (tau, tau)
+        assert found.loglik <= best.loglik + 1e-6
+        assert found.loglik == pytest.approx(log_likelihood(record, found.params), abs=1e-6)
+        for dq, dr in ((1.01, 1.0), (0.99, 1.0), (1.0, 1.01), (1.0, 0.99)):
+            assert log_likelihood(record, FilterParams(found.q * dq, found.r * dr, momentum=tau)) < found.loglik
+    assert estimate(record, momentum=best.momentum).loglik == pytest.approx(best.loglik, abs=1e-5)
+
+
+def test_a_walk_keeps_the_answer_without_momentum():
+    z = walk(800)
+    plain, chosen = estimate(z, momentum=0), estimate(z)
+    assert chosen.momentum == 0.0
+    assert (chosen.q, chosen.r, chosen.loglik, chosen.params) == (plain.q, plain.r, plain.loglik, plain.params)
+    assert chosen.message == f"{plain.message} No momentum: the five lines describe it."
+
+
+def test_channels_are_independent(record):
+    z = np.stack([record, walk(1500)], axis=1)
+    both = estimate(z)
+    assert both.momentum[0] > 0.0 == both.momentum[1]
+    for c in range(2):
+        assert both.channel(c) == estimate(z[:, c])
+    assert both.params.momentum.tolist() == both.momentum.tolist()
+
+
+# --- the choice ------------------------------------------------------------------------------------------
+
+
+def test_walks_get_no_momentum():
+    found = [estimate(walk(int(n), ratio, seed)) for seed, (n, ratio) in enumerate([(200, 1.0), (600, 0.03)] * 40)]
+    assert sum(one.momentum > 0.0 for one in found) <= 1
+
+
+def test_the_promised_gain_is_kept_on_samples_to_come():
+    z = moving(6000, 20.0, seed=6)
+    found, plain = estimate(z[:3000]), estimate(z[:3000], momentum=0)
+    after, before = (np.nanstd(kalman_filter(z[3000:], one.params).innovation) for one in (found, plain))
+    assert found.prediction_gain > 0.05
+    assert 1.0 - after / before == pytest.approx(found.prediction_gain, abs=0.02)
+
+
+def test_the_answer_says_what_momentum_gains_and_costs(record):
+    message = estimate(record).message
+    for word in ("keeps its direction for about", "unseen samples", "% smaller", "second state", "overshoot"):
+        assert word in message
+
+
+@pytest.mark.parametrize(
+    ("z", "verdict", "word"),
+    [
+        (np.sin(np.arange(400) / 20.0), "no_noise", "also with momentum"),
+        (np.random.default_rng(1).normal(0.0, 1.0, 400), "no_movement", "No momentum"),
+        (moving(50, 10.0), "ok", "too short"),
+        (np.random.default_rng(2).normal(0.0, 1.0, 5), "too_few", "Too few"),
+        ([3.0] * 200, "constant", "equal"),
+    ],
+)
+def test_every_edge_has_its_words(z, verdict, word):
+    found = estimate(z)
+    assert (found.verdict, word in found.message) == (verdict, True)
+    assert (found.params is None) == (verdict != "ok")
+    assert not np.isnan([found.q, found.r, found.momentum, *found.momentum_interval, *found.lag_interval]).any()
+
+
+def test_a_momentum_longer_than_the_record_is_not_claimed():
+    z = 0.05 * np.arange(300.0) + np.random.default_rng(7).normal(0.0, 1.0, 300)
+    found = estimate(z)
+    assert found.momentum_interval[1] == math.inf
+    assert 0.0 < found.momentum <= max(300.0, found.momentum_interval[0])
+
+
+# --- refusals, progress ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["em", "moments", "als", "allan"])
+def test_other_methods_know_no_momentum(record, method):
+    with pytest.raises(BadSetting, match="knows none"):
+        estimate(record, method, momentum=5.0)
+    assert estimate(record, method) == estimate(record, method, momentum=0)
+
+
+@pytest.mark.parametrize("momentum", [-1.0, 1e6, math.nan, "some", None])
+def test_a_momentum_out_of_range_is_refused(record, momentum):
+    with pytest.raises(BadSetting, match="momentum must be"):
+        estimate(record, momentum=momentum)
+
+
+def test_progress_rises_and_a_cancel_stops(record):
+    seen = []
+    estimate(record, progress=lambda *told: seen.append(told[0]))
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+    calls = iter(range(12))
+    with pytest.raises(Cancelled):
+        estimate(record, cancelled=lambda: next(calls, 99) == 99)
