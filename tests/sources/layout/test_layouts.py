@@ -228,3 +228,25 @@ def test_names_that_break_inside_their_quotes(read, mark):
 def test_a_stray_quote_above_the_data_joins_no_rows(read):
     recording = read('t,a"\n' + ROWS.replace("\n", '"\n', 2))
     assert recording.report.rows == 28
+
+
+def test_the_line_that_names_the_delimiter_holds_no_names(read):
+    recording = read("sep=;\nTime;A\n" + "".join(f"{i};{20 + i % 7}\n" for i in range(30)))
+    assert (recording.names, recording.sample_period) == (("A",), 1.0)
+    report = recording.report
+    assert (report.rows, report.headers, report.comments, report.lines) == (30, 1, 1, 32)
+
+
+@pytest.mark.parametrize("unit", ["C", "%", "V"])
+def test_three_decimals_before_a_unit_raise_no_question(read, unit):
+    recording = read("t,a\n" + "".join(f"{0.1 * i:.1f},{20.001 + i % 7}{unit}\n" for i in range(30)))
+    assert recording.values[:2, 0].tolist() == [20.001, 21.001]
+    assert recording.units == (unit,)
+    assert "--decimal" not in notes_of(recording)
+
+
+def test_months_and_years_with_decimals_are_times(read):
+    months = read("month,a\n" + "".join(f"{2000 + i // 12}-{i % 12 + 1:02d},{i % 7}\n" for i in range(60)))
+    assert months.sample_period == pytest.approx(30.4 * 86400, rel=0.02)
+    years = read("decimal_date,a\n" + "".join(f"{1958.2027 + i / 12:.4f},{i % 7}\n" for i in range(60)))
+    assert years.sample_period == pytest.approx(31557600 / 12, rel=1e-3)

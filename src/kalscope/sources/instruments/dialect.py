@@ -65,7 +65,7 @@ def plain_head(head: Sequence[str]) -> PlainHead:
     kept = [(i, line[:_MAX_LENGTH]) for i, line in enumerate(head[:MAX_LINES], 1)]
     if kept:
         kept[0] = (1, kept[0][1].removeprefix("\ufeff"))
-    told = _told(kept[0][1]) if kept else None
+    told = told_delimiter(kept[0][1]) if kept else None
     kept = kept[1:] if told else kept
     blank = sum(not line.strip() for _, line in kept)
     if blank > _MAX_BLANK * len(kept):
@@ -77,7 +77,7 @@ def plain_head(head: Sequence[str]) -> PlainHead:
     return PlainHead(lines, tuple(i for i, _ in kept), delimiter, decimal, told)
 
 
-def _told(line: str) -> str | None:
+def told_delimiter(line: str) -> str | None:
     """The delimiter that a first line `sep=;` tells a spreadsheet; None for any other line."""
     text = line.strip(' "\r').lower() if len(line) < 12 else ""
     return _TOLD.get(text[4:]) if text.startswith("sep=") else None

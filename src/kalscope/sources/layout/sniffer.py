@@ -16,6 +16,7 @@ from kalscope.sources.grammar.cells import NumberForm, is_comment
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.instruments.dialect import told_delimiter
 from kalscope.sources.layout.columns import Column, named_column, role_of, settle_roles
 from kalscope.sources.layout.explain import explain, explain_doubt
 from kalscope.sources.layout.headers import Header, join_quoted, read_header
@@ -89,6 +90,8 @@ def sniff(
     """
     head = join_quoted(head)
     plan = make_plan(head, options)
+    if head and told_delimiter(head[0]):
+        head[0] = ""  # no row of names
     lines, marks = candidate_lines(head, samples)
     table, second = weigh(lines, candidate_tables(lines, plan, head))
     if table is None or table.width > MAX_COLUMNS or table.rows[0][0] > len(head):

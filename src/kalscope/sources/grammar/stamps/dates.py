@@ -28,6 +28,7 @@ _EPOCH_DAY = _EPOCH.toordinal()
 _DAY_US = 86400e6
 
 _NUMERIC = re.compile(r"([0-9]{1,4})[-/.]([0-9]{1,2})[-/.]([0-9]{1,4})")
+_MONTH = re.compile(r"([12][0-9]{3})[-/]([0-9]{1,2})")
 _WORD = r"[^\W\d_]{3,10}"
 _NAMED = re.compile(
     rf"(?:([^\W\d_]{{2,10}})[.,]{{0,2}} {{1,2}})?"
@@ -131,6 +132,12 @@ def parse_clock_first(cell: str, order: DateOrder) -> float | None:
     return None if start is None else start + since
 
 
+def parse_month(cell: str, order: DateOrder) -> float | None:
+    """`2022-02` and `2022/2`: the first day of a month."""
+    match = _MONTH.fullmatch(cell) if order == "ymd" else None
+    return None if match is None else _day(match[1], match[2], "1", "ymd")
+
+
 CALENDAR_FORMS: tuple[Callable[[str, DateOrder], float | None], ...] = (
     parse_iso,
     parse_numeric,
@@ -138,6 +145,7 @@ CALENDAR_FORMS: tuple[Callable[[str, DateOrder], float | None], ...] = (
     parse_ctime,
     parse_compact,
     parse_clock_first,
+    parse_month,
 )
 """The forms of a stamp. Where two of them read a cell, they agree."""
 

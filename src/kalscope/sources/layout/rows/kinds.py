@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from kalscope.sources.grammar.cells import (
@@ -173,9 +173,12 @@ def number_form(
     if not odd and plain.decimal == kinds.decimal:
         return plain, None
     suffix = _common_suffix([cell for cell in cells if kinds[cell] == "measure"])
+    numeric = [cell for cell in cells if kinds[cell] in NUMERIC]
+    measures = replace(plain, suffix=suffix)
+    if odd == marks["measure"] and all(map(measures.fits, numeric)):
+        return measures, None  # 20.271C is no more in doubt than 20.271
     bases = [wanted] if wanted else [kinds.decimal, OTHER_MARK[kinds.decimal]]
     forms = [NumberForm(mark, grouped, suffix) for grouped in (False, True) for mark in bases]
-    numeric = [cell for cell in cells if kinds[cell] in NUMERIC]
     counts = {form: sum(map(form.fits, numeric)) for form in forms}
     best = max(forms, key=lambda form: counts[form])
     if best.decimal != kinds.decimal and not best.thousands and not wanted:

@@ -17,6 +17,8 @@ _TIME_WORDS = words(
 )
 _SPREADSHEET_WORDS = words("date dates datetime datum fecha")
 _DATE_WORDS = _SPREADSHEET_WORDS | words("day timestamp")
+_DECIMAL_WORDS = words("decimal dec fractional")
+"""Beside a word of time they make 1958.2027 of it."""
 # Beside a word of time they leave it one: "Device Time", "time since start", "Timestamp (Formatted)".
 _FILLERS = words(
     """
@@ -64,6 +66,8 @@ def time_name(column: Column) -> TimeName:
     rest = [word for word in said if word not in _FILLERS]
     core = [word for word in rest if word not in UNIT_OF_WORD]
     is_time = any(word in _TIME_WORDS for word in said)
+    if is_time and not _DECIMAL_WORDS.isdisjoint(said):
+        unit, core = "year", [word for word in core if word not in _DECIMAL_WORDS]
     is_alone = not core and len(rest) == 1
     strength = 0
     if (core and all(word in _TIME_WORDS or word == "t" for word in core)) or (is_alone and rest[0] in _LONE_UNITS):
