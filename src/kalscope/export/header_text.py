@@ -83,7 +83,7 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
         lasts = f"{number_text(channel.momentum)} samples"
         if job.sample_period is not None:
             lasts += f" = {channel.momentum * job.sample_period:.4g} s"
-        lines[3:3] = [f"  momentum tau = {lasts}: so long the signal keeps its direction"]
+        lines[3:3] = [f"  momentum tau = {lasts}: how long the signal keeps its direction"]
         lines.append(
             f"  settled: velocity gain L = {steady.velocity_gain:.6g} per sample,"
             f" overshoot on a step {100.0 * float(steady.overshoot):.3g} %"
