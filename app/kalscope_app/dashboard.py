@@ -143,7 +143,7 @@ class Dashboard:
             )
             bind(self._smoother, self.session, set_smoother)
             self._velocity = gui.add_checkbox(
-                "show velocity (needs momentum)", False, hint="In place of the gain, below the innovation."
+                "show velocity", False, hint="In place of the gain, where the filter has momentum."
             )
             bind(self._velocity, self.session, set_velocity)
             self._map.build_controls(gui)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from kalscope.common.array import Array
-from kalscope.common.text import decibels, lag_text, number
+from kalscope.common.text import decibels, lag_text, number, percent
 from kalscope_app.engine.frame import Frame
 from kalscope_app.views.charts.chart import drawable
 from kalscope_app.views.charts.pen import Pen
@@ -112,13 +112,15 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
 
 
 def _write_numbers(pen: Pen, frame: Frame, ink: str, corner: tuple[int, int]) -> None:
-    """The three numbers that matter, in the strip that viser's sheet leaves free at the left."""
+    """The numbers that matter, in the strip that viser's sheet leaves free at the left."""
     steady, period = frame.steady, frame.state.recording.sample_period
-    rows = (
+    rows = [
         ("lag", lag_text(float(steady.lag_samples), period)),
         ("noise", decibels(-float(steady.noise_reduction_db))),
         ("gain K", number(float(steady.gain))),
-    )
+    ]
+    if frame.state.filter.is_standard and frame.state.tuning.momentum:
+        rows.append(("overshoot", percent(float(steady.overshoot))))
     for i, (name, value) in enumerate(rows):
         x, y = corner[0], corner[1] + 130 * i
         pen.text((x, y), name, ink, 24, "la")
