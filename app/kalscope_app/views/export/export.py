@@ -31,7 +31,7 @@ class ExportView:
                 "tuning file", "tuning.toml", hint="A file name in the folder in which Kalscope was started."
             )
             self._save = gui.add_button(
-                "Save tuning file", hint="q, r, p0 and x0 of every channel, and the source."
+                "Save tuning file", hint="q, r, momentum, p0 and x0 of every channel, and the source."
             )
             self._download = gui.add_button("Download tuning file", hint="The same file, as a download.")
             self._csv = gui.add_button(
