@@ -22,8 +22,8 @@ STEPS = (
     (
         "Two sliders set the filter",
         "**q** is how fast the true value moves: larger follows faster. **r** is how noisy the sensor is: larger "
-        "smooths more. Only their ratio shapes the curve; **p0** matters only at the start. **Momentum**, off at first, "
-        "suits a signal that keeps its direction: less noise at the same lag, but steps overshoot.\n\n"
+        "smooths more. Only their ratio shapes the curve; **p0** matters only at the start. **Momentum**, off at "
+        "first, suits a signal that keeps its direction: less noise at the same lag, but steps overshoot.\n\n"
         "**Resulting filter**, below the sliders, shows the lag and the noise reduction.",
     ),
     (
