@@ -88,6 +88,22 @@ LOGS = {
         {"Temperature": ("C", A), "Pressure": ("hPa", B)},
         None,
     ),
+    "French thousands": (
+        "Heure;Pression\n" + rows(lambda i: f"{clock(i)};{f'{B[i]:,.2f}'.replace(',', ' ').replace('.', ',')}\n"),
+        {"Pression": ("", B)},
+        10,
+    ),
+    "Swiss thousands": (
+        "Zeit;Druck\n" + rows(lambda i: f"{clock(i)};{f'{B[i]:,.2f}'.replace(',', chr(39))}\n"),
+        {"Druck": ("", B)},
+        10,
+    ),
+    "labels with decimal commas": (rows(lambda i: f"T={german(A[i])};P={german(A[i])}\n"), {"T": ("", A)}, None),
+    "table in Markdown": (
+        "| t | temp |\n|------|------|\n" + rows(lambda i: f"| {clock(i)} | {A[i]} |\n"),
+        {"temp": ("", A)},
+        10,
+    ),
     "axes": (
         "MPU6050 Found!\n"
         + rows(

@@ -95,6 +95,12 @@ _GROUPED = {
     ".": re.compile(r"[-+]?[1-9][0-9]{0,2}(?:,[0-9]{3})+(?:\.[0-9]+)?"),
     ",": re.compile(r"[-+]?[1-9][0-9]{0,2}(?:\.[0-9]{3})+(?:,[0-9]+)?"),
 }
+_BLANK_GROUPED = {
+    mark: re.compile(rf"[-+]?[1-9][0-9]{{0,2}}(?:[ \u00a0\u202f'’][0-9]{{3}})+(?:{re.escape(mark)}[0-9]+)?")
+    for mark in ".,"
+}
+"""The same with blanks or the Swiss apostrophe: 1 234,5."""
+_NO_BLANKS = str.maketrans("", "", " \u00a0\u202f'’")
 OTHER_MARK = {".": ",", ",": "."}
 """The mark that is not the decimal mark, and may part the thousands."""
 
@@ -106,22 +112,25 @@ class NumberForm:
     decimal: str = "."
     """Decimal mark, "." or ","."""
     thousands: bool = False
-    """True where the other mark may part the thousands: 1,234.5."""
+    """True where the other mark, a blank or an apostrophe may part the thousands: 1,234.5."""
     suffix: str = ""
     """Unit that is written behind each number: the C of 26.69C."""
 
     def fits(self, cell: str) -> bool:
         """True where the whole cell is a number of this form, within float64 or not."""
         cell = self._bare(cell)
-        grouped = self.thousands and _GROUPED[self.decimal].fullmatch(cell)
-        return bool(grouped) or NUMBER[self.decimal].fullmatch(cell) is not None
+        return bool(self.thousands and self._is_grouped(cell)) or NUMBER[self.decimal].fullmatch(cell) is not None
 
     def parse(self, cell: str) -> float | None:
         """The number in a cell, as `parse_number`."""
         cell = self._bare(cell)
-        if self.thousands and _GROUPED[self.decimal].fullmatch(cell):
-            cell = cell.replace(OTHER_MARK[self.decimal], "")
+        if self.thousands and self._is_grouped(cell):
+            cell = cell.replace(OTHER_MARK[self.decimal], "").translate(_NO_BLANKS)
         return parse_number(cell, self.decimal)
+
+    def _is_grouped(self, cell: str) -> bool:
+        patterns = (_GROUPED[self.decimal], _BLANK_GROUPED[self.decimal])
+        return any(pattern.fullmatch(cell) for pattern in patterns)
 
     def _bare(self, cell: str) -> str:
         return cell.removesuffix(self.suffix).rstrip(" ") if self.suffix else cell
@@ -134,5 +143,5 @@ def split_measure(cell: str) -> tuple[str, str] | None:
 
 
 def is_grouped(cell: str) -> bool:
-    """True for a number whose thousands are parted, or may be: 1,234.5 and 1.234."""
-    return any(pattern.fullmatch(cell) for pattern in _GROUPED.values())
+    """True for a number whose thousands are parted, or may be: 1,234.5, 1 234,5 and 1.234."""
+    return any(pattern.fullmatch(cell) for pattern in (*_GROUPED.values(), *_BLANK_GROUPED.values()))

@@ -80,7 +80,7 @@ def _about_numbers(number: NumberForm, form: LineFormat) -> str:
     if number.decimal != form.decimal:
         said.append(f'the decimal mark is "{number.decimal}"')
     if number.thousands:
-        said.append(f'"{"." if number.decimal == "," else ","}" parts the thousands')
+        said.append(f'"{"." if number.decimal == "," else ","}" or a blank parts the thousands')
     return ", ".join(said)
 
 

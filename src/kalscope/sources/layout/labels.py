@@ -16,7 +16,8 @@ Pairs = list[tuple[str, str]]
 MAX_PAIRS, MAX_LABEL = 64, 60
 """Pairs with units that a line may hold, and letters of a label of several words."""
 
-_BETWEEN_PAIRS = re.compile(r"[,;&\t]")
+_BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&\t]"), re.compile(r"[;&\t]")
+_COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
 _TOKEN = re.compile(r'"[^"]*"|[^\s,;&="]+|=')
 # A label begins at a word's beginning and is never given back, else each place of a long word would be tried.
 _LABEL_PAIR = re.compile(r"(?<![^\s:])([^\s:]++)\s*+:\s*(\S+)")
@@ -58,7 +59,7 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     if equal is not None:
         pairs, complete = equal, True
     elif any(mark in text for mark in ",;\t"):
-        parts = [part for part in re.split(r"[,;\t]", text) if part.strip()]
+        parts = _parts(text)
         pairs = [(label.strip(), value.strip()) for label, _, value in (part.partition(":") for part in parts)]
         complete = all(":" in part for part in parts)
     elif text.count(":") == 1 and not _trailing_numbers(text):
@@ -141,9 +142,16 @@ def _is_value(word: str) -> bool:
     return is_number(word) or word.lower() in MISSING or split_measure(word) is not None
 
 
+def _parts(text: str) -> list[str]:
+    """What stands between commas, semicolons or tabs; the commas of `T=20,5;H=40,1` are decimal ones."""
+    commas = text.count(",")
+    is_decimal = commas and _BUT_COMMAS.search(text) and len(_COMMA_IN_NUMBER.findall(text)) == commas
+    return [part for part in (_BUT_COMMAS if is_decimal else _BETWEEN_PAIRS).split(text) if part.strip()]
+
+
 def _equalities(text: str) -> Pairs | None:
     """The pairs of `t=1 ax=0.5`, `temp = 21.5 C, rel hum = 40 %`, `msg="two words"`; None for any other text."""
-    parts = [part for part in _BETWEEN_PAIRS.split(text) if part.strip()] if '"' not in text else []
+    parts = _parts(text) if '"' not in text else []
     if len(parts) > 1 and all(part.count("=") == 1 for part in parts):
         return [(label.strip(), value.strip()) for label, _, value in (part.partition("=") for part in parts)]
     tokens = _TOKEN.findall(text) if text.count('"') % 2 == 0 else []

@@ -31,6 +31,8 @@ _PAIR_LABELS = frozenset(
 )
 """What is said in pairs above a table, in lower case."""
 _WIDE_GAP = re.compile(r"[ \t]{2,}|\t")
+_RULED = frozenset("-=_+|:;, \t")
+"""What a line below the names may be drawn with."""
 _MAX_NAME = 40
 """A longer single cell above a column of numbers is a sentence."""
 
@@ -219,7 +221,7 @@ class _Grid:
         found: list[tuple[int, Cells]] = []
         for number, _ in reversed(lines[-MAX_HEADER_LINES:]):
             cells = header_cells(self._texts[number], self._table.form.delimiter, self._least)
-            if not found and self._is_remark(number, cells):
+            if not set(self._texts[number]) - _RULED or (not found and self._is_remark(number, cells)):
                 continue
             if not self._may_name(cells):
                 break
