@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from kalscope.common.array import Array
 from kalscope.common.progress import Progress
+from kalscope.estimation.likelihood.search import DROP
 from kalscope.estimation.momentum.fit import MomentumFit
 from kalscope.estimation.momentum.given import fit_at
-from kalscope.estimation.momentum.interval import momentum_ends
-from kalscope.estimation.momentum.likelihood import Samples, pairs, ratio_of, step_variance
-from kalscope.estimation.momentum.search import MIN_MOMENTUM, Top
-from kalscope.filtering.params import MAX_MOMENTUM
+from kalscope.estimation.momentum.interval import End, momentum_ends
+from kalscope.estimation.momentum.likelihood import Samples, pairs, ratio_of
+from kalscope.estimation.momentum.search import Top
 
-_SLOPE_STEP = 1e-4
-"""Step in ln τ for the slope of the step variance."""
+_NORMAL = math.sqrt(2.0 * DROP)
+"""Standard errors from the middle to the end of a 95 % interval, 1.96."""
 
 
 def fit_around(data: Samples, top: Top, progress: Progress) -> MomentumFit:
@@ -33,8 +33,13 @@ def fit_around(data: Samples, top: Top, progress: Progress) -> MomentumFit:
     if tau > shortest:
         there = fit_at(data, shortest, progress.part(0.8, 1.0))
     else:
-        q_error, r_error = relative_errors(data.m, top)
-        there = replace(there, q_se=_error(there.q, q_error), r_se=_error(there.r, r_error))
+        unit = data.scale * data.scale
+        qs, rs = zip(*(params_at(data, end)[:2] for end in (low, high)), strict=True)
+        there = replace(
+            there,
+            q_se=widened(there.q, there.q_se, [unit * q for q in qs]),
+            r_se=widened(there.r, there.r_se, [unit * r for r in rs]),
+        )
     border = tuple((ratio_of(end.log_moves, end.tau), end.tau) for end in (low, high))
     return replace(
         there,
@@ -43,7 +48,7 @@ def fit_around(data: Samples, top: Top, progress: Progress) -> MomentumFit:
     )
 
 
-def params_at(data: Samples, top: Top) -> tuple[float, float, float]:
+def params_at(data: Samples, top: Top | End) -> tuple[float, float, float]:
     """q, r (both in scale²) and τ of a place of the likelihood."""
     tau = np.array([top.tau])
     moves = np.array([top.log_moves])
@@ -52,32 +57,21 @@ def params_at(data: Samples, top: Top) -> tuple[float, float, float]:
     return float(q[0]) * unit, float(r[0]) * unit, float(tau[0])
 
 
-def relative_errors(m: int, top: Top) -> tuple[float, float]:
-    """Standard errors of ln q and ln r by the observed information; inf where it is not positive.
+def widened(value: float, error: float, ends: Sequence[float]) -> float:
+    """Standard error of a variance where τ is not known either; inf at an edge.
 
-    As in `maximum_likelihood.fit`: the scale given the place has the variance 2/m, and q and r move with the place.
+    The curvature at the top would be too small: a record that is a few τ long and by chance shows a short τ shows a
+    small q too. So the limits are combined, on the scale of the logarithm: those where τ is known, and what the
+    variance is at both ends of the interval of τ (Zou & Donner 2008, Statistics in Medicine 27, 1693-1702).
+
+    Args:
+        value: the variance at the top.
+        error: its standard error where τ is known.
+        ends: the best variances at the ends of the interval of τ.
     """
-    moves = math.exp(min(top.log_moves, 700.0))
-    q_slope = top.unit_slope + np.array([-_step_slope(top.log_tau), 1.0 / (1.0 + moves)])
-    r_slope = top.unit_slope - np.array([0.0, moves / (1.0 + moves)])
-    free = [math.log(MIN_MOMENTUM) + 1e-6 < top.log_tau < math.log(MAX_MOMENTUM) - 1e-6, top.log_moves < math.inf]
-    at = np.flatnonzero(free)
-    information = -top.curvature[np.ix_(at, at)]
-    if len(at) and np.linalg.eigvalsh(information)[0] <= 0.0:
-        return math.inf, math.inf
-    return _spread(m, information, q_slope[at]), _spread(m, information, r_slope[at])
-
-
-def _spread(m: int, information: Array, slope: Array) -> float:
-    moved = float(slope @ np.linalg.solve(information, slope)) if len(slope) else 0.0
-    return math.sqrt(2.0 / m + moved)
-
-
-def _step_slope(log_tau: float) -> float:
-    """Slope of ln(step variance for q = 1) over ln τ."""
-    near = [math.log(step_variance(math.exp(log_tau + step))) for step in (-_SLOPE_STEP, _SLOPE_STEP)]
-    return (near[1] - near[0]) / (2.0 * _SLOPE_STEP)
-
-
-def _error(value: float, relative: float) -> float:
-    return value * relative if value > 0.0 else math.inf
+    low, high = min(*ends, value), max(*ends, value)
+    if not low > 0.0:
+        return math.inf
+    known = _NORMAL * error / value
+    both = math.hypot(math.log(value / low), known) + math.hypot(math.log(high / value), known)
+    return value * both / (2.0 * _NORMAL)
