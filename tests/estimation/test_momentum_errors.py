@@ -1,4 +1,4 @@
-"""Standard errors of q and r where the momentum is estimated too; their coverage is in test_momentum_coverage.py."""
+"""Standard errors of q and r where momentum is estimated too; test_momentum_coverage.py counts what they cover."""
 
 from __future__ import annotations
 
