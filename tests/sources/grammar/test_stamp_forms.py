@@ -142,6 +142,7 @@ def test_long_cells_are_no_stamps():
 
 
 NAMED = StampHints(is_date=True)  # MESS_DATUM
+DAY = StampHints(is_date=True, may_be_spreadsheet=True)  # Date
 
 
 @pytest.mark.parametrize("pattern", ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"])
@@ -172,3 +173,23 @@ def test_seconds_since_1970_are_no_date_of_ten_digits(start, step):
 def test_seconds_of_this_year_are_no_hours_of_the_eighteenth_century():
     cells = [str(1_801_010_100 + i) for i in range(20)]  # 27 January 2027, and 1 January 1801
     assert found(cells, NAMED)[0] == "number"
+
+
+@pytest.mark.parametrize(("order", "pattern"), [("ymd", "%y%m%d"), ("dmy", "%d%m%y"), ("mdy", "%m%d%y")])
+def test_dates_of_six_digits_under_the_name_of_a_date(order, pattern):
+    times = [datetime(2024, 2, 20) + timedelta(days=i) for i in range(20)]
+    cells = [time.strftime(pattern) for time in times]
+    form = find_stamp_form(cells, ".", DAY)
+    assert (form.kind, form.order) == ("calendar", order)
+    assert stamp_parser(form, ".")(cells[-1]) == (times[-1] - datetime(1970, 1, 1)).total_seconds() * 1e6
+    assert found(cells, DATE) == ("number", "ymd", "h:m:s", "")  # a timestamp may count so
+    assert found([str(100_000 + 7 * i) for i in range(50)], DAY)[0] == "number"
+
+
+@pytest.mark.parametrize(("day_first", "month"), [(True, 4), (False, 3)])
+def test_the_order_that_the_user_chose_holds_for_other_words_too(day_first, month):
+    cells = [f"03 04 2024 {hour}h00" for hour in range(10)]
+    form = find_stamp_form(cells, ".", StampHints(is_time=True, day_first=day_first))
+    assert form.odd == "dateutil"
+    since = datetime(2024, month, 7 - month) - datetime(1970, 1, 1)
+    assert stamp_parser(form, ".")(cells[0]) == since.days * 86400e6

@@ -1,5 +1,7 @@
 """Tables as loggers and instruments write them: where they start, what their columns are, what stands beside."""
 
+from datetime import datetime, timedelta
+
 import numpy as np
 import pytest
 
@@ -250,3 +252,12 @@ def test_months_and_years_with_decimals_are_times(read):
     assert months.sample_period == pytest.approx(30.4 * 86400, rel=0.02)
     years = read("decimal_date,a\n" + "".join(f"{1958.2027 + i / 12:.4f},{i % 7}\n" for i in range(60)))
     assert years.sample_period == pytest.approx(31557600 / 12, rel=1e-3)
+
+
+@pytest.mark.parametrize("form", ["%y%m%d,%H%M%S", "%d%m%y,%H%M%S"])
+def test_a_date_and_a_clock_of_six_digits_each_are_one_time(read, form):
+    start = datetime(2024, 3, 30, 22)
+    stamps = [(start + timedelta(minutes=10 * i)).strftime(form) for i in range(400)]
+    recording = read("Date,Time,a\n" + "".join(f"{stamp},{i % 7}\n" for i, stamp in enumerate(stamps)))
+    assert (recording.names, recording.sample_period) == (("a",), 600.0)
+    assert any("2024-03-30T22:00:00" in note for note in recording.report.notes)

@@ -14,6 +14,7 @@ from kalscope.sources.grammar.stamps.dates import DateOrder, parse_calendar
 from kalscope.sources.grammar.stamps.odd_stamps import (
     DATEUTIL,
     EXCEL,
+    SIX_DIGITS,
     check_format,
     has_date,
     parse_excel,
@@ -28,6 +29,7 @@ _CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "min:s", "elapsed")
 _TOLERANCE = 0.15
 """Months of 28 to 31 days are even steps."""
 _MANY_TIMES = 5.0
+_ORDERS: tuple[DateOrder, ...] = ("ymd", "dmy", "mdy")
 _DIGITS = (8, 10, 12, 14)
 """Digits of YYYYMMDD, YYYYMMDDHH, YYYYMMDDHHMM and YYYYMMDDHHMMSS."""
 _LIKELY_HOURS = ("19", "20")
@@ -43,7 +45,7 @@ class StampHints:
     is_date: bool = False
     """True where the name is one of a date: 19580329 may be one."""
     may_be_spreadsheet: bool = False
-    """True where a spreadsheet's 45123.5 may be a date."""
+    """True where the name says a date and nothing less: 240331 and a spreadsheet's 45123.5 may be one."""
     day_first: bool | None = None
     """`ReadOptions.day_first`."""
     time_format: str | None = None
@@ -75,6 +77,9 @@ def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> Ti
         return TimeColumn(0, "calendar", odd=EXCEL)
     if _are_dates_in_digits(counted, hints):
         return TimeColumn(0, "calendar")
+    short = _of_six_digits(counted, fits) if hints.may_be_spreadsheet else None
+    if short is not None:
+        return short
     number = TimeColumn(0, "number")
     if fits(stamp_parser(number, decimal)):
         return number
@@ -88,6 +93,17 @@ def _clock(counted: list[str], least: float) -> TimeColumn | None:
     counts = {form: _count(counted, CLOCK_PARSERS[form]) for form in _CLOCK_FORMS}
     best = max(_CLOCK_FORMS, key=lambda form: counts[form])
     return TimeColumn(0, "clock", clock=best) if counts[best] >= least else None
+
+
+def _of_six_digits(counted: list[str], fits: Callable[[StampParser], bool]) -> TimeColumn | None:
+    """A date such as 240331 in the order that reads most of the cells, of equals in the one that rises steadily."""
+    found: list[tuple[int, tuple[int, float, float], TimeColumn]] = []
+    for order in _ORDERS:
+        column = TimeColumn(0, "calendar", order=order, odd=SIX_DIGITS)
+        parse = stamp_parser(column, ".")
+        if fits(parse):
+            found.append((_count(counted, parse), _steadiness(_stamps(counted, parse)), column))
+    return max(found, key=lambda one: one[:2], default=(0, (), None))[2]
 
 
 def _are_dates_in_digits(counted: list[str], hints: StampHints) -> bool:
@@ -123,7 +139,7 @@ def _with_dateutil(counted: list[str], hints: StampHints, fits: Callable[[StampP
 
 
 def _calendar(present: list[str], counted: list[str], least: float, day_first: bool | None) -> TimeColumn | None:
-    orders: tuple[DateOrder, ...] = ("ymd", "dmy", "mdy")
+    orders = _ORDERS
     if day_first is not None:
         orders = ("ymd", "dmy") if day_first else ("ymd", "mdy")
     if not any(parse_calendar(cell, order) is not None for cell in counted[:8] for order in orders):

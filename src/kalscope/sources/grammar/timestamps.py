@@ -54,8 +54,8 @@ class TimeColumn:
     clock: ClockForm = "h:m:s"
     """How the clock is written, where one is alone or in a column of its own."""
     odd: str = ""
-    """How stamps that our own forms do not fit are read: "dateutil", "excel" (days since 1900), or a format of
-    `datetime.strptime`; "" where our own forms fit."""
+    """How stamps that our own forms do not fit are read: "dateutil", "excel" (days since 1900), "six digits", or a
+    format of `datetime.strptime`; "" where our own forms fit."""
     parts: tuple[tuple[PartRole, int], ...] = ()
     """(role, column) of each part where the time stands in several columns; () where it stands in one."""
     also: tuple[int, ...] = ()
@@ -103,7 +103,7 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
 def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
     """The function that reads one cell of a time column; it answers None for a missing or damaged stamp."""
     if column.odd:
-        return odd_parser(column.odd, decimal)
+        return odd_parser(column.odd, decimal, column.order)
     if column.kind == "calendar":
         return calendar_parser(column.order)
     if column.kind == "clock":

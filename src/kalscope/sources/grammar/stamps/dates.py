@@ -138,6 +138,13 @@ def parse_month(cell: str, order: DateOrder) -> float | None:
     return None if match is None else _day(match[1], match[2], "1", "ymd")
 
 
+def parse_six_digits(cell: str, order: DateOrder) -> float | None:
+    """`240331` as the year, the month and the day in an order; only a column that is named a date holds such."""
+    if len(cell) != 6 or not (cell.isascii() and cell.isdecimal()):
+        return None
+    return _day(cell[:2], cell[2:4], cell[4:], order)
+
+
 CALENDAR_FORMS: tuple[Callable[[str, DateOrder], float | None], ...] = (
     parse_iso,
     parse_numeric,

@@ -17,10 +17,12 @@ from kalscope.errors import BadSetting
 from kalscope.sources.grammar.cells import parse_number
 from kalscope.sources.grammar.stamps.clocks import MAX_STAMP_LENGTH
 from kalscope.sources.grammar.stamps.date_words import ZONES_H
-from kalscope.sources.grammar.stamps.dates import DateOrder
+from kalscope.sources.grammar.stamps.dates import DateOrder, parse_six_digits
 
 EXCEL = "excel"
 """Days since 1899-12-30, as spreadsheets count them."""
+SIX_DIGITS = "six digits"
+"""A date of two digits each for the year, the month and the day."""
 DATEUTIL = "dateutil"
 """Whatever python-dateutil reads as a whole date."""
 
@@ -34,10 +36,12 @@ _DATE_CODES = frozenset("aAbBcdDGgjmuUVWwxyYFvhe")
 _INVERTED_ZONE = re.compile(r"\b(?:GMT|UTC)(?=[-+])")  # dateutil takes "GMT+8" for 8 hours behind
 
 
-def odd_parser(form: str, decimal: str, order: DateOrder = "dmy") -> Callable[[str], float | None]:
+def odd_parser(form: str, decimal: str, order: DateOrder) -> Callable[[str], float | None]:
     """The function that reads a cell of an odd form as microseconds; None for a damaged stamp."""
     if form == EXCEL:
         return lambda cell: parse_excel(cell, decimal)
+    if form == SIX_DIGITS:
+        return lambda cell: parse_six_digits(cell, order)
     if form == DATEUTIL:
         return lambda cell: parse_with_dateutil(cell, order)
     return lambda cell: parse_with_format(cell, form)
