@@ -50,7 +50,7 @@ def odd_parser(form: str, decimal: str, order: DateOrder) -> Callable[[str], flo
 def parse_excel(cell: str, decimal: str) -> float | None:
     """Microseconds since 1970 of a spreadsheet's day number, `45123.5`."""
     days = parse_number(cell, decimal)
-    if days is None or not MIN_EXCEL <= days <= MAX_EXCEL:
+    if days is None or not MIN_EXCEL <= days <= MAX_EXCEL or cell[0] == "0":  # 030124 is a date in digits
         return None
     return round((days - _EXCEL_EPOCH_DAYS) * 86400e3) * 1e3  # spreadsheets know no more than ms
 
