@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, kalman_filter, params_for_specification, steady_state
-from kalscope.analysis.alternatives import filters
+from kalscope.analysis.alternatives import comparison, filters
 from kalscope.analysis.alternatives.candidates import at_lag
 from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.alternatives.measured_response import Bench
-from kalscope.analysis.alternatives.verdict import overshoot_words
+from kalscope.analysis.alternatives.verdict import difference, overshoot_words
 
 RNG = np.random.default_rng(31)
 
@@ -143,3 +143,31 @@ def test_a_specification_is_compared_at_its_lag_and_its_overshoot():
     assert found.present.lag_samples == pytest.approx(4.0)
     assert found.present.overshoot == pytest.approx(0.08)
     assert {one.lag_samples for one in found.others if one.name in ("Exponential", "Moving average")} == {4.0}
+
+
+def test_what_has_the_same_noise_is_measured_on_ramps_as_long_as_its_own_lag():
+    _, z, _ = moving(20_000)
+    params = params_for_specification(1.0, noise_reduction_db=26.0, momentum=1e5)
+    assert steady_state(params).lag_samples < 5.0
+    median = next(one for one in compare_alternatives(z, params, match="noise").others if one.name == "Median")
+    window = int(median.parameters.split()[-1])
+    assert window > 400
+    assert median.lag_samples == pytest.approx(0.5 * (window - 1), rel=0.02)
+
+
+def test_errors_are_compared_in_blocks_as_long_as_the_filter_settles(monkeypatch):
+    lengths = []
+
+    def seen(error, present, lag, comparisons):
+        lengths.append(lag)
+        return difference(error, present, lag, comparisons)
+
+    monkeypatch.setattr(comparison, "difference", seen)
+    _, z, _ = moving(20_000)
+    params = params_for_specification(1.0, lag_samples=0.5, overshoot=0.18)
+    compare_alternatives(z, params)
+    assert set(lengths) == {steady_state(params).settle_samples / math.log(100.0)}
+    assert lengths[0] > 2.0
+    lengths.clear()
+    compare_alternatives(z, FilterParams(0.05, 1.0))
+    assert set(lengths) == {steady_state(FilterParams(0.05, 1.0)).lag_samples}
