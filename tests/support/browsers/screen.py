@@ -15,7 +15,7 @@ from waiting import PATIENCE, wait_until
 
 from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings
 
-ARTEFACTS = Path(__file__).parents[1] / "artefacts"
+ARTEFACTS = Path(__file__).parents[2] / "artefacts"
 KNOWN_PAGE_ERROR = "'unsafe-eval' is not an allowed source"
 """viser's splat sorter probes for eval and does without it; the guard's policy refuses it."""
 
