@@ -1,18 +1,9 @@
 """What loggers and wearables write above their samples; each text is made up in the form of real files."""
 
 import pytest
+from prefaces import head, preface
 
 from kalscope.sources.instruments.known import find_preface
-
-
-def head(text):
-    return text.strip("\n").split("\n")
-
-
-def preface(text):
-    found = find_preface(head(text))
-    assert found is not None
-    return found
 
 
 def test_campbell_toa5_names_units_and_its_counter():

@@ -1,18 +1,7 @@
 """What oscilloscopes write above and beside their samples; each text is made up in the form of real files."""
 
 import pytest
-
-from kalscope.sources.instruments.known import find_preface
-
-
-def head(text):
-    return text.strip("\n").split("\n")
-
-
-def preface(text):
-    found = find_preface(head(text))
-    assert found is not None
-    return found
+from prefaces import head, preface
 
 
 def test_rigol_names_and_units_rows_and_the_separator_that_only_rows_end_in():
