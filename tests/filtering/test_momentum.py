@@ -178,3 +178,9 @@ def lfilter_ar1(noise, fade):
     for i, one in enumerate(noise):
         out[i] = last = fade * last + one
     return out
+
+
+@pytest.mark.parametrize("momentum", [5e-324, 1e-300, 9e-13])
+def test_a_momentum_too_short_to_change_a_digit_is_none(momentum):
+    assert FilterParams(1.0, 1.0, momentum=momentum) == FilterParams(1.0, 1.0)
+    assert FilterParams(1.0, 1.0, momentum=np.array([momentum, 2e-12])).momentum.tolist() == [0.0, 2e-12]

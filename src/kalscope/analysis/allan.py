@@ -24,6 +24,9 @@ SIZES_PER_OCTAVE = 3
 CLOSED_FROM = 0.1
 """Averages over more of the momentum than this have a closed form that loses no digits that matter."""
 
+FAR = 1e100
+"""Averaging lengths beyond which momentum changes nothing, and squares might not fit a double."""
+
 MAX_SAMPLES = 2_000_000
 """Samples used, the first ones of the record."""
 
@@ -130,7 +133,7 @@ def best_average(q: float, r: float, momentum: float = 0.0) -> float:
     if q == 0.0:
         return math.inf
     plain = max(1.0, math.sqrt(3.0 * (r / q) + 0.5))
-    if not momentum:
+    if not momentum or plain > FAR:
         return plain
     lengths = np.unique(np.rint(np.geomspace(1.0, max(2.0, 10.0 * (plain + momentum)), 1200)))
     return float(lengths[int(np.argmin(allan_model(lengths, q, r, momentum)))])

@@ -17,6 +17,8 @@ from kalscope.errors import BadSetting
 
 MAX_MOMENTUM = 1e5
 """Longest momentum accepted, in sample periods: beyond it the velocity is as good as constant."""
+MIN_MOMENTUM = 1e-12
+"""Shorter ones, in sample periods, are none: they change no digit of the filter."""
 MAX_VARIANCE = 1e300
 """Largest variance accepted: sums of two of them still fit a double."""
 
@@ -55,7 +57,8 @@ class FilterParams:
     gate: Parameter | None = None
     """Outlier gate: a sample whose v²/s exceeds it is not used (9 = three sigma), > 0; None = off."""
     momentum: Parameter = 0.0
-    """Momentum τ: how long the signal keeps its direction, in nominal sample periods, 0 … 1e5; 0 = it does not."""
+    """Momentum τ: how long the signal keeps its direction, in nominal sample periods, 0 … 1e5; 0 = it does not,
+    and below 1e-12 is taken as 0."""
 
     def __post_init__(self) -> None:
         given = {name: getattr(self, name) for name in _MUST}
@@ -106,6 +109,8 @@ def _checked(name: str, value: Any) -> Parameter:
         raise BadSetting(f"{wrong} (got {value!r})") from None
     if array.ndim > 1 or array.size == 0 or not np.all(np.isfinite(array) & _in_range(name, array)):
         raise BadSetting(f"{wrong} (got {value})")
+    if name == "momentum":
+        array = np.where(array < MIN_MOMENTUM, 0.0, array)
     if array.ndim == 0:
         return float(array)
     array.setflags(write=False)
