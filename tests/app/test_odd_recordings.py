@@ -19,7 +19,7 @@ from kalscope_app.dashboard import Dashboard
 from kalscope_app.engine import idle_studies as studies
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.changes.variants import pin_present
-from kalscope_app.session.changes.view import set_map_colour, set_match_by, set_window
+from kalscope_app.session.changes.view import set_map_colour, set_match_by, set_velocity, set_window
 from kalscope_app.session.opening import opened
 from kalscope_app.views.map import view as map_view
 
@@ -76,6 +76,12 @@ SETTINGS = {
     "far away": lambda state: set_map_colour("lag")(state.with_tuning(q=1e-300, r=1e300)),
     "equal noise": set_match_by("noise"),
     "start and gate": lambda state: state.with_tuning(p0=1.0, x0=0.0, gate=4.0),
+    "momentum": lambda state: set_velocity(True)(pin_present(state).with_tuning(momentum=20.0)),
+    "longest momentum, by lag": lambda state: set_map_colour("lag")(state.with_tuning(momentum=1e5)),
+    "shortest momentum, equal noise": lambda state: set_match_by("noise")(state.with_tuning(momentum=5e-324)),
+    "momentum, q = 0": lambda state: state.with_tuning(q=0.0, r=1.0, momentum=9.0),
+    "momentum, r = 0": lambda state: state.with_tuning(q=1.0, r=0.0, momentum=9.0),
+    "momentum, far away": lambda state: state.with_tuning(q=1e-300, r=1e300, momentum=9.0, p0=1.0, gate=4.0),
     "part of it": lambda state: set_window(0.0, float(np.median(state.recording.time)))(state),
     "Khan et al.": lambda state: state.with_filter(GeneralizedParams(1.0, None, None, "without_slip")),
 }

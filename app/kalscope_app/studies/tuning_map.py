@@ -191,7 +191,11 @@ def limits_of(state: State) -> str:
         )
         if there
     ]
-    return f"Drawn for the automatic start without gate: {' and '.join(left_out)} left out." if left_out else ""
+    said = [f"Drawn for the automatic start without gate: {' and '.join(left_out)} left out."] if left_out else []
+    elsewhere = [one.name for one in state.variants if one.tuning.momentum != tuning.momentum]
+    if elsewhere:
+        said.append(f"Pinned at another momentum, so another map holds: {', '.join(elsewhere)}.")
+    return " ".join(said)
 
 
 def cell_exponents(ends: Range) -> Array:
