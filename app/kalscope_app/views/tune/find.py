@@ -157,7 +157,7 @@ class FindView:
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
         with check_tab:
             gui.add_markdown("### Compare estimators")
-            compare = gui.add_button("Run five methods", hint="They agree if the model fits the signal.")
+            compare = gui.add_button("Run five methods", hint="They agree if the model fits the signal. None of them knows momentum here.")
             self._comparison = gui.add_markdown("")
         on_user(compare.on_click, lambda _client: self._start(self._compare))
 

@@ -153,7 +153,9 @@ def _choice(answer: Answer, ratio: float) -> str:
 
 
 def _opinions(answer: Answer) -> Iterator[str]:
-    yield f"Compare estimators (q and r in {squared(answer.unit)}, lag in samples)"
+    params = answer.found.params
+    without = " without momentum" if params is not None and scalar(params.momentum) else ""
+    yield f"Compare estimators{without} (q and r in {squared(answer.unit)}, lag in samples)"
     yield _row("method", "q", "r", "gain", "lag", "verdict")
     for one in answer.opinions:
         yield _row(METHOD_NAMES[one.method], *_cells(one), VERDICT_WORDS[str(one.verdict)])
