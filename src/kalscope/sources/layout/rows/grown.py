@@ -39,6 +39,7 @@ class SplitLines:
             shape: [tuple(split_fields(text, delimiter)) for text in texts] for shape, texts in some.items()
         }
         self._delimiter = delimiter
+        self._known: dict[int, Cells] = {}
         self._widths = {shape: len(rows[0]) for shape, rows in self.some.items()}
 
     def width(self, line: HeadLine) -> int:
@@ -47,7 +48,10 @@ class SplitLines:
 
     def cells(self, line: HeadLine) -> Cells:
         """The cells of a line."""
-        return tuple(split_fields(line.text, self._delimiter))
+        found = self._known.get(line.number)
+        if found is None:
+            found = self._known[line.number] = tuple(split_fields(line.text, self._delimiter))
+        return found
 
     def comment_above(self, line: HeadLine) -> Cells:
         """The cells of the comment right above a line; () where there is none."""
@@ -66,6 +70,8 @@ def grown_width(
     """
     lines = split.lines
     rows = {shape for shape, cells in split.some.items() if likely[shape] or _is_void(cells[0], kinds)}
+    if len({len(split.some[shape][0]) for shape in rows}) < 2:
+        return width, frozenset()
     runs = _runs(split, rows, kinds)
     long = [run for run in runs if run.lines >= MIN_NAMED_RUN and run.width > 1]
     widest = max((run.width for run in long), default=width)
