@@ -85,8 +85,9 @@ def test_the_interval_ends_where_twice_the_likelihood_is_3_84_lower(record):
         assert 2.0 * (found.loglik - estimate(record, momentum=end).loglik) == pytest.approx(3.8415, abs=0.02)
 
 
-def test_standard_errors_are_those_of_the_observed_information(record):
+def test_standard_errors_of_a_long_record_are_those_of_the_observed_information():
     """By second differences of the filter's own likelihood in ln q, ln r and ln τ."""
+    record = moving(20_000, 20.0, seed=8)
     found = estimate(record)
     at, h = np.log([found.q, found.r, found.momentum]), 0.01
 
@@ -192,6 +193,19 @@ def test_a_momentum_longer_than_the_record_is_not_claimed():
     found = estimate(z)
     assert found.momentum_interval[1] == math.inf
     assert 0.0 < found.momentum <= max(300.0, found.momentum_interval[0])
+
+
+@pytest.mark.parametrize("z", [np.arange(300.0) ** 2, np.exp(np.arange(300.0) / 10.0), (-1.0) ** np.arange(300)])
+@pytest.mark.parametrize(
+    "dt", [None, np.zeros(300), np.arange(300.0) % 2, np.where(np.arange(300) == 50, 1e200, 1.0)]
+)
+@pytest.mark.parametrize("momentum", ["auto", 0.001, 1e5])
+def test_odd_records_get_an_answer_without_nan(z, dt, momentum):
+    found = estimate(z, dt=dt, momentum=momentum)
+    numbers = [found.q, found.r, found.q_se, found.r_se, found.loglik, found.momentum, found.prediction_gain]
+    intervals = (found.momentum_interval, found.ratio_interval, found.gain_interval, found.lag_interval)
+    assert not np.isnan([*numbers, *(end for interval in intervals for end in interval)]).any()
+    assert all(low <= high for low, high in intervals)
 
 
 # --- refusals, progress ------------------------------------------------------------------------------------

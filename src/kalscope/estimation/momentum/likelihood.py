@@ -71,7 +71,9 @@ class Samples:
         unit = chi2 / self.m
         with np.errstate(divide="ignore"):
             log_unit = np.log(unit) + 2.0 * math.log(self.scale)
-        return -0.5 * (self.m * (math.log(2.0 * math.pi) + 1.0 + log_unit) + logdet), unit
+        loglik = -0.5 * (self.m * (math.log(2.0 * math.pi) + 1.0 + log_unit) + logdet)
+        # Without noise two samples at one instant, s = 0, contradict each other.
+        return np.where(np.isnan(loglik), -math.inf, loglik), unit
 
 
 def pairs(log_moves: Array, tau: Array) -> tuple[Array, Array]:

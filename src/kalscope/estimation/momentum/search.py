@@ -65,8 +65,6 @@ class Top:
     """Log-likelihood there."""
     curvature: Array
     """Second derivatives of the log-likelihood by (ln τ, ln(step variance / r)), shape (2, 2); 0 at an edge."""
-    unit_slope: Array
-    """Derivatives of ln(best scale) by the two, shape (2,)."""
 
     @property
     def tau(self) -> float:
@@ -150,17 +148,15 @@ def _patch_top(data: Samples, log_tau: float, log_moves: float, size: float) -> 
     log_moves = min(log_moves, HIGHEST - size)
     nodes = [chebyshev.chebpts1(count) for count in _NODES]
     t, y = (part.ravel() for part in np.meshgrid(*nodes, indexing="ij"))
-    height, unit = data.concentrated(log_moves + size * y, np.exp(log_tau + size * t))
+    height, _ = data.concentrated(log_moves + size * y, np.exp(log_tau + size * t))
     shape = _coefficients(height.reshape(_NODES))
     at = _highest(shape)
     place = log_tau + size * at[0], log_moves + size * at[1]
     inside = abs(at[0]) < 0.98 or not low + 0.05 * size < place[0] < high - 0.05 * size
     inside = inside and (abs(at[1]) < 0.98 or place[1] > HIGHEST - 0.05 * size)
     bent = _derivatives(shape, at)
-    scale = _derivatives(_coefficients(np.log(unit).reshape(_NODES)), at)
     curvature = np.array([[bent[2, 0], bent[1, 1]], [bent[1, 1], bent[0, 2]]]) / size**2
-    slope = np.array([scale[1, 0], scale[0, 1]]) / size
-    return Top(place[0], place[1], float(bent[0, 0]), curvature, slope), inside
+    return Top(place[0], place[1], float(bent[0, 0]), curvature), inside
 
 
 def _coefficients(values: Array) -> Array:
@@ -209,16 +205,15 @@ def _climb_without_noise(data: Samples, log_tau: float, first: float) -> Top:
     low, high = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
     nodes = chebyshev.chebpts1(_NODES[1])
     edge = np.full(len(nodes), math.inf)
-    top = Top(log_tau, math.inf, -math.inf, np.zeros((2, 2)), np.zeros(2))
+    top = Top(log_tau, math.inf, -math.inf, np.zeros((2, 2)))
     for size in (first, *_SIZES):
         middle = min(max(top.log_tau, low + size), high - size)
         places = middle + size * nodes
-        height, unit = data.concentrated(edge, np.exp(places))
+        height, _ = data.concentrated(edge, np.exp(places))
         domain = [middle - size, middle + size]
         curve = Chebyshev.fit(places, height, len(nodes) - 1, domain=domain)
-        scale = Chebyshev.fit(places, np.log(unit), len(nodes) - 1, domain=domain)
         fine = middle + size * _RAYS_FINE
         at = float(fine[int(np.argmax(curve(fine)))])
         bent = np.array([[float(curve.deriv(2)(at)), 0.0], [0.0, 0.0]])
-        top = Top(at, math.inf, float(curve(at)), bent, np.array([float(scale.deriv()(at)), 0.0]))
+        top = Top(at, math.inf, float(curve(at)), bent)
     return top
