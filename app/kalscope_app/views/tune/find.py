@@ -157,7 +157,7 @@ class FindView:
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
         with check_tab:
             gui.add_markdown("### Compare estimators")
-            compare = gui.add_button("Run five methods", hint="They agree if the model fits the signal. None of them knows momentum here.")
+            compare = gui.add_button("Run five methods", hint="They agree if the model fits the signal.")
             self._comparison = gui.add_markdown("")
         on_user(compare.on_click, lambda _client: self._start(self._compare))
 
@@ -233,7 +233,7 @@ def answer_text(state: State) -> str:
 def comparison_text(state: State) -> str:
     """The five methods side by side and their disagreement named, as markdown."""
     if not state.answers.method_comparison:
-        return "Five methods estimate q and r from the recording. They agree if the model describes the signal."
+        return "Five methods estimate q and r from the recording, without momentum. They agree if the model describes the signal."
     period = state.recording.sample_period
     rows: list[str] = []
     for one in state.answers.method_comparison:
