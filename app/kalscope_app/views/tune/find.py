@@ -233,7 +233,10 @@ def answer_text(state: State) -> str:
 def comparison_text(state: State) -> str:
     """The five methods side by side and their disagreement named, as markdown."""
     if not state.answers.method_comparison:
-        return "Five methods estimate q and r from the recording, without momentum. They agree if the model describes the signal."
+        return (
+            "Five methods estimate q and r from the recording, without momentum. They agree if the model describes "
+            "the signal."
+        )
     period = state.recording.sample_period
     rows: list[str] = []
     for one in state.answers.method_comparison:
