@@ -15,6 +15,8 @@ from kalscope.sources.grammar.cells import is_number
 
 ESCAPE = "\x1b["
 _ESCAPES = re.compile(r"\x1b\[[0-?]{0,24}[ -/]{0,4}[@-~]")
+_MAX_SAMPLES = 1024
+"""Samples that one line of Teleplot may hold."""
 _STAMP_REACH = 24  # the first colon of a clock behind a date
 _STAMP = r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9})?)"
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
@@ -87,7 +89,7 @@ def split_teleplot(line: str) -> Teleplot | None:
     Texts (`|t`) and shapes (`>3D|…`) are no samples.
     """
     match = _TELEPLOT.fullmatch(line)
-    if match is None or "t" in (match[4] or "").split(","):
+    if match is None or "t" in (match[4] or "").split(",") or match[2].count(";") > _MAX_SAMPLES:
         return None
     samples: list[tuple[str, str]] = []
     for part in match[2].split(";"):

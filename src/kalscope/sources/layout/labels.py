@@ -13,8 +13,8 @@ from kalscope.sources.layout.units import is_measure
 
 Pairs = list[tuple[str, str]]
 
-MAX_PAIRS, MAX_LABEL = 64, 60
-"""Pairs with units that a line may hold, and letters of a label of several words."""
+MAX_PAIRS, MAX_LABEL, MAX_PARTS = 64, 60, 2048
+"""Pairs with units that a line may hold, letters of a label of several words, and commas, semicolons and tabs."""
 
 _BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&\t]"), re.compile(r"[;&\t]")
 _COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
@@ -43,7 +43,8 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
         line, or a label is a number (`12:30:05`). Between commas a bare number could be the decimals of the value
         before it, so there it is refused as well.
     """
-    if ":" not in line and "=" not in line and "/" not in line and ">>" not in line:
+    is_endless = len(line) > MAX_PARTS and sum(map(line.count, ",;\t")) > MAX_PARTS
+    if is_endless or not any(mark in line for mark in (":", "=", "/", ">>")):
         return None
     if line[:1].isdecimal() and line.isascii() and line.lower() == line.upper():
         return None  # a number and no letter, as in a table with a clock

@@ -12,6 +12,8 @@ from kalscope.sources.layout.rows.shapes import HeadLine
 
 MIN_RUN, MIN_NAMED_RUN = 8, 3
 """Lines in a row of another width that are no damage: the logger gained a field; and below its name."""
+_MAX_CELLS = 4096
+"""A line of more cells is no row of any table."""
 MAX_JUDGED = 500
 """Rows by which those of two widths are compared."""
 
@@ -35,9 +37,7 @@ class SplitLines:
     ) -> None:
         """Args: lines that may hold data, some of each shape, what parts their cells, the head with comments."""
         self.lines, self._head = lines, head
-        self.some = {
-            shape: [tuple(split_fields(text, delimiter)) for text in texts] for shape, texts in some.items()
-        }
+        self.some = {shape: [_cells(text, delimiter) for text in texts] for shape, texts in some.items()}
         self._delimiter = delimiter
         self._known: dict[int, Cells] = {}
         self._widths = {shape: len(rows[0]) for shape, rows in self.some.items()}
@@ -50,7 +50,7 @@ class SplitLines:
         """The cells of a line."""
         found = self._known.get(line.number)
         if found is None:
-            found = self._known[line.number] = tuple(split_fields(line.text, self._delimiter))
+            found = self._known[line.number] = _cells(line.text, self._delimiter)
         return found
 
     def comment_above(self, line: HeadLine) -> Cells:
@@ -58,6 +58,13 @@ class SplitLines:
         place = line.number - 2
         text = self._head[place] if 0 <= place < len(self._head) else ""
         return tuple(split_fields(text, self._delimiter)) if is_comment(text) else ()
+
+
+def _cells(text: str, delimiter: str) -> Cells:
+    """The cells of a line; one that would have thousands is no row and is left whole."""
+    if len(text) > _MAX_CELLS and text.count(delimiter) > _MAX_CELLS:
+        return (text,)
+    return tuple(split_fields(text, delimiter))
 
 
 def grown_width(

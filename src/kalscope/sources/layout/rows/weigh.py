@@ -70,7 +70,7 @@ def _likely(lines: list[HeadLine], table: HeadTable) -> float:
 
 def _is_grouped(table: HeadTable) -> bool:
     """True for one column of numbers, some of them with their thousands parted: `990,00` and `1.013,25`."""
-    if table.width != 1:
+    if table.width != 1 or table.form.kind != "table":
         return False
     some = [cells[0] for _, cells in table.rows[:: max(1, len(table.rows) // _SOME)]]
     form = NumberForm(table.form.decimal, thousands=True)
@@ -82,10 +82,10 @@ def _is_padded(table: HeadTable) -> bool:
 
     As a cell of its own nobody would write the 05 of `1.013,05` or the 013.25 of `1,013.25`.
     """
-    mark = table.form.decimal if table.form.decimal == "," else ","
-    parts = [cells[0].split(mark) for _, cells in table.rows]
-    padded = any(part[:1] == "0" and part[1:2].isdecimal() for _, *after in parts for part in after)
-    return padded and _is_grouped(table)
+    if not _is_grouped(table):
+        return False
+    parts = [cells[0].split(",") for _, cells in table.rows]
+    return any(part[:1] == "0" and part[1:2].isdecimal() for _, *after in parts for part in after)
 
 
 def _rank(lines: list[HeadLine], table: HeadTable) -> tuple[float, bool, bool, bool, bool]:
