@@ -81,7 +81,7 @@ def test_the_page_says_q_r_and_why(capsys: Captured) -> None:
 
 
 def test_a_disagreement_of_the_methods_is_named(capsys: Captured) -> None:
-    assert run(["tune", "demo"]) == 0
+    assert run(["tune", "demo", "--momentum", "0"]) == 0
     out = capsys.readouterr().out
     assert "The model does not describe this signal: maximum likelihood finds gain" in out
     assert "differ by no more than chance" not in out
@@ -119,6 +119,45 @@ def test_without_time_the_lag_is_in_samples_only(bare: Path, capsys: Captured) -
     assert " ms" not in out
     assert run(["tune", str(bare), "--sample-period", "0.01"]) == 0
     assert " ms (" in capsys.readouterr().out
+
+
+@pytest.fixture
+def moving(tmp_path: Path) -> Path:
+    """A signal that keeps its direction for 20 samples, 100 Hz."""
+    rng = np.random.default_rng(5)
+    velocity = np.convolve(rng.normal(size=1319), np.exp(-np.arange(320) / 20.0), mode="valid")
+    z = np.cumsum(velocity) + rng.normal(scale=5.0, size=1000)
+    path = tmp_path / "moving.csv"
+    path.write_text("\n".join(["time (s),z", *(f"{i / 100:.2f},{one!r}" for i, one in enumerate(z.tolist())), ""]))
+    return path
+
+
+def test_momentum_is_found_and_its_gain_and_cost_are_told(moving: Path, capsys: Captured) -> None:
+    assert run(["tune", str(moving)]) == 0
+    out = capsys.readouterr().out
+    assert "momentum           τ = " in out
+    assert "  beyond a step    " in out
+    assert "all of them look for a signal without momentum" in out
+    assert "error of predicting unseen samples is" in " ".join(out.split())
+    said = tuned(capsys, str(moving))
+    low, high = said["momentum_interval"]
+    assert low < said["momentum"] < high
+    assert low < 20.0 < high
+    assert said["prediction_gain"] > 0.02
+
+
+def test_a_given_momentum_is_kept_and_none_is_the_random_walk(moving: Path, capsys: Captured) -> None:
+    z = read_recording(moving).channel("z")
+    for text, momentum in (("0", 0.0), ("7.5", 7.5)):
+        said, best = tuned(capsys, str(moving), "--momentum", text), estimate(z, momentum=momentum)
+        assert (said["q"], said["r"], said["momentum"]) == (best.q, best.r, momentum)
+    assert tuned(capsys, str(moving), "--momentum", "auto") == tuned(capsys, str(moving))
+
+
+@pytest.mark.parametrize("options", [["--method", "em"], ["--ratio", "0.1"], ["--sigma", "1"]])
+def test_what_knows_no_momentum_says_so(moving: Path, capsys: Captured, options: list[str]) -> None:
+    assert run(["tune", str(moving), "--momentum", "5", *options]) != 0
+    assert 'momentum must be "auto" or 0' in capsys.readouterr().err
 
 
 # ---- JSON

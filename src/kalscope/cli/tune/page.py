@@ -160,7 +160,9 @@ def _opinions(answer: Answer) -> Iterator[str]:
     for one in answer.opinions:
         yield _row(METHOD_NAMES[one.method], *_cells(one), VERDICT_WORDS[str(one.verdict)])
     spoke = [one for one in answer.opinions if one.verdict not in SILENT]
-    if answer.disagreement:
+    if answer.found.params is not None and scalar(answer.found.params.momentum):
+        yield "They need not agree here: all of them look for a signal without momentum."
+    elif answer.disagreement:
         yield from _wrapped(answer.disagreement)
     elif len(spoke) > 1:
         yield "They differ by no more than chance explains."
