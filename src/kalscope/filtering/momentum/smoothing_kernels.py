@@ -79,16 +79,18 @@ def corrected(over: Transition, state: State, after: State) -> State:
     e, f, a, b, c = over
     x, v, p, g, w = state
     x_next, v_next, p_next, g_next, w_next = predict(over, state)
-    to_x, to_v = p + f * g, e * g  # covariance of x with x and v of the next sample
-    det = p_next * w_next - g_next * g_next
+    # C = P F' / (F P F' + Q), multiplied out: what cancels in the products of large variances is left out
+    to_x, to_v, own = p + f * g, g + f * w, p * w - g * g  # covariances with x of the next sample; det P
+    det = (p_next - a) * c + (w_next - c) * a - 2.0 * (g_next - b) * b + (a * c - b * b) + e * e * own
     if det > 1e-14 * p_next * w_next:
-        c11, c12 = (to_x * w_next - to_v * g_next) / det, (to_v * p_next - to_x * g_next) / det
-        to_x, to_v = g + f * w, e * w
-        c21, c22 = (to_x * w_next - to_v * g_next) / det, (to_v * p_next - to_x * g_next) / det
-    else:  # x and v of the next sample say the same, or one of them nothing
-        c11 = to_x / p_next if p_next > 0.0 else 1.0
-        c21 = (g + f * w) / p_next if p_next > 0.0 else 0.0
+        c11, c12 = (e * e * own + to_x * c - e * g * b) / det, (e * (g * a - f * own) - to_x * b) / det
+        c21, c22 = (to_v * c - e * w * b) / det, (e * (own + w * a) - to_v * b) / det
+    elif p_next > 0.0:  # x and v of the next sample say the same
+        c11, c21 = to_x / p_next, to_v / p_next
         c12 = c22 = 0.0
+    else:  # x is known exactly, so only v of the next sample can say more
+        c11, c22 = 1.0, e * w / w_next if w_next > 0.0 else 0.0
+        c12 = c21 = 0.0
     dx, dv = after[0] - x_next, after[1] - v_next
     # A = I - C F, and the variance that comes from the step and from what follows, M = Q + P'
     a11, a12 = 1.0 - c11, -(c11 * f + c12 * e)
