@@ -31,7 +31,7 @@ def test_momentum_is_typed_dragged_seen_as_velocity_and_undone(start, demo):
     expected = filtered(demo, 12.0)
     screen.wait_for_line("filtered", expected.x, 1e-9)
     assert screen.text_box("momentum").input_value() == "12"
-    screen.page.get_by_text("keeps direction for").wait_for()
+    screen.page.get_by_text("keeps direction", exact=True).wait_for()
     screen.page.locator("label", has_text="τ = 240 ms").wait_for()
 
     screen.tab("View")

@@ -194,7 +194,7 @@ def limits_of(state: State) -> str:
     said = [f"Drawn for the automatic start without gate: {' and '.join(left_out)} left out."] if left_out else []
     elsewhere = [one.name for one in state.variants if one.tuning.momentum != tuning.momentum]
     if elsewhere:
-        said.append(f"Pinned at another momentum, so another map holds: {', '.join(elsewhere)}.")
+        said.append(f"This map does not hold for {', '.join(elsewhere)}: pinned at another momentum.")
     return " ".join(said)
 
 

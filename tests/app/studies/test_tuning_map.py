@@ -22,10 +22,11 @@ from kalscope import (
 from kalscope.catalogue import open_source
 from kalscope_app.session.changes.momentum import set_momentum_text
 from kalscope_app.session.changes.parameters import set_automatic_start, set_exponent, set_point, set_variant_of_eq3
+from kalscope_app.session.changes.variants import pin_present
 from kalscope_app.session.changes.view import set_map_colour, set_map_shown, set_window
 from kalscope_app.session.history import HELD, History, record, step_back
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import CELLS, MapMaker, cell_exponents, errors_over_ratio, rms
+from kalscope_app.studies.tuning_map import CELLS, MapMaker, cell_exponents, errors_over_ratio, limits_of, rms
 
 
 def walk(n=5000, q=0.02, r=1.0, seed=0, scale=1.0, period=0.01):
@@ -217,3 +218,11 @@ def test_another_momentum_gives_another_map_and_back_again_the_first():
     assert (plain.momentum, moved.momentum) == (0.0, 30.0)
     assert not np.array_equal(moved.values, plain.values)
     assert np.array_equal(make(state).values, plain.values)
+
+
+def test_a_pin_at_another_momentum_is_named_below_the_map():
+    state = pin_present(opened(walk()))
+    assert limits_of(state) == ""
+    moved = set_momentum_text("momentum", "30")(state)
+    assert limits_of(moved) == "This map does not hold for A: pinned at another momentum."
+    assert limits_of(pin_present(moved)) == limits_of(moved)

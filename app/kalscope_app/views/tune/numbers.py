@@ -34,7 +34,7 @@ def table(frame: Frame) -> str:
     if frame.state.tuning.momentum > 0.0 and frame.state.filter.is_standard:
         rows += [
             ("overshoot (step)", f"**{percent(float(steady.overshoot))}**"),
-            ("keeps direction for", _time_in_bold(lag_in_full(frame.state.tuning.momentum, period))),
+            ("keeps direction", _time_in_bold(lag_in_full(frame.state.tuning.momentum, period))),
         ]
     if period is not None:
         rows.append(("cut-off (−3 dB)", f"**{frequency(float(steady.cutoff_hz or 0.0))}**"))
