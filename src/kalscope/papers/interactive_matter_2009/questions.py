@@ -97,7 +97,7 @@ def answer_estimation(draws: int) -> EstimateAnswer:
     for _ in range(draws):
         truth = np.cumsum(math.sqrt(TRUE_Q) * rng.standard_normal(RECORD))
         z = truth + math.sqrt(TRUE_R) * rng.standard_normal(RECORD)
-        found = estimate(z)
+        found = estimate(z, momentum=0.0)
         if found.params is None:
             continue
         pairs.append((float(found.q), float(found.r)))
@@ -117,11 +117,11 @@ def _on_the_board() -> tuple[float, float, tuple[str, ...]]:
     columns: list[Array] = []
     for axis in range(3):
         z = board.values[:, axis]
-        found = estimate(z).params
+        found = estimate(z, momentum=0.0).params
         columns.append(z if found is None else denoise(z, found))
     by_eye = denoise(board.values, walk_params(0.125, 4.0))
     resting = open_sample("lis302dl").values
-    verdicts = tuple(str(estimate(resting[:, axis]).verdict) for axis in range(3))
+    verdicts = tuple(str(estimate(resting[:, axis], momentum=0.0).verdict) for axis in range(3))
     return _rmse(np.column_stack(columns), truth), _rmse(by_eye, truth), verdicts
 
 
