@@ -1,7 +1,7 @@
 """Whether a record asks for momentum: by its likelihood, and by how well it predicts samples that it has not seen.
 
-Both must agree, else the simpler model stays. The likelihood alone would choose momentum for a few jumps of a long
-record; prediction alone would choose it by chance in every third random walk.
+Both must agree, else the simpler model stays. A few jumps of a long record can raise the likelihood although the
+prediction of all the rest gets worse; and a slightly better prediction of a short record can be chance.
 """
 
 from __future__ import annotations
