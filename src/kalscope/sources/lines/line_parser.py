@@ -7,7 +7,8 @@
 
 The layout is detected as for a file: at the first line with data, and again while the head of the
 stream shows lines that do not fit. From then on each line is read by the `LineReader` of the file reader, so
-the same bytes mean the same everywhere.
+the same line means the same everywhere. Only labels that come in turn on several lines differ: a file gathers them
+into one row, while a stream makes a row of each line at once, because the next one may be long in coming.
 """
 
 from __future__ import annotations
