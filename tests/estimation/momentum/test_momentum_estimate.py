@@ -140,6 +140,12 @@ def test_a_walk_keeps_the_answer_without_momentum():
     assert chosen.message == f"{plain.message} No momentum: the five lines describe it."
 
 
+def test_the_five_lines_are_not_said_to_describe_what_gives_them_no_pair():
+    found = estimate(np.random.default_rng(1).normal(0.0, 1.0, 400))
+    assert found.params is None
+    assert found.message.endswith("No momentum: it would explain no more.")
+
+
 def test_channels_are_independent(record):
     z = np.stack([record, walk(1500)], axis=1)
     both = estimate(z)

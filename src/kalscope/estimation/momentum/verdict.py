@@ -39,7 +39,8 @@ def with_momentum(data: Differences, plain: Estimate, momentum: float | None, pr
     top = search(samples, progress.part(0.0, 0.4))
     choice = choose(samples, float(plain.loglik), top, progress.part(0.4, 0.8))
     if not choice.chosen:
-        return replace(plain, message=f"{plain.message} {_kept(choice)}", prediction_gain=_prediction_gain(choice))
+        kept = _kept(choice, str(plain.verdict))
+        return replace(plain, message=f"{plain.message} {kept}", prediction_gain=_prediction_gain(choice))
     found = fit_around(samples, top, progress.part(0.8, 1.0))
     return replace(conclude(found, _reason(found, choice)), prediction_gain=_prediction_gain(choice))
 
@@ -48,12 +49,12 @@ def _prediction_gain(choice: Choice) -> float:
     return 0.0 if math.isnan(choice.error) else 1.0 - choice.error
 
 
-def _kept(choice: Choice) -> str:
-    """Why the simpler model stays."""
+def _kept(choice: Choice, verdict: str) -> str:
+    """Why the simpler model stays; only where it gives a pair is it said to describe the record."""
     if choice.needed == math.inf:
         return "The record is too short to tell whether the signal has momentum."
     if math.isnan(choice.error):
-        return "No momentum: the five lines describe it."
+        return f"No momentum: {'the five lines describe it' if verdict == 'ok' else 'it would explain no more'}."
     less = 1.0 - choice.error
     said = f"only {percent(less)} less" if less > 0.0 else f"{percent(-less)} more"
     return f"No momentum: with it the error on unseen samples would be {said}, so the five lines stay."
