@@ -31,6 +31,10 @@ class Progress:
         if self.report is not None:
             self.report(self.start + (self.stop - self.start) * min(max(fraction, 0.0), 1.0), text)
 
+    def step(self, count: int, text: str) -> None:
+        """Report that `count` steps are done, of a number that is not known."""
+        self(1.0 - 0.8**count, text)
+
     def part(self, start: float, stop: float) -> Progress:
         """The part of this one from `start` to `stop`."""
         width = self.stop - self.start

@@ -9,6 +9,7 @@ import pytest
 
 from kalscope import BadSetting, Cancelled, FilterParams, estimate, kalman_filter
 from kalscope.estimation.likelihood.profile import log_likelihood
+from kalscope.estimation.momentum import kernels
 from kalscope.filtering.momentum.kernels import transition
 
 
@@ -238,3 +239,17 @@ def test_progress_rises_and_a_cancel_stops(record):
     calls = iter(range(12))
     with pytest.raises(Cancelled):
         estimate(record, cancelled=lambda: next(calls, 99) == 99)
+
+
+def test_no_long_work_goes_by_without_a_report(record, monkeypatch):
+    since, most = [0], [0]
+    scan = kernels.scan_lanes
+
+    def counted(z, gap, q, *more):
+        since[0] += len(q)
+        most[0] = max(most[0], since[0])
+        scan(z, gap, q, *more)
+
+    monkeypatch.setattr(kernels, "scan_lanes", counted)
+    estimate(record, progress=lambda *_: since.__setitem__(0, 0))
+    assert 0 < most[0] <= 64

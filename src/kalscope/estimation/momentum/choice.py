@@ -69,20 +69,20 @@ def choose(data: Samples, plain: float, top: Top, progress: Progress) -> Choice:
     ends = np.linspace(0.0, count, FOLDS + 1).astype(int).tolist()
     ratios: list[Array] = []
     for i, part in enumerate(itertools.pairwise(ends)):
-        progress(i / FOLDS, "prediction of unseen samples")
-        ratios.append(_error_ratios(data, part, top))
+        ratios.append(_error_ratios(data, part, top, progress.part(i / FOLDS, (i + 1) / FOLDS)))
     logs = np.log(np.concatenate(ratios))
     return Choice(gain, needed, float(np.exp(logs.mean())) if len(logs) else math.nan)
 
 
-def _error_ratios(data: Samples, part: tuple[int, int], top: Top) -> Array:
+def _error_ratios(data: Samples, part: tuple[int, int], top: Top, progress: Progress) -> Array:
     """One-step errors on stretches of one part, momentum over random walk, both fitted to the other parts."""
     others = data.without(*part)
     differences = others.differences()
     if not differences.d.any():
         return np.empty(0)
-    pair = ml.fit(differences, ml.search(differences, Progress()))
-    q, r, tau = params_at(others, climb(others, top))
+    pair = ml.fit(differences, ml.search(differences, progress.part(0.0, 0.2)))
+    q, r, tau = params_at(others, climb(others, top, progress.part(0.2, 0.9)))
+    progress(0.9, "prediction of unseen samples")
     walk = _squares(data, FilterParams(q=pair.q, r=pair.r), part)
     moving = _squares(data, FilterParams(q=q, r=r, momentum=tau), part)
     still = (walk == 0.0) | (moving == 0.0)

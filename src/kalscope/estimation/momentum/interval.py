@@ -40,19 +40,17 @@ class End:
 
 def momentum_ends(data: Samples, top: Top, progress: Progress) -> tuple[End, End]:
     """The lower and the upper end of the 95 % interval of τ."""
-    progress(0.0, "interval of the momentum")
-    low = _end(data, top, -1.0)
-    progress(0.5, "interval of the momentum")
-    return low, _end(data, top, 1.0)
+    return _end(data, top, -1.0, progress.part(0.0, 0.5)), _end(data, top, 1.0, progress.part(0.5, 1.0))
 
 
-def profile(data: Samples, log_tau: float, log_moves: float) -> tuple[float, float]:
+def profile(data: Samples, log_tau: float, log_moves: float, progress: Progress) -> tuple[float, float]:
     """The highest log-likelihood of one τ, and its ln(step variance / r), searched from `log_moves` on."""
     nodes = chebyshev.chebpts1(_NODES)
     fine = np.linspace(-1.0, 1.0, 401)
     tau = np.full(_NODES + 1, math.exp(log_tau))
     best, place, at_edge = -math.inf, log_moves, -math.inf
-    for _ in range(_MAX_MOVES):
+    for moves in range(_MAX_MOVES):
+        progress.step(moves, "interval of the momentum")
         middle = min(place, HIGHEST - _SIZE)
         heights = data.concentrated(np.append(middle + _SIZE * nodes, math.inf), tau)[0]
         at_edge = float(heights[-1])
@@ -64,14 +62,16 @@ def profile(data: Samples, log_tau: float, log_moves: float) -> tuple[float, flo
     return (at_edge, math.inf) if at_edge >= best - 1e-9 else (best, place)
 
 
-def _end(data: Samples, top: Top, side: float) -> End:
+def _end(data: Samples, top: Top, side: float, progress: Progress) -> End:
     """Go outwards until the likelihood has fallen, then towards the mark; √drop is almost straight in ln τ."""
     border = math.log(MIN_MOMENTUM if side < 0.0 else MAX_MOMENTUM)
     inside, moves, fallen = top.log_tau, top.log_moves, 0.0
     stride = _first_stride(top)
+    left = progress  # of a number of steps that is not known
     while True:
+        part, left = left.part(0.0, 0.2), left.part(0.2, 1.0)
         outside = border if side * (inside + side * stride - border) >= 0.0 else inside + side * stride
-        height, there = profile(data, outside, moves)
+        height, there = profile(data, outside, moves, part)
         drop = top.loglik - height
         if drop >= DROP:
             break
@@ -82,7 +82,7 @@ def _end(data: Samples, top: Top, side: float) -> End:
     for step in range(_HALVINGS):
         share = (math.sqrt(DROP) - math.sqrt(fallen)) / (math.sqrt(beyond) - math.sqrt(fallen))
         middle = inside + (min(max(share, 0.02), 0.98) if step % 3 < 2 else 0.5) * (outside - inside)
-        height, there = profile(data, middle, moves)
+        height, there = profile(data, middle, moves, left.part(step / _HALVINGS, (step + 1) / _HALVINGS))
         drop = top.loglik - height
         end = End(momentum_of(middle), there, crossed=True)
         if abs(drop - DROP) < 1e-3:

@@ -88,17 +88,15 @@ def search(data: Samples, progress: Progress) -> Top:
         heights.append(
             data.concentrated(np.append(rows[-1], math.inf), np.full(len(rows[-1]) + 1, math.exp(log_tau)))[0]
         )
-    progress(0.7, "likelihood around the best momentum")
-    inner = _climb(data, _starts(log_taus, rows, heights))
-    progress(0.9, "likelihood without noise")
+    inner = _climb(data, _starts(log_taus, rows, heights), progress.part(0.7, 0.9))
     at = int(np.argmax([row[-1] for row in heights]))
-    return _better(inner, _climb_without_noise(data, float(log_taus[at]), _WIDE))
+    return _better(inner, _climb_without_noise(data, float(log_taus[at]), _WIDE, progress.part(0.9, 1.0)))
 
 
-def climb(data: Samples, start: Top) -> Top:
+def climb(data: Samples, start: Top, progress: Progress) -> Top:
     """The highest place near that of almost the same record."""
-    inner = _climb(data, [(start.log_tau, min(start.log_moves, HIGHEST))])
-    return _better(inner, _climb_without_noise(data, start.log_tau, _SIZES[0]))
+    inner = _climb(data, [(start.log_tau, min(start.log_moves, HIGHEST))], progress.part(0.0, 0.8))
+    return _better(inner, _climb_without_noise(data, start.log_tau, _SIZES[0], progress.part(0.8, 1.0)))
 
 
 def _better(inner: Top, edge: Top) -> Top:
@@ -122,17 +120,21 @@ def _starts(log_taus: Array, rows: list[Array], heights: list[Array]) -> list[tu
     return [(float(log_taus[i]), float(rows[i][best[i]])) for i in peaks]
 
 
-def _climb(data: Samples, starts: list[tuple[float, float]]) -> Top:
+def _climb(data: Samples, starts: list[tuple[float, float]], progress: Progress) -> Top:
     """The highest place near several starts: that of the highest large patch, looked at more and more closely."""
-    top = max((_move(data, *start, _SIZES[0]) for start in starts), key=lambda one: one.loglik)
-    for size in _SIZES[1:]:
-        top = _move(data, top.log_tau, top.log_moves, size)
+    count = len(starts) + len(_SIZES) - 1
+    parts = [progress.part(i / count, (i + 1) / count) for i in range(count)]
+    tops = [_move(data, *start, _SIZES[0], part) for start, part in zip(starts, parts, strict=False)]
+    top = max(tops, key=lambda one: one.loglik)
+    for size, part in zip(_SIZES[1:], parts[len(starts) :], strict=True):
+        top = _move(data, top.log_tau, top.log_moves, size, part)
     return top
 
 
-def _move(data: Samples, log_tau: float, log_moves: float, size: float) -> Top:
+def _move(data: Samples, log_tau: float, log_moves: float, size: float, progress: Progress) -> Top:
     """The highest place that patches of one size come to."""
-    for _ in range(_MAX_MOVES - 1):
+    for moves in range(_MAX_MOVES - 1):
+        progress.step(moves, "likelihood around the best momentum")
         top, inside = _patch_top(data, log_tau, log_moves, size)
         moved = abs(top.log_tau - log_tau) + abs(top.log_moves - log_moves)
         if inside or moved < 1e-9:
@@ -200,13 +202,14 @@ def _basis(x: float, count: int) -> Array:
     return np.array(rows)
 
 
-def _climb_without_noise(data: Samples, log_tau: float, first: float) -> Top:
+def _climb_without_noise(data: Samples, log_tau: float, first: float, progress: Progress) -> Top:
     """The best τ near one where r = 0; `first` is half the stretch that is looked at first."""
     low, high = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
     nodes = chebyshev.chebpts1(_NODES[1])
     edge = np.full(len(nodes), math.inf)
     top = Top(log_tau, math.inf, -math.inf, np.zeros((2, 2)))
-    for size in (first, *_SIZES):
+    for i, size in enumerate((first, *_SIZES)):
+        progress(i / (len(_SIZES) + 1), "likelihood without noise")
         middle = min(max(top.log_tau, low + size), high - size)
         places = middle + size * nodes
         height, _ = data.concentrated(edge, np.exp(places))
