@@ -21,7 +21,7 @@ from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.momentum.verdict import with_momentum
 from kalscope.estimation.result import Estimate, stack
 from kalscope.estimation.verdict import conclude, each_channel, gain_of
-from kalscope.filtering.params import MAX_MOMENTUM
+from kalscope.filtering.params import MAX_MOMENTUM, MIN_MOMENTUM
 
 METHODS = ("ml", "em", "moments", "als", "allan")
 """What `estimate` knows, in the order in which `compare_methods` shows them."""
@@ -75,7 +75,7 @@ def estimate(
 
 
 def checked_momentum(momentum: float | Literal["auto"], method: str) -> float | None:
-    """τ in sample periods; None = to be found.
+    """τ in sample periods, as the filter will take it; None = to be found.
 
     Raises:
         BadSetting: it is out of its range, or above 0 for a method that knows no momentum.
@@ -90,7 +90,7 @@ def checked_momentum(momentum: float | Literal["auto"], method: str) -> float | 
         raise BadSetting(f'momentum must be "auto" or sample periods from 0 to 1e5 (got {momentum!r})')
     if tau > 0.0 and method != "ml":
         raise BadSetting(f'momentum must be "auto" or 0 for the method {method!r}, which knows none (got {tau:g})')
-    return tau
+    return tau if tau >= MIN_MOMENTUM else 0.0
 
 
 def compare_methods(

@@ -253,3 +253,25 @@ def test_no_long_work_goes_by_without_a_report(record, monkeypatch):
     monkeypatch.setattr(kernels, "scan_lanes", counted)
     estimate(record, progress=lambda *_: since.__setitem__(0, 0))
     assert 0 < most[0] <= 64
+
+
+def test_a_likelihood_that_asks_for_momentum_is_not_contradicted_by_the_words():
+    """Twice the log-likelihood rises by 52, which is no chance, but less than so short a record needs."""
+    z = 20.0 * np.sin(np.arange(64) / 8.0) + np.random.default_rng(0).normal(0.0, 1.0, 64)
+    found = estimate(z)
+    assert found.momentum == 0.0
+    assert "it raises the likelihood, but not by enough" in found.message
+
+
+def test_no_cost_is_named_where_there_is_no_filter():
+    message = estimate(0.3 * np.arange(400.0)).message
+    assert "keeps its direction" in message
+    assert "second state" not in message
+
+
+def test_a_momentum_that_the_filter_takes_for_none_is_none(record):
+    assert estimate(record, momentum=1e-13) == estimate(record, momentum=0.0)
+
+
+def test_no_overshoot_is_not_spoken_of(record):
+    assert "0 % beyond" not in estimate(record, momentum=1e-3).message

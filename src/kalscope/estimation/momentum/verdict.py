@@ -9,7 +9,7 @@ from kalscope.common.progress import Progress
 from kalscope.common.text import decibels, number, percent
 from kalscope.estimation import verdict_text
 from kalscope.estimation.likelihood.profile import Differences
-from kalscope.estimation.momentum.choice import Choice, choose
+from kalscope.estimation.momentum.choice import MIN_GAIN, Choice, choose
 from kalscope.estimation.momentum.fit import MomentumFit
 from kalscope.estimation.momentum.free import fit_around
 from kalscope.estimation.momentum.given import fit_at
@@ -53,8 +53,10 @@ def _kept(choice: Choice, verdict: str) -> str:
     """Why the simpler model stays; only where it gives a pair is it said to describe the record."""
     if choice.needed == math.inf:
         return "The record is too short to tell whether the signal has momentum."
-    if math.isnan(choice.error):
+    if choice.gain <= MIN_GAIN:
         return f"No momentum: {'the five lines describe it' if verdict == 'ok' else 'it would explain no more'}."
+    if math.isnan(choice.error):
+        return "No momentum: it raises the likelihood, but not by enough to be sure."
     less = 1.0 - choice.error
     said = f"only {percent(less)} less" if less > 0.0 else f"{percent(-less)} more"
     return f"No momentum: with it the error on unseen samples would be {said}, so the five lines stay."
@@ -66,16 +68,18 @@ def _reason(found: MomentumFit, choice: Choice) -> str:
     span = f"{number(low)} to {number(high)}" if high < math.inf else f"{number(low)} or more"
     return (
         f"The signal keeps its direction for about {number(found.tau)} samples ({span}). With this momentum the "
-        f"error of predicting unseen samples is {percent(1.0 - choice.error)} smaller than with the five lines. It "
-        f"costs a second state on the board{_overshoot(found)}."
+        f"error of predicting unseen samples is {percent(1.0 - choice.error)} smaller than with the five lines."
+        f"{_cost(found)}"
     )
 
 
-def _overshoot(found: MomentumFit) -> str:
+def _cost(found: MomentumFit) -> str:
+    """What the filter costs, where there is one."""
     if found.q == 0.0 or found.r == 0.0:
         return ""
     overshoot = float(_settled(found.q / found.r, found.tau).overshoot)
-    return f" and an overshoot of {percent(overshoot)} on a step"
+    step = f" and an overshoot of {percent(overshoot)} on a step" if overshoot > 0.0 else ""
+    return f" It costs a second state on the board{step}."
 
 
 def conclude(found: MomentumFit, reason: str) -> Estimate:
@@ -117,10 +121,12 @@ def _words(verdict: str, found: MomentumFit) -> str:
     if verdict == "no_movement":
         return verdict_text.no_movement(0.0)
     steady = _settled(found.q / found.r, found.tau)
+    overshoot = float(steady.overshoot)
+    beyond = f", goes {percent(overshoot)} beyond a step and" if overshoot > 0.0 else " and"
     return (
         f"Noise and movement can be separated. The filter settles at gain {number(float(steady.gain))}: it lags a "
-        f"ramp by {number(float(steady.lag_samples))} samples, goes {percent(float(steady.overshoot))} beyond a "
-        f"step and reduces white noise by {decibels(float(steady.noise_reduction_db))}."
+        f"ramp by {number(float(steady.lag_samples))} samples{beyond} reduces white noise by "
+        f"{decibels(float(steady.noise_reduction_db))}."
     )
 
 
