@@ -84,3 +84,21 @@ def test_a_gate_sets_a_spike_aside_and_never_locks_out():
 def test_the_loops_release_the_interpreter():
     for loop in (kernels.filter_channel, kernels.denoise_channel, smooth_channel):
         assert loop.targetoptions["nogil"]
+
+
+@pytest.mark.parametrize(
+    ("missing", "begin"), [((), 256), ((0,), 1), ((200,), 201), ((200, 210), 201), ((300,), 256)]
+)
+def test_a_chunk_that_failed_is_not_tried_again_before_its_missing_sample(missing, begin):
+    z = np.zeros(600)
+    z[list(missing)] = math.nan
+    assert kernels.after_missing(z, 0) == begin
+    assert kernels.after_missing(z, 500) == 756
+
+
+def test_missing_samples_between_chunks_do_not_change_what_is_filtered():
+    z = np.random.default_rng(3).normal(0.0, 1.0, 5000).cumsum()
+    z[[700, 1300, 1301, 2100, 4990]] = math.nan
+    out, state = np.empty(5000), (math.nan, 0.0, math.inf, 0.0, 0.025)
+    assert kernels.denoise_channel(z, REGULAR, 1.0, 10.0, 20.0, math.inf, state, out) == -1
+    np.testing.assert_allclose(out, run(z, 1.0, 10.0, 20.0)[0], rtol=0, atol=1e-10)

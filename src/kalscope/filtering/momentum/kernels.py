@@ -146,7 +146,7 @@ def denoise_channel(
     n, regular = z.shape[0], dt.shape[0] == 0
     last = 1.0
     over = transition(last, q, tau)
-    in_a_row = i = 0
+    in_a_row = i = chunks_from = 0
     while i < n:
         if math.isinf(z[i]):
             return i
@@ -158,10 +158,20 @@ def denoise_channel(
         in_a_row = in_a_row + 1 if done == REJECTED else (in_a_row if done == MISSING else 0)
         out[i] = state[0]
         i += 1
-        if regular and done == UPDATED and math.isinf(gate) and has_settled(before, state):
+        if i >= chunks_from and regular and done == UPDATED and math.isinf(gate) and has_settled(before, state):
             gains = k, predict(over, state)[3] / s
             i, state = advance_settled(z, gains, over, state, i, out)
+            chunks_from = after_missing(z, i)
     return -1
+
+
+@njit(cache=True, nogil=True)
+def after_missing(z: Array, i: int) -> int:
+    """Where to try the next chunk after the one at `i` failed: behind its first sample that is not finite."""
+    for j in range(i, min(i + CHUNK, z.shape[0])):
+        if not math.isfinite(z[j]):
+            return j + 1
+    return i + CHUNK
 
 
 @njit(cache=True, nogil=True, inline="always")
