@@ -20,9 +20,9 @@ POINTS = 25
 """Values of the momentum, evenly spaced in its logarithm."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MomentumProfile:
-    """The likelihood over the momentum."""
+    """The likelihood over the momentum; each one drawn is another, as its arrays have no single truth."""
 
     state: State
     """The choices that it belongs to."""

@@ -69,6 +69,13 @@ def test_a_profile_belongs_to_its_channel_alone():
     assert not profile.belongs_to(opened(recording()))
 
 
+def test_a_profile_drawn_again_is_another_one():
+    state = opened(recording(200))
+    first, again = profile_of(state), profile_of(state)
+    assert (first, 40.0) == (first, 40.0)
+    assert (first, 40.0) != (again, 40.0)  # compared by its arrays it would raise, and no frame could be made
+
+
 def test_it_can_be_cancelled_and_refuses_what_says_nothing():
     state = opened(recording())
     with pytest.raises(Cancelled):
