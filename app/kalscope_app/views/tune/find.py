@@ -136,6 +136,13 @@ SEARCH_METHODS: dict[str, SearchMethod] = {
 HINT = "From the recording, from a goal (lag, cut-off, noise reduction), or from what you know about the sensor."
 
 
+FIVE_METHODS = (
+    "Five methods estimate q and r from the recording, without momentum; *Find and apply* by maximum likelihood "
+    "tries momentum too."
+)
+"""Why the table may find no noise where the search finds some: stands above it too."""
+
+
 class FindView:
     """The folder "Find q and r". A search runs as a job; its answer is filed as one undoable change."""
 
@@ -233,10 +240,7 @@ def answer_text(state: State) -> str:
 def comparison_text(state: State) -> str:
     """The five methods side by side and their disagreement named, as markdown."""
     if not state.answers.method_comparison:
-        return (
-            "Five methods estimate q and r from the recording, without momentum. They agree if the model describes "
-            "the signal."
-        )
+        return f"{FIVE_METHODS} They agree if the model describes the signal."
     period = state.recording.sample_period
     rows: list[str] = []
     for one in state.answers.method_comparison:
@@ -249,4 +253,5 @@ def comparison_text(state: State) -> str:
     agree = "They agree within their uncertainty." if usable > 1 else "No two of them can be compared."
     said = disagreement(state.answers.method_comparison) or agree
     head = "| method | q | r | gain K | lag | verdict |\n|---|---|---|---|---|---|\n"
-    return f"{head}{chr(10).join(rows)}\n\n**{said}**\n\n{state.answers.method_comparison[0].message}"
+    message = state.answers.method_comparison[0].message
+    return f"{FIVE_METHODS}\n\n{head}{chr(10).join(rows)}\n\n**{said}**\n\n{message}"
