@@ -541,5 +541,5 @@ def test_with_momentum_spikes_do_not_change_the_scale():
 @pytest.mark.parametrize(("q", "r"), [(1e-3, 1.0), (1.0, 1e-4)])
 def test_with_momentum_a_filter_at_the_wrong_lag_is_to_be_estimated_again(q, r):
     said = diagnose(kalman_filter(moving(30.0), FilterParams(q, r, momentum=30.0))).advice
-    assert said.endswith("; estimate q, r and momentum again")
+    assert said.endswith("; estimate q, r and momentum if you have not")
     assert "random walk" not in said

@@ -204,14 +204,14 @@ def structure_sentence(e: Array, lags: int, momentum: bool) -> str | None:
     """What is left in the residuals e of the best fit, with momentum of the filter itself; None if nothing is."""
     scored = e[np.isfinite(e)]
     share, _, p = low_frequency_share(scored)
-    again = "; estimate q, r and momentum again" if momentum else ""
+    ask = "; estimate q, r and momentum if you have not" if momentum else ""
     if p < ALARM and share >= MIN_SHARE:
         left = f"low frequencies hold {percent(share)} of the residual power"
-        return f"{left}: the signal has a trend the model lacks{again}"
+        return f"{left}: the signal has a trend the model lacks{ask}"
     left = correlation(e, lags, fitted=True)
     if left.p < ALARM and left.q >= MIN_SHARE * len(scored):
         if momentum:
-            return f"residuals are correlated: the filter is too slow or too fast, or the signal has hum{again}"
+            return f"residuals are correlated: the filter is too slow or too fast, or the signal has hum{ask}"
         return (
             "residuals stay correlated for any q and r: the signal has hum, trend or coloured noise that a "
             "random walk cannot describe"
