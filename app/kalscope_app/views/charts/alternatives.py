@@ -47,6 +47,9 @@ NOTHING = "Only the Kalman filter of q and r can be compared at its lag."
 
 HEADS = ("filter", "setting", "lag", "noise", "{error}", "compared with yours")
 
+MAX_UNBROKEN = 12
+"""Letters from which a cell of the table may break, so that its seven columns fit at 1280 px."""
+
 AT_OVERSHOOT = 4
 """Where the column of the overshoot stands while your filter has momentum: after the noise."""
 
@@ -154,7 +157,7 @@ def cells(one: Alternative, state: State) -> list[str]:
         "–" if error is None else number(error, 4),
         against(one.against) if one.matched or one.against is None else "not at this " + state.view.match_by,
     ]
-    return [text.replace(" ", "\u00a0") if len(text) < 16 else text for text in row]
+    return [text.replace(" ", "\u00a0") if len(text) < MAX_UNBROKEN else text for text in row]
 
 
 def _overshoot(share: float) -> str:

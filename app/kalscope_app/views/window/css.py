@@ -10,13 +10,15 @@ HEADING = '<span class="kalscope-heading"></span>'
 RULES = """<style>
 p:has(> .kalscope-heading) { min-height: 2.6em; line-height: 1.3; }
 table { border-collapse: collapse; }
-th, td { text-align: left; vertical-align: top; padding: 0 0.7em 0 0; }
+th, td { text-align: left; vertical-align: top; padding: 0 0.55em 0 0; }
 th:last-child, td:last-child { padding-right: 0; }
+p > code { overflow-wrap: anywhere; }
 th:not(:empty) { padding-bottom: 0.15em; }
 :is(p, table, ul) + :is(p, table, ul) { margin-top: 0.45em !important; }
 .mantine-ScrollArea-scrollbar[data-orientation="vertical"] { width: 6px; }
 </style>"""
-"""viser's markdown has no padding in its tables, centres their heads, and sets paragraphs without any space."""
+"""viser's markdown has no padding in its tables, centres their heads, sets paragraphs without any space, and
+lets a long path run out of its panel."""
 
 
 def add_style(gui: viser.GuiApi) -> None:
