@@ -9,7 +9,9 @@ import pytest
 
 from kalscope_app.engine.decimation import choose_indices
 from kalscope_app.views.charts.chart import drawable
-from kalscope_app.views.scales import scale_for, time_scale_for
+from kalscope_app.views.charts.range_control import range_text
+from kalscope_app.views.charts.signal import innovation_label
+from kalscope_app.views.scales import Scale, scale_for, time_scale_for
 
 NAN, INF = math.nan, math.inf
 
@@ -88,3 +90,40 @@ def test_small_and_large_signals_are_brought_to_readable_numbers(largest, unit, 
 )
 def test_time_is_shown_in_the_unit_that_suits_it(span, period, unit):
     assert time_scale_for(span, period).unit == unit
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "text"),
+    [
+        (-0.000446, 4.5501, "0 to 4.55"),
+        (0.007, 4.9851, "0.007 to 4.99"),
+        (0.0, 35.6123, "0 to 35.6"),
+        (0.0, 189.0, "0 to 189"),
+        (22.2221, 22.2263, "22.2221 to 22.2263"),
+        (-32.768, 32.76, "−32.8 to 32.8"),
+        (0.0, 0.0390625, "0 to 0.0391"),
+        (1_234_567.0, 1_234_568.0, "1.234567e6 to 1.234568e6"),
+        (5.0, 5.0, "5 to 5"),
+        (0.0, 1e-310, "0 to 1e-310"),
+        (-1.7e308, 1.7e308, "−1.7e308 to 1.7e308"),
+    ],
+)
+def test_the_ends_of_the_view_are_told_apart_and_no_longer_than_that(first, last, text):
+    assert range_text(first, last) == text
+
+
+V, MV = Scale(1.0, "V"), Scale(1e3, "mV")
+
+
+@pytest.mark.parametrize(
+    ("scale", "above", "label"),
+    [
+        (V, V, "innovation (V)"),
+        (MV, V, "mV"),
+        (Scale(1.0, "counts per second"), Scale(1.0, "counts per second"), "innovation"),
+        (Scale(1e3, "1e-3"), Scale(1.0, ""), "1e-3"),
+        (Scale(1e6, "1e-6 Volts"), Scale(1e3, "1e-3 Volts"), "1e-6 Volts"),
+    ],
+)
+def test_the_innovation_keeps_its_factor_where_that_of_the_signal_differs(scale, above, label):
+    assert innovation_label(scale, above) == label

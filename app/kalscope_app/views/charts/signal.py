@@ -25,7 +25,7 @@ LIVE_CONTROLS_HEIGHT = 44
 SHARES = (0.57, 0.235, 0.195)
 """Of the height for charts: signal, innovation, gain."""
 
-MAX_LABEL_LETTERS = 16
+MAX_LABEL_LETTERS = 14
 """Letters that fit beside the innovation at 720 px of height."""
 
 
@@ -91,8 +91,7 @@ class SignalView:
             *gappy("innovation", v, palette.innovation, quiet=1),
         ]
         band = {"series": (2, 1), "fill": palette.innovation_band}
-        label = scale.label("innovation")
-        label = label if len(label) <= MAX_LABEL_LETTERS else "innovation"  # the unit is that of the chart above
+        label = innovation_label(scale, scale_for(frame.drawn.raw, frame.state.tuning.unit))
         self._draw(self.innovation, frame, clock, scale, lines, label, band)
 
     def _show_velocity(self, frame: Frame, palette: Palette, clock: Scale, velocity: Array, spread: Array) -> None:
@@ -136,6 +135,14 @@ class SignalView:
 
 GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Ranges of the gain chart: few, so that it rests while q moves."""
+
+
+def innovation_label(scale: Scale, above: Scale) -> str:
+    """What fits beside the innovation: its name without a unit only where that of the chart above holds."""
+    label = scale.label("innovation")
+    if len(label) <= MAX_LABEL_LETTERS:
+        return label
+    return "innovation" if scale == above else short(scale.unit, MAX_LABEL_LETTERS)
 
 
 def velocity_unit(frame: Frame) -> str:
