@@ -16,6 +16,7 @@ from kalscope.common import files as atomic
 from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
+from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.toml_text import updated
 from kalscope.tuning.tuning import ChannelTuning, Tuning, dumps, load_tuning, loads, same_period, save_tuning
 
@@ -527,3 +528,15 @@ def test_rescaling_needs_both_periods() -> None:
 @pytest.mark.parametrize(("other", "same"), [(0.01, True), (0.010001, True), (0.0101, False), (0.02, False)])
 def test_periods_are_the_same_within_the_resolution_of_time_stamps(other: float, same: bool) -> None:
     assert same_period(0.01, other) is same
+
+
+def test_a_momentum_too_long_for_the_new_period_is_refused_with_one_that_filters_as_before() -> None:
+    tuning = Tuning((ChannelTuning("a", "", 3e6, 2.0, momentum=9e4),), sample_period=0.02)
+    with pytest.raises(BadSetting, match=r"samples of 10 ms .got 180\s000.: set momentum =") as caught:
+        tuning.rescaled(0.01)
+    momentum, q = (float(text) for text in re.findall(r"= ([\d.e+]+)", str(caught.value)))
+    shorter = replace(tuning, channels=(replace(tuning.channels[0], momentum=momentum, q=q),))
+    assert shorter.rescaled(0.01).channels[0].momentum <= 1e5
+    before, after = (steady_state(each.params("a")) for each in (tuning, shorter))
+    assert after.gain == pytest.approx(before.gain, rel=1e-3)
+    assert after.velocity_gain == pytest.approx(before.velocity_gain, rel=2e-3)

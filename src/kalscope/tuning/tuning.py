@@ -17,9 +17,10 @@ import numpy as np
 
 from kalscope.common.checks import above_zero
 from kalscope.common.files import write_atomic
+from kalscope.common.text import duration, number
 from kalscope.common.version import program
 from kalscope.errors import BadFile, BadSetting
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import MAX_MOMENTUM, FilterParams
 from kalscope.tuning import toml_text as toml
 
 SAME_PERIOD = 1e-3
@@ -152,10 +153,19 @@ class Tuning:
         if self.sample_period is None:
             raise BadSetting("sample_period of the tuning must be known to rescale q (got none)")
         ratio = period / self.sample_period  # first, so that an equal period changes no bit of q
-        channels = tuple(
-            replace(channel, q=channel.q * ratio, momentum=channel.momentum / ratio) for channel in self.channels
-        )
+        self._refuse_longer_momentum(ratio, period)
+        channels = tuple(replace(one, q=one.q * ratio, momentum=one.momentum / ratio) for one in self.channels)
         return replace(self, channels=channels, sample_period=period)
+
+    def _refuse_longer_momentum(self, ratio: float, period: float) -> None:
+        """BadSetting where τ would become too long, with one that filters alike: then only q/τ² matters."""
+        for one in (each for each in self.channels if each.momentum > MAX_MOMENTUM * ratio):
+            shorter = float(f"{0.999 * MAX_MOMENTUM * ratio:.4g}")
+            raise BadSetting(
+                f"momentum of {one.name} must be at most {number(MAX_MOMENTUM)} samples of {duration(period)} (got"
+                f" {number(one.momentum / ratio)}): set momentum = {shorter:g} and"
+                f" q = {one.q * (shorter / one.momentum) ** 2:.4g} in the tuning, which filters alike"
+            )
 
     def _together(self, name: str) -> np.ndarray | None:
         values = [getattr(channel, name) for channel in self.channels]

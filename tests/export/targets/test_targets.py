@@ -435,10 +435,10 @@ def test_another_filter_is_refused_with_the_nearest_gain(target):
 
 @pytest.mark.parametrize("target", ["bachagas", "esphome", "kalmanjs"])
 def test_a_filter_without_momentum_is_refused_with_the_nearest_that_it_can_do(target):
-    channel = ChannelTuning("temp", "V", 0.01, 0.25, momentum=20.0)
+    channel = ChannelTuning("temp", "V", 0.01, 0.25, momentum=20.00012345)
     tuning = Tuning((ChannelTuning("plain", "V", 0.01, 0.25), channel), sample_period=0.01)
     with pytest.raises(
-        BadSetting, match=r"^target must be a filter with momentum \(got .* 20.0 samples for temp"
+        BadSetting, match=r"^target must be a filter with momentum \(got .* momentum of 20\.0 samples for temp"
     ) as caught:
         export_tuning(tuning, target)
     offered = float(re.search(r"momentum to 0 and q to (\S+):", str(caught.value))[1])
@@ -458,7 +458,7 @@ def test_the_nearest_filter_without_momentum_exists_at_every_edge(q, r):
 
 
 def test_a_fixed_gain_stands_for_the_nearest_filter_without_momentum():
-    channel = ChannelTuning("temp", "V", 0.01, 0.25, momentum=20.0)
+    channel = ChannelTuning("temp", "V", 0.01, 0.25, momentum=20.00012345)
     gain = steady_state(nearest_without_momentum(channel).params).gain
     with pytest.raises(BadSetting, match=f"temp: temp \\+= {gain:.6g}"):
         export_tuning(Tuning((channel,)), "simplekalmanfilter")

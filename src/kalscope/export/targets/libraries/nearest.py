@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from kalscope.common.text import decibels, lag_in_full
+from kalscope.common.text import decibels, lag_in_full, number
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text
@@ -39,15 +39,15 @@ def require_no_momentum(job: ExportJob, target: str) -> None:
         settled, wanted = job.steady(nearest), job.steady(channel)
         lag, before = (float(each.lag_samples) for each in (settled, wanted))
         slower = (
-            f" and lags {lag_in_full(lag, job.sample_period)} behind a ramp instead of"
+            f", and lags {lag_in_full(lag, job.sample_period)} behind a ramp instead of"
             f" {lag_in_full(before, job.sample_period)}"
             if math.isfinite(lag)
             else ""
         )
         raise BadSetting(
             f"target must be a filter with momentum (got {target}, which has none, and a momentum of"
-            f" {number_text(channel.momentum)} samples for {comment_text(channel.name)}). Export arduino, c,"
+            f" {number(channel.momentum)} samples for {comment_text(channel.name)}). Export arduino, c,"
             " python, javascript, matlab or ros2; or set the momentum to 0 and q to"
             f" {number_text(float(f'{nearest.q:.4g}'))}: that reduces white noise as much,"
-            f" {decibels(-float(settled.noise_reduction_db))},{slower}"
+            f" {decibels(-float(settled.noise_reduction_db))}{slower}"
         )
