@@ -172,7 +172,7 @@ def _with_momentum(settled: Settled, r: float, period: float | None) -> SteadySt
         p=settled.gain * r,
         lag_samples=settled.lag,
         lag_s=None if period is None else settled.lag * period,
-        noise_reduction_db=-10.0 * math.log10(settled.noise),
+        noise_reduction_db=0.0 - 10.0 * math.log10(settled.noise),  # 0 rather than -0
         cutoff_hz=None if period is None else settled.cutoff / period,
         settle_samples=settled.settling,
         time_constant_s=None if period is None else settled.time_constant * period,

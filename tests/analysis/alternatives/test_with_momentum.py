@@ -171,3 +171,13 @@ def test_errors_are_compared_in_blocks_as_long_as_the_filter_settles(monkeypatch
     lengths.clear()
     compare_alternatives(z, FilterParams(0.05, 1.0))
     assert set(lengths) == {steady_state(FilterParams(0.05, 1.0)).lag_samples}
+
+
+def test_a_filter_is_said_to_overshoot_only_where_it_does():
+    z = np.random.default_rng(4).normal(0.0, 1.0, 500).cumsum()
+    short, long = (
+        compare_alternatives(z, FilterParams(1.0, 1.0, momentum=momentum)).present for momentum in (0.01, 20.0)
+    )
+    assert short.overshoot == 0.0 < long.overshoot
+    assert "overshoots" not in short.sentence
+    assert long.sentence.endswith("and overshoots for it.")

@@ -160,6 +160,7 @@ def _present(result: FilterResult, steady: SteadyState, errors: Errors, moves: b
     gain, lag = float(steady.gain), float(steady.lag_samples)
     close = np.abs(result.k - gain) <= 0.01 * gain
     less = "Lags less for the same noise, because it keeps the direction, and overshoots for it."
+    overshoot = float(steady.overshoot)
     return Alternative(
         name="Kalman (present)",
         parameters=f"K = {gain:.4g}" + (f", L = {float(steady.velocity_gain):.4g}" if moves else ""),
@@ -173,9 +174,9 @@ def _present(result: FilterResult, steady: SteadyState, errors: Errors, moves: b
         start_samples=int(np.argmax(close)) if close.any() else len(result.k),
         gaps="lets its variance grow, and weights the next sample more",
         memory=5 if moves else 2,
-        overshoot=float(steady.overshoot),
+        overshoot=overshoot,
         sentence="Starts as fast as the noise allows, and knows its own uncertainty, also across gaps."
-        + (f" {less}" if moves else ""),
+        + (f" {less}" if overshoot > 0.0 else ""),
     )
 
 
