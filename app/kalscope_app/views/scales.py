@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.common.text import TIME_UNITS, count
+from kalscope.common.text import TIME_UNITS, count, trimmed
 
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 """SI prefixes by power of ten."""
@@ -56,6 +56,19 @@ def time_scale_for(span: float, sample_period: float | None) -> Scale:
         if span >= 4.0 * length:
             return Scale(1.0 / length, unit)
     return Scale(1000.0, "ms")
+
+
+def range_text(first: float, last: float) -> str:
+    """Both ends to about a hundredth of what lies between them: "0 to 4.55" also where the first is -0.000446."""
+    span = abs(last - first)
+    decimals = 2 - math.floor(math.log10(span)) if math.isfinite(span) and span > 0.0 else 3
+    return f"{_to_decimals(first, decimals)} to {_to_decimals(last, decimals)}"
+
+
+def _to_decimals(value: float, decimals: int) -> str:
+    if abs(value) < 0.5 * 10.0**-decimals:
+        return "0"
+    return trimmed(value, min(max(math.floor(math.log10(abs(value))) + 1 + decimals, 1), 12))
 
 
 def log_scale_for(values: Array, unit: str) -> Scale:

@@ -9,9 +9,8 @@ import pytest
 
 from kalscope_app.engine.decimation import choose_indices
 from kalscope_app.views.charts.chart import drawable
-from kalscope_app.views.charts.range_control import range_text
 from kalscope_app.views.charts.signal import innovation_label
-from kalscope_app.views.scales import Scale, scale_for, time_scale_for
+from kalscope_app.views.scales import Scale, range_text, scale_for, time_scale_for
 
 NAN, INF = math.nan, math.inf
 

@@ -18,7 +18,7 @@ from kalscope_app.views.charts.chart import drawable
 from kalscope_app.views.charts.pen import Pen
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette
 from kalscope_app.views.charts.time_axis import time_axis
-from kalscope_app.views.scales import scale_for
+from kalscope_app.views.scales import range_text, scale_for
 from kalscope_app.views.window.layout import gutter, shape_of
 from kalscope_app.views.window.page_script import PHONE_CHECKBOX
 
@@ -103,8 +103,8 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
     first, last = (frame.drawn.time[i] * clock.factor if len(frame.drawn.time) else 0.0 for i in (0, -1))
     reach = f"{number(low * scale.factor)} to {number(high * scale.factor)} {scale.unit}"
     pen.text((margin, margin), f"{frame.state.channel[:24]}: {reach}", ink, 24, "la")
-    span = f"{number(first, 4)} to {number(last, 4)} {clock.unit}"
-    pen.text((margin, bottom + 10), span, ink, 24, "la")
+    span = range_text(first, last)
+    pen.text((margin, bottom + 10), f"{span} {clock.unit}", ink, 24, "la")
     pen.text((WIDTH - margin - 110, bottom + 10), "raw", palette.raw, 24, "ra")
     pen.text((WIDTH - margin, bottom + 10), "filtered", palette.filtered, 24, "ra")
     _write_numbers(pen, frame, ink, (margin, round(VISIBLE * image.height) + 2 * margin))

@@ -7,14 +7,13 @@ import time
 
 import viser
 
-from kalscope.common.text import trimmed
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.view import follow_end, reset_view, set_window
 from kalscope_app.session.live import SPANS, follow, live_window, set_paused, set_span
 from kalscope_app.session.live_state import Live
 from kalscope_app.session.session import Session
 from kalscope_app.views.binding import bind, on_user
-from kalscope_app.views.scales import Scale, time_scale_for
+from kalscope_app.views.scales import Scale, range_text, time_scale_for
 
 
 class WindowView:
@@ -81,19 +80,6 @@ class WindowView:
         self._range.label = f"{range_text(*value)} {self._scale.unit}"
         self._range.min, self._range.max, self._range.step = low, high, (high - low) / 1000.0
         self._range.value = value
-
-
-def range_text(first: float, last: float) -> str:
-    """Both ends to about a hundredth of what lies between them: "0 to 4.55" also where the first is -0.000446."""
-    span = abs(last - first)
-    decimals = 2 - math.floor(math.log10(span)) if math.isfinite(span) and span > 0.0 else 3
-    return f"{_to_decimals(first, decimals)} to {_to_decimals(last, decimals)}"
-
-
-def _to_decimals(value: float, decimals: int) -> str:
-    if abs(value) < 0.5 * 10.0**-decimals:
-        return "0"
-    return trimmed(value, min(max(math.floor(math.log10(abs(value))) + 1 + decimals, 1), 12))
 
 
 def moves_too_often(frame: Frame, seconds: float) -> bool:
