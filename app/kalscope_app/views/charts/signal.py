@@ -116,7 +116,8 @@ class SignalView:
     ) -> None:
         series = ({"label": time_label(clock, before_now=follows(frame))}, *(one.style for one in lines))
         gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
-        layout = ChartLayout(series, axes(label), (band,), gaps)
+        space = 22 if chart is self.signal else 15  # with fewer ticks a low chart has a 0 and no other number
+        layout = ChartLayout(series, axes(label, space), (band,), gaps)
         ys = [one.y * scale.factor for one in lines]
         x, reach = time_points(frame)
         ends = None if reach is None else (reach[0] * clock.factor, reach[1] * clock.factor)

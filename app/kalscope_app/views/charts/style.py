@@ -91,8 +91,8 @@ def line(label: str, colour: str = "transparent", width: float = 1, *, scaled: b
     return {"label": label, "stroke": colour, "width": width, "points": {"show": False}, "auto": scaled}
 
 
-def axes(y: str) -> tuple[dict[str, object], ...]:
-    """Small type; the x axis has its name in the legend, which saves a line."""
+def axes(y: str, space: int = 22) -> tuple[dict[str, object], ...]:
+    """Small type; x has its name in the legend, which saves a line; ticks of y are `space` px apart at least."""
     small = {
         "font": "12px sans-serif",
         "labelFont": "12px sans-serif",
@@ -100,4 +100,4 @@ def axes(y: str) -> tuple[dict[str, object], ...]:
         "labelGap": 2,
         "gap": 3,
     }
-    return ({**small, "size": 34}, {**small, "label": y, "size": 60, "space": 22})
+    return ({**small, "size": 34}, {**small, "label": y, "size": 60, "space": space})
