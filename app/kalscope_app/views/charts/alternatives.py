@@ -47,7 +47,7 @@ NOTHING = "Only the Kalman filter of q and r can be compared at its lag."
 
 HEADS = ("filter", "setting", "lag", "noise", "{error}", "compared with yours")
 
-MAX_UNBROKEN = 12
+MAX_UNBROKEN = 13
 """Letters from which a cell of the table may break, so that its seven columns fit at 1280 px."""
 
 AT_OVERSHOOT = 4

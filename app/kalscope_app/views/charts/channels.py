@@ -113,7 +113,7 @@ def table_of(overview: Overview) -> str:
         "channel",
         "q",
         "r",
-        *(["momentum"] if with_momentum else []),
+        *(["τ"] if with_momentum else []),
         "lag",
         "noise",
         "from … to",
@@ -129,8 +129,9 @@ def table_of(overview: Overview) -> str:
         else:
             steady = steady_state(tuning.params)
             cells += [number(tuning.q), number(tuning.r)]
-            cells += [momentum_words(tuning.momentum, period)] if with_momentum else []
-            cells += [lag_text(float(steady.lag_samples), period), decibels(-float(steady.noise_reduction_db))]
+            times = [momentum_words(tuning.momentum, period)] if with_momentum else []
+            times += [lag_text(float(steady.lag_samples), period), decibels(-float(steady.noise_reduction_db))]
+            cells += [text.replace(" ", "\u00a0") for text in times]
         reach = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
         lines.append("| " + " | ".join([*cells, reach, count(lane.missing) if lane.missing else "–"]) + " |")
     return "\n".join(lines)
