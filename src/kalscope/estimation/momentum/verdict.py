@@ -59,7 +59,7 @@ def _kept(choice: Choice, verdict: str) -> str:
         return "No momentum: it raises the likelihood, but not by enough to be sure."
     less = 1.0 - choice.error
     said = f"only {percent(less)} less" if less > 0.0 else f"{percent(-less)} more"
-    return f"No momentum: with it the error on unseen samples would be {said}, so the five lines stay."
+    return f"No momentum: with it the error on unseen samples would be {said}, so it is not used."
 
 
 def _reason(found: MomentumFit, choice: Choice) -> str:
