@@ -108,6 +108,7 @@ def table_of(overview: Overview) -> str:
         return ""
     state, period = overview.state, overview.state.recording.sample_period
     with_momentum = any(tuning.momentum for tuning in state.settings.tunings)
+    with_missing = any(lane.missing for lane in overview.lanes)
     head = [
         "",
         "channel",
@@ -117,7 +118,7 @@ def table_of(overview: Overview) -> str:
         "lag",
         "noise",
         "from … to",
-        "missing",
+        *(["missing"] if with_missing else []),
     ]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for i, lane in enumerate(overview.lanes):
@@ -133,5 +134,6 @@ def table_of(overview: Overview) -> str:
             times += [lag_text(float(steady.lag_samples), period), decibels(-float(steady.noise_reduction_db))]
             cells += [text.replace(" ", "\u00a0") for text in times]
         reach = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
-        lines.append("| " + " | ".join([*cells, reach, count(lane.missing) if lane.missing else "–"]) + " |")
+        cells += [reach, *([count(lane.missing) if lane.missing else "–"] if with_missing else [])]
+        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
