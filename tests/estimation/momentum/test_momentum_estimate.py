@@ -275,3 +275,8 @@ def test_a_momentum_that_the_filter_takes_for_none_is_none(record):
 
 def test_no_overshoot_is_not_spoken_of(record):
     assert "0 % beyond" not in estimate(record, momentum=1e-3).message
+
+
+def test_a_prediction_is_not_said_to_be_perfect():
+    message = estimate(0.3 * np.arange(400.0)).message
+    assert "is over 99 % smaller" in message

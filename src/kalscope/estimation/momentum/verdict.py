@@ -65,10 +65,12 @@ def _kept(choice: Choice, verdict: str) -> str:
 def _reason(found: MomentumFit, choice: Choice) -> str:
     """Why momentum is taken, and what it costs."""
     low, high = found.tau_interval
+    less = 1.0 - choice.error
+    share = percent(less) if less < 0.99 else "over 99 %"
     span = f"{number(low)} to {number(high)}" if high < math.inf else f"{number(low)} or more"
     return (
         f"The signal keeps its direction for about {number(found.tau)} samples ({span}). With this momentum the "
-        f"error of predicting unseen samples is {percent(1.0 - choice.error)} smaller than with the five lines."
+        f"error of predicting unseen samples is {share} smaller than with the five lines."
         f"{_cost(found)}"
     )
 
