@@ -163,6 +163,18 @@ def test_what_knows_no_momentum_says_so(moving: Path, capsys: Captured, options:
 # ---- JSON
 
 
+def test_estimators_without_momentum_are_named_so_also_where_momentum_finds_no_noise(
+    tmp_path: Path, capsys: Captured
+) -> None:
+    path = tmp_path / "ramp.csv"
+    path.write_text("time,a\n" + "".join(f"{i * 0.02:.2f},{i * 0.3:.1f}\n" for i in range(400)))
+    assert run(["tune", str(path)]) == 0
+    page = " ".join(capsys.readouterr().out.split())
+    assert "also with momentum" in page
+    assert "Compare estimators without momentum" in page
+    assert "They need not agree here" in page
+
+
 def test_json_says_what_the_library_says(log: Path, capsys: Captured) -> None:
     said = tuned(capsys, str(log))
     recording = read_recording(log)

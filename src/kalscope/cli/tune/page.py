@@ -152,15 +152,23 @@ def _choice(answer: Answer, ratio: float) -> str:
     return "Your choice lies within."
 
 
+def _has_momentum(answer: Answer) -> bool:
+    """Whether the answer has momentum, with or without a pair."""
+    found = answer.found
+    if found.params is not None:
+        return scalar(found.params.momentum) > 0.0
+    return found.estimate is not None and scalar(found.estimate.momentum) > 0.0
+
+
 def _opinions(answer: Answer) -> Iterator[str]:
-    params = answer.found.params
-    without = " without momentum" if params is not None and scalar(params.momentum) else ""
+    moves = _has_momentum(answer)
+    without = " without momentum" if moves else ""
     yield f"Compare estimators{without} (q and r in {squared(answer.unit)}, lag in samples)"
     yield _row("method", "q", "r", "gain", "lag", "verdict")
     for one in answer.opinions:
         yield _row(METHOD_NAMES[one.method], *_cells(one), VERDICT_WORDS[str(one.verdict)])
     spoke = [one for one in answer.opinions if one.verdict not in SILENT]
-    if answer.found.params is not None and scalar(answer.found.params.momentum):
+    if moves:
         yield "They need not agree here: all of them look for a signal without momentum."
     elif answer.disagreement:
         yield from _wrapped(answer.disagreement)
