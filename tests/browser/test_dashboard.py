@@ -284,9 +284,9 @@ def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
     screen.page.get_by_text("Too slow: raise q").wait_for()
     screen.page.get_by_role("button", name="Find and apply").click()
     best = estimate(DEMO).params
-    screen.wait_for_line("filtered", filtered(DEMO, q=best.q, r=best.r))
+    screen.wait_for_line("filtered", filtered(DEMO, q=best.q, r=best.r, momentum=best.momentum))
     screen.page.get_by_text("Noise and movement can be separated").first.wait_for()
-    assert screen.page.get_by_role("row", name="lag 190 ms 11 ms").is_visible()
+    assert screen.page.get_by_role("row", name="lag 190 ms 4.37 ms").is_visible()
     screen.shot("found")
     screen.page.get_by_role("button", name="Undo").click()
     screen.wait_for_line("filtered", filtered(DEMO))
@@ -310,8 +310,8 @@ def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
 
 
 def test_a_record_without_visible_noise_gets_a_verdict_and_no_parameters(start, tmp_path):
-    ramp = tmp_path / "slow.csv"
-    ramp.write_text("time,temp\n" + "".join(f"{i},{round(20 + i / 40, 1)}\n" for i in range(400)))
+    smooth = tmp_path / "slow.csv"
+    smooth.write_text("time,temp\n" + "".join(f"{i},{20 + np.sin(i / 20):.6f}\n" for i in range(400)))
     screen = start("slow.csv")
     before = screen.text_box("process noise q").input_value()
     screen.page.get_by_role("button", name="Find and apply").click()

@@ -151,7 +151,7 @@ def _momentum(q: float, momentum: float) -> Float32Momentum | None:
     if momentum == 0.0:
         return None
     held = asdict(step_constants(q, momentum))
-    begin = {"momentum": _rounded("momentum", momentum), "w0": _rounded("q / (2 momentum)", held["w0"])}
+    begin = {"momentum": np.float32(momentum), "w0": _rounded("q / (2 momentum)", held["w0"])}
     rest = {name: _rounded(f"{name} of q and momentum", value) for name, value in held.items() if name not in begin}
     return Float32Momentum(**begin, **rest)
 
