@@ -205,6 +205,14 @@ def test_stamps_since_1970_need_no_name():
     assert name_of({"x": [str(1551453301000 + 80 * (i // N)) for i in range(N)], "a": NOISE}) == []
 
 
+@pytest.mark.parametrize("count", [100, 599, 601, 2000])
+def test_a_counter_without_a_name_is_no_time_however_many_rows_are_weighed(count):
+    columns, noise = [Column(""), Column("")], (NOISE * count)[:count]
+    rising = [[str(500 + step * i) for i in range(count)] for step in (1, 20)]
+    found = [find_time(columns, list(zip(cells, noise, strict=True)), ".", named=False) for cells in rising]
+    assert found == [None, TimeColumn(0, "number")]
+
+
 def test_digits_with_a_unit_beside_a_date_are_no_clock():
     days, counted = ["2024-03-04"] * N, [str(100 + i) for i in range(N)]
     assert all(int(cell) % 100 < 60 for cell in counted)

@@ -113,8 +113,9 @@ def _about_rival(best: Candidate, found: list[Candidate], columns: list[Column])
 
 
 def _sampled(rows: list[Cells]) -> list[Cells]:
-    """The first rows, some from the middle and the last ones."""
+    """The first rows, some from the middle and the last ones, none of them twice."""
     if len(rows) <= _MAX_ROWS:
         return rows
-    third, middle = _MAX_ROWS // 3, len(rows) // 2
+    third = _MAX_ROWS // 3
+    middle = (len(rows) - third) // 2
     return rows[:third] + rows[middle : middle + third] + rows[-third:]

@@ -57,9 +57,10 @@ def _rises_steadily(cells: list[str], decimal: str) -> bool:
     if stamps.size < 8 or stamps.size < 0.9 * len(cells):
         return False
     steps = np.diff(stamps)
-    long = np.count_nonzero(steps > 50 * np.median(steps))
-    # Between rows of the head, the middle and the end the steps are long.
-    return bool(np.all(steps > 0) and long <= max(2, 0.01 * steps.size) and not np.all(steps == 1))
+    # Between rows of the head, the middle and the end the steps are longer, also those of a counter.
+    few_long = np.count_nonzero(steps > 50 * np.median(steps)) <= max(2, 0.01 * steps.size)
+    is_counter = np.count_nonzero(steps != 1) <= min(2, 0.02 * steps.size)
+    return bool(np.all(steps > 0) and few_long and not is_counter)
 
 
 def _counts_from_1970(cells: list[str], decimal: str) -> bool:
