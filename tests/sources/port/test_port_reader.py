@@ -14,7 +14,13 @@ import serial
 from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import Clock
 from kalscope.sources.port.events import BytesReceived, Disconnected, Opened
-from kalscope.sources.port.open_port import SerialPort, disconnect_reason, holders, open_failure_reason
+from kalscope.sources.port.open_port import (
+    READ_TIMEOUT,
+    SerialPort,
+    disconnect_reason,
+    holders,
+    open_failure_reason,
+)
 from kalscope.sources.port.port_reader import PortReader
 from kalscope.sources.port.port_spec import PortInfo, PortSpec
 
@@ -334,7 +340,7 @@ def test_silence_is_time_in_which_reads_found_nothing_and_no_late_read(wait_for)
     wait_for(lambda: not port.script)
     reader.close()
     items = [item for item in taken(reader) if isinstance(item, BytesReceived)]
-    assert [item.silence for item in items] == [0, 0, 2, 0]
+    assert [item.silence for item in items] == [0, 0, 2 * READ_TIMEOUT, 0]
     assert all(item.end > item.begin for item in items)
 
 

@@ -15,7 +15,7 @@ from queue import SimpleQueue
 from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import SYSTEM, Clock
 from kalscope.sources.port.events import BytesReceived, Disconnected, Item, Opened, PortState, Word
-from kalscope.sources.port.open_port import DISCONNECT_ERRORS, OpenPort, SerialPort, disconnect_reason
+from kalscope.sources.port.open_port import DISCONNECT_ERRORS, READ_TIMEOUT, OpenPort, SerialPort, disconnect_reason
 from kalscope.sources.port.port_spec import PortSpec, list_ports
 
 MIN_RETRY_DELAY, MAX_RETRY_DELAY = 0.25, 2.0
@@ -202,7 +202,8 @@ class PortReader:
                 data = port.fetch()
                 now = clock()
                 if not data:
-                    waiting, silence = 0, now - before
+                    # Not `now - before`: a machine that stalls in a read hears nothing either.
+                    waiting, silence = 0, min(silence + READ_TIMEOUT, now - before)
                     continue
                 self._hand_over(BytesReceived(data, before, now, silence), stop)
                 left = port.waiting()
