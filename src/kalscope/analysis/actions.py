@@ -1,0 +1,111 @@
+"""Advice that can be taken: a sentence, and a value that names the one thing to do about it.
+
+The command line turns an action into the option that does it, the dashboard into a button.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Multiply q and r."""
+
+    q_factor: float
+    """Factor for q, 0.001 … 1000; 1 = keep."""
+    r_factor: float
+    """Factor for r, 0.001 … 1000; 1 = keep."""
+
+
+@dataclass(frozen=True)
+class SetRatio:
+    """Give both variances: λ = q/r in place of an edge, q = 0 or r = 0."""
+
+    ratio: float
+    """λ, above 0 and finite."""
+
+
+@dataclass(frozen=True)
+class SetGate:
+    """Set the outlier gate, or switch it off."""
+
+    sigma: float | None
+    """Residuals beyond so many σ are refused (`FilterParams.gate` is its square); None = off."""
+
+
+@dataclass(frozen=True)
+class AllowMomentum:
+    """Estimate q, r and momentum together."""
+
+    momentum: float
+    """About what will come out, nominal sample periods, above 0."""
+
+
+@dataclass(frozen=True)
+class EstimateAgain:
+    """Estimate q, r and momentum from the whole record, as `estimate` does by default."""
+
+
+@dataclass(frozen=True)
+class SetSpikesAside:
+    """Estimate again by the spike-proof fit, `robust=True`."""
+
+
+@dataclass(frozen=True)
+class UseStillStretch:
+    """Take r from a stretch in which the input is constant."""
+
+    first: int
+    """Number of its first sample."""
+    last: int
+    """One past its last."""
+
+
+@dataclass(frozen=True)
+class GiveNoise:
+    """Give r: from a data sheet, or from a still stretch that the record does not show."""
+
+
+@dataclass(frozen=True)
+class ChooseFilter:
+    """Choose the lag, the cut-off or the gain, because the record does not decide it."""
+
+
+@dataclass(frozen=True)
+class UnsetStart:
+    """Leave x0 and p0 unset: the first sample starts the filter."""
+
+
+@dataclass(frozen=True)
+class RecordLonger:
+    """Record again."""
+
+    samples: int
+    """How many are needed at least; 0 = not known."""
+
+
+Action = (
+    Scale
+    | SetRatio
+    | SetGate
+    | AllowMomentum
+    | EstimateAgain
+    | SetSpikesAside
+    | UseStillStretch
+    | GiveNoise
+    | ChooseFilter
+    | UnsetStart
+    | RecordLonger
+)
+"""Every action; a program that takes advice must know what to do about each of them."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What was found, and what to do about it."""
+
+    text: str
+    """One clause without capital and full stop, such as "too slow: raise q about 10 ×"; true without the action."""
+    action: Action | None = None
+    """What does it; None where there is nothing to do about it."""

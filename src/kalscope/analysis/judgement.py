@@ -1,0 +1,69 @@
+"""The one place that decides whether a filter fits a record; everything else quotes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from kalscope.analysis.actions import Advice
+from kalscope.analysis.diagnostics import Diagnostics
+from kalscope.estimation.result import Estimate
+
+Status = Literal[
+    "fits",
+    "vague",
+    "too_few",
+    "constant",
+    "start",
+    "spikes",
+    "bursts",
+    "too_slow",
+    "too_fast",
+    "band",
+    "edge",
+    "structure",
+    "changes",
+    "steps",
+    "methods_differ",
+    "no_pair",
+]
+"""What is said first: "fits"; "vague", the record leaves q/r open; "too_few" or "constant", nothing to judge; "start",
+the given x0 is off; "spikes", isolated ones; "bursts", too many to be outliers; "too_slow" or "too_fast"; "band", q and
+r wrong by one factor; "edge", q = 0 or r = 0 does not fit; "structure", the model does not describe the signal;
+"changes", the noise changes during the record; "steps", the signal jumps; "methods_differ"; "no_pair", there is no
+q and r to judge."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Whether a filter fits a record, and what to do where it does not."""
+
+    status: Status
+    """The most urgent finding in one word."""
+    headline: str
+    """One sentence with capital and full stop; it is true of the record whatever else is found."""
+    advice: tuple[Advice, ...] = ()
+    """What to do, most urgent first, two at most; () where nothing is to be done."""
+
+
+def judge(
+    residuals: Diagnostics | None,
+    held_out: Diagnostics | None = None,
+    estimate: Estimate | None = None,
+    disagreement: str = "",
+    chosen: str = "",
+) -> Judgement:
+    """Decide whether a filter fits a record.
+
+    Args:
+        residuals: the filter judged on the whole record; None where there is no pair.
+        held_out: of the second half, by a pair that has not seen it; None where that was not possible.
+        estimate: where q and r come from; None where they were chosen.
+        disagreement: how the methods of estimation differ, "" where they agree or were not asked.
+        chosen: what the user asked for, such as "a lag of 50 ms"; the advice then does not undo it.
+    """
+    del held_out, estimate, disagreement, chosen
+    if residuals is None:
+        return Judgement("no_pair", "There is no q and r to judge.")
+    text = residuals.advice
+    return Judgement("fits" if text == "no misfit worth correcting" else "structure", f"{text[:1].upper()}{text[1:]}.")
