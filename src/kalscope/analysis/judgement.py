@@ -27,11 +27,11 @@ Status = Literal[
     "methods_differ",
     "no_pair",
 ]
-"""What is said first: "fits"; "vague", the record leaves q/r open; "too_few" or "constant", nothing to judge; "start",
-the given x0 is off; "spikes", isolated ones; "bursts", too many to be outliers; "too_slow" or "too_fast"; "band", q and
-r wrong by one factor; "edge", q = 0 or r = 0 does not fit; "structure", the model does not describe the signal;
-"changes", the noise changes during the record; "steps", the signal jumps; "methods_differ"; "no_pair", there is no
-q and r to judge."""
+"""What is said first: "fits"; "vague", the record leaves q/r open; "too_few" or "constant", nothing to judge;
+"start", the given x0 is off; "spikes", isolated ones; "bursts", too many to be outliers; "too_slow" or "too_fast";
+"band", q and r wrong by one factor; "edge", q = 0 or r = 0 does not fit; "structure", the model does not describe
+the signal; "changes", its errors change during the record; "steps", it jumps; "methods_differ"; "no_pair", there is
+no q and r to judge."""
 
 
 @dataclass(frozen=True)
@@ -66,4 +66,5 @@ def judge(
     if residuals is None:
         return Judgement("no_pair", "There is no q and r to judge.")
     text = residuals.advice
-    return Judgement("fits" if text == "no misfit worth correcting" else "structure", f"{text[:1].upper()}{text[1:]}.")
+    status = "fits" if text == "no misfit worth correcting" else "structure"
+    return Judgement(status, f"{text[:1].upper()}{text[1:]}.")
