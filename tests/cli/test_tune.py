@@ -16,11 +16,11 @@ from kalscope.catalogue import open_source
 from kalscope.cli import console
 from kalscope.cli.app import run
 from kalscope.cli.console import progress_line
-from kalscope.cli.tune.command import still_samples
+from kalscope.cli.tune.options import still_samples
 from kalscope.common.progress import Progress
 from kalscope.errors import KalscopeError
 from kalscope.estimation.estimate import METHODS, estimate
-from kalscope.estimation.finding import Noise, find_parameters
+from kalscope.estimation.finding import Noise, Request, find_parameters
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.tuning.tuning import load_tuning
 
@@ -286,7 +286,7 @@ def test_what_is_known_of_the_noise_gives_r(log: Path, capsys: Captured) -> None
 
 def test_a_still_stretch_is_given_in_the_time_of_the_recording(log: Path, bare: Path, capsys: Captured) -> None:
     z = read_recording(log).channel("noisy")
-    expected = find_parameters(z, noise=Noise(still=(0, 100))).params
+    expected = find_parameters(z, Request(noise=Noise(still=(0, 100)))).params
     assert expected is not None
     by_time = tuned(capsys, str(log), "--still", "10:10.995")
     by_sample = tuned(capsys, str(bare), "--still", "0:99")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,15 @@ import pytest
 
 from kalscope.errors import BadSetting, Cancelled
 from kalscope.estimation.estimate import METHODS, estimate
-from kalscope.estimation.finding import METHOD_NAMES, TARGETS, Found, Noise, find_parameters, shows_no_noise
+from kalscope.estimation.finding import (
+    METHOD_NAMES,
+    TARGETS,
+    Found,
+    Noise,
+    Request,
+    find_parameters,
+    shows_no_noise,
+)
 from kalscope.filtering.steady_state import steady_state
 
 PERIOD = 0.02
@@ -32,6 +41,18 @@ def local_level(q: float, r: float, n: int = 400, seed: int = 5) -> np.ndarray:
 
 
 Z = local_level(0.1, 1.0)
+
+
+def ask(
+    z: np.ndarray,
+    *,
+    sample_period: float | None = None,
+    cancelled: Callable[[], bool] | None = None,
+    **asked: Any,
+) -> Found:
+    return find_parameters(z, Request(**asked), sample_period=sample_period, cancelled=cancelled)
+
+
 EDGES = {
     "no_noise": np.sin(np.arange(300) / 30.0),
     "no_movement": np.random.default_rng(1).normal(size=300),
@@ -54,9 +75,9 @@ def test_a_wish_fixes_the_ratio_the_noise_fixes_r_and_the_rest_is_estimated(
     asked = {target: WISHED[target]} if target else None
     if target and ratio is not None:
         with pytest.raises(BadSetting, match="only one target for λ may be given"):
-            find_parameters(Z, sample_period=PERIOD, method=method, target=asked, ratio=ratio, noise=noise)
+            ask(Z, sample_period=PERIOD, method=method, target=asked or {}, ratio=ratio, noise=noise)
         return
-    found = find_parameters(Z, sample_period=PERIOD, method=method, target=asked, ratio=ratio, noise=noise)
+    found = ask(Z, sample_period=PERIOD, method=method, target=asked or {}, ratio=ratio, noise=noise)
     assert found.params is not None
     assert found.message.endswith(".")
     if r == "still":
@@ -84,21 +105,21 @@ def expected_method(target: str | None, ratio: float | None, r: float | None, me
 
 
 def test_without_a_known_noise_a_wish_takes_r_from_the_likelihood() -> None:
-    found = find_parameters(Z, target={"gain": 0.2})
+    found = ask(Z, target={"gain": 0.2})
     assert found.params is not None
     assert found.params.r == estimate(Z).r
 
 
 def test_the_present_r_is_kept_with_a_wish_unless_more_is_known() -> None:
-    kept = find_parameters(Z, target={"gain": 0.2}, present_r=7.0)
-    known = find_parameters(Z, target={"gain": 0.2}, present_r=7.0, noise=Noise(r=3.0))
+    kept = ask(Z, target={"gain": 0.2}, present_r=7.0)
+    known = ask(Z, target={"gain": 0.2}, present_r=7.0, noise=Noise(r=3.0))
     assert [found.params.r for found in (kept, known) if found.params] == [7.0, 3.0]
     assert "kept" in kept.message
 
 
 def test_the_words_for_the_tuning_file_name_what_decided() -> None:
     def how(**asked) -> str:
-        return find_parameters(Z, sample_period=PERIOD, **asked).how
+        return ask(Z, sample_period=PERIOD, **asked).how
 
     assert how() == "maximum likelihood"
     assert how(target={"lag_s": 0.1}) == "a lag of 100 ms"
@@ -119,7 +140,7 @@ def test_the_answer_does_not_depend_on_the_unit(scale: float) -> None:
         {"noise": KNOWN["still"][0]},
     ]
     for asked in cases:
-        plain, scaled = find_parameters(Z, **asked).params, find_parameters(Z * scale, **asked).params
+        plain, scaled = ask(Z, **asked).params, ask(Z * scale, **asked).params
         assert plain is not None
         assert scaled is not None
         assert (scaled.q, scaled.r) == pytest.approx((plain.q * scale**2, plain.r * scale**2), rel=1e-6)
@@ -153,13 +174,13 @@ CONTRADICTIONS = [
 @pytest.mark.parametrize(("asked", "says"), CONTRADICTIONS)
 def test_contradictions_and_numbers_out_of_range_are_refused(asked: dict, says: str) -> None:
     with pytest.raises(BadSetting, match=says):
-        find_parameters(Z, **asked)
+        ask(Z, **asked)
 
 
 @pytest.mark.parametrize("asked", [{}, {"method": "em"}, {"target": {"gain": 0.2}}])
 def test_a_search_can_be_cancelled(asked: dict) -> None:
     with pytest.raises(Cancelled):
-        find_parameters(Z, cancelled=lambda: True, **asked)
+        ask(Z, cancelled=lambda: True, **asked)
 
 
 # ---- the edges
@@ -167,7 +188,7 @@ def test_a_search_can_be_cancelled(asked: dict) -> None:
 
 @pytest.mark.parametrize("verdict", EDGES)
 def test_an_edge_carries_no_parameters_and_says_what_to_do(verdict: str) -> None:
-    found = find_parameters(EDGES[verdict])
+    found = ask(EDGES[verdict])
     assert found.params is None
     assert found.estimate is not None
     assert found.estimate.verdict == verdict
@@ -177,30 +198,30 @@ def test_an_edge_carries_no_parameters_and_says_what_to_do(verdict: str) -> None
 @pytest.mark.parametrize("verdict", EDGES)
 @pytest.mark.parametrize("target", TARGETS)
 def test_at_an_edge_a_wish_still_gives_its_filter(verdict: str, target: str) -> None:
-    found = find_parameters(EDGES[verdict], sample_period=PERIOD, target={target: WISHED[target]})
+    found = ask(EDGES[verdict], sample_period=PERIOD, target={target: WISHED[target]})
     assert found.params is not None
     assert found.params.r > 0.0
     assert getattr(steady_state(found.params, PERIOD), target) == pytest.approx(WISHED[target], rel=1e-9)
 
 
 def test_at_the_edge_without_movement_the_likelihood_still_gives_r_for_a_wish() -> None:
-    found = find_parameters(EDGES["no_movement"], target={"gain": 0.2})
+    found = ask(EDGES["no_movement"], target={"gain": 0.2})
     assert found.params is not None
     assert found.params.r == pytest.approx(np.var(EDGES["no_movement"], ddof=1), rel=1e-3)
 
 
 def test_a_placeholder_is_called_one() -> None:
-    assert "placeholder" in find_parameters(np.full(50, 4.0), target={"gain": 0.2}).message
-    assert "placeholder" in find_parameters(np.full(50, math.nan), target={"gain": 0.2}).message
-    counter = find_parameters(1e6 + np.arange(5000.0), target={"gain": 0.2})  # a column of row numbers
+    assert "placeholder" in ask(np.full(50, 4.0), target={"gain": 0.2}).message
+    assert "placeholder" in ask(np.full(50, math.nan), target={"gain": 0.2}).message
+    counter = ask(1e6 + np.arange(5000.0), target={"gain": 0.2})  # a column of row numbers
     assert "placeholder" in counter.message
     assert counter.params is not None
     assert counter.params.r == pytest.approx(0.5)
-    assert "placeholder" not in find_parameters(EDGES["no_noise"], target={"gain": 0.2}).message
+    assert "placeholder" not in ask(EDGES["no_noise"], target={"gain": 0.2}).message
 
 
 def test_a_given_r_that_explains_everything_is_not_called_good() -> None:
-    found = find_parameters(Z, noise=Noise(r=1e6))
+    found = ask(Z, noise=Noise(r=1e6))
     assert found.params is None
     assert "The r found here is good" not in found.message
     assert "too large" in found.message
@@ -221,7 +242,7 @@ def test_all_pairs_of_two_noises_are_refused() -> None:
     values = {"r": 1.0, "sigma": 1.0, "density": 1.0, "still": (0, 60)}
     for a, b in itertools.combinations(values, 2):
         with pytest.raises(BadSetting, match="must come from one source"):
-            find_parameters(Z, noise=Noise(**{a: values[a], b: values[b]}))  # pyright: ignore
+            ask(Z, noise=Noise(**{a: values[a], b: values[b]}))  # pyright: ignore
 
 
 # ---- an overshoot beside the target
@@ -229,7 +250,7 @@ def test_all_pairs_of_two_noises_are_refused() -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_target_and_overshoot_are_both_met(target: str) -> None:
-    found = find_parameters(Z, sample_period=PERIOD, target={target: WISHED[target]}, overshoot=0.06)
+    found = ask(Z, sample_period=PERIOD, target={target: WISHED[target]}, overshoot=0.06)
     assert found.params is not None
     steady = steady_state(found.params, PERIOD)
     assert getattr(steady, target) == pytest.approx(WISHED[target], rel=1e-9)
@@ -240,7 +261,7 @@ def test_target_and_overshoot_are_both_met(target: str) -> None:
 
 @pytest.mark.parametrize("noise", [Noise(), Noise(r=1.5)])
 def test_a_target_is_met_at_the_momentum_that_is_given(noise: Noise) -> None:
-    found = find_parameters(Z, target={"lag_samples": 7.0}, momentum=15.0, noise=noise)
+    found = ask(Z, target={"lag_samples": 7.0}, momentum=15.0, noise=noise)
     assert found.params is not None
     assert found.params.momentum == 15.0
     assert steady_state(found.params).lag_samples == pytest.approx(7.0, rel=1e-9)
@@ -261,4 +282,4 @@ def test_an_overshoot_or_momentum_that_does_not_go_with_the_rest_is_refused(
     asked: dict[str, Any], says: str
 ) -> None:
     with pytest.raises(BadSetting, match=says):
-        find_parameters(Z, **asked)
+        ask(Z, **asked)

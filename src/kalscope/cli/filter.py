@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO
 import typer
 
 from kalscope.cli.console import open_stdout, progress_line, say, write_output
-from kalscope.cli.options import SamplePeriod, number, number_option, number_or, reads_source
+from kalscope.cli.options import SamplePeriod, number, number_option, number_or, read_options, with_options
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
@@ -23,17 +23,13 @@ if TYPE_CHECKING:
 MAX_LINE_BYTES = 65_536
 """Bytes of one line on stdin, hundreds of channels; a longer one is no line of numbers."""
 
+Given = dict[str, float | None]
+"""Parameters by name, those that were given; None is an automatic start."""
 
-@reads_source
-def filter_command(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="SOURCE",
-            help='A file, "demo", "sample:NAME", "synthetic:SHAPE?…"; or "-": answer stdin line by line.',
-        ),
-    ],
-    config: Annotated[Path | None, typer.Option(metavar="FILE", help="Tuning file with q and r.")] = None,
+NOTHING: Given = {}
+
+
+def params_options(
     q: Annotated[float | None, number_option("Process-noise variance per sample, unit².", number)] = None,
     r: Annotated[float | None, number_option("Measurement-noise variance, unit².", number)] = None,
     p0: Annotated[
@@ -48,6 +44,24 @@ def filter_command(
     momentum: Annotated[
         float | None, number_option("How long the signal keeps its direction, in sample periods.", number)
     ] = None,
+) -> Given:
+    """The options in place of the parameter `given` of the command; see `with_options`."""
+    options = {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate, "momentum": momentum}
+    # NaN is the word for an automatic start, which the filter's parameters write as None.
+    return {name: None if math.isnan(value) else value for name, value in options.items() if value is not None}
+
+
+@with_options(reading=read_options, given=params_options)
+def filter_command(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help='A file, "demo", "sample:NAME", "synthetic:SHAPE?…"; or "-": answer stdin line by line.',
+        ),
+    ],
+    config: Annotated[Path | None, typer.Option(metavar="FILE", help="Tuning file with q and r.")] = None,
+    given: Given = NOTHING,
     channel: Annotated[str | None, typer.Option(metavar="NAME", help="Filter this channel only.")] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file.")
@@ -68,11 +82,6 @@ def filter_command(
     from kalscope.sources.readers.account import account, sample_period_conflict
     from kalscope.tuning.choose import params_for, params_for_stdin
 
-    options_given = {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate, "momentum": momentum}
-    # NaN is the word for an automatic start, which the filter's parameters write as None.
-    given = {
-        name: None if math.isnan(value) else value for name, value in options_given.items() if value is not None
-    }
     if source == "-":
         _refuse_with_stdin(report=report, output=output)
         _filter_stdin(*params_for_stdin(config, given, channel, sample_period), reading)

@@ -134,22 +134,32 @@ def read_options(
     )
 
 
-def reads_source(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with all the options of `read_options` in place of its parameter `reading`.
+def with_options(**groups: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command all the options of a function in place of the parameter that takes its result.
 
-    Typer makes its options from the signature that it finds, so the result has one with both.
+    Typer makes its options from the signature that it finds, so the result has one with all of them.
+
+    Args:
+        groups: the functions, by the name of the parameter.
     """
-    own = inspect.signature(command, eval_str=True).parameters
-    shared = inspect.signature(read_options, eval_str=True).parameters
+    shared = {name: inspect.signature(group, eval_str=True).parameters for name, group in groups.items()}
 
-    @functools.wraps(command)
-    def with_reading(**given: Any) -> None:
-        reading = read_options(**{name: given.pop(name) for name in shared if name in given})
-        command(**given, reading=reading)
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def with_groups(**given: Any) -> None:
+            for name, group in groups.items():
+                given[name] = group(**{option: given.pop(option) for option in shared[name] if option in given})
+            command(**given)
 
-    merged: dict[str, inspect.Parameter] = {}
-    for name, parameter in own.items():
-        merged.update(shared if name == "reading" else {name: parameter})
-    with_reading.__annotations__ = {name: parameter.annotation for name, parameter in merged.items()}
-    with_reading.__dict__["__signature__"] = inspect.Signature(list(merged.values()))
-    return with_reading
+        merged: dict[str, inspect.Parameter] = {}
+        for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
+            merged.update(shared.get(name, {name: parameter}))
+        with_groups.__annotations__ = {name: parameter.annotation for name, parameter in merged.items()}
+        with_groups.__dict__["__signature__"] = inspect.Signature(list(merged.values()))
+        return with_groups
+
+    return decorate
+
+
+reads_source = with_options(reading=read_options)
+"""The command with all the options of `read_options` in place of its parameter `reading`."""

@@ -7,7 +7,7 @@ a number) fixes r; what is left is estimated from the record.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -84,6 +84,57 @@ class Noise:
 
 
 @dataclass(frozen=True)
+class Request:
+    """What the user wants and knows; what is left is estimated."""
+
+    method: str = "ml"
+    """Method of `estimate`, used where neither a target nor the noise is given."""
+    target: dict[str, float] = field(default_factory=dict[str, float])
+    """At most one of TARGETS with its value, which fixes λ."""
+    ratio: float | None = None
+    """λ itself, such as 0.01; r is then estimated unless it is known."""
+    noise: Noise = Noise()
+    """What is known about r."""
+    present_r: float | None = None
+    """r to keep with a target where the noise is unknown; None = estimate it."""
+    momentum: float | Literal["auto"] = "auto"
+    """τ in sample periods, or "auto", as `estimate` takes it; "auto" is 0 with a target, and with a ratio or known
+    noise it can only be 0."""
+    overshoot: float | None = None
+    """Share of a step that the target may cost; the momentum follows from both."""
+
+    def checked_momentum(self) -> float | None:
+        """τ, None = to be found.
+
+        Raises:
+            BadSetting: targets that contradict each other, are unknown or out of range; momentum above 0 with a
+                ratio or known noise; an overshoot without a target or beside momentum.
+        """
+        if self.method not in METHODS:
+            raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {self.method!r})")
+        targets = [*self.target, *([] if self.ratio is None else ["q/r"])]
+        if len(targets) > 1:
+            raise BadSetting(f"only one target for λ may be given (got {' and '.join(targets)})")
+        for name in self.target:
+            if name not in TARGETS:
+                raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {name!r})")
+        if self.ratio is not None:
+            above_zero("q/r", self.ratio, MAX_VARIANCE)
+        tau = checked_momentum(self.momentum, self.method)
+        if self.overshoot is not None and (self.momentum != "auto" or not self.target):
+            got = "none" if not self.target else f"momentum = {self.momentum}"
+            raise BadSetting(
+                f"overshoot needs a target such as a lag, and no momentum, which follows from both (got {got})"
+            )
+        if tau and not self.target and (self.ratio is not None or self.noise != Noise()):
+            raise BadSetting(
+                'momentum must be "auto" or 0 with a ratio or known noise: it is estimated with q and r '
+                f"(got {tau:g})"
+            )
+        return tau
+
+
+@dataclass(frozen=True)
 class Found:
     """The result of `find_parameters`, with or without parameters."""
 
@@ -99,87 +150,55 @@ class Found:
 
 def find_parameters(
     z: Array,
+    request: Request | None = None,
     *,
     dt: Array | None = None,
     sample_period: float | None = None,
-    method: str = "ml",
-    target: dict[str, float] | None = None,
-    ratio: float | None = None,
-    noise: Noise | None = None,
-    present_r: float | None = None,
     progress: Callable[[float, str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
-    momentum: float | Literal["auto"] = "auto",
-    overshoot: float | None = None,
 ) -> Found:
     """Find q, r and momentum of one channel.
 
     Args:
         z: measurements, shape (n,); NaN is a missing sample.
+        request: what the user wants and knows; None = nothing.
         dt: nominal sample periods before each sample, shape (n,); None = 1 each.
         sample_period: nominal sample period in s, for a target in s or Hz.
-        method: of `estimate`, used where neither a target nor the noise is given.
-        target: one of TARGETS with its value, which fixes λ.
-        ratio: λ itself, such as 0.01; r is then estimated unless it is known.
-        noise: what is known about r.
-        present_r: r to keep with a target where the noise is unknown; None = estimate it.
         progress: called with the fraction done and a few words.
         cancelled: whether to stop.
-        momentum: τ in sample periods, or "auto", as `estimate` takes it; "auto" is 0 with a target, and with a
-            ratio or known noise it can only be 0.
-        overshoot: share of a step that the target may cost; the momentum follows from both.
 
     Raises:
-        BadSetting: targets that contradict each other, are unknown or out of range; momentum above 0 with a ratio
-            or known noise; an overshoot without a target, beside momentum, or out of reach.
+        BadSetting: the request contradicts itself, or is out of range or reach.
         Cancelled: `cancelled()` was true.
     """
-    _check(method, target, ratio)
-    noise = noise or Noise()
-    known = noise.resolve(z)
-    tau = checked_momentum(momentum, method)
-    if overshoot is not None and (momentum != "auto" or not target):
-        got = "none" if not target else f"momentum = {momentum}"
-        raise BadSetting(
-            f"overshoot needs a target such as a lag, and no momentum, which follows from both (got {got})"
-        )
-    if target:
-        r, said = known or _noise_for_target(z, dt, present_r, progress, cancelled)
-        params = _two_variances(
-            params_for_specification(
-                r, **target, sample_period=sample_period, momentum=tau or 0.0, overshoot=overshoot
-            )
-        )
-        words = _target_text(*next(iter(target.items())), overshoot)
-        how = f"{words}, r {noise.origin}" if known else words
-        return Found(params, how, f"{_ratio_text(params)} has {words}. {said}")
-    if tau and (known or ratio is not None):
-        raise BadSetting(
-            f'momentum must be "auto" or 0 with a ratio or known noise: it is estimated with q and r (got {tau:g})'
-        )
-    if ratio is not None and known:
-        params = _two_variances(FilterParams(q=ratio * known[0], r=known[0]))
-        return Found(params, f"q/r = {ratio:g}, r {noise.origin}", f"q = {ratio:g} · r. {known[1]}")
-    if ratio is not None:
-        return _from(estimate_fixed_ratio(z, ratio, dt), f"q/r = {ratio:g}, r by maximum likelihood")
+    asked = request or Request()
+    tau, known = asked.checked_momentum(), asked.noise.resolve(z)
+    if asked.target:
+        r, said = known or _noise_for_target(z, dt, asked.present_r, progress, cancelled)
+        return _at_target(asked, r, said, tau or 0.0, sample_period)
+    if known and asked.ratio is not None:
+        params = _two_variances(FilterParams(q=asked.ratio * known[0], r=known[0]))
+        how, message = f"q/r = {asked.ratio:g}, r {asked.noise.origin}", f"q = {asked.ratio:g} · r. {known[1]}"
+        return Found(params, how, message)
     if known:
-        return _fit_q(z, dt, *known, noise.origin)
-    answer = estimate(z, method, dt, progress=progress, cancelled=cancelled, momentum=momentum)
-    return _from(answer, METHOD_NAMES[method])
+        return _fit_q(z, dt, *known, asked.noise.origin)
+    if asked.ratio is not None:
+        how = f"q/r = {asked.ratio:g}, r by maximum likelihood"
+        return _from(estimate_fixed_ratio(z, asked.ratio, dt), how)
+    answer = estimate(z, asked.method, dt, progress=progress, cancelled=cancelled, momentum=asked.momentum)
+    return _from(answer, METHOD_NAMES[asked.method])
 
 
-def _check(method: str, target: dict[str, float] | None, ratio: float | None) -> None:
-    """BadSetting unless there is at most one target for λ, and all names are known."""
-    if method not in METHODS:
-        raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {method!r})")
-    targets = [*(target or {}), *([] if ratio is None else ["q/r"])]
-    if len(targets) > 1:
-        raise BadSetting(f"only one target for λ may be given (got {' and '.join(targets)})")
-    for name in target or {}:
-        if name not in TARGETS:
-            raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {name!r})")
-    if ratio is not None:
-        above_zero("q/r", ratio, MAX_VARIANCE)
+def _at_target(asked: Request, r: float, said: str, momentum: float, sample_period: float | None) -> Found:
+    """The filter that meets the target, with the noise r."""
+    params = _two_variances(
+        params_for_specification(
+            r, **asked.target, sample_period=sample_period, momentum=momentum, overshoot=asked.overshoot
+        )
+    )
+    words = _target_text(*next(iter(asked.target.items())), asked.overshoot)
+    how = words if asked.noise == Noise() else f"{words}, r {asked.noise.origin}"
+    return Found(params, how, f"{_ratio_text(params)} has {words}. {said}")
 
 
 def _two_variances(params: FilterParams) -> FilterParams:

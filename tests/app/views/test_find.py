@@ -37,8 +37,8 @@ def state():
 
 def search(state, way, *texts):
     rec = state.recording
-    arguments = SEARCH_METHODS[way].arguments(state, list(texts))
-    return find_parameters(rec.channel(state.channel), sample_period=rec.sample_period, **arguments)
+    request = SEARCH_METHODS[way].request(state, list(texts))
+    return find_parameters(rec.channel(state.channel), request, sample_period=rec.sample_period)
 
 
 @pytest.mark.parametrize(

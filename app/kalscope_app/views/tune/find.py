@@ -5,15 +5,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import viser
 
 from kalscope.common.text import lag_text, number, typed_number
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import compare_methods, disagreement
-from kalscope.estimation.finding import METHOD_NAMES, Noise, find_parameters
+from kalscope.estimation.finding import METHOD_NAMES, Noise, Request, find_parameters
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
@@ -34,42 +33,39 @@ OVERSHOOT = "overshoot (%)"
 class SearchMethod:
     """One way to find q and r."""
 
-    arguments: Callable[[State, list[str]], dict[str, Any]]
-    """Arguments of `find_parameters` from the state and the typed texts."""
+    request: Callable[[State, list[str]], Request]
+    """What to look for, from the state and the typed texts."""
     boxes: tuple[tuple[str, str], ...] = ()
     """Label and first content of each text box it needs."""
 
 
 def _method(name: str) -> SearchMethod:
-    return SearchMethod(lambda _state, _texts: {"method": name})
+    return SearchMethod(lambda _state, _texts: Request(name))
 
 
 def _target(
     name: str, label: str, content: str, factor: float = 1.0, *, with_overshoot: bool = False
 ) -> SearchMethod:
-    def arguments(state: State, texts: list[str]) -> dict[str, Any]:
+    def request(state: State, texts: list[str]) -> Request:
         allowed = texts[1].strip() if with_overshoot and len(texts) > 1 else ""
-        momentum = (
-            {"overshoot": typed_number("overshoot", allowed) / 100.0}
-            if allowed
-            else {"momentum": state.tuning.momentum}
-        )
-        target = {name: factor * typed_number(label, texts[0])}
-        return {"target": target, "present_r": state.tuning.r, **momentum}
+        asked = Request(target={name: factor * typed_number(label, texts[0])}, present_r=state.tuning.r)
+        if allowed:
+            return replace(asked, overshoot=typed_number("overshoot", allowed) / 100.0)
+        return replace(asked, momentum=state.tuning.momentum)
 
-    return SearchMethod(arguments, ((label, content), *(((OVERSHOOT, ""),) if with_overshoot else ())))
+    return SearchMethod(request, ((label, content), *(((OVERSHOOT, ""),) if with_overshoot else ())))
 
 
 def _noise(*names: tuple[str, str, str]) -> SearchMethod:
-    def arguments(_state: State, texts: list[str]) -> dict[str, Any]:
+    def request(_state: State, texts: list[str]) -> Request:
         values = {name: typed_number(label, text) for (name, label, _), text in zip(names, texts, strict=False)}
         sigma, density, bandwidth = (values.get(name) for name in ("sigma", "density", "bandwidth_hz"))
-        return {"noise": Noise(sigma=sigma, density=density, bandwidth_hz=bandwidth)}
+        return Request(noise=Noise(sigma=sigma, density=density, bandwidth_hz=bandwidth))
 
-    return SearchMethod(arguments, tuple((label, content) for _, label, content in names))
+    return SearchMethod(request, tuple((label, content) for _, label, content in names))
 
 
-def _still(state: State, texts: list[str]) -> dict[str, Any]:
+def _still(state: State, texts: list[str]) -> Request:
     """The stretch that is typed, in the unit of the time axis, or else the part on screen."""
     if state.view.window is None and not all(text.strip() for text in texts):
         raise BadSetting(
@@ -89,7 +85,7 @@ def _still(state: State, texts: list[str]) -> dict[str, Any]:
             "the still stretch must lie inside the recording "
             f"(got {number(low * factor, 4)} to {number(high * factor, 4)})"
         )
-    return {"noise": Noise(still=(int(at[0]), int(at[-1]) + 1))}
+    return Request(noise=Noise(still=(int(at[0]), int(at[-1]) + 1)))
 
 
 def clock_of(state: State) -> Scale:
@@ -127,8 +123,8 @@ SEARCH_METHODS: dict[str, SearchMethod] = {
     STILL: SearchMethod(_still, (("from", ""), ("to", ""))),
     "data sheet σ, fit q": _noise(("sigma", "σ, one std", "")),
     "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
-    "keep r, fit q": SearchMethod(lambda state, _texts: {"noise": Noise(r=state.tuning.r)}),
-    "r/q = 100, fit r": SearchMethod(lambda _state, _texts: {"ratio": 0.01}),
+    "keep r, fit q": SearchMethod(lambda state, _texts: Request(noise=Noise(r=state.tuning.r))),
+    "r/q = 100, fit r": SearchMethod(lambda _state, _texts: Request(ratio=0.01)),
     **{METHOD_NAMES[name]: _method(name) for name in ("em", "moments", "als", "allan")},
 }
 """Ways by the words on screen, the most useful first."""
@@ -182,11 +178,11 @@ class FindView:
         with SlowJobProgress(self._progress, self._cancel) as shown:
             found = find_parameters(
                 z,
+                method.request(state, texts),
                 dt=state.dt,
                 sample_period=period,
                 progress=shown.report,
                 cancelled=stop.is_set,
-                **method.arguments(state, texts),
             )
         self._session.request(apply_found(state.recording, state.channel, found))
 

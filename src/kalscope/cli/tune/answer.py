@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal, cast
+from dataclasses import asdict, dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_o
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation.estimate import compare_methods, disagreement
-from kalscope.estimation.finding import METHOD_NAMES, Found, Noise, find_parameters, shows_no_noise
+from kalscope.estimation.finding import METHOD_NAMES, Found, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict import gain_of, lag_of
 from kalscope.filtering.batch import kalman_filter
@@ -23,37 +23,6 @@ from kalscope.recording import Recording
 
 CHOSEN = "chosen"
 """The verdict without an estimate: the pair follows from the options."""
-
-
-@dataclass(frozen=True)
-class TuneRequest:
-    """What the user asks for and what is known of the noise; see `find_parameters`."""
-
-    method: str = "ml"
-    """Method of `estimate`."""
-    target: dict[str, float] = field(default_factory=dict[str, float])
-    """At most one of TARGETS with its value."""
-    ratio: float | None = None
-    """λ itself."""
-    noise: Noise = field(default_factory=Noise)
-    """What is known of r."""
-    momentum: float | Literal["auto"] = "auto"
-    """τ in sample periods, or "auto"."""
-    overshoot: float | None = None
-    """Share of a step that the target may cost."""
-
-    def find(self, z: Array, **more: Any) -> Found:
-        """The pair for the samples z; the other arguments as `find_parameters` takes them."""
-        return find_parameters(
-            z,
-            method=self.method,
-            target=self.target,
-            ratio=self.ratio,
-            noise=self.noise,
-            momentum=self.momentum,
-            overshoot=self.overshoot,
-            **more,
-        )
 
 
 @dataclass(frozen=True)
@@ -97,7 +66,7 @@ class Answer:
         return disagreement(self.opinions)
 
 
-def answer_for(recording: Recording, channel: str, request: TuneRequest, progress: Progress) -> Answer:
+def answer_for(recording: Recording, channel: str, request: Request, progress: Progress) -> Answer:
     """Find and judge the pair of one channel.
 
     Raises:
@@ -105,7 +74,7 @@ def answer_for(recording: Recording, channel: str, request: TuneRequest, progres
     """
     z, period = recording.channel(channel), recording.sample_period
     dt = recording.steps() if recording.gaps == "dt" else None
-    found = request.find(z, dt=dt, sample_period=period, progress=progress.part(0.0, 0.3))
+    found = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.3))
     opinions = compare_methods(z, dt, progress=progress.part(0.3, 0.7))
     progress(0.7, "judging the answer")
     residuals = None
@@ -126,7 +95,7 @@ def answer_for(recording: Recording, channel: str, request: TuneRequest, progres
 
 
 def _held_out(
-    z: Array, dt: Array | None, period: float | None, request: TuneRequest, progress: Progress
+    z: Array, dt: Array | None, period: float | None, request: Request, progress: Progress
 ) -> Diagnostics | None:
     """The same question to the first half alone, its answer judged on the second half."""
     half = z[: len(z) // 2]
@@ -136,7 +105,7 @@ def _held_out(
     elif shows_no_noise(half):
         return None
     half_dt = None if dt is None else dt[: len(half)]
-    params = request.find(half, dt=half_dt, sample_period=period, progress=progress).params
+    params = find_parameters(half, request, dt=half_dt, sample_period=period, progress=progress).params
     if params is None:
         return None
     judged = diagnose_held_out(z, params, dt)

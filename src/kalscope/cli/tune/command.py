@@ -1,77 +1,37 @@
-"""`kalscope tune`: the options, the printed answer, and the tuning file."""
+"""`kalscope tune`: the printed answer, and the tuning file."""
 
 from __future__ import annotations
 
 import json
-import math
 import textwrap
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.options import SamplePeriod, Source, number_option, number_or, percentage, reads_source
+from kalscope.cli.options import SamplePeriod, Source, read_options, with_options
+from kalscope.cli.tune.options import NOTHING, TuneOptions, tune_options
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
-    from kalscope.cli.tune.answer import Answer, TuneRequest
+    from kalscope.cli.tune.answer import Answer
+    from kalscope.estimation.finding import Request
     from kalscope.recording import Recording
     from kalscope.tuning.tuning import ChannelTuning
-
-Given = dict[str, float]
-"""The options with a number that were given, by name."""
-
-FOR_LAMBDA = ("--lag-ms", "--cutoff-hz", "--noise-reduction-db", "--gain", "--ratio")
-FOR_NOISE = ("--still", "--sigma", "--density", "--r")
-SPECIFICATIONS = {
-    "--lag-ms": ("lag_s", 1e-3),
-    "--cutoff-hz": ("cutoff_hz", 1.0),
-    "--noise-reduction-db": ("noise_reduction_db", 1.0),
-    "--gain": ("gain", 1.0),
-}
-"""The options that specify the filter: the word of `find_parameters`, and its value over that of the option."""
 
 MAX_OTHERS = 24
 """Channels beside the tuned one that are named; a car sends hundreds."""
 
 
-@reads_source
+@with_options(reading=read_options, asked=tune_options)
 def tune_command(
     source: Source,
     channel: Annotated[
         str | None, typer.Option(metavar="NAME", help="Else the first that measures something.")
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
-    method: Annotated[
-        str | None, typer.Option(metavar="NAME", help="ml (default), em, moments, als or allan.")
-    ] = None,
-    lag_ms: Annotated[float | None, number_option("Wanted: lag behind a ramp, ms.")] = None,
-    cutoff_hz: Annotated[float | None, number_option("Wanted: −3 dB frequency, Hz.")] = None,
-    noise_reduction_db: Annotated[float | None, number_option("Wanted: white noise less, dB.")] = None,
-    gain: Annotated[float | None, number_option("Wanted: steady gain, 0 to 1.")] = None,
-    overshoot: Annotated[
-        float | None, number_option("Allowed with one of these: percent beyond a step; gives momentum.", percentage)
-    ] = None,
-    ratio: Annotated[float | None, number_option("Wanted: q/r, such as 0.01; r is estimated.")] = None,
-    still: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FROM:TO",
-            help="Constant input from … to, s (sample numbers without time): gives r.",
-        ),
-    ] = None,
-    sigma: Annotated[float | None, number_option("Data sheet: RMS noise, unit; gives r.")] = None,
-    density: Annotated[float | None, number_option("Data sheet: noise density, unit/√Hz; gives r.")] = None,
-    bandwidth_hz: Annotated[float | None, number_option("Noise bandwidth for --density, Hz.")] = None,
-    r: Annotated[float | None, number_option("Known measurement-noise variance, unit²; q is estimated.")] = None,
-    momentum: Annotated[
-        float | None,
-        number_option(
-            'Sample periods that the signal keeps its direction, or "auto" (default).', number_or("auto")
-        ),
-    ] = None,
+    asked: TuneOptions = NOTHING,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
@@ -85,74 +45,19 @@ def tune_command(
     from kalscope.cli.console import say, write_output
     from kalscope.sources.readers.account import sample_period_conflict
 
-    numbers = {
-        "--lag-ms": lag_ms,
-        "--cutoff-hz": cutoff_hz,
-        "--noise-reduction-db": noise_reduction_db,
-        "--gain": gain,
-        "--overshoot": overshoot,
-        "--ratio": ratio,
-        "--sigma": sigma,
-        "--density": density,
-        "--bandwidth-hz": bandwidth_hz,
-        "--r": r,
-        "--sample-period": sample_period,
-    }
-    given = {name: value for name, value in numbers.items() if value is not None}
-    _refuse_contradictions(given, method, still, channel, every)
+    if every and channel is not None:
+        raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
     recording = open_source(source, reading, sample_period=sample_period)
-    request = _request(given, method or "ml", still, recording)
-    if momentum is not None and not math.isnan(momentum):
-        request = replace(request, momentum=momentum)
+    request = asked.request(recording)
     answers = _answers(recording, recording.names if every else (channel or default_channel(recording),), request)
-    notes = [sample_period_conflict(recording)] if "--sample-period" in given else []
+    notes = [sample_period_conflict(recording)] if sample_period is not None else []
     notes += [] if output is None else _save(recording, answers, output)
     write_output(iter([_json(recording, answers, every) if as_json else _text(recording, answers)]), None)
     for note in filter(None, notes):
         say(f"note: {note}")
 
 
-def _refuse_contradictions(
-    given: Given, method: str | None, still: str | None, channel: str | None, every: bool
-) -> None:
-    named = [*given, *([] if still is None else ["--still"])]
-    for group, must in ((FOR_LAMBDA, "decide q/r"), (FOR_NOISE, "give r")):
-        several = [name for name in group if name in named]
-        if len(several) > 1:
-            raise BadSetting(f"only one of {', '.join(group)} can {must} (got {' and '.join(several)})")
-    if "--overshoot" in given and not any(name in given for name in SPECIFICATIONS):
-        raise BadSetting(f"--overshoot needs one of {', '.join(SPECIFICATIONS)} (got none)")
-    if ("--density" in given) != ("--bandwidth-hz" in given):
-        alone = "--density" if "--density" in given else "--bandwidth-hz"
-        raise BadSetting(f"--density and --bandwidth-hz must be given together (got only {alone})")
-    deciding = [name for name in (*FOR_LAMBDA, *FOR_NOISE) if name in named]
-    if method not in (None, "ml") and deciding:
-        raise BadSetting(f"--method {method} must stand without {deciding[0]}, which decides instead (got both)")
-    if every and channel is not None:
-        raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
-
-
-def _request(given: Given, method: str, still: str | None, recording: Recording) -> TuneRequest:
-    """The options in the words of `find_parameters`."""
-    from kalscope.cli.tune.answer import TuneRequest
-    from kalscope.estimation.finding import Noise
-
-    specified = [name for name in SPECIFICATIONS if name in given]
-    for name in specified:
-        if name in ("--lag-ms", "--cutoff-hz") and recording.sample_period is None:
-            raise BadSetting(f"{name} needs the time between two samples: give --sample-period (got none)")
-    target = {SPECIFICATIONS[name][0]: given[name] * SPECIFICATIONS[name][1] for name in specified}
-    noise = Noise(
-        r=given.get("--r"),
-        sigma=given.get("--sigma"),
-        density=given.get("--density"),
-        bandwidth_hz=given.get("--bandwidth-hz"),
-        still=None if still is None else still_samples(recording, still),
-    )
-    return TuneRequest(method, target, given.get("--ratio"), noise, overshoot=given.get("--overshoot"))
-
-
-def _answers(recording: Recording, names: tuple[str, ...], request: TuneRequest) -> list[Answer]:
+def _answers(recording: Recording, names: tuple[str, ...], request: Request) -> list[Answer]:
     """The answers of the channels, with progress on a terminal."""
     from kalscope.cli.console import progress_line
     from kalscope.cli.tune.answer import answer_for
@@ -165,29 +70,6 @@ def _answers(recording: Recording, names: tuple[str, ...], request: TuneRequest)
             return whole.part(i / len(names), (i + 1) / len(names))
 
         return [answer_for(recording, name, request, progress_of(i)) for i, name in enumerate(names)]
-
-
-def still_samples(recording: Recording, text: str) -> tuple[int, int]:
-    """The samples of "FROM:TO" in s of the recording's time, both ends included: the first, and one past the last.
-
-    Raises:
-        BadSetting: not two rising numbers, no sample between them, or time steps back between them.
-    """
-    try:
-        first, last = (float(part) for part in text.split(":"))
-    except ValueError:
-        first, last = math.nan, math.nan
-    if not first < last:
-        raise BadSetting(f"--still must be FROM:TO, two rising numbers such as 2:5.5 (got {text!r})")
-    inside = ((recording.time >= first) & (recording.time <= last)).nonzero()[0]
-    unit = " s" if recording.sample_period is not None else ""
-    if len(inside) == 0:
-        low, high = float(recording.time.min()), float(recording.time.max())
-        raise BadSetting(f"--still must lie in the recording, {low:.12g}:{high:.12g}{unit} (got {text!r})")
-    start, stop = int(inside[0]), int(inside[-1]) + 1
-    if stop - start > len(inside):
-        raise BadSetting(f"--still must be one stretch, but time steps back in it (got {text!r})")
-    return start, stop
 
 
 def _text(recording: Recording, answers: list[Answer]) -> str:

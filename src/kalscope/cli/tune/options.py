@@ -1,0 +1,154 @@
+"""What the user of `kalscope tune` asks for and knows, as options, and in the words of `find_parameters`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from kalscope.cli.options import number_option, number_or, percentage
+from kalscope.errors import BadSetting
+
+if TYPE_CHECKING:
+    from kalscope.estimation.finding import Request
+    from kalscope.recording import Recording
+
+FOR_LAMBDA = ("--lag-ms", "--cutoff-hz", "--noise-reduction-db", "--gain", "--ratio")
+FOR_NOISE = ("--still", "--sigma", "--density", "--r")
+SPECIFICATIONS = {
+    "--lag-ms": ("lag_s", 1e-3),
+    "--cutoff-hz": ("cutoff_hz", 1.0),
+    "--noise-reduction-db": ("noise_reduction_db", 1.0),
+    "--gain": ("gain", 1.0),
+}
+"""The options that specify the filter: the word of `find_parameters`, and its value over that of the option."""
+
+
+@dataclass(frozen=True)
+class TuneOptions:
+    """The options that were given, without contradictions."""
+
+    method: str = "ml"
+    """Method of `estimate`."""
+    numbers: dict[str, float] = field(default_factory=dict[str, float])
+    """Those with a number, by name."""
+    still: str | None = None
+    """"FROM:TO" of a still stretch."""
+    momentum: float | Literal["auto"] = "auto"
+    """τ in sample periods, or "auto"."""
+
+    def request(self, recording: Recording) -> Request:
+        """The same in the words of `find_parameters`.
+
+        Raises:
+            BadSetting: a specification in s or Hz without a sample period, or a still stretch outside.
+        """
+        from kalscope.estimation.finding import Noise, Request
+
+        given = self.numbers
+        specified = [name for name in SPECIFICATIONS if name in given]
+        for name in specified:
+            if name in ("--lag-ms", "--cutoff-hz") and recording.sample_period is None:
+                raise BadSetting(f"{name} needs the time between two samples: give --sample-period (got none)")
+        noise = Noise(
+            r=given.get("--r"),
+            sigma=given.get("--sigma"),
+            density=given.get("--density"),
+            bandwidth_hz=given.get("--bandwidth-hz"),
+            still=None if self.still is None else still_samples(recording, self.still),
+        )
+        return Request(
+            method=self.method,
+            target={SPECIFICATIONS[name][0]: given[name] * SPECIFICATIONS[name][1] for name in specified},
+            ratio=given.get("--ratio"),
+            noise=noise,
+            momentum=self.momentum,
+            overshoot=given.get("--overshoot"),
+        )
+
+
+NOTHING = TuneOptions()
+
+
+def tune_options(
+    method: Annotated[
+        str | None, typer.Option(metavar="NAME", help="ml (default), em, moments, als or allan.")
+    ] = None,
+    lag_ms: Annotated[float | None, number_option("Wanted: lag behind a ramp, ms.")] = None,
+    cutoff_hz: Annotated[float | None, number_option("Wanted: −3 dB frequency, Hz.")] = None,
+    noise_reduction_db: Annotated[float | None, number_option("Wanted: white noise less, dB.")] = None,
+    gain: Annotated[float | None, number_option("Wanted: steady gain, 0 to 1.")] = None,
+    overshoot: Annotated[
+        float | None, number_option("Allowed with one of these: percent beyond a step; gives momentum.", percentage)
+    ] = None,
+    ratio: Annotated[float | None, number_option("Wanted: q/r, such as 0.01; r is estimated.")] = None,
+    still: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FROM:TO",
+            help="Constant input from … to, s (sample numbers without time): gives r.",
+        ),
+    ] = None,
+    sigma: Annotated[float | None, number_option("Data sheet: RMS noise, unit; gives r.")] = None,
+    density: Annotated[float | None, number_option("Data sheet: noise density, unit/√Hz; gives r.")] = None,
+    bandwidth_hz: Annotated[float | None, number_option("Noise bandwidth for --density, Hz.")] = None,
+    r: Annotated[float | None, number_option("Known measurement-noise variance, unit²; q is estimated.")] = None,
+    momentum: Annotated[
+        float | None,
+        number_option(
+            'Sample periods that the signal keeps its direction, or "auto" (default).', number_or("auto")
+        ),
+    ] = None,
+) -> TuneOptions:
+    """The options in place of the parameter `asked` of the command; see `with_options`.
+
+    Raises:
+        BadSetting: two of them contradict each other.
+    """
+    lambdas = zip(FOR_LAMBDA, (lag_ms, cutoff_hz, noise_reduction_db, gain, ratio), strict=True)
+    noises = zip(FOR_NOISE[1:], (sigma, density, r), strict=True)
+    others = (("--overshoot", overshoot), ("--bandwidth-hz", bandwidth_hz))
+    given = {name: value for name, value in (*lambdas, *noises, *others) if value is not None}
+    _refuse_contradictions([*given, *([] if still is None else ["--still"])], method)
+    tau = "auto" if momentum is None or math.isnan(momentum) else momentum
+    return TuneOptions(method or "ml", given, still, tau)
+
+
+def _refuse_contradictions(named: list[str], method: str | None) -> None:
+    for group, must in ((FOR_LAMBDA, "decide q/r"), (FOR_NOISE, "give r")):
+        several = [name for name in group if name in named]
+        if len(several) > 1:
+            raise BadSetting(f"only one of {', '.join(group)} can {must} (got {' and '.join(several)})")
+    if "--overshoot" in named and not any(name in named for name in SPECIFICATIONS):
+        raise BadSetting(f"--overshoot needs one of {', '.join(SPECIFICATIONS)} (got none)")
+    if ("--density" in named) != ("--bandwidth-hz" in named):
+        alone = "--density" if "--density" in named else "--bandwidth-hz"
+        raise BadSetting(f"--density and --bandwidth-hz must be given together (got only {alone})")
+    deciding = [name for name in (*FOR_LAMBDA, *FOR_NOISE) if name in named]
+    if method not in (None, "ml") and deciding:
+        raise BadSetting(f"--method {method} must stand without {deciding[0]}, which decides instead (got both)")
+
+
+def still_samples(recording: Recording, text: str) -> tuple[int, int]:
+    """The samples of "FROM:TO" in s of the recording's time, both ends included: the first, and one past the last.
+
+    Raises:
+        BadSetting: not two rising numbers, no sample between them, or time steps back between them.
+    """
+    try:
+        first, last = (float(part) for part in text.split(":"))
+    except ValueError:
+        first, last = math.nan, math.nan
+    if not first < last:
+        raise BadSetting(f"--still must be FROM:TO, two rising numbers such as 2:5.5 (got {text!r})")
+    inside = ((recording.time >= first) & (recording.time <= last)).nonzero()[0]
+    unit = " s" if recording.sample_period is not None else ""
+    if len(inside) == 0:
+        low, high = float(recording.time.min()), float(recording.time.max())
+        raise BadSetting(f"--still must lie in the recording, {low:.12g}:{high:.12g}{unit} (got {text!r})")
+    start, stop = int(inside[0]), int(inside[-1]) + 1
+    if stop - start > len(inside):
+        raise BadSetting(f"--still must be one stretch, but time steps back in it (got {text!r})")
+    return start, stop
