@@ -14,6 +14,10 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
 run: .venv/run.stamp
 	$(BIN)/kalscope
 
+# Workers and the programs that they start share the bytecode, also where the environment would not have it written:
+# compiling it again takes each of them 2 to 8 s.
+export PYTHONDONTWRITEBYTECODE :=
+
 # Three workers by default (WORKERS=4 for four): on two cores one of them waits for a board or a browser at any time.
 # The long tests come first (tests/conftest.py), so that the workers end together.
 WORKERS ?= 3
