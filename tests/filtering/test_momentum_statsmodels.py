@@ -6,9 +6,7 @@ import math
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from dense_momentum import van_loan
-from statsmodels.tsa.exponential_smoothing.ets import ETSModel
 
 from kalscope import FilterParams, kalman_filter, smooth, steady_state
 
@@ -22,10 +20,17 @@ def record(n=300, seed=3, missing=0.0):
     return z
 
 
+def statsmodels():
+    """Their models; imported where they are used, because every worker collects this file."""
+    import statsmodels.api as sm
+
+    return sm.tsa
+
+
 def trend_model(z, move, r, start):
     """The local linear trend of statsmodels with the transition of the model with momentum."""
     f, noise = move
-    model = sm.tsa.UnobservedComponents(z, "lltrend")
+    model = statsmodels().UnobservedComponents(z, "lltrend")
     model.ssm["transition"], model.ssm["state_cov"] = f, noise
     model.ssm["selection"], model.ssm["obs_cov"] = np.eye(2), np.array([[r]])
     mean, cov = start
@@ -57,7 +62,7 @@ def test_a_long_momentum_is_the_local_linear_trend():
     z, tau = record(), 1e5
     slope_variance, step = 1e-3, 1e-4
     ours = kalman_filter(z, FilterParams(slope_variance * tau**2 / step**3, 1.0, momentum=tau), np.full(300, step))
-    model = sm.tsa.UnobservedComponents(z, "lltrend")
+    model = statsmodels().UnobservedComponents(z, "lltrend")
     model.ssm["state_cov"] = slope_variance * np.array([[1 / 3, 1 / 2], [1 / 2, 1.0]])
     model.ssm["selection"], model.ssm["obs_cov"] = np.eye(2), np.eye(1)
     theirs = model.ssm.filter()
@@ -80,7 +85,7 @@ def test_the_likelihood_is_that_of_an_arima(q, r, momentum):
     params = FilterParams(q, r, momentum=momentum)
     gain, velocity_gain, e, f = settled(params)
     turns = [1.0 - gain + e - velocity_gain * f, (1.0 - gain) * e]  # sum and product of the poles
-    differences = sm.tsa.SARIMAX(np.diff(z), order=(1, 0, 2), tolerance=0)
+    differences = statsmodels().SARIMAX(np.diff(z), order=(1, 0, 2), tolerance=0)
     theirs = differences.loglike([e, -turns[0], turns[1], r / (1.0 - gain)])
     assert kalman_filter(z, params).loglik == pytest.approx(theirs, rel=1e-8)
 
@@ -91,7 +96,7 @@ def test_the_settled_filter_predicts_as_a_damped_trend(q, r, momentum):
     z = record(2000)
     params = FilterParams(q, r, momentum=momentum)
     gain, velocity_gain, e, f = settled(params)
-    model = ETSModel(
+    model = statsmodels().ETSModel(
         z, trend="add", damped_trend=True, initialization_method="known", initial_level=z[0], initial_trend=0.0
     )
     theirs = model.smooth([gain, f * velocity_gain / e, e])

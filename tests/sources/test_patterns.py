@@ -17,6 +17,7 @@ import kalscope
 
 SOURCE = Path(kalscope.__file__).parent
 METHODS = ("match", "fullmatch", "search", "findall", "finditer", "sub", "subn", "split")
+USE = re.compile(rf"\b(\w+)(?:\[\w+\])?\.({'|'.join(METHODS)})\(")
 SIZE, MAX_STEPS = 120, 24
 """Characters of a worst text, and steps a character: a quadratic pattern takes SIZE / 2 or more of them."""
 
@@ -31,7 +32,10 @@ CAPPED = {
 
 def compiled():
     """(module:name, pattern, how it is used) of every pattern that a module holds."""
-    text = "\n".join(path.read_text("utf-8") for path in SOURCE.rglob("*.py"))
+    used = {}
+    for path in SOURCE.rglob("*.py"):
+        for name, method in USE.findall(path.read_text("utf-8")):
+            used.setdefault(name, set()).add(method)
     for info in pkgutil.walk_packages([str(SOURCE)], "kalscope."):
         if info.name.endswith("__main__"):
             continue
@@ -41,7 +45,7 @@ def compiled():
             patterns = [item for item in held if isinstance(item, re.Pattern)]
             if not patterns:
                 continue
-            uses = set(re.findall(rf"\b{name}(?:\[\w+\])?\.({'|'.join(METHODS)})\(", text)) or {"search"}
+            uses = used.get(name, {"search"})
             for i, pattern in enumerate(patterns):
                 yield f"{info.name}:{name}" + (f" {i + 1}" if i else ""), pattern, uses
 
@@ -50,7 +54,10 @@ def inline():
     """The same of every `re.method("…", text)`."""
     for path in SOURCE.rglob("*.py"):
         module = ".".join(("kalscope", *path.relative_to(SOURCE).with_suffix("").parts))
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        source = path.read_text("utf-8")
+        if "re" not in {name for name, _ in USE.findall(source)}:
+            continue
+        for node in ast.walk(ast.parse(source)):
             is_call = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.args
             if not is_call or node.func.attr not in METHODS or ast.unparse(node.func.value) != "re":
                 continue

@@ -11,6 +11,7 @@ import inspect
 import os
 import subprocess
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType
 
@@ -32,11 +33,17 @@ def mark(item: pytest.Item) -> None:
         if fixture in fixtures:
             item.add_marker(marker)
     functions = [item.function, *(one.func for definitions in fixtures.values() for one in definitions)]
-    if any(uses(function, starts_something, set()) for function in functions):
+    if any(uses_any(function, starts_something) for function in functions):
         item.add_marker("server")
     parameters = item.callspec.params.values() if hasattr(item, "callspec") else ()
-    if any(map(is_shared, parameters)) or any(uses(function, names_shared, set()) for function in functions):
+    if any(map(is_shared, parameters)) or any(uses_any(function, names_shared) for function in functions):
         item.add_marker("no_cover")
+
+
+@cache
+def uses_any(function: Callable[..., object], holds: Callable[[str, object, FunctionType], bool]) -> bool:
+    """The same as `uses`, asked once for all cases of a test and all tests with a fixture."""
+    return uses(function, holds, set())
 
 
 def uses(function: object, holds: Callable[[str, object, FunctionType], bool], seen: set[object]) -> bool:

@@ -6,7 +6,6 @@ import runpy
 from pathlib import Path
 
 import pytest
-from scipy.stats import binom
 
 FOLDER = Path(__file__).parents[3] / "benchmarks"
 RUNS = 60
@@ -14,6 +13,13 @@ UNLIKELY = 1e-3
 """Chance at which a count outside the promised shares is taken for a fault and not for luck."""
 
 pytestmark = pytest.mark.slow
+
+
+def binom():
+    """Imported where it is used, because every worker collects this file."""
+    from scipy.stats import binom
+
+    return binom
 
 
 @pytest.fixture(scope="module")
@@ -28,18 +34,18 @@ def test_the_intervals_cover_the_truth(benchmark, n):
     count = RUNS * len(rows)
     for name in ("q", "r", "tau"):
         covered = round(sum(RUNS * getattr(row, name) for row in rows))
-        assert binom.cdf(covered, count, 0.92) > UNLIKELY, (name, covered, count)
-        assert binom.sf(covered - 1, count, 0.98) > UNLIKELY, (name, covered, count)
+        assert binom().cdf(covered, count, 0.92) > UNLIKELY, (name, covered, count)
+        assert binom().sf(covered - 1, count, 0.98) > UNLIKELY, (name, covered, count)
 
 
 def test_random_walks_get_no_momentum(benchmark):
     found = round(RUNS * benchmark["false_momentum"](RUNS))
-    assert binom.sf(found - 1, RUNS, 0.02) > UNLIKELY
+    assert binom().sf(found - 1, RUNS, 0.02) > UNLIKELY
 
 
 def test_a_wrong_interval_would_be_seen(benchmark):
     """Standard errors of half the size cover 67 %: the bounds above can fail."""
     covered = round(0.67 * 3 * RUNS)
-    assert binom.cdf(covered, 3 * RUNS, 0.92) < UNLIKELY
+    assert binom().cdf(covered, 3 * RUNS, 0.92) < UNLIKELY
     assert not benchmark["inside"](1.0, 0.01, 2.0)
     assert benchmark["inside"](1.0, 0.5, 2.0)
