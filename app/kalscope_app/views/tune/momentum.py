@@ -14,8 +14,7 @@ from kalscope_app.session.changes.momentum import (
     slider_position,
 )
 from kalscope_app.session.session import Session
-from kalscope_app.views.binding import on_user
-from kalscope_app.views.tune.typed_number import TypedNumber
+from kalscope_app.views.tune.typed_number import SliderWithText, TypedNumber
 
 LABEL = "momentum τ, samples"
 
@@ -29,13 +28,12 @@ MARKS = (
 """Values beside the slider, in samples."""
 
 
-class MomentumControl:
+class MomentumControl(SliderWithText):
     """The momentum: the exact value as text, and a slider."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        self._session = session
-        self.typed = TypedNumber(gui, session, "momentum", LABEL, HINT, set_momentum_text)
-        self._slider = gui.add_slider(
+        typed = TypedNumber(gui, session, "momentum", LABEL, HINT, set_momentum_text)
+        slider = gui.add_slider(
             slider_label(0.0, None),
             min=0.0,
             max=MAX_POSITION,
@@ -44,28 +42,14 @@ class MomentumControl:
             marks=MARKS,
             hint="At the left end there is no momentum. Drag, or click and use the arrow keys.",
         )
-        self._serial = 0
-        on_user(self._slider.on_update, lambda _client: self._file())
-
-    def set_visible(self, visible: bool) -> None:
-        """Show or hide it."""
-        self._slider.visible = visible
-        self.typed.set_visible(visible)
-
-    def _file(self) -> None:
-        change = set_momentum_position(float(self._slider.value))
-        self._serial = self._session.request(change, key="slider momentum")
+        super().__init__(session, "momentum", typed, slider, set_momentum_position)
 
     def show(self, frame: Frame) -> None:
         """Follow the frame unless the slider has moved since."""
         momentum = frame.state.tuning.momentum
         self.typed.show(frame, momentum or None, OFF)
         self._slider.label = slider_label(momentum, frame.state.recording.sample_period)
-        if frame.serial < self._serial:
-            return
-        position = slider_position(momentum)
-        if abs(self._slider.value - position) > 0.005:
-            self._slider.value = round(position, 2)
+        self._follow(frame, slider_position(momentum), 0.0, MAX_POSITION)
 
 
 def slider_label(momentum: float, period: float | None) -> str:

@@ -21,7 +21,7 @@ from kalscope_app.session.linked_channels import LINKS
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.views.binding import bind, offer, on_user
 from kalscope_app.views.tune.momentum import MomentumControl
-from kalscope_app.views.tune.typed_number import TypedNumber
+from kalscope_app.views.tune.typed_number import SliderWithText, TypedNumber
 
 NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "initial variance p0"}
 
@@ -138,13 +138,12 @@ PAPER_BOXES = (
 """Name, label and hint of the parameters of the Khan et al. filter."""
 
 
-class VarianceControl:
+class VarianceControl(SliderWithText):
     """One variance: the exact value as text, and a slider over its exponent."""
 
     def __init__(self, gui: viser.GuiApi, session: Session, name: str) -> None:
-        self._session, self._name = session, name
-        self.typed = TypedNumber(gui, session, name, NAMES[name], HINTS[name])
-        self._slider = gui.add_slider(
+        typed = TypedNumber(gui, session, name, NAMES[name], HINTS[name])
+        slider = gui.add_slider(
             f"log₁₀ {name}",
             min=-6.0,
             max=6.0,
@@ -152,28 +151,14 @@ class VarianceControl:
             initial_value=0.0,
             hint=f"Drag, or click and use the arrow keys: one step changes {name} by 2.3 %.",
         )
-        self._serial = 0
-        on_user(self._slider.on_update, lambda _client: self._file())
-
-    def set_visible(self, visible: bool) -> None:
-        """Show or hide it."""
-        self._slider.visible = visible
-        self.typed.set_visible(visible)
-
-    def _file(self) -> None:
-        change = set_exponent(self._name, float(self._slider.value))
-        self._serial = self._session.request(change, key=f"slider {self._name}")
+        super().__init__(session, name, typed, slider, lambda exponent: set_exponent(name, exponent))
 
     def show(self, frame: Frame) -> None:
         """Follow the frame unless the slider has moved since."""
         value = getattr(frame.state.tuning, self._name)
         self.typed.show(frame, value, "automatic")
-        if frame.serial < self._serial:
-            return
         low, high = slider_limits(frame.state, self._name)
-        self._slider.min, self._slider.max = float(low), float(high)
         if value is None:  # the automatic start has the variance of one reading after its first sample
             value = frame.state.tuning.r
         exponent = min(max(math.log10(value), low), high) if value > 0.0 else float(low)
-        if abs(self._slider.value - exponent) > 0.005:
-            self._slider.value = round(exponent, 2)
+        self._follow(frame, exponent, float(low), float(high))
