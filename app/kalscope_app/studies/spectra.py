@@ -15,6 +15,10 @@ BINS = 240
 """Points that a density or a response is drawn with, at most about."""
 
 
+MAX_BELOW = 30.0
+"""How far below the lowest frequency of the record a cut-off may lie to be drawn, as a ratio."""
+
+
 @dataclass(frozen=True)
 class Spectra:
     """What the spectrum tab draws."""
@@ -40,15 +44,20 @@ def compute_spectra(state: State) -> Spectra | None:
     period = state.recording.sample_period
     found = spectrum(state.z, state.params, state.dt, period)
     frequency, *densities = log_binned(found.frequency, [found.raw, found.filtered, found.residual], BINS)
-    fine = (
-        np.geomspace(float(found.frequency[0]), float(found.frequency[-1]), BINS) if found.samples else np.empty(0)
-    )
-    if found.samples and fine[0] < found.cutoff < fine[-1]:
-        fine = np.sort(np.append(fine, found.cutoff))
+    fine = _response_frequencies(found) if found.samples else np.empty(0)
     response = magnitude_response(state.params, fine * (period or 1.0))
     decibel = 20.0 * np.log10(np.maximum(response, 1e-20))
     raw, filtered, residual = densities
     return Spectra(state, found, frequency, (raw, filtered, residual), fine, decibel)
+
+
+def _response_frequencies(found: Spectrum) -> Array:
+    """Those of the record, and from half the cut-off on where that lies a little below them."""
+    low, high = float(found.frequency[0]), float(found.frequency[-1])
+    if low / MAX_BELOW < found.cutoff < 2.0 * low:
+        low = 0.5 * found.cutoff
+    fine = np.geomspace(low, high, BINS)
+    return np.sort(np.append(fine, found.cutoff)) if low < found.cutoff < high else fine
 
 
 def log_binned(x: Array, ys: list[Array], bins: int) -> tuple[Array, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.common.text import TIME_UNITS, count, trimmed
+from kalscope.common.text import TIME_UNITS, trimmed
 
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 """SI prefixes by power of ten."""
@@ -72,14 +72,16 @@ def _to_decimals(value: float, decimals: int) -> str:
 
 
 def log_scale_for(values: Array, unit: str) -> Scale:
-    """A factor for a logarithmic axis that leaves its lowest value, > 0, at 0.001 or more."""
-    lowest = float(values[values > 0.0].min(initial=1.0)) if len(values) else 1.0
-    if lowest >= 0.001:
+    """The prefix that suits the middle of a logarithmic axis from the lowest to the highest value > 0.
+
+    A unit that takes no prefix stays as it is: the ticks of such an axis are written as 1e-9 where they must be.
+    """
+    good = values[np.isfinite(values) & (values > 0.0)]
+    if unit not in PREFIXABLE or not len(good):
         return Scale(1.0, unit)
-    power = max(3 * math.floor(math.log10(lowest) / 3), -300)
-    if unit in PREFIXABLE and power in PREFIXES:
-        return Scale(10.0**-power, PREFIXES[power] + unit)
-    return Scale(10.0**-power, f"1e{power} {unit}".strip())
+    middle = 0.5 * (math.log10(float(good.min())) + math.log10(float(good.max())))
+    power = min(max(3 * math.floor((middle + 1.0) / 3.0), min(PREFIXES)), max(PREFIXES))
+    return Scale(10.0**-power, PREFIXES[power] + unit)
 
 
 def log_time_scale(times: Array) -> Scale:
@@ -89,16 +91,6 @@ def log_time_scale(times: Array) -> Scale:
     middle = math.sqrt(float(times[0]) * float(times[-1]))
     unit, length = next((one for one in reversed(TIME_UNITS) if one[1] <= middle), TIME_UNITS[0])
     return Scale(1.0 / length, unit)
-
-
-def log_rate_scale(rates: Array) -> Scale:
-    """Unit of a logarithmic axis of frequencies > 0, cycles a sample: so many samples that 0.001 is the lowest."""
-    lowest = float(rates[rates > 0.0].min(initial=1.0)) if len(rates) else 1.0
-    if lowest >= 0.001:
-        return Scale(1.0, "cycles/sample")
-    power = -3 * math.floor(math.log10(lowest) / 3) - 3
-    samples = count(1000) if power == 3 else f"1e{power}"
-    return Scale(10.0**power, f"cycles per {samples} samples")
 
 
 def log_ticks(low: float, high: float, room: int = 9) -> tuple[float, ...]:

@@ -149,8 +149,8 @@ def test_a_board_with_other_values_is_said_to_differ(state):
 
 def test_a_live_board_is_no_file_to_filter(state):
     live = state.with_open(recording=replace(state.recording, source="serial:/dev/ttyACM0@115200"))
-    assert "`kalscope filter FILE --config tuning.toml -o out.csv`" in how_to_use(live)
-    assert "`kalscope filter serial:" in how_to_use(replace(live, live=None))
+    assert "`kalscope` `filter` `FILE` `--config` `tuning.toml` `-o` `out.csv`" in how_to_use(live)
+    assert "`kalscope` `filter` `serial:/dev/ttyACM0@115200` `--config`" in how_to_use(replace(live, live=None))
 
 
 def test_sending_without_a_connected_board_is_refused():

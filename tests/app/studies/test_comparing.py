@@ -17,7 +17,7 @@ from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.spectra import compute_allan, compute_spectra, log_binned
 from kalscope_app.views.charts.alternatives import ALL, COLOURS, NAMES, against, text_of
 from kalscope_app.views.charts.spectra import cutoff_words, floored, log_axes
-from kalscope_app.views.scales import log_rate_scale, log_scale_for, log_ticks, log_time_scale
+from kalscope_app.views.scales import Scale, log_scale_for, log_ticks, log_time_scale
 
 RNG = np.random.default_rng(30)
 
@@ -132,9 +132,14 @@ def test_the_density_keeps_its_power_in_bins_and_the_cutoff_is_on_the_response()
     at = np.flatnonzero(spectra.fine == spectra.found.cutoff)
     assert len(at) == 1
     assert spectra.response_db[at[0]] == pytest.approx(10 * np.log10(0.5))
-    assert "Cut-off (−3 dB): 1.59 Hz" in cutoff_words(spectra)  # q = r/100 at 100 Hz
+    hertz, milli = Scale(1.0, "Hz"), Scale(1e3, "mHz")
+    assert "Cut-off (−3 dB): 1.59 Hz. " in cutoff_words(spectra, hertz)  # q = r/100 at 100 Hz
+    assert "1.59 Hz, 1\u202f590 mHz on the axis. " in cutoff_words(spectra, milli)
+    slow = compute_spectra(state_of(300).with_tuning(q=1e-4, r=1.0))
+    assert slow.fine[0] < slow.found.cutoff < slow.frequency[0] / 2  # drawn though the record has no such wave
+    assert slow.fine[-1] == pytest.approx(slow.frequency[-1])
     fast = compute_spectra(state_of().with_tuning(q=1.0, r=0.01))
-    assert "no cut-off" in cutoff_words(fast)
+    assert "no cut-off" in cutoff_words(fast, hertz)
     assert np.isfinite(fast.response_db).all()
 
 
@@ -148,11 +153,20 @@ def test_log_bins_are_means_of_what_falls_into_them():
 
 
 @pytest.mark.parametrize(
-    ("lowest", "unit", "factor", "shown"),
-    [(0.5, "s", 1, "s"), (0.001, "s", 1, "s"), (2e-5, "s", 1e6, "µs"), (3e-8, "g²/Hz", 1e9, "1e-9 g²/Hz")],
+    ("lowest", "highest", "unit", "factor", "shown"),
+    [
+        (0.5, 10.0, "s", 1, "s"),
+        (5e-4, 50.0, "Hz", 1, "Hz"),  # a cut-off in Hz stands above it
+        (2e-6, 1e-3, "s", 1e6, "µs"),
+        (1e-7, 1e-3, "Hz", 1e6, "µHz"),
+        (1e8, 1e10, "Hz", 1e-9, "GHz"),
+        (1e-15, 1e-13, "V", 1e12, "pV"),
+        (3e-12, 3e-3, "g²/Hz", 1, "g²/Hz"),
+        (5e-6, 0.5, "cycles/sample", 1, "cycles/sample"),
+    ],
 )
-def test_logarithmic_axes_leave_no_number_to_be_written_as_0(lowest, unit, factor, shown):
-    scale = log_scale_for(np.array([lowest, 10.0]), unit)
+def test_a_logarithmic_axis_has_the_prefix_of_its_middle(lowest, highest, unit, factor, shown):
+    scale = log_scale_for(np.array([0.0, lowest, highest, np.nan]), unit)
     assert (scale.factor, scale.unit) == (pytest.approx(factor), shown)
 
 
@@ -174,7 +188,7 @@ def test_ticks_are_round_and_inside(low, high, ticks):
     ("first", "last", "factor", "unit"),
     [
         (0.01, 5.0, 1.0, "s"),
-        (1e-4, 0.5, 1e6, "µs"),
+        (1e-4, 0.5, 1e3, "ms"),
         (1.0, 20_000.0, 1 / 60, "min"),
         (604_800.0, 3e8, 1 / 86_400, "days"),
         (60.0, 601.0, 1 / 60, "min"),
@@ -183,21 +197,6 @@ def test_ticks_are_round_and_inside(low, high, ticks):
 def test_a_logarithmic_axis_of_times_has_the_unit_of_its_middle(first, last, factor, unit):
     scale = log_time_scale(np.array([first, last]))
     assert (scale.factor, scale.unit) == (pytest.approx(factor), unit)
-
-
-@pytest.mark.parametrize(
-    ("lowest", "factor", "unit"),
-    [
-        (0.002, 1.0, "cycles/sample"),
-        (1e-4, 1e3, "cycles per 1\u202f000 samples"),
-        (5e-6, 1e3, "cycles per 1\u202f000 samples"),
-        (2e-7, 1e6, "cycles per 1e6 samples"),
-    ],
-)
-def test_slow_waves_are_counted_in_more_samples(lowest, factor, unit):
-    scale = log_rate_scale(np.array([lowest, 0.5]))
-    assert (scale.factor, scale.unit) == (pytest.approx(factor), unit)
-    assert lowest * scale.factor >= 0.001
 
 
 def test_a_logarithmic_chart_is_given_positive_numbers_only():

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, export_tuning
+from kalscope.export.registry import TARGETS
 from kalscope_app.session.changes.parameters import set_text
 from kalscope_app.session.history import History, record, step_back
 from kalscope_app.session.opening import opened, opened_experiment
-from kalscope_app.views.export.code import GAPS, TITLES, Choice, files_of, limits_text, packed
+from kalscope_app.views.export.code import GAPS, TITLES, Choice, files_of, has_fixed_gains, limits_text, packed
 
 
 @pytest.fixture
@@ -34,6 +35,19 @@ def test_the_files_are_those_of_the_setting_on_screen(state, target):
     one, both = (export_tuning(state.as_tuning(), target, channel=name) for name in ("a", None))
     assert undated(files_of(state, Choice(target))) == undated(one)
     assert undated(files_of(state, Choice(target, all_channels=True))) == undated(both)
+
+
+def test_fixed_gains_are_the_settled_filter_and_are_refused_before_a_button_is_pressed(state):
+    choice = Choice("c", fixed_gains=True)
+    expected = export_tuning(state.as_tuning(), "c", channel="a", fixed_gains=True)
+    assert undated(files_of(state, choice)) == undated(expected)
+    assert [name for name in TARGETS if has_fixed_gains(name)] == ["arduino", "c"]
+    gated = set_text("gate", "9")(state)
+    assert "outlier gate of a must be off" in limits_text(gated, choice).replace("\\", "")
+    assert limits_text(gated, Choice("c")) == ""
+    slow = Choice("arduino", period="0.00002")
+    assert "an Uno needs" in limits_text(state, slow)
+    assert "an Uno needs" not in limits_text(state, replace(slow, fixed_gains=True))
 
 
 def test_another_period_of_the_device_carries_q_over(state):

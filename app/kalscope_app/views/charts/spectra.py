@@ -12,7 +12,7 @@ from kalscope.common.text import frequency, number, squared
 from kalscope_app.studies.spectra import Allan, Spectra
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, dots, line
-from kalscope_app.views.scales import Scale, log_rate_scale, log_scale_for, log_ticks, log_time_scale
+from kalscope_app.views.scales import Scale, log_scale_for, log_ticks, log_time_scale
 
 NOTHING = "This filter has no q and r, so it has no frequency response and no model."
 
@@ -38,11 +38,9 @@ class SpectrumView:
             self._response.hide()
             return
         palette = DARK if spectra.state.view.dark else LIGHT
-        self._text.content = f"**{cutoff_words(spectra)}**"
+        hertz = log_scale_for(spectra.frequency, "Hz" if spectra.found.in_hertz else "cycles/sample")
+        self._text.content = f"**{cutoff_words(spectra, hertz)}**"
         self._note.content = spectra.found.note
-        hertz = (
-            log_scale_for(spectra.frequency, "Hz") if spectra.found.in_hertz else log_rate_scale(spectra.frequency)
-        )
         self._draw_density(spectra, palette, hertz)
         self._draw_response(spectra, palette, hertz)
 
@@ -50,18 +48,19 @@ class SpectrumView:
         unit = squared(spectra.state.tuning.unit)
         unit = f"{unit}/Hz" if spectra.found.in_hertz else f"{unit} per cycle/sample"
         low, high, ys = floored(spectra.densities)
-        scale = log_scale_for(np.array([low]), unit)
+        scale = log_scale_for(np.array([low, high]), unit)
         colours = (("raw", palette.raw), ("filtered", palette.filtered), ("removed", palette.innovation))
-        x = spectra.frequency * hertz.factor
+        x, across = (values * hertz.factor for values in (spectra.frequency, spectra.fine))
         reach = (low * scale.factor, high * scale.factor)
         layout = ChartLayout(
             ({"label": f"frequency ({hertz.unit})"}, *(line(name, colour, 2) for name, colour in colours)),
-            log_axes(x, reach, scale.label("density")),
+            log_axes(across, reach, scale.label("density")),
             y_range=reach,
             log_x=True,
             log_y=True,
         )
-        self._density.show(x, [y * scale.factor for y in ys], layout, spectra.state.view.resets)
+        ends = (float(across[0]), float(across[-1]))  # as the response, which a low cut-off makes longer
+        self._density.show(x, [y * scale.factor for y in ys], layout, spectra.state.view.resets, ends)
 
     def _draw_response(self, spectra: Spectra, palette: Palette, hertz: Scale) -> None:
         x = spectra.fine * hertz.factor
@@ -105,7 +104,7 @@ class AllanView:
         )
         clock = log_time_scale(found.tau) if found.in_seconds else log_scale_for(found.tau, "samples")
         low, high, ys = floored((found.deviation, found.model))
-        scale = log_scale_for(np.array([low]), allan.state.tuning.unit[:16])
+        scale = log_scale_for(np.array([low, high]), allan.state.tuning.unit[:16])
         inside = found.size[0] <= found.best_size <= found.size[-1]  # beyond, the model is still falling
         best = np.argmin(found.model) if inside else -1
         mark = np.where(np.arange(len(found.size)) == best, found.model, np.nan)
@@ -133,13 +132,15 @@ class AllanView:
         self._chart.show(x, [y * scale.factor for y in drawn], layout, allan.state.view.resets)
 
 
-def cutoff_words(spectra: Spectra) -> str:
-    """The cut-off frequency, in a sentence."""
+def cutoff_words(spectra: Spectra, axis: Scale) -> str:
+    """The cut-off frequency in a sentence, in the unit of the axis too where that is another."""
     found = spectra.found
     if math.isnan(found.cutoff):
         return "This filter has no cut-off: it passes more than half of the power at every frequency."
-    at = frequency(found.cutoff) if found.in_hertz else f"{number(found.cutoff)} cycles a sample"
-    return f"Cut-off (−3 dB): {at}. Lower frequencies pass, higher ones are attenuated."
+    on_axis = f"{number(found.cutoff * axis.factor)} {axis.unit}"
+    at = frequency(found.cutoff) if found.in_hertz else on_axis
+    also = "" if at.endswith(f" {axis.unit}") else f", {on_axis} on the axis"
+    return f"Cut-off (−3 dB): {at}{also}. Lower frequencies pass, higher ones are attenuated."
 
 
 def floored(ys: tuple[Array, ...]) -> tuple[float, float, list[Array]]:

@@ -50,6 +50,8 @@ class Choice:
     """Not only the channel on screen."""
     period: str = ""
     """Sample period of the device as it was typed, s; empty = that of the recording."""
+    fixed_gains: bool = False
+    """Only the settled filter, where the target has that choice."""
 
 
 class CodeView:
@@ -69,6 +71,11 @@ class CodeView:
                 False,
                 hint="groundtruth.csv: the first samples of this recording, raw and filtered.",
             )
+            self._fixed = gui.add_checkbox(
+                "fixed gains",
+                False,
+                hint="Only the settled filter: its gains never change, and one to three multiplications do.",
+            )
             self._period = gui.add_text(
                 "device sample period (s)",
                 "",
@@ -81,8 +88,9 @@ class CodeView:
             save = gui.add_button("Save to the folder", hint="Existing files are not overwritten.")
             download = gui.add_button("Download", hint="One file, or a zip of several.")
         on_user(self._target.on_update, lambda _client: self._show_target())
-        on_user(self._channels.on_update, lambda _client: self._ask_limits())
-        on_user(self._period.on_update, lambda _client: self._ask_limits())
+        for box in (self._channels, self._period):
+            on_user(box.on_update, lambda _client: self._ask_limits())
+        on_user(self._fixed.on_update, lambda _client: self._show_target())
         on_user(
             look.on_click, lambda client: self._with_files(client, lambda _target, files: show_files(client, files))
         )
@@ -95,6 +103,8 @@ class CodeView:
     def _show_target(self) -> None:
         name = TITLES.get(self._target.value)
         self._what.content = "" if name is None else TARGETS[name].what
+        self._fixed.visible = has_fixed_gains(name)
+        self._vectors.visible = not self.choice.fixed_gains  # they are those of the whole filter
         self._ask_limits()
 
     def _ask_limits(self) -> None:
@@ -103,7 +113,9 @@ class CodeView:
     @property
     def choice(self) -> Choice:
         """What is chosen now."""
-        return Choice(TITLES.get(self._target.value, ""), self._channels.value == ALL, self._period.value)
+        target = TITLES.get(self._target.value, "")
+        fixed = self._fixed.value and has_fixed_gains(target)
+        return Choice(target, self._channels.value == ALL, self._period.value, fixed)
 
     def _save(self, client: viser.ClientHandle) -> None:
         name = self._name.value.strip()
@@ -122,7 +134,8 @@ class CodeView:
 
     def _with_files(self, client: viser.ClientHandle, use: Callable[[str, dict[str, str]], None]) -> None:
         """Make the files of the state on screen, as a job, and hand them on; or say why there are none."""
-        choice, vectors = self.choice, self._vectors.value
+        choice = self.choice
+        vectors = self._vectors.value and not choice.fixed_gains
 
         def work(state: State) -> None:
             try:
@@ -143,6 +156,11 @@ class CodeView:
         self._limits.content, self._limits.visible = text, bool(text)
 
 
+def has_fixed_gains(target: str | None) -> bool:
+    """Whether the settled filter alone can be exported to a target."""
+    return target is not None and target in TARGETS and TARGETS[target].fixed_gains is not None
+
+
 def limits_text(state: State, choice: Choice = Choice()) -> str:
     """What will differ from the screen, as markdown; "" where nothing does. A study."""
     if not state.filter.is_standard:
@@ -153,7 +171,8 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
         return float(np.abs(z[np.isfinite(z)]).max(initial=0.0)) or 1.0
 
     try:
-        limits = limits_of(*chosen(state, choice), choice.target, level)
+        files_of(state, choice)  # what would be refused is said before a button is pressed
+        limits = limits_of(*chosen(state, choice), choice.target, level, fixed_gains=choice.fixed_gains)
     except BadSetting as error:
         return f"This choice cannot be exported: {escape_markdown(str(error), 400)}"
     lines = [f"On a small board: {escape_markdown(limit, 400)}" for limit in limits]
@@ -169,7 +188,8 @@ def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str
         BadSetting: As `export_tuning`, and where a channel has the Khan et al. filter.
     """
     tuning, channel = chosen(state, choice)
-    return export_tuning(tuning, choice.target, channel=channel, vectors=state.recording if vectors else None)
+    recording = state.recording if vectors else None
+    return export_tuning(tuning, choice.target, channel=channel, vectors=recording, fixed_gains=choice.fixed_gains)
 
 
 def chosen(state: State, choice: Choice) -> tuple[Tuning, str | None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import viser
@@ -17,6 +17,7 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
+from kalscope_app.views.window.css import COMMAND
 
 
 class ExportView:
@@ -65,15 +66,18 @@ class ExportView:
 def how_to_use(state: State) -> str:
     """What to type with the tuning file, as markdown."""
     source, live = state.recording.source, state.live is not None
-    text = (
-        "Reopen this session:\n\n"
-        f"`kalscope open {'' if source else 'FILE '}--config tuning.toml`\n\n"
-        "Filter from the command line:\n\n"
-        f"`kalscope filter {'FILE' if live else shell_word(source)} --config tuning.toml -o out.csv`"
-    )
+    file = "FILE" if live else shell_word(source)
+    reopen = ("open", *(() if source else ("FILE",)), "--config", "tuning.toml")
+    run = ("filter", file, "--config", "tuning.toml", "-o", "out.csv")
+    text = f"Reopen this session:\n\n{_command(reopen)}\n\nFilter from the command line:\n\n{_command(run)}"
     if live:
         return text + "\n\nReplace FILE with the path of a recording of the board."
     return text if source else text + "\n\nReplace FILE with the path of the file you uploaded."
+
+
+def _command(words: Iterable[str]) -> str:
+    """A line for a terminal, as markdown; each word a piece of its own: no option breaks after its "-"."""
+    return COMMAND + " ".join(f"`{word}`" for word in ("kalscope", *words))
 
 
 def _send(state: State, client: viser.ClientHandle, name: str) -> None:

@@ -7,18 +7,23 @@ import viser
 HEADING = '<span class="kalscope-heading"></span>'
 """Starts a markdown paragraph that is two lines high at least, so that the charts below it do not move."""
 
+COMMAND = '<span class="kalscope-command"></span>'
+"""Starts a markdown paragraph whose pieces of code are the words of one command."""
+
 RULES = """<style>
 p:has(> .kalscope-heading) { min-height: 2.6em; line-height: 1.3; }
 table { border-collapse: collapse; }
 th, td { text-align: left; vertical-align: top; padding: 0 0.55em 0 0; }
 th:last-child, td:last-child { padding-right: 0; }
 p > code { overflow-wrap: anywhere; }
+p:has(> .kalscope-command) > code { display: inline-block; max-width: 100%; padding: 0; }
 th:not(:empty) { padding-bottom: 0.15em; }
 :is(p, table, ul) + :is(p, table, ul) { margin-top: 0.45em !important; }
+@media (max-width: 36em) { table { display: block; overflow-x: auto; } }
 .mantine-ScrollArea-scrollbar[data-orientation="vertical"] { width: 6px; }
 </style>"""
 """viser's markdown has no padding in its tables, centres their heads, sets paragraphs without any space, and
-lets a long path run out of its panel."""
+lets a long path run out of its panel; on a phone a wide table would make all of its panel move sideways."""
 
 
 def add_style(gui: viser.GuiApi) -> None:

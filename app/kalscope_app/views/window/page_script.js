@@ -1,4 +1,5 @@
-// Fits the sizes in viser's messages to this window; see page_script.py. `sizes` is defined before this text.
+// Fits viser's messages to this window, and writes the numbers under the mouse; see page_script.py, which defines
+// `sizes` before this text.
 
 const phone = matchMedia(sizes.phoneWidth);
 const charts = new Map(); // uuid -> height and share of the window, as sent by the server
@@ -17,11 +18,22 @@ const rightWidth = () => {
 const chartHeight = ({ height, share }) =>
   Math.max(80, Math.round(height + share * (Math.max(innerHeight, sizes.minHeight) - sizes.height)));
 
+const written = (_chart, value) => {
+  if (!Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  const short = size !== 0 && (size < 1e-3 || size >= 1e7) ? value.toExponential(3) : String(+value.toPrecision(6));
+  return short.replace("e+", "e").replace("-", "−");
+};
+
+const notInGaps = (chart, line, index) => (Number.isNaN(chart.data[line][index]) ? null : index);
+
 const tellPhone = (uuid) =>
   send({ type: "send", message: { type: "GuiUpdateMessage", uuid, updates: { value: phone.matches } } });
 
 const fit = (message) => {
   const { type, uuid, props, updates } = message;
+  (props ?? updates)?.series?.forEach?.((series) => (series.value = written));
+  if (type === "GuiUplotMessage") props.cursor = { ...props.cursor, dataIdx: notInGaps };
   if (type === "GuiSetPanelWidthMessage" && [sizes.withMap, sizes.withoutMap].includes(message.width)) {
     rightPanel = { ...message };
     message.width = rightWidth();

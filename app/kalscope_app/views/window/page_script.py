@@ -3,6 +3,9 @@
 viser has fixed sizes only, the same for every browser. The script runs before viser's own code and changes the
 sizes in the server's messages as they arrive, so the first picture already fills the window. When the window is
 resized it repeats those messages with new sizes. Without the script the layout fits a window of 1440 × 900 px.
+
+It also lets the charts write the numbers under the mouse to six digits; uPlot itself writes three decimals, and so
+0 for whatever is below 0.0005, and marks a sample that is missing in the corner of the chart.
 """
 
 from __future__ import annotations
