@@ -21,7 +21,7 @@ USE = re.compile(rf"\b(\w+)(?:\[\w+\])?\.({'|'.join(METHODS)})\(")
 SIZE, MAX_STEPS = 120, 24
 """Characters of a worst text, and steps a character: a quadratic pattern takes SIZE / 2 or more of them."""
 
-OWN_TEXT = ("kalscope.common.charts", "kalscope.analysis.advice", "kalscope.common.text")
+OWN_TEXT = ("kalscope.common.charts", "kalscope.analysis.actions", "kalscope.common.text")
 """Modules whose patterns see the project's own charts, sentences and numbers."""
 
 CAPPED = {

@@ -5,7 +5,33 @@ The command line turns an action into the option that does it, the dashboard int
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from typing import Literal
+
+Status = Literal[
+    "fits",
+    "vague",
+    "too_few",
+    "constant",
+    "start",
+    "spikes",
+    "bursts",
+    "too_slow",
+    "too_fast",
+    "band",
+    "edge",
+    "structure",
+    "changes",
+    "steps",
+    "methods_differ",
+    "no_pair",
+]
+"""What is said first: "fits"; "vague", the record leaves q/r open; "too_few" or "constant", nothing to judge;
+"start", the given x0 is off; "spikes", isolated ones; "bursts", too many to be outliers; "too_slow" or "too_fast";
+"band", q and r wrong by one factor; "edge", q = 0 or r = 0 does not fit; "structure", the model does not describe
+the signal; "changes", its errors change during the record; "steps", it jumps; "methods_differ"; "no_pair", there is
+no q and r to judge."""
 
 
 @dataclass(frozen=True)
@@ -109,3 +135,9 @@ class Advice:
     """One clause without capital and full stop, such as "too slow: raise q about 10 ×"; true without the action."""
     action: Action | None = None
     """What does it; None where there is nothing to do about it."""
+
+
+def as_sentences(said: str) -> str:
+    """Advice as sentences, each with a capital and a full stop; symbols stay as they are."""
+    said = re.sub(r"(^|\. )([a-z])(?=[a-z])", lambda m: m[1] + m[2].upper(), said)
+    return said if said.endswith(".") else f"{said}."

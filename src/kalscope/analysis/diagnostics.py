@@ -13,21 +13,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.analysis import advice, residual_kernels, residual_tests
-from kalscope.analysis.misfit import misfit_sentence
+from kalscope.analysis import residual_tests
+from kalscope.analysis.fit.correction import MIN_SAMPLES
+from kalscope.analysis.fit.findings import Columns, Findings, find_misfits
+from kalscope.analysis.fit.spikes import Spikes
+from kalscope.analysis.fit.words import NO_FAULT, Known, advice_text, findings_in_words
 from kalscope.common.array import Array
-from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.params import FilterParams
 
-Columns = tuple[Array, ...]
-"""x, p, k, innovation and s of one channel."""
-
 Fit = Callable[[Array, Array | None], FilterParams]
 
-NO_FAULT = "no misfit worth correcting"
+__all__ = ["NO_FAULT", "Diagnostics", "Fit", "diagnose", "diagnose_held_out"]
 
 MAX_RESIDUAL = 1e60
 """Residuals are clipped here, so that their fourth powers stay finite."""
@@ -64,7 +63,8 @@ class Diagnostics:
     nis_high: float = 1e12
     """Upper end of it."""
     spikes: int = 0
-    """Scored innovations beyond 4 local σ (1.4826 · median |e|), jumps included; not the tail after one."""
+    """Scored innovations beyond 4 local σ (1.4826 · median |e|), jumps included; not the tail after one. A signal
+    that comes back within 8 samples is one spike."""
     spikes_expected: float = 0.0
     """How many of N white ones are expected there, 6.3e-5 N."""
     spike_indices: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -93,6 +93,8 @@ class Diagnostics:
     """Advised factor for q, by likelihood; 1 = keep. With momentum it is that for r, which keeps the curve."""
     r_factor: float = 1.0
     """Advised factor for r; 1 = keep."""
+    findings: Findings = field(default_factory=lambda: Findings(0))
+    """What speaks against the filter, for `analysis.judgement`; found in all samples."""
 
 
 def diagnose(
@@ -172,22 +174,23 @@ def _diagnose_channel(
     e = _standardised(columns)
     seen = np.flatnonzero(np.isfinite(e))
     scored, n = e[seen], len(seen)
-    if n < advice.MIN_SAMPLES:
-        needed = f"{n} scored, {advice.MIN_SAMPLES} needed"
-        return Diagnostics(e=e, n=n, advice=f"too few samples to judge ({needed})")
+    known = Known(estimated=fitted)
+    if n < MIN_SAMPLES:
+        few = Findings(n, momentum=momentum)
+        return Diagnostics(e=e, n=n, advice=advice_text(findings_in_words(few, known)), findings=few)
     h = lags or min(max(round(math.sqrt(n)), 4), 20)
     white = residual_tests.correlation(e, h, fitted)
     nis_low, nis_high = residual_tests.nis_band(n)
     k, v, s = (column[seen] for column in columns[2:])
-    spikes = _Spikes.among(scored, k, v, s, prior)
+    spikes = Spikes.among(scored, k, v, s, prior)
     variance_ratio, variance_ratio_p = residual_tests.variance_change(scored)
     skewness, excess, normality, normality_p = residual_tests.normality(scored)
     slow_share, slow_samples, slow_p = residual_tests.low_frequency_share(scored)
-    correction, said = _advise(columns, seen, scored, spikes, h, momentum=momentum)
+    found = find_misfits(columns, seen, scored, spikes, h, momentum=momentum)
     return Diagnostics(
         e=e,
         n=n,
-        advice=said,
+        advice=advice_text(findings_in_words(found, known)),
         correlation=white.r,
         r1=float(white.r[0]),
         r1_bound=white.bound,
@@ -199,7 +202,7 @@ def _diagnose_channel(
         spikes=len(spikes.at),
         spikes_expected=residual_tests.spike_chance(0, n)[0],
         spike_indices=seen[spikes.at[:20]] + first,
-        jumps=int(np.count_nonzero(spikes.stays)),
+        jumps=spikes.jumps,
         variance_ratio=variance_ratio,
         variance_ratio_p=variance_ratio_p,
         skewness=skewness,
@@ -209,69 +212,10 @@ def _diagnose_channel(
         slow_share=slow_share,
         slow_samples=slow_samples,
         slow_p=slow_p,
-        q_factor=correction.q_factor,
-        r_factor=correction.r_factor,
+        q_factor=found.correction.q_factor,
+        r_factor=found.correction.r_factor,
+        findings=found,
     )
-
-
-def _advise(
-    columns: Columns, seen: NDArray[np.int64], scored: Array, spikes: _Spikes, lags: int, *, momentum: bool
-) -> tuple[advice.Correction, str]:
-    """The correction and the two most urgent sentences; the first misfit may explain the later ones."""
-    if not scored.any():
-        return advice.Correction(), "the signal is constant: there is nothing to judge the filter by"
-    n, lone = len(scored), spikes.at[~spikes.stays]
-    jumps = len(spikes.at) - len(lone)
-    spiky = len(lone) > jumps and _too_many(spikes.size[~spikes.stays], n)
-    steps = len(lone) <= jumps and _too_many(spikes.size, n)
-    outliers = lone if spiky and len(lone) <= advice.MAX_OUTLIERS * n else lone[:0]
-    record = advice.Record.of(columns, seen, seen[outliers])
-    correction = advice.find_scale(scored, outliers) if momentum else advice.find_correction(record)
-    start = f"the first sample lies {number(abs(scored[0]), 2)} σ from x0: leave x0 and p0 unset, or raise p0"
-    said = [
-        start if spikes.start_is_off else None,
-        advice.spike_sentence(len(lone), n) if spiky else None,
-        None if momentum else advice.edge_sentence(correction, record.ratio),
-        advice.noise_sentence(correction),
-        None if correction.e is None else misfit_sentence(record, correction.e, lags, momentum),
-        advice.jump_sentence(jumps) if steps else None,
-    ]
-    return correction, ". ".join([sentence for sentence in said if sentence][:2]) or NO_FAULT
-
-
-@dataclass(frozen=True)
-class _Spikes:
-    """Spikes among the N scored residuals."""
-
-    at: NDArray[np.int64]
-    """Which residuals, largest first."""
-    stays: NDArray[np.bool_]
-    """Whether the signal stayed at its new level, one value a spike."""
-    size: Array
-    """Size in local σ, one value a spike."""
-    start_is_off: bool
-    """Whether the first residual is a spike because of a given start; it is not among `at`."""
-
-    @staticmethod
-    def among(e: Array, k: Array, v: Array, s: Array, prior: bool) -> _Spikes:
-        """Spikes by `residual_kernels.find_spikes`; all arrays of shape (N,), scored samples only."""
-        kind = np.empty(len(e), dtype=np.int8)
-        limit = residual_tests.spike_limits(e)
-        residual_kernels.find_spikes(v, k, limit * np.sqrt(s), kind)
-        start_is_off = prior and bool(kind[0])
-        if start_is_off:
-            kind[0] = 0
-        at = np.flatnonzero(kind)
-        at = at[np.argsort(-np.abs(e[at]), kind="stable")]
-        size = residual_tests.SPIKE * np.abs(e[at]) / limit[at]
-        return _Spikes(at, kind[at] == residual_kernels.STAYS, size, start_is_off)
-
-
-def _too_many(sizes: Array, n: int) -> bool:
-    """Whether spikes of these sizes among n residuals are more than chance: by number, or one beyond 8 σ."""
-    expected, chance = residual_tests.spike_chance(len(sizes), n)
-    many = chance < advice.ALARM and len(sizes) > 3.0 * expected
-    return many or bool(np.any(sizes > 2.0 * residual_tests.SPIKE))
 
 
 def _standardised(columns: Columns) -> Array:

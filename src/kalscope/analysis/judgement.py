@@ -3,35 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
-from kalscope.analysis.actions import Advice
+from kalscope.analysis.actions import Advice, Status
 from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.estimation.result import Estimate
-
-Status = Literal[
-    "fits",
-    "vague",
-    "too_few",
-    "constant",
-    "start",
-    "spikes",
-    "bursts",
-    "too_slow",
-    "too_fast",
-    "band",
-    "edge",
-    "structure",
-    "changes",
-    "steps",
-    "methods_differ",
-    "no_pair",
-]
-"""What is said first: "fits"; "vague", the record leaves q/r open; "too_few" or "constant", nothing to judge;
-"start", the given x0 is off; "spikes", isolated ones; "bursts", too many to be outliers; "too_slow" or "too_fast";
-"band", q and r wrong by one factor; "edge", q = 0 or r = 0 does not fit; "structure", the model does not describe
-the signal; "changes", its errors change during the record; "steps", it jumps; "methods_differ"; "no_pair", there is
-no q and r to judge."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, compare_methods, steady_state
-from kalscope.analysis.advice import as_sentences
+from kalscope.analysis.actions import as_sentences
 from kalscope.common.text import percent
 from kalscope.estimation.finding import Found, find_parameters
 from kalscope_app.engine.decimation import choose_samples

@@ -7,8 +7,9 @@ from contextlib import AbstractContextManager
 import numpy as np
 import viser
 
-from kalscope.analysis.advice import MIN_SAMPLES, as_sentences
+from kalscope.analysis.actions import as_sentences
 from kalscope.analysis.diagnostics import Diagnostics
+from kalscope.analysis.fit.correction import MIN_SAMPLES
 from kalscope.common.array import Array
 from kalscope.common.text import correlation, count, number, p_value, percent
 from kalscope_app.studies.checks import Checks

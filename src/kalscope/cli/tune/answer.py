@@ -8,8 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from kalscope.analysis import advice
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.analysis.fit.correction import MIN_SAMPLES
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation.estimate import compare_methods, disagreement
@@ -109,7 +109,7 @@ def _held_out(
     if params is None:
         return None
     judged = diagnose_held_out(z, params, dt)
-    return judged if judged.n >= advice.MIN_SAMPLES else None
+    return judged if judged.n >= MIN_SAMPLES else None
 
 
 def as_plain(answer: Answer) -> dict[str, Any]:

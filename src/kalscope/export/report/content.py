@@ -11,7 +11,7 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.analysis.advice import as_sentences
+from kalscope.analysis.actions import as_sentences
 from kalscope.analysis.alternatives.comparison import Comparison, compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.common.array import Array

@@ -1,0 +1,105 @@
+"""What speaks against a filter in its residuals, as numbers; the words are in `words.py`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.analysis.fit.correction import Correction, find_correction, find_scale
+from kalscope.analysis.fit.record import Record
+from kalscope.analysis.fit.spikes import MAX_OUTLIERS, Spikes
+from kalscope.analysis.fit.structure import Structure, find_change, find_structure, with_momentum
+from kalscope.common.array import Array
+
+Columns = tuple[Array, ...]
+"""x, p, k, innovation and s of one channel."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """The misfits of one channel, each with the value of a perfect filter where it was not found."""
+
+    n: int
+    """Scored residuals."""
+    constant: bool = False
+    """Whether all residuals are 0: the signal does not move."""
+    ratio: float = 1.0
+    """λ of the filter."""
+    momentum: bool = False
+    """Whether the filter has momentum."""
+    start: float = 0.0
+    """How far, in σ, the first sample lies from the given x0; 0 where none was given or that is no misfit."""
+    spikes: int = 0
+    """Isolated spikes, where they are more than chance."""
+    jumps: int = 0
+    """Jumps that stay, where spikes and jumps are more than chance."""
+    scale: float = 1.0
+    """Local σ of the residuals by what q and r promise, without spikes."""
+    refused: int = 0
+    """Samples that the outlier gate refused."""
+    refused_in_a_row: int = 0
+    """The longest run of them."""
+    correction: Correction = field(default_factory=Correction)
+    """Better q and r."""
+    structure: Structure | None = None
+    """What no q and r can remove; with momentum what the filter leaves."""
+    change: float = 1.0
+    """Largest over least variance of the residuals among the parts of the record, where that is a misfit."""
+
+
+def find_misfits(
+    columns: Columns, seen: NDArray[np.int64], e: Array, spikes: Spikes, lags: int, *, momentum: bool
+) -> Findings:
+    """Everything that speaks against the filter, found in all samples of the record.
+
+    Args:
+        columns: of the channel, shape (n,) each.
+        seen: indices of the scored samples, shape (N,).
+        e: their standardised residuals, shape (N,).
+        spikes: the spikes among them.
+        lags: of the Ljung-Box test.
+        momentum: whether the filter has momentum.
+    """
+    n = len(seen)
+    refused, in_a_row = _refusals(columns)
+    if not e.any():
+        return Findings(n, constant=True, momentum=momentum, refused=refused, refused_in_a_row=in_a_row)
+    lone_ones = spikes.lone > spikes.jumps
+    spiky = lone_ones and spikes.too_many(n, lone=True)
+    steps = not lone_ones and spikes.too_many(n)
+    outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * n else spikes.off[:0]
+    record = Record.of(columns, seen, seen[outliers])
+    correction = find_scale(e, outliers) if momentum else find_correction(record)
+    structure, change = None, 1.0
+    if correction.e is not None and not steps:  # steps leave both, whatever the rest of the signal does
+        structure = find_structure(correction.e, lags)
+        if structure is None:
+            change = find_change(correction.e)
+        elif not momentum:
+            structure = with_momentum(structure, record, lags)
+    return Findings(
+        n=n,
+        ratio=record.ratio,
+        momentum=momentum,
+        start=spikes.start,
+        spikes=spikes.lone if spiky else 0,
+        jumps=spikes.jumps if steps else 0,
+        scale=1.4826 * float(np.median(np.abs(e))) or 1.0,
+        refused=refused,
+        refused_in_a_row=in_a_row,
+        correction=correction,
+        structure=structure,
+        change=change,
+    )
+
+
+def _refusals(columns: Columns) -> tuple[int, int]:
+    """Samples that the gate refused, and how many of them at most came in a row."""
+    _, p, k, v, _ = columns
+    refused = (k == 0.0) & (p > 0.0) & np.isfinite(v)
+    if not refused.any():
+        return 0, 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], refused.view(np.int8), [0]])))
+    return int(np.count_nonzero(refused)), int((edges[1::2] - edges[::2]).max())

@@ -1,0 +1,109 @@
+"""One channel as the record behind its filter: the samples that went in, ready for other q, r and momentum."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.common.array import Array
+from kalscope.estimation.likelihood.profile import Differences, differences
+from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.params import FilterParams
+
+Indices = NDArray[np.int64]
+
+MAX_SEARCHED = 40_000
+"""Samples in which momentum is searched; of a longer record stretches, and the answer is tried on all of it."""
+
+STRETCHES = 4
+"""Those stretches; they are spread evenly and leave the start of the record out."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """All samples of one channel, without the filter's prior, its rejected samples and its spikes."""
+
+    z: Array
+    """Samples in units of √r (√q where r is 0), shape (n,); NaN where missing."""
+    dt: Array | None
+    """Nominal sample periods before each, shape (n,); None = 1 each."""
+    ratio: float
+    """λ of the filter that made it; 0 or inf at the edges."""
+    thinned: bool
+    """Whether spikes were left out."""
+
+    @staticmethod
+    def of(columns: tuple[Array, ...], scored: Indices, spikes: Indices) -> Record:
+        """Invert the filter: z = x + (1 − k) v, r = (1 − k) s, q·dt = k s − p before.
+
+        Args:
+            columns: x, p, k, innovation and s of one channel, shape (n,) each.
+            scored: indices of the scored samples, at least one.
+            spikes: indices of those to leave out.
+        """
+        _, _, k, _, s = columns
+        last = scored[-1]
+        r = float(s[last] - k[last] * s[last])
+        r = r if r > 1e-13 * s[last] else 0.0
+        z, steps = _undo(columns, spikes)
+        there = steps[steps > 0.0]
+        q = float(np.median(there)) if len(there) else 0.0
+        regular = not len(there) or bool(np.all(np.abs(there - q) <= 1e-3 * q))
+        unit = math.sqrt(r or q or float(s[last]))
+        ratio = math.inf if r == 0.0 else q / r
+        return Record(z / unit, None if regular else steps / q, ratio, len(spikes) > 0)
+
+    @property
+    def moves(self) -> bool:
+        """Whether z has two different values."""
+        z = self.z[np.isfinite(self.z)]
+        return len(z) > 0 and bool(np.any(z != z[0]))
+
+    @cached_property
+    def data(self) -> Differences:
+        """The record as the likelihood takes it."""
+        return differences(self.z, np.empty(0) if self.dt is None else self.dt)
+
+    def searched(self) -> tuple[Differences, ...]:
+        """The record, or of a long one the stretches in which momentum is searched."""
+        n = len(self.z)
+        if n <= MAX_SEARCHED:
+            return (self.data,)
+        length = MAX_SEARCHED // STRETCHES
+        found: list[Differences] = []
+        for first in np.linspace(0, n - length, STRETCHES + 1)[1:].astype(int).tolist():
+            part = slice(first, first + length)
+            one = differences(self.z[part], np.empty(0) if self.dt is None else self.dt[part])
+            found += [one] if one.m else []
+        return tuple(found) or (self.data,)
+
+    def sums(self, log_ratios: Array) -> tuple[Array, Array]:
+        """Σ v²/s and Σ ln s of the whole record at each ln λ with r = 1, shapes of `log_ratios`."""
+        chi2, logdet = self.data.sums(np.exp(log_ratios))
+        return chi2 * self.data.scale**2, logdet
+
+    def residuals(self, ratio: float, momentum: float = 0.0) -> Array:
+        """Standardised innovations at λ, size 1, shape (n,); NaN where none was scored."""
+        result = kalman_filter(self.z, FilterParams(ratio, 1.0, momentum=momentum), self.dt)
+        e = result.innovation / np.sqrt(result.s)
+        e[~np.isfinite(e)] = math.nan
+        seen = e[np.isfinite(e)]
+        size = math.sqrt(float(np.einsum("i,i", seen, seen)) / max(len(seen), 1))
+        return e / size if size > 0.0 else e
+
+
+def _undo(columns: tuple[Array, ...], spikes: Indices) -> tuple[Array, Array]:
+    """Samples and q·dt from x, p, k, innovation and s; NaN at the spikes."""
+    x, p, k, v, s = columns
+    with np.errstate(invalid="ignore"):
+        z = np.where(np.isnan(v), np.where(k > 0.0, x, math.nan), x + (1.0 - k) * v)
+        z[(k == 0.0) & (p > 0.0)] = math.nan
+        predicted = np.where(k > 0.0, k * s, p)
+        steps = predicted[1:] - p[:-1]
+        known = np.isfinite(steps) & (steps > 1e-12 * predicted[1:])
+    z[spikes] = math.nan
+    return z, np.r_[0.0, np.where(known, steps, 0.0)]

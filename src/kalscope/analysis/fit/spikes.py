@@ -1,0 +1,89 @@
+"""Spikes among residuals: isolated ones, short excursions that come back, and jumps that stay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.analysis import residual_kernels, residual_tests
+from kalscope.common.array import Array
+
+ALARM = 0.01
+"""p-value below which a test reports a misfit."""
+
+MAX_OUTLIERS = 0.1
+"""Share of the residuals up to which spikes are outliers; more of them belong to the noise or to the signal. Spikes
+widen the σ among which they are found: of 25 % that are off by 60 σ half are seen."""
+
+MAX_REFUSED = 0.2
+"""Share of the samples up to which those that a gate refuses are outliers."""
+
+MAX_EXCURSION = 8
+"""A signal that comes back within so many samples has not stepped: it was a longer spike."""
+
+
+@dataclass(frozen=True)
+class Spikes:
+    """Spikes among the N scored residuals."""
+
+    at: NDArray[np.int64]
+    """Which residuals, largest first."""
+    stays: NDArray[np.bool_]
+    """Whether the signal stayed at its new level, one value a spike."""
+    size: Array
+    """Size in local σ, one value a spike."""
+    off: NDArray[np.int64]
+    """Residuals of samples off the signal: the isolated spikes and all samples of the excursions, rising."""
+    start: float
+    """Size in local σ of the first residual where a given start makes a spike of it, not among `at`; else 0."""
+
+    @staticmethod
+    def among(e: Array, k: Array, v: Array, s: Array, prior: bool) -> Spikes:
+        """Spikes by `residual_kernels.find_spikes`; all arrays of shape (N,), scored samples only."""
+        kind = np.empty(len(e), dtype=np.int8)
+        limit = residual_tests.spike_limits(e)
+        residual_kernels.find_spikes(v, k, limit * np.sqrt(s), kind)
+        start = residual_tests.SPIKE * abs(float(e[0])) / float(limit[0]) if prior and kind[0] else 0.0
+        if start:
+            kind[0] = 0
+        within = _mark_excursions(kind, e)
+        at = np.flatnonzero(kind)
+        off = np.union1d(within, np.flatnonzero(kind == residual_kernels.LONE))
+        at = at[np.argsort(-np.abs(e[at]), kind="stable")]
+        size = residual_tests.SPIKE * np.abs(e[at]) / limit[at]
+        return Spikes(at, kind[at] == residual_kernels.STAYS, size, off, start)
+
+    @property
+    def lone(self) -> int:
+        """Spikes that did not stay."""
+        return int(np.count_nonzero(~self.stays))
+
+    @property
+    def jumps(self) -> int:
+        """Those that stayed."""
+        return int(np.count_nonzero(self.stays))
+
+    def too_many(self, n: int, lone: bool = False) -> bool:
+        """Whether they, or the lone ones, are more than chance among n: by number, or one beyond 8 σ."""
+        sizes = self.size[~self.stays] if lone else self.size
+        expected, chance = residual_tests.spike_chance(len(sizes), n)
+        many = chance < ALARM and len(sizes) > 3.0 * expected
+        return many or bool(np.any(sizes > 2.0 * residual_tests.SPIKE))
+
+
+def _mark_excursions(kind: NDArray[np.int8], e: Array) -> NDArray[np.int64]:
+    """Mark jumps that are soon undone as lone spikes; returns the samples between them, the first one included."""
+    marked = np.flatnonzero(kind)
+    within: list[NDArray[np.int64]] = []
+    i = 0
+    while i + 1 < len(marked):
+        there, back = int(marked[i]), int(marked[i + 1])
+        undone = e[there] * e[back] < 0.0 and abs(e[there] + e[back]) < 0.5 * abs(e[there])
+        if kind[there] == residual_kernels.STAYS and undone and back - there <= MAX_EXCURSION:
+            kind[there], kind[back] = residual_kernels.LONE, 0
+            within.append(np.arange(there, back))
+            i += 1
+        i += 1
+    return np.concatenate(within) if within else np.zeros(0, dtype=np.int64)

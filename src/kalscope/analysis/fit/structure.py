@@ -1,0 +1,126 @@
+"""What is left in the residuals at the best q and r, and whether momentum describes it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kalscope.analysis.fit.record import Record
+from kalscope.analysis.fit.spikes import ALARM
+from kalscope.analysis.residual_tests import SPIKE, correlation, dot, low_frequency_share
+from kalscope.common.array import Array
+from kalscope.estimation.likelihood.profile import Differences
+from kalscope.estimation.momentum.likelihood import Samples, ratio_of
+
+MIN_SHARE = 0.04
+"""Share of the residuals' variance that must be predictable before a misfit of the model is reported."""
+
+MOMENTA = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
+"""Momenta that are tried, in sample periods."""
+
+NEARER = (0.6, 1.0, 1.7)
+"""Factors of the best of them that are tried next: advice needs no digits, the estimate gives them."""
+
+LOG_MOVES = np.linspace(-16.0, 16.0, 17)
+"""ln(step variance / r) at which each is tried; next in steps of a quarter."""
+
+QUARTERS = np.linspace(-2.0, 2.0, 9)
+
+MIN_LOGLIK_GAIN = 6.0
+"""Least gain in log-likelihood: the information criterion then wins by 10."""
+
+MIN_GAIN_A_SAMPLE = 0.02
+"""Least gain in log-likelihood a sample: 2 % of the error in predicting the next one."""
+
+MAX_PARTS, MIN_PART = 8, 50
+"""Parts of the record whose variances are compared, and the residuals that each of them needs."""
+
+MIN_CHANGE = 2.0
+"""Ratio of the largest to the least of these variances that is worth a word."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Residuals that are not white."""
+
+    low_share: float
+    """Share of their power that low frequencies hold, beyond that of white noise; 0 = they are only correlated."""
+    momentum: float = 0.0
+    """Momentum that describes it or a part of it, sample periods; 0 = none does, or the filter has one."""
+    whole: bool = False
+    """Whether nothing is left with that momentum."""
+
+
+def find_structure(e: Array, lags: int) -> Structure | None:
+    """Low frequencies or correlation in the residuals e, shape (n,), NaN where not scored; None for neither."""
+    e = calmed(e)
+    scored = e[np.isfinite(e)]
+    share, _, p = low_frequency_share(scored)
+    if p < ALARM and share >= MIN_SHARE:
+        return Structure(share)
+    left = correlation(e, lags, fitted=True)
+    return Structure(0.0) if left.p < ALARM and left.q >= MIN_SHARE * len(scored) else None
+
+
+def with_momentum(found: Structure, record: Record, lags: int) -> Structure:
+    """The structure with the momentum that describes it, where one does."""
+    searched = [Samples.of(one) for one in record.searched()]
+    tau, moves = _best(searched, MOMENTA, LOG_MOVES)
+    tau, moves = _best(searched, [tau * factor for factor in NEARER], moves + QUARTERS)
+    best, _ = Samples.of(record.data).concentrated(np.array([moves]), np.array([tau]))
+    gain = float(best[0]) - _best_walk(record.data)
+    if not gain > max(MIN_LOGLIK_GAIN, MIN_GAIN_A_SAMPLE * record.data.m):
+        return found
+    rest = find_structure(record.residuals(ratio_of(moves, tau), tau), lags)
+    return replace(found, momentum=tau, whole=rest is None)
+
+
+def find_change(e: Array) -> float:
+    """Largest over least variance of the residuals among up to eight parts of the record; 1 where it is chance.
+
+    The chance is that of the means of e² given how much e² scatters within the parts, so that heavy tails are no
+    change.
+    """
+    from scipy.special import chdtri
+
+    calm = calmed(e)
+    there = np.isfinite(e)
+    count = min(MAX_PARTS, int(np.count_nonzero(there)) // MIN_PART)
+    if count < 2:
+        return 1.0
+    parts = np.array_split(calm[there] ** 2, count)
+    means = np.array([part.mean() for part in parts])
+    sizes = np.array([len(part) for part in parts])
+    scatter = float(np.mean([part.var() for part in parts]))
+    spread = float(np.sum(sizes * (means - np.average(means, weights=sizes)) ** 2))
+    if float(means.max()) < MIN_CHANGE * float(means.min()) or spread <= float(chdtri(count - 1, ALARM)) * scatter:
+        return 1.0
+    seen = np.array([part.mean() for part in np.array_split(e[there] ** 2, count)])
+    return float(seen.max()) / max(float(seen.min()), 1e-12 * float(seen.max()))
+
+
+def calmed(e: Array) -> Array:
+    """The residuals with those beyond 4 σ (1.4826 · median) cut there: a few must not outweigh all others."""
+    sizes = np.abs(e[np.isfinite(e)])
+    scale = 1.4826 * float(np.median(sizes)) if len(sizes) else 0.0
+    if scale <= 0.01 * math.sqrt(dot(sizes, sizes) / max(len(sizes), 1)):  # most of it is constant, or nearly
+        return e
+    return np.clip(e, -SPIKE * scale, SPIKE * scale)
+
+
+def _best(searched: list[Samples], momenta: tuple[float, ...] | list[float], moves: Array) -> tuple[float, float]:
+    """The momentum and ln(step variance / r) of the highest likelihood over all stretches."""
+    tau = np.repeat(np.array(momenta), len(moves))
+    grid = np.tile(moves, len(momenta))
+    total = np.sum([one.concentrated(grid, tau)[0] for one in searched], axis=0)
+    at = int(np.argmax(total))
+    return float(tau[at]), float(grid[at])
+
+
+def _best_walk(data: Differences) -> float:
+    """The highest log-likelihood without momentum."""
+    coarse = LOG_MOVES
+    at = float(coarse[int(np.argmax(data.concentrated(coarse)))])
+    return max(float(data.concentrated(at + QUARTERS).max()), data.random_walk()[0])

@@ -1,0 +1,195 @@
+"""Findings in words: each a status, a clause that the residuals cannot contradict, and what to do about it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from kalscope.analysis.actions import (
+    Advice,
+    AllowMomentum,
+    ChooseFilter,
+    EstimateAgain,
+    RecordLonger,
+    Scale,
+    SetGate,
+    SetRatio,
+    SetSpikesAside,
+    Status,
+    UnsetStart,
+)
+from kalscope.analysis.fit.correction import MIN_FACTOR, MIN_SAMPLES, Correction
+from kalscope.analysis.fit.findings import Findings
+from kalscope.analysis.fit.spikes import MAX_OUTLIERS, MAX_REFUSED
+from kalscope.analysis.residual_tests import SPIKE
+from kalscope.common.text import count, number, percent, trimmed
+
+NO_FAULT = "no misfit worth correcting"
+
+MAX_RUN = 5
+"""Outliers that a gate refuses in a row; more of them are a signal that it has lost."""
+
+Finding = tuple[Status, Advice]
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of the filter besides its residuals."""
+
+    estimated: bool = False
+    """Whether q and r were estimated from this record just now."""
+    robust: bool = False
+    """Whether that estimate set spikes aside."""
+    momentum_searched: bool = False
+    """Whether it looked for momentum."""
+    chosen: str = ""
+    """What the user asked of the filter, such as "a lag of 50 ms"; "" = nothing."""
+
+
+def findings_in_words(found: Findings, known: Known) -> list[Finding]:
+    """All findings, the most urgent first; an earlier one may explain the later ones."""
+    if found.n < MIN_SAMPLES:
+        few = f"too few samples to judge ({found.n} scored, {MIN_SAMPLES} needed)"
+        return [("too_few", Advice(few, RecordLonger(MIN_SAMPLES)))]
+    if found.constant:
+        return [("constant", Advice("the signal is constant: there is nothing to judge the filter by"))]
+    misfits = [_edge(found), _size(found.correction, known), _structure(found, known)]
+    change = [_change(found)]
+    factors = (found.correction.q_factor, found.correction.r_factor)
+    explains = found.change > max(max(factor, 1.0 / factor) for factor in factors)
+    said = [_start(found), _gate(found), _spikes(found, known), _jumps(found)]
+    said += change + misfits if explains else misfits + change
+    return [finding for finding in said if finding is not None]
+
+
+def advice_text(said: list[Finding]) -> str:
+    """The two most urgent findings as sentences without capitals, or that there is no misfit."""
+    return ". ".join(advice.text for _, advice in said[:2]) or NO_FAULT
+
+
+def _start(found: Findings) -> Finding | None:
+    if not found.start:
+        return None
+    text = f"the first sample lies {number(found.start, 2)} σ from x0: leave x0 and p0 unset, or raise p0"
+    return "start", Advice(text, UnsetStart())
+
+
+def _gate(found: Findings) -> Finding | None:
+    share = found.refused / (found.n + found.refused)
+    if share > MAX_REFUSED:
+        text = f"the outlier gate refuses {percent(share)} of the samples: too many for outliers, switch it off"
+        return "bursts", Advice(text, SetGate(None))
+    if found.refused_in_a_row > MAX_RUN:
+        run = f"the outlier gate refuses {count(found.refused_in_a_row)} samples in a row"
+        return "steps", Advice(f"{run}: the signal has left the filter, and the gate delays it", SetGate(None))
+    return None
+
+
+def _spikes(found: Findings, known: Known) -> Finding | None:
+    if not found.spikes:
+        return None
+    seen = f"spikes: {count(found.spikes)} beyond 4 σ"
+    if found.spikes > MAX_OUTLIERS * found.n:
+        return "bursts", Advice(f"{seen} are too many for outliers: the noise or the signal comes in bursts")
+    if found.refused:
+        if found.correction.worth_it:
+            return None  # of the right size the gate takes them
+        sigma = max(float(trimmed(SPIKE * found.scale, 2)), 1.0)
+        return "spikes", Advice(f"{seen} pass the outlier gate: narrow it to {sigma:g} σ", SetGate(sigma))
+    if known.estimated and not known.robust:
+        return "spikes", Advice(f"{seen}, and the fit took them for noise: set them aside", SetSpikesAside())
+    return "spikes", Advice(f"{seen}: switch the outlier gate on", SetGate(SPIKE))
+
+
+def _edge(found: Findings) -> Finding | None:
+    best = found.correction.instead_of_edge
+    if best is None or found.momentum:
+        return None
+    if found.ratio < 1.0:
+        what = "q = 0" if found.ratio == 0.0 else "so small a q"
+        return "edge", Advice(
+            f"{what} cannot follow this signal: q about {number(best, 1)} × r fits best", SetRatio(best)
+        )
+    what = "r = 0" if math.isinf(found.ratio) else "so small an r"
+    return "edge", Advice(
+        f"{what} lets all noise through: r about {number(1.0 / best, 1)} × q fits best", SetRatio(best)
+    )
+
+
+def _size(correction: Correction, known: Known) -> Finding | None:
+    q, r = correction.q_factor, correction.r_factor
+    q_off, r_off, ratio_off = (abs(math.log(f)) >= math.log(MIN_FACTOR) for f in (q, r, q / r))
+    scale = Scale(q, r)
+    if q_off and r_off and not ratio_off:
+        size = "small" if r > 1.0 else "large"
+        text = f"q and r are both too {size} by about {_times(r)}: this changes the band, not the curve"
+        return "band", Advice(text, scale)
+    if not (q_off or r_off):
+        return None
+    status = "too_slow" if q > r else "too_fast"
+    pace = status.replace("_", " ")
+    if known.chosen:
+        lost = "movement that is faster than this is smoothed away" if q > r else "noise that could go stays"
+        text = f"by the record {known.chosen} is {pace}: q/r about {_times(q / r)} "
+        return status, Advice(f"{text}{'larger' if q > r else 'smaller'} fits best, so {lost}", EstimateAgain())
+    change_q, change_r = ("raise" if f > 1.0 else "lower" for f in (q, r))
+    if q_off and r_off:
+        text = f"{pace}: {change_q} q about {_times(q)} and {change_r} r about {_times(r)}"
+        if change_q == change_r:
+            text += f", so that q/r becomes about {_times(q / r)} {'larger' if q > r else 'smaller'}"
+        return status, Advice(text, scale)
+    if q_off:
+        return status, Advice(f"{pace}: {change_q} q about {_times(q)}", scale)
+    band = "narrow" if r > 1.0 else "wide"
+    text = f"the band is too {band} and the filter {pace}: {change_r} r about {_times(r)}"
+    return status, Advice(text, scale)
+
+
+def _structure(found: Findings, known: Known) -> Finding | None:
+    left = found.structure
+    if left is None:
+        return None
+    if left.low_share:
+        text = f"low frequencies hold {percent(left.low_share)} of the residual power: the signal has "
+        text += "a trend or slow waves that the model lacks"
+    elif found.momentum:
+        text = "residuals are correlated: the filter is too slow or too fast, or the signal has hum"
+    else:
+        text = (
+            "residuals stay correlated for any q and r: the signal has hum, trend or coloured noise that a "
+            "random walk cannot describe"
+        )
+    if found.momentum and not known.estimated:
+        return "structure", Advice(f"{text}; estimate q, r and momentum together", EstimateAgain())
+    if left.momentum and not known.momentum_searched:
+        size = f"a momentum of about {number(left.momentum, 1)} samples"
+        text += f"; try {size}" if left.whole else f"; {size} explains part of it"
+        return "structure", Advice(text, AllowMomentum(left.momentum))
+    return "structure", Advice(text, ChooseFilter() if known.estimated else None)
+
+
+def _change(found: Findings) -> Finding | None:
+    if found.change <= 1.0:
+        return None
+    size = "over 1000" if found.change > 1000.0 else number(found.change, 2)
+    text = f"the noise or the movement changes: the variance of the residuals differs {size} × between parts "
+    return "changes", Advice(f"{text}of the record, which one pair cannot fit")
+
+
+def _jumps(found: Findings) -> Finding | None:
+    if not found.jumps:
+        return None
+    gate = "delays it" if found.refused else "would delay it"
+    text = (
+        f"jumps: {count(found.jumps)} beyond 4 σ that stay: the signal itself steps; an outlier gate {gate}, and a "
+        "q that follows it lets more noise through between the steps"
+    )
+    return "steps", Advice(text, SetGate(None) if found.refused else None)
+
+
+def _times(factor: float) -> str:
+    """A factor in words: "1.6 ×", "4 ×", "1000 × or more"; of a decrease, the divisor."""
+    size = factor if factor > 1.0 else 1.0 / factor
+    if size >= 900.0:
+        return "1000 × or more"
+    return f"{number(size, 2 if size < 3.0 else 1)} ×"
