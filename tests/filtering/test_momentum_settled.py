@@ -1,8 +1,10 @@
-"""What the filter with momentum settles to, against the filter itself run until it has settled."""
+"""What the filter with momentum settles to, against the filter itself run until it has settled, and exact gains."""
 
 from __future__ import annotations
 
+import decimal
 import math
+from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ PAIRS = (
     (1.0, 1.0, 0.5),
     (100.0, 1.0, 1000.0),
     (1e4, 1.0, 1e5),
-    (1e-3, 1.0, 1e-3),
+    (0.3, 1.0, 1e-6),
     (10.0, 1.0, 3.0),
     (1e3, 1.0, 10.0),
 )
@@ -37,10 +39,10 @@ def test_gains_lag_noise_and_overshoot_are_those_of_the_filter(q, r, momentum):
     found = steady_state(FilterParams(q, r, momentum=momentum))
     step = np.cumsum(answer)
     outside = np.flatnonzero(np.abs(1.0 - step) > 0.01)
-    assert found.gain == pytest.approx(gain, rel=1e-4)
-    assert found.velocity_gain == pytest.approx(velocity, rel=1e-4)
-    assert found.p == pytest.approx(gain * r, rel=1e-4)
-    assert found.lag_samples == pytest.approx(answer @ np.arange(len(answer)), rel=1e-4, abs=1e-6)
+    assert found.gain == pytest.approx(gain, rel=1e-12)
+    assert found.velocity_gain == pytest.approx(velocity, rel=1e-9)
+    assert found.p == pytest.approx(gain * r, rel=1e-12)
+    assert found.lag_samples == pytest.approx(answer @ np.arange(len(answer)), rel=1e-8, abs=1e-8)
     assert found.noise_reduction_db == pytest.approx(-10 * math.log10(answer @ answer), abs=1e-3)
     assert found.overshoot == pytest.approx(max(0.0, step.max() - 1.0), rel=1e-4, abs=1e-9)
     assert found.settle_samples == (outside[-1] + 2 if len(outside) else 1)
@@ -61,11 +63,64 @@ def test_at_the_cutoff_half_of_the_power_passes(q, r, momentum):
 @pytest.mark.parametrize("ratio", [1e-9, 1e-4, 0.1, 1.0, 30.0])
 def test_a_short_momentum_settles_as_the_five_lines(ratio):
     plain = steady_state(FilterParams(ratio, 1.0), 0.01)
-    short = steady_state(FilterParams(ratio, 1.0, momentum=1e-3), 0.01)
+    short = steady_state(FilterParams(ratio, 1.0, momentum=1e-9), 0.01)
     for name in ("gain", "lag_s", "noise_reduction_db", "cutoff_hz", "time_constant_s"):
-        assert getattr(short, name) == pytest.approx(getattr(plain, name), rel=2e-2, nan_ok=True), name
+        assert getattr(short, name) == pytest.approx(getattr(plain, name), rel=1e-7, nan_ok=True), name
     assert plain.overshoot == 0.0
-    assert short.overshoot < 1e-3
+    assert short.overshoot < 1e-8
+
+
+@pytest.mark.parametrize("momentum", [1e-12, 1e-6, 1e-3, 0.02, 0.3, 2.0, 50.0, 3e3, 1e5])
+def test_gains_and_what_follows_are_those_of_the_riccati_equation_in_fifty_digits(momentum):
+    for ratio in (1e-12, 1e-5, 0.1, 6.0, 1e3, 1e12):
+        gain, velocity_gain, lag, noise = exact(ratio, momentum)
+        found = steady_state(FilterParams(ratio, 1.0, momentum=momentum))
+        assert found.gain == pytest.approx(gain, rel=1e-12)
+        assert found.velocity_gain == pytest.approx(velocity_gain, rel=1e-12)
+        assert found.lag_samples == pytest.approx(lag, rel=1e-12)
+        assert 10.0 ** (-0.1 * found.noise_reduction_db) == pytest.approx(noise, rel=1e-12)
+
+
+def exact(ratio, momentum):
+    """Gain, velocity gain, lag and noise of the settled filter, from the textbook matrices.
+
+    The Riccati equation of the predicted covariance and the variance of the answer to white noise are solved by
+    doubling (Chu, Fan & Lin 2005): each turn takes twice as many samples, so that a slow filter settles too.
+    """
+    with decimal.localcontext() as digits:
+        digits.prec = 50
+        q, tau, no, one = (
+            Decimal(ratio),
+            Decimal(momentum),
+            Decimal(0),
+            np.array([[Decimal(1), 0], [0, Decimal(1)]]),
+        )
+        e = (-1 / tau).exp()
+        u = 1 - e
+        move = np.array([[1, tau * u], [no, e]])
+        across = q * u * u / 2
+        p = np.array(
+            [[q * tau * (1 / tau - 2 * u + (1 - e * e) / 2), across], [across, q / (2 * tau) * (1 - e * e)]]
+        )
+        over, known, before = move.T, np.array([[Decimal(1), no], [no, no]]), no * p
+        while abs(p - before).max() > Decimal("1e-30") * abs(p).max():
+            before, share = p, inverse(one + known @ p)
+            p = p + over.T @ p @ share @ over
+            known = known + over @ share @ known @ over.T
+            over = over @ share @ over
+        gains = p[:, :1] / (p[0, 0] + 1)
+        turn = move - gains @ move[:1]  # x and v without a new sample
+        rest = inverse(one - turn)
+        lag = (turn @ rest @ rest @ gains)[0, 0]
+        power, noise = turn, gains @ gains.T
+        while abs(power).max() > Decimal("1e-30"):
+            noise, power = noise + power @ noise @ power.T, power @ power
+        return float(gains[0, 0]), float(gains[1, 0]), float(lag), float(noise[0, 0])
+
+
+def inverse(m):
+    (a, b), (c, d) = m
+    return np.array([[d, -b], [-c, a]]) / (a * d - b * c)
 
 
 @pytest.mark.parametrize(("q", "r"), [(1e-300, 1e300), (1e300, 1e-300), (1.0, 0.0), (0.0, 1.0), (1e-28, 1.0)])

@@ -17,7 +17,7 @@ from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.momentum.settled import MIN_MOMENTUM, Settled, settle
+from kalscope.filtering.momentum.settled import Settled, settle
 from kalscope.filtering.momentum.specification import ratio_with_momentum
 from kalscope.filtering.params import FilterParams
 
@@ -90,7 +90,6 @@ def settled_transfer(params: FilterParams) -> tuple[float, float, float]:
     gain, tau = scalar(steady.gain), scalar(params.momentum)
     if not tau:
         return gain, gain, 0.0
-    tau = max(tau, MIN_MOMENTUM)
     forgotten = -math.expm1(-1.0 / tau)
     return gain, forgotten * (gain + tau * scalar(steady.velocity_gain)), math.exp(-1.0 / tau) * (1.0 - gain)
 

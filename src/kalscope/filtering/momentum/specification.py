@@ -1,22 +1,20 @@
-"""From a target to the filter with momentum: the ratio at a given momentum, and the momentum of an overshoot.
-
-The poles z1, z2 of the settled filter have the product π = e (1 - K), and P = (1 - z1)(1 - z2) follows from the
-factor of the spectrum in `settled`: ρ P² + (1 + π) P = K (1 - π e). Lag, noise and cut-off follow in closed form.
-"""
+"""From a target to the filter with momentum: the ratio at a given momentum, and the momentum of an overshoot."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.momentum.kernels import transition
-from kalscope.filtering.momentum.settled import MIN_MOMENTUM, overshoot_of
+from kalscope.filtering.momentum.gains import Model
+from kalscope.filtering.momentum.settled import overshoot_of
 from kalscope.filtering.params import MAX_MOMENTUM
 
 Target = Literal["gain", "lag", "noise", "cutoff"]
+
+MIN_MOMENTUM = 1.0 / 500.0
+"""The shortest that is sought for an overshoot: such a velocity is forgotten long before the next sample."""
 
 MAX_LOGIT = 700.0
 """Gains are sought where |ln K/(1 - K)| is smaller: beyond, K or 1 - K vanishes in a double."""
@@ -33,13 +31,13 @@ def ratio_with_momentum(target: Target, value: float, momentum: float) -> float:
         value: above 0.
         momentum: τ in sample periods, above 0.
     """
-    family = _Family.of(momentum)
+    model = Model.of(momentum)
     if target == "lag":
-        return family.ratio_of_lag(value)
+        return model.ratio_of_lag(value)
     if target == "gain":
-        return family.ratio(value, 1.0 - value)
-    seen = family.noise if target == "noise" else family.cutoff
-    return family.ratio(*_gain_where(lambda gain, kept: seen(gain, kept) >= value))
+        return model.ratio(value, 1.0 - value)
+    seen = model.noise if target == "noise" else model.cutoff
+    return model.ratio(*_gain_where(lambda gain, kept: seen(gain, kept, model.product(gain, kept)) >= value))
 
 
 def momentum_for_overshoot(overshoot: float, ratio_at: Callable[[float], float]) -> float:
@@ -77,64 +75,6 @@ def momentum_for_overshoot(overshoot: float, ratio_at: Callable[[float], float])
         middle = 0.5 * (low + high)
         low, high = (middle, high) if within(math.exp(middle)) else (low, middle)
     return math.exp(low)
-
-
-@dataclass(frozen=True)
-class _Family:
-    """All settled filters of one momentum, by their gain; `kept` is 1 - K, which K near 1 does not hold."""
-
-    e: float
-    """Share of the velocity that is left after a sample."""
-    forgotten: float
-    """1 - e."""
-    level: float
-    """Spectrum of (1 - L)(1 - eL) x at frequency 0, for q = 1."""
-    slope: float
-    """How it grows with u, over `level`: ρ."""
-
-    @classmethod
-    def of(cls, momentum: float) -> _Family:
-        tau = max(momentum, MIN_MOMENTUM)
-        e, f, a, b, c = transition(1.0, 1.0, tau)
-        forgotten = -math.expm1(-1.0 / tau)
-        level = a * forgotten**2 + f * f * c + 2.0 * f * b * forgotten
-        return cls(e, forgotten, level, (a * e - f * b) / level)
-
-    def ratio(self, gain: float, kept: float) -> float:
-        """λ of a gain."""
-        return self._distance(gain, kept) ** 2 / (kept * self.level)
-
-    def ratio_of_lag(self, lag: float) -> float:
-        """λ of a lag: (1 - K) solves a quadratic equation with one root below 1."""
-        share, double = self.forgotten / lag, 1.0 + self.e
-        inner = double * double * (1.0 + 2.0 / self.forgotten / lag) + (1.0 + 4.0 * self.slope) / lag / lag
-        kept = 2.0 / (1.0 + self.e**2 + share + self.forgotten * math.sqrt(inner))
-        return share * share * kept / self.level
-
-    def noise(self, gain: float, kept: float) -> float:
-        """Share of white noise that is left, as in `settled`. It rises with λ, as in every optimal filter.
-
-        The filter of λ has the least N + λ B, where B is the distortion of the signal. Two such inequalities, each
-        filter in place of the other, add up to (λ1 - λ2)(B1 - B2) ≤ 0; so B falls with λ, and N rises.
-        """
-        product, both = self._distance(gain, kept), self.e * kept
-        lost = self.forgotten + self.e * gain
-        return (product * (1.0 + both) + 2.0 * gain * (gain - product)) / (lost * (2.0 * (1.0 + both) - product))
-
-    def cutoff(self, gain: float, kept: float) -> float:
-        """4 sin²(π f) at the -3 dB frequency f; 4 where there is none below ½."""
-        product, both = self._distance(gain, kept), self.e * kept
-        lost = self.forgotten + self.e * gain
-        middle = lost * lost - product * (1.0 + both) + 2.0 * gain * (product - gain)
-        root = math.sqrt(middle * middle + 4.0 * both * product * product)
-        u = 2.0 * product * product / (middle + root) if middle > 0.0 else 0.5 * (root - middle) / max(both, 1e-300)
-        return min(u, 4.0)
-
-    def _distance(self, gain: float, kept: float) -> float:
-        """P, the product of the distances of the poles from 1."""
-        right = gain * (self.forgotten * (1.0 + self.e) + self.e * self.e * gain)
-        linear = 1.0 + self.e * kept
-        return 2.0 * right / (linear + math.sqrt(linear * linear + 4.0 * self.slope * right))
 
 
 def _gain_where(reached: Callable[[float, float], bool]) -> tuple[float, float]:
