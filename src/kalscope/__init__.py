@@ -8,7 +8,8 @@ from __future__ import annotations
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
 from kalscope.catalogue import open_source
 from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
-from kalscope.estimation.estimate import compare_methods, estimate
+from kalscope.estimation.agreement.comparison import compare_methods
+from kalscope.estimation.estimate import estimate
 from kalscope.estimation.known import (
     estimate_fixed_r,
     estimate_fixed_ratio,

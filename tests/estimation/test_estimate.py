@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams
 from kalscope.errors import Cancelled
-from kalscope.estimation.estimate import METHODS, compare_methods, disagreement, estimate
+from kalscope.estimation.agreement.comparison import compare_methods
+from kalscope.estimation.agreement.words import disagreement
+from kalscope.estimation.estimate import METHODS, estimate
 from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio
 from kalscope.estimation.likelihood.profile import differences
 from kalscope.estimation.methods.expectation_maximization import passes

@@ -16,7 +16,7 @@ from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.common.text import number, plural
 from kalscope.errors import BadSetting
-from kalscope.estimation.estimate import METHODS, checked_momentum, estimate
+from kalscope.estimation.estimate import checked_momentum, estimate
 from kalscope.estimation.known import (
     estimate_fixed_r,
     estimate_fixed_ratio,
@@ -24,6 +24,7 @@ from kalscope.estimation.known import (
     noise_from_still,
     params_for_specification,
 )
+from kalscope.estimation.methods.by_name import METHODS
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.starting import is_even_ramp, starting_params
 from kalscope.filtering.arrays import scalar

@@ -61,6 +61,11 @@ class Estimate:
     prediction_gain: Value = 0.0
     """By which fraction momentum makes the one-step error smaller on samples that the fit had not seen, below 0
     where larger; 0 where that was not tried."""
+    agreement: Value = 1.0
+    """Of `compare_methods`: the share of records simulated under the maximum-likelihood pair in which this method
+    lies as far from it, 0 … 1; 1 where it does not count."""
+    not_counted: Words = ""
+    """Of `compare_methods`: why this second opinion does not count; "" where it does."""
 
     def channel(self, index: int) -> Estimate:
         """One channel of an estimate for several, as scalars."""

@@ -11,7 +11,8 @@ import viser
 
 from kalscope.common.text import lag_text, number, typed_number
 from kalscope.errors import BadSetting
-from kalscope.estimation.estimate import compare_methods, disagreement
+from kalscope.estimation.agreement.comparison import compare_methods
+from kalscope.estimation.agreement.words import comparison
 from kalscope.estimation.finding import METHOD_NAMES, Noise, Request, find_parameters
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.engine.frame import Frame
@@ -245,9 +246,7 @@ def comparison_text(state: State) -> str:
         gain = "–" if steady is None else number(float(steady.gain))
         q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
         rows.append(f"| {METHOD_NAMES[one.method]} | {q} | {r} | {gain} | {lag} | {verdict} |")
-    usable = sum(one.params is not None for one in state.answers.method_comparison)
-    agree = "They agree within their uncertainty." if usable > 1 else "No two of them can be compared."
-    said = disagreement(state.answers.method_comparison) or agree
+    said = comparison(state.answers.method_comparison) or "No two of them can be compared."
     head = "| method | q | r | gain K | lag | verdict |\n|---|---|---|---|---|---|\n"
     message = state.answers.method_comparison[0].message
     return f"{FIVE_METHODS}\n\n{head}{chr(10).join(rows)}\n\n**{said}**\n\n{message}"

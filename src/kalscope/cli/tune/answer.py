@@ -12,10 +12,12 @@ from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_o
 from kalscope.analysis.fit.correction import MIN_SAMPLES
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
-from kalscope.estimation.estimate import compare_methods, disagreement
+from kalscope.estimation.agreement.comparison import compare_methods
+from kalscope.estimation.agreement.words import disagreement
 from kalscope.estimation.finding import METHOD_NAMES, Found, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict import gain_of, lag_of
+from kalscope.filtering.arrays import scalar
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
@@ -62,8 +64,15 @@ class Answer:
 
     @property
     def disagreement(self) -> str:
-        """How the methods differ, "" where they agree."""
-        return disagreement(self.opinions)
+        """How the methods contradict maximum likelihood, "" where they do not."""
+        return disagreement(self.opinions, self.momentum)
+
+    @property
+    def momentum(self) -> float:
+        """Momentum of the answer in sample periods, with or without a pair; 0 without."""
+        if self.found.params is not None:
+            return scalar(self.found.params.momentum)
+        return 0.0 if self.found.estimate is None else scalar(self.found.estimate.momentum)
 
 
 def answer_for(recording: Recording, channel: str, request: Request, progress: Progress) -> Answer:

@@ -21,6 +21,7 @@ from kalscope.common.text import (
     squared,
     trimmed,
 )
+from kalscope.estimation.agreement.words import comparison
 from kalscope.estimation.finding import METHOD_NAMES
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict import gain_of, lag_of
@@ -152,28 +153,13 @@ def _choice(answer: Answer, ratio: float) -> str:
     return "Your choice lies within."
 
 
-def _has_momentum(answer: Answer) -> bool:
-    """Whether the answer has momentum, with or without a pair."""
-    found = answer.found
-    if found.params is not None:
-        return scalar(found.params.momentum) > 0.0
-    return found.estimate is not None and scalar(found.estimate.momentum) > 0.0
-
-
 def _opinions(answer: Answer) -> Iterator[str]:
-    moves = _has_momentum(answer)
-    without = " without momentum" if moves else ""
+    without = " without momentum" if answer.momentum else ""
     yield f"Compare estimators{without} (q and r in {squared(answer.unit)}, lag in samples)"
     yield _row("method", "q", "r", "gain", "lag", "verdict")
     for one in answer.opinions:
         yield _row(METHOD_NAMES[one.method], *_cells(one), VERDICT_WORDS[str(one.verdict)])
-    spoke = [one for one in answer.opinions if one.verdict not in SILENT]
-    if moves:
-        yield "They need not agree here: all of them look for a signal without momentum."
-    elif answer.disagreement:
-        yield from _wrapped(answer.disagreement)
-    elif len(spoke) > 1:
-        yield "They differ by no more than chance explains."
+    yield from _wrapped(comparison(answer.opinions, answer.momentum))
 
 
 def _cells(one: Estimate) -> tuple[str, str, str, str]:
