@@ -30,6 +30,8 @@ _FAR_SHARE = 6.334e-5
 """Share of a normal law that lies beyond."""
 _MIN_CHANCE = 1e-3
 """So unlikely a number of such innovations means spikes or jumps."""
+_MAX_POWER = 0.05
+"""Share of the power of all innovations, above which they mislead a method that is not robust."""
 
 
 @dataclass(frozen=True)
@@ -82,14 +84,18 @@ def weigh(method: str, data: Differences, best: Pair, found: Pair, broken: str, 
 
 
 def spikes_in(data: Differences, best: Pair) -> str:
-    """How many innovations of the best pair lie beyond what noise explains, in words; "" where none."""
+    """How many innovations of the best pair are spikes or jumps, in words; "" where they do not matter."""
     from scipy.special import pdtrc
 
     dt = np.append(1.0, data.gap) if len(data.gap) else None
     z = np.concatenate([[0.0], np.cumsum(data.d)])
     result = kalman_filter(z, FilterParams(q=best.q, r=best.r), dt)
-    far = int(np.count_nonzero(result.innovation**2 > _FAR**2 * result.s))
-    if far == 0 or pdtrc(far - 1, _FAR_SHARE * data.m) > _MIN_CHANCE:
+    nis = result.innovation[1:] ** 2 / result.s[1:]
+    beyond = nis > _FAR**2
+    far = int(np.count_nonzero(beyond))
+    if float(nis[beyond].sum()) <= _MAX_POWER * float(nis.sum()):
+        return ""
+    if pdtrc(far - 1, _FAR_SHARE * data.m) > _MIN_CHANCE:
         return ""
     samples = "1 sample is a spike or jump" if far == 1 else f"{count(far)} samples are spikes or jumps"
     return f"{samples}, beyond 4 σ"
