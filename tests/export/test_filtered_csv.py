@@ -43,6 +43,25 @@ def test_missing_samples_and_what_is_not_known_yet_are_empty_cells() -> None:
     assert rows(text)[1:] == [["0.0", "", "", ""], ["0.01", "4.0", "4.0", "2.0"], ["0.02", "", "4.0", "3.0"]]
 
 
+@pytest.mark.parametrize(
+    ("period", "column", "per"), [(0.02, "b_velocity_per_s", 50.0), (None, "b_velocity_per_sample", 1.0)]
+)
+def test_a_channel_with_momentum_has_its_velocity_and_the_others_are_as_before(
+    period: float | None, column: str, per: float
+) -> None:
+    source = replace(
+        recording([[1.0, NAN], [3.0, 4.0], [2.0, 6.0]], ("a", "b"), period or 1.0), sample_period=period
+    )
+    moving = FilterParams(q=1.0, r=2.0, momentum=5.0)
+    table = rows(filtered_csv(source, {"a": PARAMS, "b": moving}))
+    assert table[0][1:] == ["a", "a_filtered", "a_variance", "b", "b_filtered", "b_variance", column]
+    expected = kalman_filter(source.channel("b"), moving).velocity
+    assert expected is not None
+    assert expected[2] > 0.0
+    assert [float(row[-1]) for row in table[1:]] == (expected * per).tolist()
+    assert [row[:4] for row in table] == rows(filtered_csv(source, {"a": PARAMS}))
+
+
 @given(st.lists(st.floats(-1e150, 1e150) | st.just(NAN), min_size=1, max_size=30))
 def test_every_number_comes_back_bit_for_bit(samples: list[float]) -> None:
     source = recording(samples)
@@ -147,10 +166,10 @@ def test_the_filtered_csv_can_be_filtered_again(tmp_path: Path) -> None:
 
 @given(st.lists(st.text(max_size=8) | st.sampled_from(["time", "a", "a_filtered", "a_filtered_2"]), unique=True))
 def test_headers_are_distinct_plain_and_run_no_formula(names: list[str]) -> None:
-    line = csv_header(names)
+    line = csv_header(names, dict.fromkeys(names[::2], "filtered"))
     assert line.count("\n") == 1
     cells = next(csv.reader([line]))
-    assert len(set(cells)) == len(cells) == 1 + 3 * len(names)
+    assert len(set(cells)) == len(cells) == 1 + 3 * len(names) + len(names[::2])
     assert all(cell.isprintable() and not cell.startswith(("=", "+", "-", "@")) for cell in cells)
 
 

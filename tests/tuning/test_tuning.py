@@ -17,6 +17,7 @@ from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import steady_state
+from kalscope.tuning.choose import with_momentum
 from kalscope.tuning.toml_text import updated
 from kalscope.tuning.tuning import ChannelTuning, Tuning, dumps, load_tuning, loads, same_period, save_tuning
 
@@ -540,3 +541,16 @@ def test_a_momentum_too_long_for_the_new_period_is_refused_with_one_that_filters
     before, after = (steady_state(each.params("a")) for each in (tuning, shorter))
     assert after.gain == pytest.approx(before.gain, rel=1e-3)
     assert after.velocity_gain == pytest.approx(before.velocity_gain, rel=2e-3)
+
+
+def test_momentum_for_an_overshoot_keeps_lag_and_noise_and_a_given_one_keeps_q() -> None:
+    entry = ChannelTuning("a", "V", 0.01, 4.0, p0=1.0, x0=2.0, how="EM")
+    changed = with_momentum(entry, None, 0.08)
+    before, after = steady_state(entry.params), steady_state(changed.params)
+    assert after.lag_samples == pytest.approx(float(before.lag_samples), rel=1e-9)
+    assert after.overshoot == pytest.approx(0.08, rel=1e-6)
+    assert after.noise_reduction_db > before.noise_reduction_db
+    assert replace(changed, q=entry.q, momentum=0.0, how="EM") == entry
+    assert changed.how == "EM, momentum for 8 % overshoot at the same lag"
+    assert with_momentum(entry, 7.0, None) == replace(entry, momentum=7.0, how="EM, momentum as given")
+    assert with_momentum(entry, None, None) is entry

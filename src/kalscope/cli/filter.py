@@ -72,7 +72,7 @@ def filter_command(
         bool, typer.Option("--report", help="Report on stderr how SOURCE was read, every line accounted for.")
     ] = False,
 ) -> None:
-    """Filter a recording: a CSV of time, raw and filtered signal and variance.
+    """Filter a recording: a CSV of time, raw and filtered signal, variance, and with momentum the velocity.
 
     --q, --r, --p0, --x0, --gate and --momentum take precedence over --config. Without q and r they are guessed
     from the signal. With "-" each line on stdin is answered by one line on stdout: empty for a missing sample,

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from kalscope.cli.console import progress_line, say
-from kalscope.cli.options import SamplePeriod, Source, reads_source
+from kalscope.cli.options import SamplePeriod, Source, number, number_option, percentage, reads_source
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+
+if TYPE_CHECKING:
+    from kalscope.tuning.tuning import ChannelTuning
 
 
 @reads_source
@@ -22,6 +25,13 @@ def report_command(
     ],
     channel: Annotated[
         str | None, typer.Option(metavar="NAME", help="Else the one that was on the screen.")
+    ] = None,
+    momentum: Annotated[
+        float | None, number_option("In sample periods, in place of that of --config; q and r stay.", number)
+    ] = None,
+    overshoot: Annotated[
+        float | None,
+        number_option("Allowed percent beyond a step: gives momentum and q, at the lag of --config.", percentage),
     ] = None,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
@@ -36,12 +46,14 @@ def report_command(
     from kalscope.export.report.content import make_report
     from kalscope.export.report.page import as_html
     from kalscope.export.report.picture import as_png
-    from kalscope.tuning.choose import adapt_tuning
+    from kalscope.tuning.choose import adapt_tuning, with_momentum
     from kalscope.tuning.tuning import load_tuning
 
     kind = output.suffix.lower()
     if kind not in (".html", ".htm", ".png"):
         raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
+    if momentum is not None and overshoot is not None:
+        raise BadSetting("--overshoot must stand without --momentum, which follows from it (got both)")
     tuning = load_tuning(config)
     with progress_line() as progress:
         recording = open_source(source, reading, sample_period=sample_period, progress=progress)
@@ -49,10 +61,17 @@ def report_command(
         moments = np.arange(len(recording)) * tuning.sample_period
         recording = replace(recording, time=moments, sample_period=tuning.sample_period)
     chosen, notes = adapt_tuning(recording, tuning, channel=channel)
-    own = tuple(replace(entry, name=name) for name, entry in chosen.items())
-    selected = channel or (tuning.selected if tuning.selected in chosen else own[0].name)
+    selected = channel or (tuning.selected if tuning.selected in chosen else next(iter(chosen)))
+    changed = with_momentum(chosen[selected], momentum, overshoot)
+    options = [] if changed == chosen[selected] else _options(selected, changed)
+    own = tuple(replace(entry, name=name) for name, entry in {**chosen, selected: changed}.items())
     fitted = replace(tuning, channels=own, selected=selected)
-    report = make_report(recording, fitted, config=str(config))
+    report = make_report(recording, fitted, config=str(config), options=options)
     write_atomic(output, as_png(report) if kind == ".png" else as_html(report).encode())
     for note in notes:
         say(f"note: {note}")
+
+
+def _options(channel: str, changed: ChannelTuning) -> list[str]:
+    """The options of `kalscope open` that change the filter of the tuning file to this one."""
+    return ["--channel", channel, "--q", repr(changed.q), "--momentum", repr(changed.momentum)]

@@ -1,5 +1,8 @@
 """The filtered recording as CSV: time, and for each channel the raw signal, the filtered one, its variance.
 
+A channel with momentum has its velocity as well, `<ch>_velocity_per_s`, or `_per_sample` where the sample period is
+not known.
+
 It reopens in our own reader, in numpy, pandas and a spreadsheet without any option: one header line, commas,
 decimal points, UTF-8 without BOM, newlines alone, an empty cell for a missing value. Every number is written
 with the digits that bring back the same double. A recording without time has its samples counted instead, in a
@@ -47,9 +50,9 @@ def filtered_csv_chunks(recording: Recording, params: Tuning | Mapping[str, Filt
 
     Returns:
         Texts to be written one after the other: the header `time,<ch>,<ch>_filtered,<ch>_variance,…` (time in
-        s, variance in unit²; channels in the order of the recording; `sample` instead of `time` where the
-        recording has no time), then the n rows. The filter has run
-        when this returns, so an error comes before any text.
+        s, variance in unit²; `<ch>_velocity_per_s` or `_per_sample` after the variance of a channel with momentum;
+        channels in the order of the recording; `sample` instead of `time` where the recording has no time), then
+        the n rows. The filter has run when this returns, so an error comes before any text.
 
     Raises:
         BadSetting: A name in `params` is no channel of the recording; "dt" was asked for without time.
@@ -57,25 +60,37 @@ def filtered_csv_chunks(recording: Recording, params: Tuning | Mapping[str, Filt
     chosen = params if isinstance(params, Mapping) else {c.name: c.params for c in params.channels}
     order = sorted(chosen, key=recording.index)
     dt = recording.steps() if recording.gaps == "dt" else None
-    columns = [recording.time]
+    period = recording.sample_period
+    columns: list[NDArray[np.float64]] = []
+    velocities: dict[str, str] = {}
     for name in order:
         z = recording.channel(name)
         result = kalman_filter(z, chosen[name], dt)
         columns += [z, result.x, result.p]
-    if recording.sample_period is None:
-        return _texts(csv_header(order, time_name=ROW_NUMBER_NAME), columns[1:], counted=True)
-    return _texts(csv_header(order, time_name=_time_name(recording.time)), columns)
+        if result.velocity is not None:
+            columns.append(result.velocity / (period or 1.0))
+            velocities[name] = "velocity_per_s" if period else "velocity_per_sample"
+    if period is None:
+        return _texts(csv_header(order, velocities, time_name=ROW_NUMBER_NAME), columns, counted=True)
+    return _texts(csv_header(order, velocities, time_name=_time_name(recording.time)), [recording.time, *columns])
 
 
-def csv_header(names: list[str], *, time_name: str = "time") -> str:
-    """The header line: distinct names that no spreadsheet runs and no reader takes for numbers."""
+def csv_header(names: list[str], velocities: Mapping[str, str] | None = None, *, time_name: str = "time") -> str:
+    """The header line: distinct names that no spreadsheet runs and no reader takes for numbers.
+
+    Args:
+        names: of the channels.
+        velocities: what the column of the velocity is called, by the name of its channel.
+        time_name: name of the first column.
+    """
     raw = [_harmless(name) for name in names]
     taken = {time_name, *raw}  # of equal names the recording's own keeps its own
     cells = [time_name]
     for i, name in enumerate(raw):
         first = name not in raw[:i] and name != time_name
         cells.append(name if first else unused_name(name, taken, "_"))
-        cells.extend(unused_name(f"{name}_{what}", taken, "_") for what in ("filtered", "variance"))
+        more = [] if velocities is None or names[i] not in velocities else [velocities[names[i]]]
+        cells.extend(unused_name(f"{name}_{what}", taken, "_") for what in ("filtered", "variance", *more))
     line = io.StringIO()
     csv.writer(line, lineterminator="\n").writerow(cells)
     return line.getvalue()

@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from kalscope.errors import BadSetting
+from kalscope.estimation.known import params_for_specification
 from kalscope.estimation.starting import starting_params
+from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import steady_state
 from kalscope.recording import Recording
 from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, same_period
 
@@ -104,6 +107,28 @@ def adapt_tuning(
     if left_out:
         notes.append(f"the tuning has no such channel: {', '.join(left_out)}")
     return pairs, notes
+
+
+def with_momentum(entry: ChannelTuning, momentum: float | None, overshoot: float | None) -> ChannelTuning:
+    """The filter with another momentum, or with the momentum that an overshoot allows.
+
+    Args:
+        entry: The filter; comes back as it is where both others are None.
+        momentum: In sample periods, with the same q and r; or None.
+        overshoot: Share of a step: of all filters with the lag of `entry` and no more overshoot, the one that
+            leaves the least noise, with the same r; or None.
+
+    Raises:
+        BadSetting: A momentum out of its range, or an overshoot that no momentum has at this lag.
+    """
+    if momentum is not None:
+        return replace(entry, momentum=momentum, how=f"{entry.how}, momentum as given")
+    if overshoot is None:
+        return entry
+    lag = scalar(steady_state(entry.params).lag_samples)
+    found = params_for_specification(entry.r, lag_samples=lag, overshoot=overshoot)
+    how = f"{entry.how}, momentum for {100.0 * overshoot:.4g} % overshoot at the same lag"
+    return replace(entry, q=scalar(found.q), momentum=scalar(found.momentum), how=how)
 
 
 def _rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import io
+import shlex
 from dataclasses import replace
 from datetime import UTC, datetime
 from html.parser import HTMLParser
@@ -77,6 +79,11 @@ def test_momentum_and_its_overshoot_stand_on_the_page():
     steady = steady_state(FilterParams(0.0025, 1.0, momentum=24.0), 0.01)
     for words in ("momentum τ", "240 ms (24 samples)", "overshoot on a step", percent(float(steady.overshoot))):
         assert words in text
+    *_, table = make_report(rec, tuned(rec, momentum=24.0)).tables
+    shares = {name: overshoot for name, _, _, overshoot, _ in table.rows}
+    assert table.columns[3] == "overshoot"
+    assert shares["Kalman (present)"] == percent(float(steady.overshoot))
+    assert (shares["Exponential"], shares["Smoother (offline bound)"]) == ("0 %", "–")
     plain = " ".join(Page(as_html(make_report(rec, tuned(rec), now=NOON))).text)
     assert "momentum" not in plain
     assert "overshoot" not in plain
@@ -85,21 +92,19 @@ def test_momentum_and_its_overshoot_stand_on_the_page():
 def test_nothing_from_outside_becomes_markup():
     rec = recording(name=HOSTILE, unit=HOSTILE, title=HOSTILE, source=HOSTILE, sha256=HOSTILE)
     tuning = replace(tuned(rec, how=HOSTILE), tool=HOSTILE, date=HOSTILE)
-    html = as_html(make_report(rec, tuning, config=HOSTILE, now=NOON))
-    page = Page(html)
+    text = as_html(make_report(rec, tuning, config=HOSTILE, now=NOON))
+    page = Page(text)
     assert page.tags.isdisjoint({"script", "img", "iframe", "link", "object", "a", "form"})
     assert not any(name.startswith("on") for name in page.attributes)
-    assert "<script" not in html
+    assert "<script" not in text
     assert HOSTILE in "".join(page.text)
-    assert "default-src 'none'" in html
+    assert "default-src 'none'" in text
     assert page.attributes.isdisjoint({"src", "href", "srcset", "action"})
-    assert "url(" not in html.split("</style>")[0]
+    assert "url(" not in text.split("</style>")[0]
     assert as_png(make_report(rec, tuning, now=NOON)).startswith(b"\x89PNG")
 
 
 def test_the_command_is_one_word_for_the_shell_whatever_the_name():
-    import shlex
-
     rec = recording(source="it's; rm -rf $HOME.csv")
     words = shlex.split(make_report(rec, tuned(rec), config="my tuning.toml").command)
     assert words == ["kalscope", "open", rec.source, "--config", "my tuning.toml"]
@@ -166,7 +171,7 @@ def test_the_command_line_writes_both_and_refuses_other_endings(tmp_path, capsys
     assert run(["tune", "demo", "-o", str(config)]) == 0
     page, picture = tmp_path / "page.html", tmp_path / "page.png"
     assert run(["report", "demo", "--config", str(config), "-o", str(page)]) == 0
-    assert run(["report", "demo", "--config", str(config), "-o", str(picture)]) == 0
+    assert run(["report", "demo", "--config", str(config), "-o", str(picture), "--overshoot", "0"]) == 0
     text = page.read_text(encoding="utf-8")
     assert open_source("demo").sha256 in text
     assert trimmed(load_tuning(config).channels[0].q, 4) in text
@@ -174,9 +179,18 @@ def test_the_command_line_writes_both_and_refuses_other_endings(tmp_path, capsys
         assert image.size == SIZE
     untimed = tmp_path / "untimed.csv"
     untimed.write_text("flex\n" + "".join(f"{i % 7}\n" for i in range(100)), encoding="utf-8")
-    assert run(["report", str(untimed), "--config", str(config), "-o", str(page)]) == 0
-    assert "100 samples, 50.0 Hz" in page.read_text(encoding="utf-8")  # the sample period of the tuning
+    assert run(["report", str(untimed), "--config", str(config), "-o", str(page), "--momentum", "24"]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "100 samples, 50.0 Hz" in text  # the sample period of the tuning
+    assert "480 ms (24 samples)" in text
+    assert "maximum likelihood, momentum as given" in text
+    command = shlex.split(html.unescape(text.split("<code>")[1].split("</code>")[0]))
+    assert command[-6:-3] == ["--channel", "flex", "--q"]
+    assert command[-2:] == ["--momentum", "24.0"]
     capsys.readouterr()
     assert run(["report", "demo", "--config", str(config), "-o", str(tmp_path / "page.pdf")]) == 2
     assert "-o must end with .html or .png" in capsys.readouterr().err
+    both = ["--momentum", "3", "--overshoot", "5"]
+    assert run(["report", "demo", "--config", str(config), "-o", str(page), *both]) == 2
+    assert "--overshoot must stand without --momentum" in capsys.readouterr().err
     assert run(["report", "demo", "--config", str(tmp_path / "none.toml"), "-o", str(page)]) == 2

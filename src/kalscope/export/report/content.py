@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -84,6 +85,7 @@ def make_report(
     channel: str | None = None,
     *,
     config: str = "tuning.toml",
+    options: Sequence[str] = (),
     now: datetime | None = None,
 ) -> Report:
     """The report on one channel.
@@ -93,6 +95,7 @@ def make_report(
         tuning: its filters, at the recording's sample period.
         channel: which one; None = the selected, else the first.
         config: name of the tuning file in the command.
+        options: more words of the command, where the filter is not that of the file.
         now: time to print; None = now. Everything else is the same in every run.
 
     Raises:
@@ -125,7 +128,7 @@ def make_report(
             ("Does the filter fit?", as_sentences(checks.advice)),
             ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
         ),
-        command=_command(recording, config),
+        command=_command(recording, config, options),
         origin=_origin(recording, tuning, now),
     )
 
@@ -185,20 +188,24 @@ def _tests(d: Diagnostics) -> Rows:
 
 
 def _filters(found: Comparison) -> ReportTable:
+    """Beside each other; with their overshoot where the present one overshoots."""
     rows: list[tuple[str, ...]] = []
+    beyond = found.present.overshoot > 0.0
     for one in (found.present, *found.others):
         error = one.prediction if one.rmse is None else one.rmse
         decibel = "–" if math.isnan(one.noise_reduction_db) else decibels(one.noise_reduction_db)
-        rows.append((one.name, number(one.lag_samples), decibel, "–" if error is None else number(error)))
+        overshoot = "–" if math.isnan(one.overshoot) else percent(one.overshoot)
+        last = "–" if error is None else number(error)
+        rows.append((one.name, number(one.lag_samples), decibel, *((overshoot,) if beyond else ()), last))
     error = "next sample" if found.present.rmse is None else "RMSE"
     heading = "Simpler filters, at this lag"
-    return ReportTable(heading, tuple(rows) if found.others else (), ("", "lag", "dB", error))
+    columns = ("", "lag", "dB", *(("overshoot",) if beyond else ()), error)
+    return ReportTable(heading, tuple(rows) if found.others else (), columns)
 
 
-def _command(recording: Recording, config: str) -> str:
-    return shlex.join(
-        ["kalscope", "open", recording.source or "FILE", *recording.report.options, "--config", config]
-    )
+def _command(recording: Recording, config: str, options: Sequence[str]) -> str:
+    source = recording.source or "FILE"
+    return shlex.join(["kalscope", "open", source, *recording.report.options, "--config", config, *options])
 
 
 def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
