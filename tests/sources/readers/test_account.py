@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope.cli.tune.answer import finite
+from kalscope.cli.tune.plain import finite
 from kalscope.common.text import THIN_SPACE
 from kalscope.recording import LineIssue, ReadReport, Recording, Timing
 from kalscope.sources.grammar.read_options import options_from_text

@@ -16,7 +16,6 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
     from kalscope.cli.tune.answer import Answer
-    from kalscope.estimation.finding import Request
     from kalscope.recording import Recording
     from kalscope.tuning.tuning import ChannelTuning
 
@@ -34,6 +33,9 @@ def tune_command(
     asked: TuneOptions = NOTHING,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
+    details: Annotated[
+        bool, typer.Option("--details", help="Print how it was found, second opinions and tests, too.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Save the tuning to this file.")
@@ -48,60 +50,77 @@ def tune_command(
     if every and channel is not None:
         raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
     recording = open_source(source, reading, sample_period=sample_period)
-    request = asked.request(recording)
-    answers = _answers(recording, recording.names if every else (channel or default_channel(recording),), request)
+    names = recording.names if every else (channel or default_channel(recording),)
+    answers = _answers(recording, names, asked)
     notes = [sample_period_conflict(recording)] if sample_period is not None else []
     notes += [] if output is None else _save(recording, answers, output)
-    write_output(iter([_json(recording, answers, every) if as_json else _text(recording, answers)]), None)
+    text = _json(recording, answers, every) if as_json else _text(recording, answers, details)
+    write_output(iter([text]), None)
     for note in filter(None, notes):
         say(f"note: {note}")
 
 
-def _answers(recording: Recording, names: tuple[str, ...], request: Request) -> list[Answer]:
+def _answers(recording: Recording, names: tuple[str, ...], asked: TuneOptions) -> list[Answer]:
     """The answers of the channels, with progress on a terminal."""
     from kalscope.cli.console import progress_line
     from kalscope.cli.tune.answer import answer_for
     from kalscope.common.progress import Progress
 
+    request = asked.request(recording)
     with progress_line() as show:
 
         def progress_of(i: int) -> Progress:
             whole = Progress(lambda fraction, text: show(fraction, f"{names[i]}: {text}"))
             return whole.part(i / len(names), (i + 1) / len(names))
 
-        return [answer_for(recording, name, request, progress_of(i)) for i, name in enumerate(names)]
+        return [answer_for(recording, name, request, progress_of(i), asked.gate) for i, name in enumerate(names)]
 
 
-def _text(recording: Recording, answers: list[Answer]) -> str:
+def _text(recording: Recording, answers: list[Answer], details: bool) -> str:
+    """The summary of each channel, and its details below it; the other channels where a line is left for them."""
+    from kalscope.cli.tune.details import details_of
+    from kalscope.cli.tune.summary import MAX_LINES, reading_lines, summary_of
+    from kalscope.cli.tune.words import WIDTH
+
+    head = reading_lines(recording)
+    summaries = [summary_of(answer, recording, MAX_LINES - len(head)) for answer in answers]
+    others = _others(recording, answers)
+    room = len(answers) == 1 and len(head) + len(summaries[0]) < MAX_LINES
+    if others and (room or details):
+        summaries[-1].append(others if details else textwrap.shorten(others, WIDTH, placeholder=" …"))
+    if details:
+        summaries = [
+            [*lines, "", *details_of(answer).splitlines()] for lines, answer in zip(summaries, answers, strict=True)
+        ]
+    between = f"\n{'-' * WIDTH}\n" if details else "\n\n"
+    return "\n".join(head) + "\n" + between.join("\n".join(lines) for lines in summaries) + "\n"
+
+
+def _others(recording: Recording, answers: list[Answer]) -> str:
+    """The channels that were not tuned, and what they are; "" where there are none."""
     from kalscope.analysis.channel_kinds import with_kinds
-    from kalscope.cli.tune.page import WIDTH, reading_text, text_of
 
-    pages = reading_text(recording)
-    pages += f"\n{'-' * WIDTH}\n".join(text_of(answer, recording) for answer in answers)
     others = [name for name in recording.names if name not in {answer.channel for answer in answers}]
-    if others:
-        words = ", ".join(with_kinds(recording, others[:MAX_OTHERS]))
-        rest = f" and {len(others) - MAX_OTHERS} more" if len(others) > MAX_OTHERS else ""
-        more = textwrap.wrap(f"Other channels (--channel, --all): {words}{rest}", WIDTH)
-        pages += "\n" + "\n".join(more) + "\n"
-    return pages
+    words = ", ".join(with_kinds(recording, others[:MAX_OTHERS]))
+    rest = f" and {len(others) - MAX_OTHERS} more" if len(others) > MAX_OTHERS else ""
+    return f"Other channels (--channel, --all): {words}{rest}" if others else ""
 
 
 def _json(recording: Recording, answers: list[Answer], every: bool) -> str:
     """One object: the channel's own, or with --all one that holds a list of them."""
-    from kalscope.cli.tune.answer import as_plain, finite
+    from kalscope.cli.tune.plain import as_plain, finite
     from kalscope.sources.readers import account
 
     reading = finite(account.as_plain(recording))
     head = {"source": recording.source, "sha256": recording.sha256, "reading": reading}
-    plain = [as_plain(answer) for answer in answers]
+    plain = [as_plain(answer, recording) for answer in answers]
     whole = {**head, "channels": plain} if every else {**head, **plain[0]}
     return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str]:
     """Save the tuning of the channels that have a pair; returns notes about it for the user."""
-    from kalscope.cli.tune.page import VERDICT_WORDS
+    from kalscope.cli.tune.words import VERDICT_WORDS
     from kalscope.filtering.arrays import scalar
     from kalscope.sources.readers import account
     from kalscope.tuning.tuning import ChannelTuning, Tuning, save_tuning
@@ -113,6 +132,7 @@ def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str
             scalar(one.found.params.q),
             scalar(one.found.params.r),
             how=one.found.how,
+            gate=None if one.found.params.gate is None else scalar(one.found.params.gate),
             momentum=scalar(one.found.params.momentum),
         )
         for one in answers

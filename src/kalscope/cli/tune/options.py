@@ -38,6 +38,8 @@ class TuneOptions:
     """"FROM:TO" of a still stretch."""
     momentum: float | Literal["auto"] = "auto"
     """τ in sample periods, or "auto"."""
+    gate: float | None = None
+    """Outlier gate on v²/s; NaN = off, None = as it is found."""
 
     def request(self, recording: Recording) -> Request:
         """The same in the words of `find_parameters`.
@@ -101,6 +103,9 @@ def tune_options(
             'Sample periods that the signal keeps its direction, or "auto" (default).', number_or("auto")
         ),
     ] = None,
+    gate: Annotated[
+        float | None, number_option('Outlier gate on v²/s, such as 16, or "off"; else as found.', number_or("off"))
+    ] = None,
 ) -> TuneOptions:
     """The options in place of the parameter `asked` of the command; see `with_options`.
 
@@ -113,7 +118,7 @@ def tune_options(
     given = {name: value for name, value in (*lambdas, *noises, *others) if value is not None}
     _refuse_contradictions([*given, *([] if still is None else ["--still"])], method)
     tau = "auto" if momentum is None or math.isnan(momentum) else momentum
-    return TuneOptions(method or "ml", given, still, tau)
+    return TuneOptions(method or "ml", given, still, tau, gate)
 
 
 def _refuse_contradictions(named: list[str], method: str | None) -> None:

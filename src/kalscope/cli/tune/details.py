@@ -1,14 +1,13 @@
-"""The answer of `kalscope tune` as a page of plain text: the pair, what it does, whether to trust it."""
+"""What `kalscope tune --details` adds: how the pair was found, what it does, second opinions, tests."""
 
 from __future__ import annotations
 
 import math
-import shlex
-import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.cli.tune.answer import CHOSEN, Answer
+from kalscope.cli.tune.words import VERDICT_WORDS, between, wrapped
 from kalscope.common.text import (
     correlation,
     count,
@@ -28,63 +27,22 @@ from kalscope.estimation.verdict import gain_of, lag_of
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
-from kalscope.recording import Recording
-from kalscope.sources.readers.account import summary, warnings
-
-WIDTH = 96
-"""Columns of the page."""
-
-VERDICT_WORDS = {
-    CHOSEN: "chosen",
-    "ok": "ok",
-    "no_noise": "r → 0: no noise seen",
-    "no_movement": "q → 0: no movement seen",
-    "flat": "vague: any ratio fits",
-    "too_few": "too few samples",
-    "constant": "all readings equal",
-    "bad_unit": "numbers out of range",
-    "irregular": "needs regular sampling",
-    "not_converged": "not converged",
-}
-"""Verdicts as they stand in a table."""
 
 SILENT = ("too_few", "constant", "bad_unit", "irregular")
 """Verdicts without numbers."""
 
 
-def reading_text(recording: Recording) -> str:
-    """How the recording was read: one line, and a warning where much of it could not be."""
-    lines = [f"{recording.title or recording.source}: {summary(recording)}"]  # one line, for a program to take
-    for sentence in warnings(recording):
-        lines += _wrapped(f"Warning: {sentence}.")
-    return "\n".join(lines) + "\n\n"
-
-
-def text_of(answer: Answer, recording: Recording) -> str:
-    """The page of one channel."""
-    parts = (
-        _head(answer),
-        _pair(answer, recording),
-        _meaning(answer),
-        _opinions(answer),
-        _trust(answer),
-    )
+def details_of(answer: Answer) -> str:
+    """All that the summary of one channel leaves out, as one text."""
+    parts = (_pair(answer), _meaning(answer), _opinions(answer), _trust(answer))
     return "\n\n".join("\n".join(lines) for part in parts if (lines := list(part))) + "\n"
 
 
-def _head(answer: Answer) -> Iterator[str]:
-    unit = f" [{answer.unit}]" if answer.unit else ""
-    missing = f", {count(answer.missing)} of them missing" if answer.missing else ""
-    yield f"{answer.channel}{unit}: {count(answer.samples)} samples{missing}"
-
-
-def _pair(answer: Answer, recording: Recording) -> Iterator[str]:
+def _pair(answer: Answer) -> Iterator[str]:
     params, unit = answer.found.params, squared(answer.unit)
-    if params is None:
-        yield f"No q and r to recommend ({VERDICT_WORDS[answer.verdict]})."
-        if warnings(recording):
-            yield "Mend the reading first: what follows holds for the samples that could be read."
-    else:
+    missing = f", {count(answer.missing)} of them missing" if answer.missing else ""
+    yield f"samples            {count(answer.samples)}{missing}"
+    if params is not None:
         q, r, ratio = scalar(params.q), scalar(params.r), scalar(params.ratio)
         yield f"process noise      q = {trimmed(q, 4)} {unit}"
         sigma = f"σ = {number(math.sqrt(r))} {answer.unit or 'unit'}"
@@ -92,13 +50,11 @@ def _pair(answer: Answer, recording: Recording) -> Iterator[str]:
         yield f"ratio            q/r = {number(ratio)}"
         if tau := scalar(params.momentum):
             yield f"momentum           τ = {trimmed(tau, 4)} samples{_seconds(tau, answer.sample_period)}"
+        if params.gate is not None:
+            yield f"outlier gate         = {number(math.sqrt(scalar(params.gate)))} σ"
         yield f"how: {answer.found.how}"
     yield ""
-    yield from _wrapped(answer.found.message)
-    if params is None:
-        target = "--gain 0.2" if answer.sample_period is None else f"--lag-ms {5e3 * answer.sample_period:.4g}"
-        place = shlex.join([recording.source, *recording.report.options, "--channel", answer.channel])
-        yield f"For example: kalscope tune {place} {target}"
+    yield from wrapped(answer.found.message)
 
 
 def _seconds(tau: float, period: float | None) -> str:
@@ -109,9 +65,9 @@ def _meaning(answer: Answer) -> Iterator[str]:
     if answer.steady is not None and answer.found.params is not None:
         yield "What this filter does"
         yield from _steady_lines(answer.steady, answer.found.params, answer.sample_period)
-    yield from _wrapped(f"The record allows (95 %): {_interval(answer)}.")
+    yield from wrapped(f"The record allows (95 %): {_interval(answer)}.")
     if answer.verdict == CHOSEN and answer.found.params is not None and not scalar(answer.found.params.momentum):
-        yield from _wrapped(_choice(answer, scalar(answer.found.params.ratio)))
+        yield from wrapped(_choice(answer, scalar(answer.found.params.ratio)))
 
 
 def _steady_lines(steady: SteadyState, params: FilterParams, period: float | None) -> Iterator[str]:
@@ -138,10 +94,10 @@ def _interval(answer: Answer) -> str:
         return "any q/r; it sets no limits"
     least, most = (scalar(end) for end in limits.gain_interval)
     short, long = (scalar(end) for end in limits.lag_interval)
-    gain, lag = _between(least, most, largest=1.0), _between(short, long)
+    gain, lag = between(least, most, largest=1.0), between(short, long)
     period = answer.sample_period
-    seconds = "" if period is None else f" ({_between(short * period, long * period, words=duration)})"
-    return f"q/r {_between(low, high)}, gain {gain}, lag {lag} samples{seconds}"
+    seconds = "" if period is None else f" ({between(short * period, long * period, words=duration)})"
+    return f"q/r {between(low, high)}, gain {gain}, lag {lag} samples{seconds}"
 
 
 def _choice(answer: Answer, ratio: float) -> str:
@@ -159,7 +115,7 @@ def _opinions(answer: Answer) -> Iterator[str]:
     yield _row("method", "q", "r", "gain", "lag", "verdict")
     for one in answer.opinions:
         yield _row(METHOD_NAMES[one.method], *_cells(one), VERDICT_WORDS[str(one.verdict)])
-    yield from _wrapped(comparison(answer.opinions, answer.momentum))
+    yield from wrapped(comparison(answer.opinions, answer.momentum))
 
 
 def _cells(one: Estimate) -> tuple[str, str, str, str]:
@@ -177,18 +133,18 @@ def _trust(answer: Answer) -> Iterator[str]:
     judged, held = answer.residuals, answer.held_out
     if judged is None:
         return
-    yield from _wrapped(f"Advice: {judged.advice}.")
+    yield from wrapped(f"Advice: {judged.advice}.")
     if not judged.advice.startswith("too few"):
         jumps = f", {judged.jumps} of them jumps that stay" if judged.jumps else ""
         spikes = f"{judged.spikes} beyond 4 σ{jumps} (chance: {number(judged.spikes_expected, 2)})"
         white = f"lag-1 autocorrelation {correlation(judged.r1)} (white: within ±{correlation(judged.r1_bound)})"
-        yield from _wrapped(f"Residuals: {white}; {spikes}.")
+        yield from wrapped(f"Residuals: {white}; {spikes}.")
     if held is None:
         yield "Held-out test: not possible, one half of the record gives too little."
         return
     band = f"{number(held.nis)}, expected {number(held.nis_low)} to {number(held.nis_high)}"
     test = "On the second half" if answer.verdict == CHOSEN else "Tuned on the first half, judged on the second"
-    yield from _wrapped(f"{test}: NIS {band}: {_nis(held)}.")
+    yield from wrapped(f"{test}: NIS {band}: {_nis(held)}.")
 
 
 def _nis(held: Diagnostics) -> str:
@@ -197,13 +153,3 @@ def _nis(held: Diagnostics) -> str:
     if held.nis > held.nis_high:
         return "too sure of itself, errors are larger than q and r promise"
     return "too careful, errors are smaller than q and r promise"
-
-
-def _between(low: float, high: float, largest: float = math.inf, words: Callable[[float], str] = number) -> str:
-    if low == 0.0:
-        return "any" if high >= largest else f"up to {words(high)}"
-    return f"{words(low)} or more" if high >= largest else f"{words(low)} to {words(high)}"
-
-
-def _wrapped(text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, break_long_words=False, break_on_hyphens=False)

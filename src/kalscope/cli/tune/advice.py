@@ -1,0 +1,84 @@
+"""Advice as options: what to add to the same `kalscope tune`, or leave out, to do what a piece of advice says."""
+
+from __future__ import annotations
+
+import shlex
+
+from kalscope.analysis import actions
+from kalscope.cli.tune.answer import Answer
+from kalscope.cli.tune.options import SPECIFICATIONS
+from kalscope.common.text import trimmed
+from kalscope.filtering.arrays import scalar
+from kalscope.recording import Recording
+
+TARGET_OPTIONS = {name: option for option, (name, _) in SPECIFICATIONS.items()}
+"""The option of each target of `find_parameters`."""
+
+
+def option_for(action: actions.Action | None, answer: Answer, recording: Recording) -> str:
+    """The option that does it for this channel; "" where no option does, as for a new recording."""
+    without = _without(answer)
+    match action:
+        case actions.AllowMomentum():
+            words = ["--momentum auto", *without]
+        case actions.SetSpikesAside():
+            words = ["--robust yes", *without]
+        case actions.EstimateAgain():
+            words = without
+        case actions.SetGate(sigma):
+            words = ["--gate off" if sigma is None else f"--gate {sigma * sigma:.4g}"]
+        case actions.UseStillStretch(first, last):
+            words = [f"--still {still_text(recording, first, last)}"]
+        case actions.SetRatio(ratio):
+            words = [f"--ratio {ratio:.3g}"]
+        case actions.Scale(q_factor, r_factor):
+            words = _scaled(answer, q_factor, r_factor)
+        case actions.GiveNoise():
+            words = ["--sigma STD, from the data sheet"]
+        case actions.ChooseFilter():
+            words = [example(answer, recording)]
+        case actions.UnsetStart() | actions.RecordLonger() | None:
+            words = []
+    return " ".join(words)
+
+
+def _without(answer: Answer) -> list[str]:
+    """The options that keep q, r or momentum from being estimated: they must go."""
+    asked = answer.request
+    noise = asked.noise
+    given = [
+        *(TARGET_OPTIONS[name] for name in asked.target),
+        *(["--ratio"] if asked.ratio is not None else []),
+        *(["--overshoot"] if asked.overshoot is not None else []),
+        *(f"--{name}" for name in ("still", "sigma", "density", "r") if getattr(noise, name) is not None),
+        *(["--method"] if asked.method != "ml" else []),
+    ]
+    return [f"without {', '.join(given)}"] if given else []
+
+
+def _scaled(answer: Answer, q_factor: float, r_factor: float) -> list[str]:
+    """Both variances times their factor, as options of `kalscope open` and `filter`, which take them."""
+    params = answer.found.params
+    if params is None:
+        return []
+    q, r = scalar(params.q) * q_factor, scalar(params.r) * r_factor
+    return [f"--q {q:.4g} --r {r:.4g} of kalscope open and filter"]
+
+
+def still_text(recording: Recording, first: int, last: int) -> str:
+    """Samples `first` … `last` − 1 as FROM:TO, in as few digits as take the same ones."""
+    time = recording.time
+    for digits in range(3, 18):
+        start, end = (f"{float(time[at]):.{digits}g}" for at in (first, last - 1))
+        inside = ((time >= float(start)) & (time <= float(end))).nonzero()[0]
+        if len(inside) and (inside[0], inside[-1]) == (first, last - 1):
+            return f"{start}:{end}"
+    return f"{float(time[first])!r}:{float(time[last - 1])!r}"
+
+
+def example(answer: Answer, recording: Recording) -> str:
+    """A command that works without a pair: the same reading, and a lag of five samples or a gain."""
+    period = answer.sample_period
+    target = "--gain 0.2" if period is None else f"--lag-ms {trimmed(5e3 * period, 4)}"
+    place = shlex.join([recording.source, *recording.report.options, "--channel", answer.channel])
+    return f"kalscope tune {place} {target}"
