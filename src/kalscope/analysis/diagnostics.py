@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -93,6 +93,8 @@ class Diagnostics:
     """Advised factor for q, by likelihood; 1 = keep. With momentum it is that for r, which keeps the curve."""
     r_factor: float = 1.0
     """Advised factor for r; 1 = keep."""
+    nis_before: float = 1.0
+    """Of `diagnose_held_out`: the mean of e² on the first half; 1 where that is not known."""
     findings: Findings = field(default_factory=lambda: Findings(0))
     """What speaks against the filter, for `analysis.judgement`; found in all samples."""
 
@@ -157,8 +159,13 @@ def diagnose_held_out(
     half = len(samples) // 2
     params = fit if isinstance(fit, FilterParams) else fit(samples[:half], None if steps is None else steps[:half])
     result = kalman_filter(samples, params, steps)
-    columns = tuple(a[half:] for a in (result.x, result.p, result.k, result.innovation, result.s))
-    return _diagnose_channel(columns, lags, False, False, first=half, momentum=bool(_has_momentum(result)[0]))
+    columns = (result.x, result.p, result.k, result.innovation, result.s)
+    judged = _diagnose_channel(
+        tuple(a[half:] for a in columns), lags, False, False, first=half, momentum=bool(_has_momentum(result)[0])
+    )
+    seen = _standardised(tuple(a[:half] for a in columns))
+    seen = seen[np.isfinite(seen)]
+    return replace(judged, nis_before=residual_tests.dot(seen, seen) / len(seen)) if seen.any() else judged
 
 
 def _has_momentum(result: FilterResult) -> NDArray[np.bool_]:

@@ -2,11 +2,68 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from kalscope.analysis.actions import Advice, Status
+import numpy as np
+
+from kalscope.analysis.actions import Advice, ChooseFilter, EstimateAgain, GiveNoise, RecordLonger, Status
 from kalscope.analysis.diagnostics import Diagnostics
+from kalscope.analysis.fit.correction import MIN_FACTOR, MIN_SAMPLES
+from kalscope.analysis.fit.words import NO_FAULT, Finding, Known, findings_in_words
+from kalscope.analysis.residual_tests import dot
+from kalscope.common.text import count, number
 from kalscope.estimation.result import Estimate
+
+MAX_ADVICE = 2
+"""Pieces of advice at a time: the first may make the later ones unnecessary."""
+
+FEW = 100
+"""Residuals below which only gross misfits show."""
+
+CERTAIN = 4.0
+"""Standard errors by which the second half must differ before it is said."""
+
+BLOCKS = 16
+"""Blocks of the second half from whose scatter the standard error of its mean v²/s comes."""
+
+HEADLINES: dict[Status, str] = {
+    "start": "The given start value does not fit the record.",
+    "spikes": "The record has spikes, which the filter takes for signal.",
+    "bursts": "Large errors are too many, or too close together, for single outliers.",
+    "too_slow": "The filter is too slow for this record.",
+    "too_fast": "The filter is too fast for this record: it lets through noise that could be removed.",
+    "band": "q and r are wrong by one factor: the band is wrong, but no other ratio fits better.",
+    "edge": "With a variance of 0 this filter does not fit the record.",
+    "structure": "The record holds more than the model describes.",
+    "changes": "The record changes as it goes on: one pair cannot fit all of it.",
+    "gate": "The outlier gate refuses more than outliers.",
+    "steps": "The signal steps: no q both follows the steps and smooths well between them.",
+    "constant": "The signal is constant: there is nothing to judge the filter by.",
+    "rounded": "The sensor rounds more coarsely than its noise: r is the variance of rounding.",
+    "vague": "The filter fits, and so does any other q/r: the record cannot tell them apart.",
+    "methods_differ": "Predictions one sample ahead fit, but other methods of estimation contradict the model.",
+}
+"""What each status says of the record; the others hold a number or quote the estimate."""
+
+ROUNDED: Finding = ("rounded", Advice("for a smaller r, let the sensor give finer steps"))
+"""All that is said where r is a floor that the residuals need not reach."""
+
+NO_PAIR: dict[str, tuple[Advice, ...]] = {
+    "no_noise": (
+        Advice("take r from a still stretch or the data sheet", GiveNoise()),
+        Advice("choose the lag or the cut-off that you can accept", ChooseFilter()),
+    ),
+    "no_movement": (
+        Advice("keep this r and choose the lag or the cut-off that you can accept", ChooseFilter()),
+        Advice("record while the signal moves", RecordLonger(0)),
+    ),
+    "too_few": (Advice("record longer", RecordLonger(8)),),
+    "constant": (Advice("record while the signal moves, or take r from the data sheet", GiveNoise()),),
+    "irregular": (Advice("estimate by maximum likelihood, which takes irregular sampling", EstimateAgain()),),
+    "too_many_outliers": (Advice("choose the lag or the cut-off that you can accept", ChooseFilter()),),
+}
+"""What to do where the estimate gives no pair, by its verdict."""
 
 
 @dataclass(frozen=True)
@@ -19,6 +76,8 @@ class Judgement:
     """One sentence with capital and full stop; it is true of the record whatever else is found."""
     advice: tuple[Advice, ...] = ()
     """What to do, most urgent first, two at most; () where nothing is to be done."""
+    held_out: str = ""
+    """What the second half says of a pair that has not seen it, one clause; "" where that was not possible."""
 
 
 def judge(
@@ -27,6 +86,7 @@ def judge(
     estimate: Estimate | None = None,
     disagreement: str = "",
     chosen: str = "",
+    momentum_searched: bool = False,
 ) -> Judgement:
     """Decide whether a filter fits a record.
 
@@ -36,10 +96,85 @@ def judge(
         estimate: where q and r come from; None where they were chosen.
         disagreement: how the methods of estimation differ, "" where they agree or were not asked.
         chosen: what the user asked for, such as "a lag of 50 ms"; the advice then does not undo it.
+        momentum_searched: whether the estimate looked for momentum; it is not advised again then.
     """
-    del held_out, estimate, disagreement, chosen
     if residuals is None:
+        return _without_pair(estimate)
+    known = Known(
+        estimated=estimate is not None and not chosen,
+        robust=estimate is not None and getattr(estimate, "outliers", None) is not None,
+        momentum_searched=momentum_searched,
+        chosen=chosen,
+    )
+    rounded = estimate is not None and estimate.verdict == "below_resolution"
+    said = [ROUNDED] if rounded else findings_in_words(residuals.findings, known)
+    halves = "" if held_out is None else _held_out_clause(held_out)
+    if not said:
+        said = _beyond_residuals(held_out, estimate, disagreement)
+    advice = tuple(advice for _, advice in said[:MAX_ADVICE])
+    status = said[0][0] if said else "fits"
+    return Judgement(status, _headline(status, residuals.n), advice, halves)
+
+
+def advice_words(judgement: Judgement) -> str:
+    """The advice as clauses without capitals, or that there is nothing to advise."""
+    return ". ".join(advice.text for advice in judgement.advice) or NO_FAULT
+
+
+def _headline(status: Status, n: int) -> str:
+    if status == "too_few":
+        return f"Too few samples to judge the filter: {count(n)} were scored, {MIN_SAMPLES} are needed."
+    if status != "fits":
+        return HEADLINES[status]
+    if n < FEW:
+        return f"Nothing in the {count(n)} residuals speaks against the filter, but so few show only gross misfits."
+    return f"The filter fits: no misfit worth correcting in {count(n)} residuals."
+
+
+def _without_pair(estimate: Estimate | None) -> Judgement:
+    if estimate is None:
         return Judgement("no_pair", "There is no q and r to judge.")
-    text = residuals.advice
-    status = "fits" if text == "no misfit worth correcting" else "structure"
-    return Judgement(status, f"{text[:1].upper()}{text[1:]}.")
+    verdict = str(estimate.verdict)
+    first = str(estimate.message).split(". ", 1)[0].rstrip(".")
+    return Judgement("no_pair", f"{first}.", NO_PAIR.get(verdict, ()))
+
+
+def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None, disagreement: str) -> list[Finding]:
+    """What speaks against a filter whose residuals on the whole record are white and of the right size."""
+    verdict = "" if estimate is None else str(estimate.verdict)
+    if verdict == "flat":
+        return [("vague", Advice("take r from a still stretch or the data sheet, or record longer", GiveNoise()))]
+    if held_out is not None and _differs(held_out):
+        size = f"{number(held_out.nis)} × what q and r predict, those of the first {number(held_out.nis_before)} ×"
+        text = f"the squared errors of the second half are {size}: the noise or the movement changes"
+        return [("changes", Advice(text))]
+    if disagreement:
+        return [("methods_differ", Advice(disagreement.rstrip("."), ChooseFilter()))]
+    return []
+
+
+def _held_out_clause(held_out: Diagnostics) -> str:
+    """The size of the errors of the second half, without a verdict on it that the whole record could contradict."""
+    if held_out.nis_low <= held_out.nis <= held_out.nis_high:
+        return "squared errors are as large as q and r predict"
+    size = f"squared errors are {number(held_out.nis)} × what q and r predict"
+    if _differs(held_out):
+        return f"{size}, on the first half {number(held_out.nis_before)} ×: the halves differ"
+    if 1.0 / MIN_FACTOR < held_out.nis < MIN_FACTOR:
+        return f"{size}, too little to matter"
+    same = 1.0 / MIN_FACTOR < held_out.nis / held_out.nis_before < MIN_FACTOR
+    return f"{size}, {'as on the first half' if same else 'which a few large errors explain'}"
+
+
+def _differs(held_out: Diagnostics) -> bool:
+    """Whether the mean v²/s of the halves differs by a factor that matters and by more than its own scatter.
+
+    The scatter is that of blocks, so heavy tails and changes within the half widen it; √2 because that of the first
+    half is as uncertain.
+    """
+    e = held_out.e[np.isfinite(held_out.e)]
+    if len(e) < 4 * BLOCKS or 1.0 / MIN_FACTOR < held_out.nis / held_out.nis_before < MIN_FACTOR:
+        return False
+    means = np.array([dot(part, part) / len(part) for part in np.array_split(e, BLOCKS)])
+    error = math.sqrt(2.0 * float(means.var(ddof=1)) / BLOCKS)
+    return abs(held_out.nis - held_out.nis_before) > CERTAIN * error

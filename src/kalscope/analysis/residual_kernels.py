@@ -13,8 +13,8 @@ LONE, STAYS = 1, 2
 
 
 @njit(cache=True, nogil=True)
-def find_spikes(v: Array, k: Array, limit: Array, kind: NDArray[np.int8]) -> None:
-    """Mark in `kind` the innovations v beyond `limit` with LONE or STAYS, the rest with 0.
+def find_spikes(v: Array, k: Array, limit: Array, kind: NDArray[np.int8], size: Array) -> None:
+    """Mark in `kind` the innovations v beyond `limit` with LONE or STAYS, the rest with 0; steps go to `size`.
 
     A lone spike of size d leaves −k d in the next innovation, a jump that stays (1 − k) d; halfway between
     lies (½ − k) d. That tail dies away by 1 − k a sample and is taken off first, so it makes no new spikes.
@@ -23,7 +23,7 @@ def find_spikes(v: Array, k: Array, limit: Array, kind: NDArray[np.int8]) -> Non
     for i in range(n):
         d = v[i] - tail
         tail *= 1.0 - k[i]
-        kind[i] = 0
+        kind[i], size[i] = 0, d
         if abs(d) <= limit[i]:
             continue
         after = (v[i + 1] - tail) * np.sign(d) if i + 1 < n else -np.inf

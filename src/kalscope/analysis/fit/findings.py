@@ -33,6 +33,8 @@ class Findings:
     """How far, in σ, the first sample lies from the given x0; 0 where none was given or that is no misfit."""
     spikes: int = 0
     """Isolated spikes, where they are more than chance."""
+    burst: tuple[int, int] | None = None
+    """First and last sample of the short stretch that holds most of these spikes, where there is one."""
     jumps: int = 0
     """Jumps that stay, where spikes and jumps are more than chance."""
     scale: float = 1.0
@@ -73,18 +75,20 @@ def find_misfits(
     record = Record.of(columns, seen, seen[outliers])
     correction = find_scale(e, outliers) if momentum else find_correction(record)
     structure, change = None, 1.0
-    if correction.e is not None and not steps:  # steps leave both, whatever the rest of the signal does
-        structure = find_structure(correction.e, lags)
-        if structure is None:
-            change = find_change(correction.e)
-        elif not momentum:
+    if correction.e is not None:
+        # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
+        structure = None if steps else find_structure(correction.e, lags)
+        change = find_change(correction.e) if structure is None else 1.0
+        if structure is not None and not momentum:
             structure = with_momentum(structure, record, lags)
+    burst = spikes.burst(n) if spiky else None
     return Findings(
         n=n,
         ratio=record.ratio,
         momentum=momentum,
         start=spikes.start,
         spikes=spikes.lone if spiky else 0,
+        burst=None if burst is None else (int(seen[burst[0]]), int(seen[burst[1]])),
         jumps=spikes.jumps if steps else 0,
         scale=1.4826 * float(np.median(np.abs(e))) or 1.0,
         refused=refused,

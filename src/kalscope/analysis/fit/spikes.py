@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,9 @@ widen the σ among which they are found: of 25 % that are off by 60 σ half are 
 
 MAX_REFUSED = 0.2
 """Share of the samples up to which those that a gate refuses are outliers."""
+
+MIN_BURST, MAX_BURST = 8, 0.1
+"""Spikes that make a burst, and the share of the record that it may be."""
 
 MAX_EXCURSION = 8
 """A signal that comes back within so many samples has not stepped: it was a longer spike."""
@@ -44,16 +48,27 @@ class Spikes:
         """Spikes by `residual_kernels.find_spikes`; all arrays of shape (N,), scored samples only."""
         kind = np.empty(len(e), dtype=np.int8)
         limit = residual_tests.spike_limits(e)
-        residual_kernels.find_spikes(v, k, limit * np.sqrt(s), kind)
+        step = np.empty(len(e))
+        residual_kernels.find_spikes(v, k, limit * np.sqrt(s), kind, step)
         start = residual_tests.SPIKE * abs(float(e[0])) / float(limit[0]) if prior and kind[0] else 0.0
         if start:
             kind[0] = 0
-        within = _mark_excursions(kind, e)
+        within = _mark_excursions(kind, step)
         at = np.flatnonzero(kind)
         off = np.union1d(within, np.flatnonzero(kind == residual_kernels.LONE))
         at = at[np.argsort(-np.abs(e[at]), kind="stable")]
         size = residual_tests.SPIKE * np.abs(e[at]) / limit[at]
         return Spikes(at, kind[at] == residual_kernels.STAYS, size, off, start)
+
+    def burst(self, n: int) -> tuple[int, int] | None:
+        """First and last residual of the shortest stretch with three quarters of the lone spikes; None if long."""
+        at = np.sort(self.at[~self.stays])
+        held = math.ceil(0.75 * len(at))
+        if len(at) < MIN_BURST:
+            return None
+        spans = at[held - 1 :] - at[: len(at) - held + 1]
+        first = int(np.argmin(spans))
+        return (int(at[first]), int(at[first + held - 1])) if spans[first] <= MAX_BURST * n else None
 
     @property
     def lone(self) -> int:
@@ -73,14 +88,14 @@ class Spikes:
         return many or bool(np.any(sizes > 2.0 * residual_tests.SPIKE))
 
 
-def _mark_excursions(kind: NDArray[np.int8], e: Array) -> NDArray[np.int64]:
-    """Mark jumps that are soon undone as lone spikes; returns the samples between them, the first one included."""
+def _mark_excursions(kind: NDArray[np.int8], step: Array) -> NDArray[np.int64]:
+    """Mark jumps that are soon undone as one lone spike; returns the samples off the signal, the first included."""
     marked = np.flatnonzero(kind)
     within: list[NDArray[np.int64]] = []
     i = 0
     while i + 1 < len(marked):
         there, back = int(marked[i]), int(marked[i + 1])
-        undone = e[there] * e[back] < 0.0 and abs(e[there] + e[back]) < 0.5 * abs(e[there])
+        undone = step[there] * step[back] < 0.0 and abs(step[there] + step[back]) < 0.5 * abs(step[there])
         if kind[there] == residual_kernels.STAYS and undone and back - there <= MAX_EXCURSION:
             kind[there], kind[back] = residual_kernels.LONE, 0
             within.append(np.arange(there, back))

@@ -23,11 +23,12 @@ from kalscope.analysis.fit.findings import Findings
 from kalscope.analysis.fit.spikes import MAX_OUTLIERS, MAX_REFUSED
 from kalscope.analysis.residual_tests import SPIKE
 from kalscope.common.text import count, number, percent, trimmed
+from kalscope.filtering.kernels import GATE_LIMIT
 
 NO_FAULT = "no misfit worth correcting"
 
-MAX_RUN = 5
-"""Outliers that a gate refuses in a row; more of them are a signal that it has lost."""
+GREAT_CHANGE = 4.0
+"""A change of the variance by more than this factor explains spikes and jumps."""
 
 Finding = tuple[Status, Advice]
 
@@ -53,12 +54,18 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
         return [("too_few", Advice(few, RecordLonger(MIN_SAMPLES)))]
     if found.constant:
         return [("constant", Advice("the signal is constant: there is nothing to judge the filter by"))]
-    misfits = [_edge(found), _size(found.correction, known), _structure(found, known)]
-    change = [_change(found)]
+    spikes, change = _spikes(found, known), _change(found)
+    fitted_again = spikes is not None and isinstance(spikes[1].action, SetSpikesAside)
+    lost = found.momentum and found.structure is not None  # the one factor of such a filter corrects no curve
+    size = None if fitted_again or lost else _size(found.correction, known)
     factors = (found.correction.q_factor, found.correction.r_factor)
-    explains = found.change > max(max(factor, 1.0 / factor) for factor in factors)
-    said = [_start(found), _gate(found), _spikes(found, known), _jumps(found)]
-    said += change + misfits if explains else misfits + change
+    off = max(max(factor, 1.0 / factor) for factor in factors)
+    said = [_start(found), _refused_share(found)]
+    said += [change] if found.change > max(off, GREAT_CHANGE) else [spikes, _jumps(found)]
+    said += [change] if off < found.change <= GREAT_CHANGE else []
+    said += [_edge(found), size, _structure(found, known)]
+    said += [change] if found.change <= off else []
+    said.append(_refused_runs(found))
     return [finding for finding in said if finding is not None]
 
 
@@ -74,15 +81,22 @@ def _start(found: Findings) -> Finding | None:
     return "start", Advice(text, UnsetStart())
 
 
-def _gate(found: Findings) -> Finding | None:
+def _refused_share(found: Findings) -> Finding | None:
     share = found.refused / (found.n + found.refused)
-    if share > MAX_REFUSED:
-        text = f"the outlier gate refuses {percent(share)} of the samples: too many for outliers, switch it off"
-        return "bursts", Advice(text, SetGate(None))
-    if found.refused_in_a_row > MAX_RUN:
-        run = f"the outlier gate refuses {count(found.refused_in_a_row)} samples in a row"
-        return "steps", Advice(f"{run}: the signal has left the filter, and the gate delays it", SetGate(None))
-    return None
+    if share <= MAX_REFUSED:
+        return None
+    text = f"the outlier gate refuses {percent(share)} of the samples: too many for outliers, switch it off"
+    return "gate", Advice(text, SetGate(None))
+
+
+def _refused_runs(found: Findings) -> Finding | None:
+    if found.refused_in_a_row < GATE_LIMIT:
+        return None
+    text = (
+        f"the outlier gate refused {found.refused_in_a_row} samples in a row, the most it may: either the signal "
+        "moved on, which the gate delays, or outliers come in runs"
+    )
+    return "gate", Advice(text, SetGate(None))
 
 
 def _spikes(found: Findings, known: Known) -> Finding | None:
@@ -90,15 +104,21 @@ def _spikes(found: Findings, known: Known) -> Finding | None:
         return None
     seen = f"spikes: {count(found.spikes)} beyond 4 σ"
     if found.spikes > MAX_OUTLIERS * found.n:
-        return "bursts", Advice(f"{seen} are too many for outliers: the noise or the signal comes in bursts")
+        return "bursts", Advice(f"{seen} are too many for outliers: one variance cannot describe such noise")
+    if found.burst:
+        first, last = (count(at) for at in found.burst)
+        return "bursts", Advice(f"{seen}, most of them in a burst, samples {first} to {last}")
     if found.refused:
-        if found.correction.worth_it:
-            return None  # of the right size the gate takes them
-        sigma = max(float(trimmed(SPIKE * found.scale, 2)), 1.0)
-        return "spikes", Advice(f"{seen} pass the outlier gate: narrow it to {sigma:g} σ", SetGate(sigma))
+        explained = found.correction.worth_it or found.refused_in_a_row >= GATE_LIMIT
+        return None if explained else _passing(found, seen)
     if known.estimated and not known.robust:
         return "spikes", Advice(f"{seen}, and the fit took them for noise: set them aside", SetSpikesAside())
     return "spikes", Advice(f"{seen}: switch the outlier gate on", SetGate(SPIKE))
+
+
+def _passing(found: Findings, seen: str) -> Finding:
+    sigma = max(float(trimmed(SPIKE * found.scale, 2)), 1.0)
+    return "spikes", Advice(f"{seen} pass the outlier gate: narrow it to {sigma:g} σ", SetGate(sigma))
 
 
 def _edge(found: Findings) -> Finding | None:

@@ -112,7 +112,7 @@ def answer_for(
         steady=None if found.params is None else steady_state(found.params, period),
         residuals=residuals,
         held_out=held_out,
-        judgement=_judged(found, opinions, residuals, held_out),
+        judgement=_judged(request, found, opinions, residuals, held_out),
     )
 
 
@@ -130,10 +130,20 @@ def _residuals(z: Array, dt: Array | None, found: Found) -> Diagnostics | None:
 
 
 def _judged(
-    found: Found, opinions: tuple[Estimate, ...], residuals: Diagnostics | None, held_out: Diagnostics | None
+    request: Request,
+    found: Found,
+    opinions: tuple[Estimate, ...],
+    residuals: Diagnostics | None,
+    held_out: Diagnostics | None,
 ) -> Judgement:
-    chosen = found.how if found.estimate is None else ""
-    return judge(residuals, held_out, found.estimate, disagreement(opinions, momentum_of(found)), chosen)
+    return judge(
+        residuals,
+        held_out,
+        found.estimate,
+        disagreement(opinions, momentum_of(found)),
+        chosen=found.how.split(", r ")[0] if request.target or request.ratio is not None else "",
+        momentum_searched=request.checked_momentum() is None,
+    )
 
 
 def momentum_of(found: Found) -> float:

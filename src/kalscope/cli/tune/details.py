@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from kalscope.analysis.diagnostics import Diagnostics
+from kalscope.analysis.judgement import advice_words
 from kalscope.cli.tune.answer import CHOSEN, Answer
 from kalscope.cli.tune.words import VERDICT_WORDS, between, wrapped
 from kalscope.common.text import (
@@ -133,8 +133,8 @@ def _trust(answer: Answer) -> Iterator[str]:
     judged, held = answer.residuals, answer.held_out
     if judged is None:
         return
-    yield from wrapped(f"Advice: {judged.advice}.")
-    if not judged.advice.startswith("too few"):
+    yield from wrapped(f"Advice: {advice_words(answer.judgement)}.")
+    if answer.judgement.status != "too_few":
         jumps = f", {judged.jumps} of them jumps that stay" if judged.jumps else ""
         spikes = f"{judged.spikes} beyond 4 σ{jumps} (chance: {number(judged.spikes_expected, 2)})"
         white = f"lag-1 autocorrelation {correlation(judged.r1)} (white: within ±{correlation(judged.r1_bound)})"
@@ -144,12 +144,4 @@ def _trust(answer: Answer) -> Iterator[str]:
         return
     band = f"{number(held.nis)}, expected {number(held.nis_low)} to {number(held.nis_high)}"
     test = "On the second half" if answer.verdict == CHOSEN else "Tuned on the first half, judged on the second"
-    yield from wrapped(f"{test}: NIS {band}: {_nis(held)}.")
-
-
-def _nis(held: Diagnostics) -> str:
-    if held.nis_low <= held.nis <= held.nis_high:
-        return "as sure of itself as it should be"
-    if held.nis > held.nis_high:
-        return "too sure of itself, errors are larger than q and r promise"
-    return "too careful, errors are smaller than q and r promise"
+    yield from wrapped(f"{test}: NIS {band}: {answer.judgement.held_out}.")

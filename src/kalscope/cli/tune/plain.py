@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from kalscope.analysis.actions import Action
 from kalscope.analysis.diagnostics import Diagnostics
+from kalscope.analysis.judgement import advice_words
 from kalscope.cli.tune.advice import option_for
 from kalscope.cli.tune.answer import Answer
 from kalscope.estimation.finding import METHOD_NAMES
@@ -39,7 +40,7 @@ def as_plain(answer: Answer, recording: Recording) -> dict[str, Any]:
             "steady": None if answer.steady is None else asdict(answer.steady),
             "opinions": [_opinion(one) for one in answer.opinions],
             "disagreement": answer.disagreement,
-            "advice": None if answer.residuals is None else answer.residuals.advice,
+            "advice": None if answer.residuals is None else advice_words(answer.judgement),
             "judgement": _judgement(answer, recording),
             "residuals": _tested(answer.residuals),
             "held_out": _tested(answer.held_out),
