@@ -41,7 +41,7 @@ def read(path):
 def judge(found):
     for f in fields(found):
         value = getattr(found, f.name)
-        if not isinstance(value, str) and f.name != "params":
+        if not isinstance(value, str) and value is not None and f.name != "params":
             assert not np.isnan(value).any(), f.name
     assert len(found.message) > 40
     assert found.message.endswith(".")

@@ -18,7 +18,8 @@ from kalscope.estimation.methods.by_name import METHODS
 from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.momentum.verdict import with_momentum
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.verdict import each_channel
+from kalscope.estimation.robust.fit import Fit, checked_robust, spike_proof
+from kalscope.estimation.verdict import channel_fit, each_channel
 from kalscope.filtering.params import MAX_MOMENTUM, MIN_MOMENTUM
 
 
@@ -29,6 +30,7 @@ def estimate(
     progress: Callable[[float, str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
     momentum: float | Literal["auto"] = "auto",
+    robust: bool | Literal["auto"] = "auto",
 ) -> Estimate:
     """Find q, r and momentum in a record, with intervals and a verdict in words.
 
@@ -42,13 +44,16 @@ def estimate(
         momentum: τ in nominal sample periods, 0 … 1e5; 0 = none, the five lines. "auto" = find it, and take it
             where both the likelihood and the prediction of unseen samples speak for it. Only "ml" knows momentum:
             with another method "auto" is 0.
+        robust: whether spikes, samples that neither those before nor those after predict, are set aside before the
+            fit: True always, False never, "auto" where there are any. Only "ml" can: with another method "auto" is
+            False.
 
     Returns:
         An Estimate; its `params` are None where the record gives no usable pair, and its `message` says why.
 
     Raises:
         BadSetting: z holds inf or has another shape; dt does not fit z; the method is unknown, or knows no
-            momentum; momentum is out of its range.
+            momentum; momentum is out of its range; robust is something else.
         Cancelled: `cancelled()` was true.
 
     Source: Durbin & Koopman (2012), section 2.10; each method's module names its own.
@@ -63,10 +68,15 @@ def estimate(
         peak = ml.search(data, progress.part(0.0, searched))
         return by_name.fit(method, data, peak, progress.part(searched, 1.0)), peak
 
-    def extend(data: Differences, plain: Estimate, progress: Progress) -> Estimate:
-        return with_momentum(data, plain, tau, progress)
+    def channel(tau: float | None) -> Fit:
+        def extend(data: Differences, plain: Estimate, progress: Progress) -> Estimate:
+            return with_momentum(data, plain, tau, progress)
 
-    return each_channel(method, z, dt, Progress(progress, cancelled), fit, None if tau == 0.0 else extend)
+        return channel_fit(method, fit, None if tau == 0.0 else extend)
+
+    full = channel(tau)
+    whole = spike_proof(full, channel if tau is None else lambda _: full, checked_robust(robust, method == "ml"))
+    return each_channel(z, dt, Progress(progress, cancelled), whole)
 
 
 def checked_momentum(momentum: float | Literal["auto"], method: str) -> float | None:

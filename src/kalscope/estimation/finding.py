@@ -14,6 +14,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
+from kalscope.common.progress import Progress
 from kalscope.common.text import number, plural
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import checked_momentum, estimate
@@ -103,6 +104,8 @@ class Request:
     noise it can only be 0."""
     overshoot: float | None = None
     """Share of a step that the target may cost; the momentum follows from both."""
+    robust: bool | Literal["auto"] = "auto"
+    """Whether spikes are set aside, as `estimate` takes it."""
 
     def checked_momentum(self) -> float | None:
         """τ, None = to be found.
@@ -175,18 +178,18 @@ def find_parameters(
     asked = request or Request()
     tau, known = asked.checked_momentum(), asked.noise.resolve(z)
     if asked.target:
-        r, said = known or _noise_for_target(z, dt, asked.present_r, progress, cancelled)
+        r, said = known or _noise_for_target(z, dt, asked, Progress(progress, cancelled))
         return _at_target(asked, r, said, tau or 0.0, sample_period)
     if known and asked.ratio is not None:
         params = _two_variances(FilterParams(q=asked.ratio * known[0], r=known[0]))
         how, message = f"q/r = {asked.ratio:g}, r {asked.noise.origin}", f"q = {asked.ratio:g} · r. {known[1]}"
         return Found(params, how, message)
     if known:
-        return _fit_q(z, dt, *known, asked.noise.origin)
+        return _fit_q(z, dt, *known, asked)
     if asked.ratio is not None:
         how = f"q/r = {asked.ratio:g}, r by maximum likelihood"
-        return _from(estimate_fixed_ratio(z, asked.ratio, dt), how)
-    answer = estimate(z, asked.method, dt, progress=progress, cancelled=cancelled, momentum=asked.momentum)
+        return _from(estimate_fixed_ratio(z, asked.ratio, dt, asked.robust), how)
+    answer = estimate(z, asked.method, dt, progress, cancelled, asked.momentum, asked.robust)
     return _from(answer, METHOD_NAMES[asked.method])
 
 
@@ -209,9 +212,9 @@ def _two_variances(params: FilterParams) -> FilterParams:
     return params
 
 
-def _fit_q(z: Array, dt: Array | None, r: float, said: str, origin: str) -> Found:
+def _fit_q(z: Array, dt: Array | None, r: float, said: str, asked: Request) -> Found:
     """The pair where r is known; with a special message where that r explains all changes."""
-    answer = estimate_fixed_r(z, r, dt)
+    answer = estimate_fixed_r(z, r, dt, asked.robust)
     message = str(answer.message)
     if answer.verdict == "no_movement":
         message = (
@@ -219,7 +222,7 @@ def _fit_q(z: Array, dt: Array | None, r: float, said: str, origin: str) -> Foun
             "filter stops following after a while. Instead: check that r is not too large, record while the signal "
             "moves, or choose the lag or the cut-off that you can accept."
         )
-    return Found(answer.params, f"r {origin}, q by maximum likelihood", f"{said} {message}", answer)
+    return Found(answer.params, f"r {asked.noise.origin}, q by maximum likelihood", f"{said} {message}", answer)
 
 
 def _from(answer: Estimate, how: str) -> Found:
@@ -229,15 +232,14 @@ def _from(answer: Estimate, how: str) -> Found:
 def _noise_for_target(
     z: Array,
     dt: Array | None,
-    present_r: float | None,
-    progress: Callable[[float, str], None] | None,
-    cancelled: Callable[[], bool] | None,
+    asked: Request,
+    progress: Progress,
 ) -> tuple[float, str]:
     """A value for r and its origin where only λ is given: the present r, the likelihood's, or var(Δz)/2."""
     band = "it sets the width of the band, not the curve."
-    if present_r is not None and present_r > 0.0:
-        return present_r, f"r is kept: {band}"
-    answer = estimate(z, dt=dt, progress=progress, cancelled=cancelled, momentum=0.0)
+    if asked.present_r is not None and asked.present_r > 0.0:
+        return asked.present_r, f"r is kept: {band}"
+    answer = estimate(z, "ml", dt, progress, momentum=0.0, robust=asked.robust)
     if float(answer.r) > 0.0:  # valid at the edge q = 0 too
         return float(answer.r), f"r by maximum likelihood; {band}"
     r = float(starting_params(z).r)

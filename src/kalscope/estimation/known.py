@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +20,8 @@ from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.verdict import NOWHERE, each_channel, exp
+from kalscope.estimation.robust.fit import checked_robust, spike_proof
+from kalscope.estimation.verdict import NOWHERE, channel_fit, each_channel, exp
 from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.momentum.specification import momentum_for_overshoot
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
@@ -167,13 +169,16 @@ def params_for_specification(
     return FilterParams(q=ratio_at(momentum) * noise, r=noise, momentum=momentum)
 
 
-def estimate_fixed_r(z: ArrayLike, r: float, dt: ArrayLike | None = None) -> Estimate:
+def estimate_fixed_r(
+    z: ArrayLike, r: float, dt: ArrayLike | None = None, robust: bool | Literal["auto"] = "auto"
+) -> Estimate:
     """Find q by maximum likelihood where r is known (a still stretch, a data sheet); method "fixed_r".
 
     Args:
         z: measurements, shape (n,) or (n, channels); NaN is a missing sample.
         r: measurement-noise variance of every channel, unit², > 0.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
+        robust: whether spikes are set aside, as in `estimate`.
 
     Raises:
         BadSetting: r is not above 0; z holds inf or has another shape; dt does not fit z.
@@ -196,16 +201,20 @@ def estimate_fixed_r(z: ArrayLike, r: float, dt: ArrayLike | None = None) -> Est
         q_se = q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf
         return Pair(q, scaled, q_se, 0.0), peak
 
-    return each_channel("fixed_r", z, dt, Progress(), fit)
+    one = channel_fit("fixed_r", fit)
+    return each_channel(z, dt, Progress(), spike_proof(one, lambda _: one, checked_robust(robust)))
 
 
-def estimate_fixed_ratio(z: ArrayLike, ratio: float = 0.01, dt: ArrayLike | None = None) -> Estimate:
+def estimate_fixed_ratio(
+    z: ArrayLike, ratio: float = 0.01, dt: ArrayLike | None = None, robust: bool | Literal["auto"] = "auto"
+) -> Estimate:
     """Find r by maximum likelihood where λ = q/r is chosen; method "fixed_ratio". r = Σv²/f / m.
 
     Args:
         z: measurements, shape (n,) or (n, channels); NaN is a missing sample.
         ratio: λ = q/r, > 0; 0.01, r a hundred times q, is the advice of Ma'arif et al. (2019), section 4.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
+        robust: whether spikes are set aside, as in `estimate`.
 
     Raises:
         BadSetting: ratio is not above 0; z holds inf or has another shape; dt does not fit z.
@@ -220,7 +229,8 @@ def estimate_fixed_ratio(z: ArrayLike, ratio: float = 0.01, dt: ArrayLike | None
         text = words.chosen_ratio(exp(low), exp(high), chosen)
         return Pair(chosen * r, r, chosen * r_se, r_se, text=text), peak
 
-    return each_channel("fixed_ratio", z, dt, Progress(), fit)
+    one = channel_fit("fixed_ratio", fit)
+    return each_channel(z, dt, Progress(), spike_proof(one, lambda _: one, checked_robust(robust)))
 
 
 def _smallest_step(samples: Array) -> float:

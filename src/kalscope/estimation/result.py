@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, cast
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import NO_GATE, FilterParams
 
 Value = float | Array
 Words = str | NDArray[np.str_]
@@ -48,8 +49,8 @@ class Estimate:
     """Standard error of r, unit²; inf at an edge."""
     verdict: Words
     """"ok", "no_noise" (r → 0), "no_movement" (q → 0), "flat" (any λ explains the record), "too_few",
-    "constant", "bad_unit" (variances outside 1e-300 … 1e300), "irregular" (the method needs regular sampling)
-    or "not_converged"."""
+    "constant", "bad_unit" (variances outside 1e-300 … 1e300), "irregular" (the method needs regular sampling),
+    "not_converged" or "too_many_outliers" (over 20 % of the samples set aside)."""
     message: Words
     """What was found, what it means and what to do, for the user."""
     params: FilterParams | None
@@ -66,12 +67,31 @@ class Estimate:
     lies as far from it, 0 … 1; 1 where it does not count."""
     not_counted: Words = ""
     """Of `compare_methods`: why this second opinion does not count; "" where it does."""
+    outliers: NDArray[np.bool_] | None = None
+    """Samples that the spike-proof fit set aside, shape of z; None where it was not used (in any channel)."""
+    outlier_share: Value = 0.0
+    """Their share of the samples that are not missing, 0 … 1."""
+    gate: Value | None = None
+    """The gate that goes with the pair, standard deviations of the innovation; `params` holds its square. None
+    where the filter does better without one, inf in such channels beside others."""
+    plain_q: Value = 0.0
+    """The q of the fit to all samples; 0 where the spike-proof fit was not used."""
+    plain_r: Value = 0.0
+    """The r of the fit to all samples; 0 where the spike-proof fit was not used."""
+    plain_momentum: Value = 0.0
+    """The momentum of the fit to all samples; 0 where the spike-proof fit was not used."""
 
     def channel(self, index: int) -> Estimate:
         """One channel of an estimate for several, as scalars."""
         if np.ndim(self.q) == 0:
             return self
-        values: dict[str, Any] = {f.name: _pick(getattr(self, f.name), index) for f in fields(self)}
+        values: dict[str, Any] = {
+            f.name: _pick(getattr(self, f.name), index) for f in fields(self) if f.name != "outliers"
+        }
+        if self.outliers is not None:
+            values["outliers"] = np.ascontiguousarray(self.outliers[:, index])
+        if values["gate"] == math.inf:
+            values["gate"] = None
         usable = values["verdict"] in USABLE
         values["params"] = _params(values) if usable else None
         return Estimate(**values)
@@ -90,17 +110,35 @@ def stack(estimates: Sequence[Estimate]) -> Estimate:
         column = [getattr(one, f.name) for one in estimates]
         if f.name.endswith("_interval"):
             values[f.name] = tuple(np.array(end) for end in zip(*column, strict=True))
-        elif f.name not in ("method", "params"):
+        elif f.name not in ("method", "params", "outliers", "gate"):
             values[f.name] = np.array(column)
     usable = all(one.params is not None for one in estimates)
     values["method"] = estimates[0].method
+    values["outliers"] = _side_by_side([one.outliers for one in estimates])
+    gates = [one.gate for one in estimates]
+    if any(gate is not None for gate in gates):
+        values["gate"] = np.array([math.inf if gate is None else gate for gate in gates])
     values["params"] = _params(values) if usable else None
     return Estimate(**values)
 
 
+def _side_by_side(columns: Sequence[NDArray[np.bool_] | None]) -> NDArray[np.bool_] | None:
+    """The samples set aside in each channel, shape (n, channels); None where that is None in all of them."""
+    lengths = [len(column) for column in columns if column is not None]
+    if not lengths:
+        return None
+    none = np.zeros(lengths[0], dtype=bool)
+    return np.stack([none if column is None else column for column in columns], axis=1)
+
+
 def _params(values: dict[str, Any]) -> FilterParams:
-    momentum = values["momentum"]
-    return FilterParams(q=values["q"], r=values["r"], momentum=momentum if np.any(momentum) else 0.0)
+    momentum, gate = values["momentum"], values.get("gate")
+    return FilterParams(
+        q=values["q"],
+        r=values["r"],
+        gate=None if gate is None else np.minimum(np.square(gate), NO_GATE),
+        momentum=momentum if np.any(momentum) else 0.0,
+    )
 
 
 def _pick(value: Any, index: int) -> Any:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation import verdict_text as words
 from kalscope.estimation.likelihood.profile import Differences, differences
@@ -25,30 +26,35 @@ MIN_VARIANCE = 1e-300
 
 
 def each_channel(
-    method: str,
-    z: ArrayLike,
-    dt: ArrayLike | None,
-    progress: Progress,
-    fit: Callable[[Differences, Progress], tuple[Pair, Peak]],
-    extend: Callable[[Differences, Estimate, Progress], Estimate] | None = None,
+    z: ArrayLike, dt: ArrayLike | None, progress: Progress, fit: Callable[[Array, Array, Progress], Estimate]
 ) -> Estimate:
-    """Check z and dt, `fit` each channel that passes the precheck, `extend` its estimate, and stack the results."""
+    """Check z and dt, `fit` each channel, and stack the results."""
     columns, shape = columns_of(z)
     steps = steps_of(dt, columns.shape[1])
     refuse_infinite(columns)
-    found: list[Estimate] = []
-    for c, column in enumerate(columns):
+    count = len(columns)
+    found = [fit(column, steps, progress.part(c / count, (c + 1) / count)) for c, column in enumerate(columns)]
+    progress(1.0, "done")
+    return found[0] if len(shape) == 1 else stack(found)
+
+
+def channel_fit(
+    method: str,
+    fit: Callable[[Differences, Progress], tuple[Pair, Peak]],
+    extend: Callable[[Differences, Estimate, Progress], Estimate] | None = None,
+) -> Callable[[Array, Array, Progress], Estimate]:
+    """The fit of one channel, for `each_channel`: `fit` it if it passes the precheck, and `extend` its estimate."""
+
+    def whole(column: Array, steps: Array, progress: Progress) -> Estimate:
         data = _informative(differences(column, steps))
         verdict, message = _precheck(data, min(data.m + 1, int(np.isfinite(column).sum())))
         if verdict:
-            found.append(_estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), verdict, message))
-        else:
-            part = progress.part(c / len(columns), (c + 1) / len(columns))
-            pair, peak = fit(data, part.part(0.0, 1.0 if extend is None else 0.1))
-            one = conclude(method, data, pair, peak)
-            found.append(one if extend is None else extend(data, one, part.part(0.1, 1.0)))
-    progress(1.0, "done")
-    return found[0] if len(shape) == 1 else stack(found)
+            return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), verdict, message)
+        pair, peak = fit(data, progress.part(0.0, 1.0 if extend is None else 0.1))
+        one = conclude(method, data, pair, peak)
+        return one if extend is None else extend(data, one, progress.part(0.1, 1.0))
+
+    return whole
 
 
 def conclude(method: str, data: Differences, pair: Pair, peak: Peak) -> Estimate:

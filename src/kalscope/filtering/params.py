@@ -21,6 +21,8 @@ MIN_MOMENTUM = 1e-12
 """Shorter ones, in sample periods, are none: they change no digit of the filter."""
 MAX_VARIANCE = 1e300
 """Largest variance accepted: sums of two of them still fit a double."""
+NO_GATE = 1e300
+"""A gate that refuses nothing: for channels without one beside others with one."""
 
 Parameter = float | Array
 """One number for every channel, or an array of shape (channels,)."""

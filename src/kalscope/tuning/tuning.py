@@ -20,7 +20,7 @@ from kalscope.common.files import write_atomic
 from kalscope.common.text import duration, number
 from kalscope.common.version import program
 from kalscope.errors import BadFile, BadSetting
-from kalscope.filtering.params import MAX_MOMENTUM, FilterParams
+from kalscope.filtering.params import MAX_MOMENTUM, NO_GATE, FilterParams
 from kalscope.tuning import toml_text as toml
 
 SAME_PERIOD = 1e-3
@@ -121,8 +121,8 @@ class Tuning:
         """Parameters of one channel as scalars, or of all as arrays of shape (channels,) for None.
 
         Raises:
-            BadSetting: No such channel; or some channels have a p0, x0 or gate and others have not, which
-                arrays cannot say. Ask for each channel by its name then.
+            BadSetting: No such channel; or some channels have a p0 or x0 and others have not, which arrays
+                cannot say. Ask for each channel by its name then.
         """
         if channel_name is not None:
             return self.channel(channel_name).params
@@ -131,7 +131,7 @@ class Tuning:
             np.array([channel.r for channel in self.channels]),
             p0=self._together("p0"),
             x0=self._together("x0"),
-            gate=self._together("gate"),
+            gate=self._together("gate", NO_GATE),
             momentum=np.array([channel.momentum for channel in self.channels]) if self.has_momentum else 0.0,
         )
 
@@ -167,12 +167,12 @@ class Tuning:
                 f" q = {one.q * (shorter / one.momentum) ** 2:.4g} in the tuning, which filters alike"
             )
 
-    def _together(self, name: str) -> np.ndarray | None:
-        values = [getattr(channel, name) for channel in self.channels]
-        given = [value for value in values if value is not None]
-        if given and len(given) < len(values):
-            raise BadSetting(f"{name} must be given for all channels or for none (got {toml.shown(values)})")
-        return np.array(given) if given else None
+    def _together(self, name: str, instead: float | None = None) -> np.ndarray | None:
+        given = [getattr(channel, name) for channel in self.channels]
+        values = [instead if value is None else value for value in given]
+        if instead is None and None in given and given != [None] * len(given):
+            raise BadSetting(f"{name} must be given for all channels or for none (got {toml.shown(given)})")
+        return None if given == [None] * len(given) else np.array(values)
 
 
 def same_period(a: float, b: float) -> bool:

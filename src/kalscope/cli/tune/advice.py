@@ -22,7 +22,7 @@ def option_for(action: actions.Action | None, answer: Answer, recording: Recordi
         case actions.AllowMomentum():
             words = ["--momentum auto", *without]
         case actions.SetSpikesAside():
-            words = ["--robust yes", *without]
+            words = ["--robust", *without]
         case actions.EstimateAgain():
             words = without
         case actions.SetGate(sigma):

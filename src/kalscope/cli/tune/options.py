@@ -40,6 +40,8 @@ class TuneOptions:
     """τ in sample periods, or "auto"."""
     gate: float | None = None
     """Outlier gate on v²/s; NaN = off, None = as it is found."""
+    robust: bool | Literal["auto"] = "auto"
+    """Whether spikes are set aside; "auto" = where there are any."""
 
     def request(self, recording: Recording) -> Request:
         """The same in the words of `find_parameters`.
@@ -68,6 +70,7 @@ class TuneOptions:
             noise=noise,
             momentum=self.momentum,
             overshoot=given.get("--overshoot"),
+            robust=self.robust,
         )
 
 
@@ -106,6 +109,12 @@ def tune_options(
     gate: Annotated[
         float | None, number_option('Outlier gate on v²/s, such as 16, or "off"; else as found.', number_or("off"))
     ] = None,
+    robust: Annotated[
+        bool | None,
+        typer.Option(
+            "--robust/--no-robust", help="Set spikes aside before the fit, or never; else where there are any."
+        ),
+    ] = None,
 ) -> TuneOptions:
     """The options in place of the parameter `asked` of the command; see `with_options`.
 
@@ -118,7 +127,7 @@ def tune_options(
     given = {name: value for name, value in (*lambdas, *noises, *others) if value is not None}
     _refuse_contradictions([*given, *([] if still is None else ["--still"])], method)
     tau = "auto" if momentum is None or math.isnan(momentum) else momentum
-    return TuneOptions(method or "ml", given, still, tau, gate)
+    return TuneOptions(method or "ml", given, still, tau, gate, "auto" if robust is None else robust)
 
 
 def _refuse_contradictions(named: list[str], method: str | None) -> None:

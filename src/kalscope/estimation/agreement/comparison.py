@@ -18,7 +18,7 @@ from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.by_name import METHODS
 from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.result import Estimate, stack
-from kalscope.estimation.verdict import conclude, each_channel
+from kalscope.estimation.verdict import channel_fit, conclude, each_channel
 
 _REASON = (
     "It contains more than a random walk and white noise: a trend, an oscillation, spikes or slow noise. "
@@ -60,7 +60,7 @@ def compare_methods(
         reason = best.note or (_REASON if found else "")
         return replace(best, note=f"{found} {reason}".strip()), peak
 
-    first = each_channel("ml", z, dt, Progress(progress, cancelled), fit)
+    first = each_channel(z, dt, Progress(progress, cancelled), channel_fit("ml", fit))
     if np.ndim(z) == 1:
         return first, *(found[0] if found else replace(first, method=m) for m, found in others.items())
     columns = [first.channel(c) for c in range(np.shape(z)[1])]

@@ -1,0 +1,278 @@
+"""The spike-proof fit: spikes go, steps stay, and what is left is fitted as if the spikes had never been there."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, Cancelled, estimate, estimate_fixed_r, estimate_fixed_ratio, kalman_filter
+from kalscope.estimation.robust.fit import MAX_SHARE
+from kalscope.estimation.robust.spikes import LONGEST, SIGMAS, far_from_median, unpredicted
+
+N = 1200
+EVEN = np.empty(0)
+
+
+def walk(seed=0, n=N, ratio=0.01):
+    """The moving level and the record of it, r = 1."""
+    g = np.random.default_rng(seed)
+    level = np.cumsum(g.normal(0.0, np.sqrt(ratio), n))
+    return level, level + g.normal(0.0, 1.0, n)
+
+
+def spiky(seed=0, share=0.02, size=20.0, beside=1, n=N):
+    """A record with spikes of both signs, and where they are; `beside` stand side by side with one sign."""
+    level, z = walk(seed, n)
+    g = np.random.default_rng(seed + 1000)
+    where = np.zeros(n, dtype=bool)
+    for first in g.choice(n // 8 - 2, round(share * n / beside), replace=False) * 8 + 8:
+        where[first : first + beside] = True
+        z[first : first + beside] += size * g.choice([-1.0, 1.0])
+    return level, z, where
+
+
+def fields_of(one, names=None):
+    chosen = names or [f.name for f in fields(one) if f.name not in ("message", "outliers")]
+    return [getattr(one, name) for name in chosen]
+
+
+PAIR = ("q", "r", "ratio", "momentum")
+
+
+@pytest.mark.parametrize("size", [10.0, 100.0, 1e6])
+@pytest.mark.parametrize("beside", [1, 2, LONGEST])
+def test_it_is_the_fit_of_the_record_without_the_spikes(size, beside):
+    _, z, where = spiky(size=size, beside=beside)
+    found = estimate(z)
+    np.testing.assert_array_equal(found.outliers, where)
+    oracle = estimate(np.where(where, np.nan, z), robust=False)
+    assert found.q == oracle.q
+    assert oracle.r < found.r < 1.002 * oracle.r  # the few good samples beyond 4 σ
+    assert (found.plain_q, found.plain_r) == tuple(fields_of(estimate(z, robust=False), ("q", "r")))
+    assert found.outlier_share == where.mean()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_without_spikes_it_is_the_plain_fit_bit_for_bit(seed):
+    _, z = walk(seed, 600)
+    found, plain = estimate(z), estimate(z, robust=False)
+    assert fields_of(found) == fields_of(plain)
+    assert found.message == plain.message
+    assert found.outliers is None
+    assert found.gate is None
+
+
+def test_asked_for_it_says_that_nothing_was_set_aside():
+    _, z = walk()
+    found, plain = estimate(z, robust=True), estimate(z, robust=False)
+    assert fields_of(found, PAIR) == fields_of(plain, PAIR)
+    assert not found.outliers.any()
+    assert found.message.startswith("No sample was set aside")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_steps_stay(seed):
+    g = np.random.default_rng(seed)
+    _, z = walk(seed)
+    for place in 10 * g.choice(range(2, N // 10 - 2), 5, replace=False):
+        z[place:] += 30.0 * g.choice([-1.0, 1.0])
+    assert fields_of(estimate(z)) == fields_of(estimate(z, robust=False))
+
+
+def test_a_longer_stretch_elsewhere_is_a_movement():
+    _, z = walk()
+    z[500 : 500 + LONGEST + 1] += 30.0
+    assert fields_of(estimate(z)) == fields_of(estimate(z, robust=False))
+
+
+def test_a_spike_beside_a_step_leaves_the_step():
+    _, z = walk()
+    z[600:] += 30.0
+    z[[100, 300, 900]] -= 25.0
+    assert np.flatnonzero(estimate(z).outliers).tolist() == [100, 300, 900]
+
+
+@pytest.mark.parametrize("ends", [[0], [0, 1], [N - 1], [N - 2, N - 1], [0, N - 1]])
+def test_the_ends_are_judged_by_their_only_side(ends):
+    _, z = walk()
+    z[ends] += 40.0
+    assert np.flatnonzero(estimate(z).outliers).tolist() == ends
+
+
+@pytest.mark.parametrize("factor", [2.0**-60, -1.0, 2.0**60])
+def test_the_unit_does_not_matter(factor):
+    _, z, _ = spiky()
+    before, after = estimate(z), estimate(factor * z)
+    assert np.array_equal(before.outliers, after.outliers)
+    expected = [factor**2 * before.q, factor**2 * before.r]
+    np.testing.assert_allclose(fields_of(after, ("q", "r")), expected, rtol=1e-10)
+    assert after.gate == before.gate
+
+
+def test_time_may_run_backwards():
+    _, z, _ = spiky(beside=2)
+    forwards, backwards = estimate(z), estimate(z[::-1])
+    np.testing.assert_array_equal(forwards.outliers, backwards.outliers[::-1])
+    np.testing.assert_allclose(fields_of(forwards, ("q", "r")), fields_of(backwards, ("q", "r")), rtol=1e-9)
+
+
+def test_missing_samples_and_long_steps_say_the_same():
+    _, z, where = spiky()
+    gone = np.zeros(N, dtype=bool)
+    gone[5::7] = True
+    gone[400:420] = True
+    holes = np.where(gone, np.nan, z)
+    present = ~gone
+    steps = np.diff(np.flatnonzero(present), prepend=-1).astype(float)
+    one, other = estimate(holes), estimate(z[present], dt=steps)
+    np.testing.assert_array_equal(one.outliers, where & present)
+    np.testing.assert_array_equal(one.outliers[present], other.outliers)
+    assert fields_of(one, PAIR) == fields_of(other, PAIR)
+    assert one.outlier_share == other.outlier_share == (where & present).sum() / present.sum()
+
+
+def test_each_channel_has_its_own_spikes():
+    _, z, where = spiky()
+    _, still = walk(5)
+    both = estimate(np.stack([z, still], axis=1))
+    assert np.array_equal(both.outliers[:, 0], where)
+    assert not both.outliers[:, 1].any()
+    np.testing.assert_array_equal(both.gate, [SIGMAS, np.inf])
+    assert both.params.gate[0] == SIGMAS**2
+    assert both.params.gate[1] >= 1e300
+    for c, z_one in enumerate((z, still)):
+        one, alone = both.channel(c), estimate(z_one)
+        assert fields_of(one) == fields_of(alone)
+    assert both.channel(0).params.gate == SIGMAS**2
+    assert both.channel(1).params.gate is None
+
+
+def test_momentum_is_found_without_the_spikes():
+    g = np.random.default_rng(3)
+    signal = 40.0 * np.sin(np.arange(N) / 40.0) + np.cumsum(np.cumsum(g.normal(0.0, 0.01, N)))
+    z = signal + g.normal(0.0, 1.0, N)
+    where = np.zeros(N, dtype=bool)
+    where[g.choice(N // 6, 20, replace=False) * 6 + 3] = True
+    z[where] += 25.0
+    found = estimate(z)
+    np.testing.assert_array_equal(found.outliers, where)
+    oracle = estimate(np.where(where, np.nan, z), robust=False)
+    assert found.momentum == oracle.momentum > 0.0
+    assert found.params.gate == SIGMAS**2
+
+
+def test_the_filter_with_the_gate_ignores_the_spikes():
+    level, z, where = spiky(share=0.01)
+    found = estimate(z)
+    plain = estimate(z, robust=False)
+    error = np.sqrt(np.mean((kalman_filter(z, found.params).x - level) ** 2))
+    oracle = np.sqrt(np.mean((kalman_filter(np.where(where, np.nan, z), found.params).x - level) ** 2))
+    before = np.sqrt(np.mean((kalman_filter(z, plain.params).x - level) ** 2))
+    assert error < 1.02 * oracle
+    assert error < 0.8 * before
+
+
+def test_too_many_are_refused_with_words():
+    _, z, where = spiky(share=0.24, beside=2)
+    found = estimate(z)
+    assert found.outlier_share > MAX_SHARE
+    assert found.verdict == "too_many_outliers"
+    assert found.params is None
+    assert "Check the wiring" in found.message
+    assert np.mean(found.outliers == where) > 0.99
+
+
+def test_the_message_counts_and_says_what_would_be_without():
+    _, z, where = spiky()
+    found, plain = estimate(z), estimate(z, robust=False)
+    assert found.message.startswith(f"{where.sum()} of 1\u202f200 samples are spikes (2.0 %)")
+    assert f"with them q would be {plain.q:.3g}, r {plain.r:.3g}" in found.message
+    assert "gate of 4.0 σ" in found.message
+
+
+@pytest.mark.parametrize("known", [lambda z, **k: estimate_fixed_r(z, 1.0, **k), estimate_fixed_ratio])
+def test_one_known_variance_is_spike_proof_too(known):
+    _, z, where = spiky()
+    found = known(z)
+    np.testing.assert_array_equal(found.outliers, where)
+    oracle = known(np.where(where, np.nan, z), robust=False)
+    assert found.q == pytest.approx(oracle.q, rel=2e-3)
+    assert known(z, robust=False).outliers is None
+
+
+def test_all_readings_equal_is_still_said():
+    assert estimate(np.full(100, 7.0)).verdict == "constant"
+    glitches = np.full(300, 7.0)
+    glitches[[50, 120, 200]] = [900.0, -300.0, 65.0]
+    assert estimate(glitches).verdict in ("constant", "no_movement", "ok")
+
+
+def test_one_step_of_a_coarse_converter_is_no_spike():
+    _, z = walk(ratio=0.001)
+    coarse = np.round(z / 6.0) * 6.0
+    assert estimate(coarse).outliers is None
+    coarse[[100, 600, 601]] += 60.0
+    assert np.flatnonzero(estimate(coarse).outliers).tolist() == [100, 600, 601]
+
+
+@pytest.mark.parametrize(
+    "z",
+    [
+        np.empty(0),
+        np.array([1.0]),
+        np.full(50, np.nan),
+        np.arange(100.0),
+        np.tile([0.0, 1.0], 50),
+        np.r_[np.zeros(50), 1e150, np.zeros(50)],
+        np.r_[np.random.default_rng(0).normal(size=60), 1e300],
+        1e-160 * np.random.default_rng(0).normal(size=60),
+        np.random.default_rng(0).standard_cauchy(200),
+        np.cumsum(np.random.default_rng(0).standard_cauchy(200)),
+    ],
+    ids=["none", "one", "missing", "ramp", "alternating", "glitch", "huge", "tiny", "cauchy", "jumps"],
+)
+@pytest.mark.parametrize("robust", ["auto", True])
+def test_odd_records_get_a_verdict_in_words(z, robust):
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        found = estimate(z, robust=robust)
+    assert found.message.endswith(".")
+    assert np.isfinite([found.q, found.r]).all()
+    assert (found.params is None) == (found.verdict not in ("ok", "flat"))
+
+
+def test_other_methods_have_no_such_fit():
+    _, z, _ = spiky()
+    assert estimate(z, "moments").outliers is None
+    with pytest.raises(BadSetting, match='only "ml" sets spikes aside'):
+        estimate(z, "moments", robust=True)
+    with pytest.raises(BadSetting, match='must be "auto", True or False'):
+        estimate(z, robust="yes")
+
+
+def test_it_can_be_cancelled_and_its_progress_rises():
+    _, z, _ = spiky()
+    seen = []
+    estimate(z, progress=lambda fraction, _: seen.append(fraction))
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+    with pytest.raises(Cancelled):
+        estimate(z, cancelled=lambda: len(seen) > 0)
+
+
+def test_the_search_starts_where_the_median_is_far():
+    _, z, where = spiky(size=8.0)
+    start = far_from_median(z)
+    assert start.looks_spiky
+    assert start.far[where].all()
+    assert far_from_median(np.full(20, 3.0)).far.sum() == 0
+
+
+def test_a_sample_is_judged_from_both_sides():
+    z = np.tile([0.0, 0.1], 25)
+    z[25:] += 100.0  # each side alone is surprised by the step
+    z[10] += 100.0
+    scores = unpredicted(z, EVEN, 0.01, 1.0, 0.0)
+    assert np.flatnonzero(scores).tolist() == [10]
+    assert scores[10] > SIGMAS**2
