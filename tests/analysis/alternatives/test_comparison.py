@@ -202,7 +202,8 @@ def test_chance_is_not_called_a_difference():
     assert difference(a, b, lag=5000.0).high == math.inf
     same = difference(b, b, lag=5.0)
     assert (same.ratio, same.real) == (1.0, False)
-    assert "too short" in verdict(["Median"], [difference(a, b, lag=5000.0)], "error", "lag")
+    short = verdict(["Median"], [difference(a, b, lag=5000.0)], "error", "lag", 5000.0, len(b))
+    assert "about 5\u202f000 samples, so 400\u202f080 are needed, 8 blocks of 50\u202f010, and" in short
 
 
 def test_the_interval_covers_no_difference_as_often_as_it_promises():

@@ -141,7 +141,7 @@ def compare_alternatives(
         judged=errors.judged,
         present=present,
         others=(*others, offline),
-        verdict=_verdict(present, others, match, errors.words),
+        verdict=_verdict(present, others, match, errors, memory),
         identity=identity_words(piece, result, params, settled(piece, params)),
         note=_note(first, last, len(samples), errors.judged, true),
     )
@@ -216,12 +216,21 @@ def is_matched(miss: float, lag: float) -> bool:
     return abs(miss) <= max(0.05 * lag, 0.5 + 1e-9)
 
 
-def _verdict(present: Alternative, others: tuple[Alternative, ...], match: Match, what: str) -> str:
+def _verdict(
+    present: Alternative, others: tuple[Alternative, ...], match: Match, errors: Errors, memory: float
+) -> str:
     """The verdict on those that came near enough to what was asked; the rest are named."""
     runnable = [one for one in others if one.against is not None]
     equal = [one for one in runnable if one.matched]
     words = "lag" if match == "lag" else "noise reduction"
-    said = verdict([one.name for one in equal], [one.against for one in equal if one.against], what, words)
+    said = verdict(
+        [one.name for one in equal],
+        [one.against for one in equal if one.against],
+        errors.words,
+        words,
+        memory,
+        errors.judged,
+    )
     far = [
         f"{one.name[:1].lower()}{one.name[1:]} ("
         + (f"{plural(one.lag_samples, 'sample')})" if match == "lag" else f"{decibels(one.noise_reduction_db)})")

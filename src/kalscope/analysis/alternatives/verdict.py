@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.common.text import number, percent
+from kalscope.common.text import count, number, percent
 
 MAX_BLOCKS = 100
 """Blocks that a recording is divided into at most."""
@@ -74,13 +74,18 @@ def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -
     a, b = error[both], present[both]
     if len(b) == 0 or b.sum() == 0.0:
         return Difference(math.nan, 0.0, math.inf)
-    blocks = min(len(b) // math.ceil(10.0 * (lag + 1.0)), MAX_BLOCKS)
+    blocks = min(len(b) // block_of(lag), MAX_BLOCKS)
     if blocks < MIN_BLOCKS:
         return Difference(math.sqrt(float(a.mean() / b.mean())), 0.0, math.inf)
     scale = 1.0 / b.mean()  # squares of squares must neither overflow nor vanish
     a, b = (scale * np.array([part.mean() for part in np.array_split(row, blocks)]) for row in (a, b))
     low, high = _fieller(a, b, comparisons)
     return Difference(math.sqrt(float(a.mean() / b.mean())), low, high)
+
+
+def block_of(lag: float) -> int:
+    """Samples of a block: ten lags of the filter, after which its errors are forgotten."""
+    return math.ceil(10.0 * (lag + 1.0))
 
 
 def _fieller(a: Array, b: Array, comparisons: int) -> tuple[float, float]:
@@ -100,7 +105,9 @@ def _fieller(a: Array, b: Array, comparisons: int) -> tuple[float, float]:
     return low, high
 
 
-def verdict(names: Sequence[str], found: Sequence[Difference], what: str, equal: str) -> str:
+def verdict(
+    names: Sequence[str], found: Sequence[Difference], what: str, equal: str, lag: float, samples: int
+) -> str:
     """Two or three sentences on the candidates that a device can run.
 
     Args:
@@ -108,12 +115,14 @@ def verdict(names: Sequence[str], found: Sequence[Difference], what: str, equal:
         found: their differences to the present filter.
         what: what the error is, such as "RMS error against the truth".
         equal: what they were made equal in, such as "lag".
+        lag: what `difference` was given, samples.
+        samples: how many the errors are of.
     """
     judged = [(d, name) for d, name in zip(found, names, strict=True) if not math.isnan(d.ratio)]
     if not judged:
         return "This stretch has nothing to judge the filters by: no errors differ from 0."
     if all(math.isinf(d.high) for d, _ in judged):
-        return "The stretch is too short for a verdict: any difference may be chance. Record longer."
+        return _no_verdict(lag, samples)
     better = sorted((d.ratio, name, d) for d, name in judged if d.better)
     worse = [name for d, name in judged if d.worse]
     same = [name for d, name in judged if not d.real]
@@ -133,6 +142,17 @@ def verdict(names: Sequence[str], found: Sequence[Difference], what: str, equal:
     if worse:
         parts.append(f"Significantly worse: {_listed(worse)}; worst {_worst(judged)}.")
     return " ".join(parts)
+
+
+def _no_verdict(lag: float, samples: int) -> str:
+    needed = MIN_BLOCKS * block_of(lag)
+    if samples < needed:
+        return (
+            "The stretch is too short for a verdict: the errors of this filter follow each other for about "
+            f"{number(lag)} samples, so {count(needed)} are needed, {MIN_BLOCKS} blocks of {count(block_of(lag))}, "
+            f"and {count(samples)} were judged. Record longer, or compare a faster filter."
+        )
+    return "No verdict: the errors differ so much from block to block that any difference may be chance."
 
 
 def overshoot_words(own: float, others: Sequence[tuple[str, float]]) -> str:

@@ -176,7 +176,7 @@ def _structure(found: Findings, known: Known) -> Finding | None:
         text = "residuals are correlated: the filter is too slow or too fast, or the signal has hum"
     else:
         text = (
-            "residuals stay correlated for any q and r: the signal has hum, trend or coloured noise that a "
+            "residuals stay correlated for any q and r: the signal has hum, trend, steps or coloured noise that a "
             "random walk cannot describe"
         )
     if found.momentum and not known.estimated:
