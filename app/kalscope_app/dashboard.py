@@ -121,6 +121,7 @@ class Dashboard:
             self._numbers = NumbersView(gui)
             self._checks = ChecksView(gui, check)
             self._find = FindView(gui, check, self.session, self._jobs)
+            self._checks.connect(self.session, self._find)
             self._presets = PresetsView(gui, self.session)
         with check:
             self._momentum = MomentumProfileView(gui, self.session, self._jobs)

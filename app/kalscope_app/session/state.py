@@ -97,6 +97,8 @@ class Outcome:
     """The parameters before."""
     after: ChannelTuning | None
     """The parameters now; None where nothing usable was found and nothing changed."""
+    estimate: Estimate | None = None
+    """The estimate behind it; None where the parameters were chosen."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.analysis.judgement import Judgement, judge
 from kalscope.common.array import Array
+from kalscope.estimation.agreement.words import disagreement
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import METHOD_NAMES
 from kalscope.filtering.batch import kalman_filter
@@ -25,6 +27,8 @@ class Checks:
     """Of its second half."""
     fitted_on_first_half: bool
     """Whether q and r were estimated again on the first half for that, because they come from an estimate."""
+    judgement: Judgement
+    """Whether it fits, and what to do."""
 
 
 def compute_checks(state: State) -> Checks | None:
@@ -41,4 +45,20 @@ def compute_checks(state: State) -> Checks | None:
     def fit(first: Array, dt: Array | None) -> FilterParams:
         return estimate(first, dt=dt, momentum=state.tuning.momentum).params or state.params
 
-    return Checks(state, whole, diagnose_held_out(z, fit if estimated else state.params, dt), estimated)
+    held_out = diagnose_held_out(z, fit if estimated else state.params, dt)
+    return Checks(state, whole, held_out, estimated, judgement_of(state, whole, held_out))
+
+
+def judgement_of(state: State, whole: Diagnostics, held_out: Diagnostics) -> Judgement:
+    """The one judgement of the filter on screen, with all that was found out about it."""
+    answers, tuning = state.answers, state.tuning
+    found = answers.outcome if answers.outcome and answers.outcome.after == tuning else None
+    estimate = None if found is None else found.estimate
+    return judge(
+        whole,
+        held_out,
+        estimate,
+        disagreement(answers.method_comparison, tuning.momentum) if answers.method_comparison else "",
+        chosen=tuning.how if found is not None and estimate is None else "",
+        momentum_searched=estimate is not None and tuning.how == METHOD_NAMES["ml"],
+    )

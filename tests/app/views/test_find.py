@@ -20,7 +20,8 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.views.tune.checks import correlation_lines, table
-from kalscope_app.views.tune.find import SEARCH_METHODS, answer_text, comparison_text
+from kalscope_app.views.tune.find import answer_text, comparison_text
+from kalscope_app.views.tune.search_methods import SEARCH_METHODS
 
 
 def recording(n=2000, q=0.05, r=1.0, period=0.01, seed=0):

@@ -102,7 +102,7 @@ def reset_parameters(state: State) -> State:
 
 
 def apply_found(recording: Recording, channel: str, found: Found) -> Change:
-    """A search has ended: what it found becomes the channel's q, r and momentum, if the channel is still there."""
+    """A search has ended: its q, r, momentum and gate become the channel's, if the channel is still there."""
 
     def change(state: State) -> State:
         if not state.continues(recording):
@@ -111,10 +111,12 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
         at = recording.index(channel)
         before = state.settings.tunings[at]
         if found.params is None:
-            return state.with_answers(outcome=Outcome(found.how, found.message, before, None))
+            return state.with_answers(outcome=Outcome(found.how, found.message, before, None, found.estimate))
         q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
-        after = replace(before, q=q, r=r, momentum=momentum, how=found.how)
-        outcome = Outcome(found.how, found.message, before, after) if channel == state.channel else None
+        gate = before.gate if found.params.gate is None else float(found.params.gate)
+        after = replace(before, q=q, r=r, momentum=momentum, gate=gate, how=found.how)
+        answer = Outcome(found.how, found.message, before, after, found.estimate)
+        outcome = answer if channel == state.channel else None
         filters = state.settings.other_filters
         state = state.with_settings(other_filters=(*filters[:at], None, *filters[at + 1 :]) if filters else ())
         return state.with_tuning_of(at, after).with_answers(outcome=outcome)

@@ -1,0 +1,92 @@
+"""Advice as buttons: what stands on each, and the one undoable step that it takes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kalscope.analysis import actions
+from kalscope.common.text import trimmed
+from kalscope.estimation.finding import Noise, Request
+from kalscope_app.session.changes.advice import change_for, is_same_signal
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
+from kalscope_app.views.scales import range_text, time_scale_for
+
+if TYPE_CHECKING:
+    from kalscope_app.views.tune.find import FindView
+
+
+def label_of(action: actions.Action | None, state: State) -> str:
+    """What stands on the button; "" where there is none, as for a new recording."""
+    match action:
+        case actions.AllowMomentum():
+            words = "Allow momentum and fit again"
+        case actions.EstimateAgain():
+            words = "Fit again"
+        case actions.SetSpikesAside():
+            words = "Set the spikes aside and fit again"
+        case actions.SetGate(sigma):
+            words = "Switch the gate off" if sigma is None else f"Switch the gate on ({trimmed(sigma)} σ)"
+        case actions.UseStillStretch(first, last):
+            words = f"Use the still stretch {stretch_text(state, first, last)}"
+        case actions.Scale(q, r):
+            words = _scale_words(q, r)
+        case actions.SetRatio(ratio):
+            words = f"Set q/r to {trimmed(ratio, 2)}"
+        case actions.GiveNoise():
+            words = "Give the noise of the sensor"
+        case actions.ChooseFilter():
+            words = "Choose a lag"
+        case actions.UnsetStart():
+            words = "Start from the first sample"
+        case actions.RecordLonger() | None:
+            words = ""
+    return words
+
+
+def take(action: actions.Action, state: State, session: Session, find: FindView) -> None:
+    """Do what a piece of advice about `state` says, as one step that Undo takes back.
+
+    Args:
+        action: what to do.
+        state: the state that was judged; nothing is done once another recording or channel is on screen.
+        session: where the change is filed.
+        find: runs a search where one is needed.
+    """
+    request = request_of(action)
+    if request is None:
+        session.request(change_for(action, state))
+    else:
+        find.search(lambda present: request if is_same_signal(present, state) else None)
+
+
+def request_of(action: actions.Action) -> Request | None:
+    """The search that an action asks for; None where it asks for none."""
+    match action:
+        case actions.UseStillStretch(first, last):
+            return Request(noise=Noise(still=(first, last)))
+        case actions.SetSpikesAside():
+            return Request(robust=True)
+        case actions.AllowMomentum() | actions.EstimateAgain():
+            return Request()
+        case _:
+            return None
+
+
+def stretch_text(state: State, first: int, last: int) -> str:
+    """A stretch of samples as it stands on the time axis: 12 to 19 s."""
+    time = state.recording.time
+    clock = time_scale_for(float(time.max() - time.min()), state.recording.sample_period)
+    ends = (float(time[at]) * clock.factor for at in (first, last - 1))
+    return f"{range_text(*ends)} {clock.unit}"
+
+
+def _scale_words(q: float, r: float) -> str:
+    """The change of q and r in words: "Raise q 10 × and lower r 2 ×"."""
+    parts = [
+        f"{'raise' if factor > 1.0 else 'lower'} {name} {trimmed(max(factor, 1.0 / factor), 2)} ×"
+        for name, factor in (("q", q), ("r", r))
+        if factor != 1.0
+    ]
+    words = " and ".join(parts)
+    return f"{words[:1].upper()}{words[1:]}"

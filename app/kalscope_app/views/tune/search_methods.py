@@ -1,0 +1,129 @@
+"""The ways to find q and r that the dashboard offers: what each asks for, and the search that it makes of that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from kalscope.common.text import number, typed_number
+from kalscope.errors import BadSetting
+from kalscope.estimation.finding import METHOD_NAMES, Noise, Request
+from kalscope_app.session.state import State
+from kalscope_app.views.scales import Scale, time_scale_for
+
+OVERSHOOT = "overshoot (%)"
+"""Label of the box for the overshoot that a target may cost."""
+
+
+@dataclass(frozen=True)
+class SearchMethod:
+    """One way to find q and r."""
+
+    request: Callable[[State, list[str]], Request]
+    """What to look for, from the state and the typed texts."""
+    boxes: tuple[tuple[str, str], ...] = ()
+    """Label and first content of each text box it needs."""
+
+
+def _method(name: str) -> SearchMethod:
+    return SearchMethod(lambda _state, _texts: Request(name))
+
+
+def _target(
+    name: str, label: str, content: str, factor: float = 1.0, *, with_overshoot: bool = False
+) -> SearchMethod:
+    def request(state: State, texts: list[str]) -> Request:
+        allowed = texts[1].strip() if with_overshoot and len(texts) > 1 else ""
+        asked = Request(target={name: factor * typed_number(label, texts[0])}, present_r=state.tuning.r)
+        if allowed:
+            return replace(asked, overshoot=typed_number("overshoot", allowed) / 100.0)
+        return replace(asked, momentum=state.tuning.momentum)
+
+    return SearchMethod(request, ((label, content), *(((OVERSHOOT, ""),) if with_overshoot else ())))
+
+
+def _noise(*names: tuple[str, str, str]) -> SearchMethod:
+    def request(_state: State, texts: list[str]) -> Request:
+        values = {name: typed_number(label, text) for (name, label, _), text in zip(names, texts, strict=False)}
+        sigma, density, bandwidth = (values.get(name) for name in ("sigma", "density", "bandwidth_hz"))
+        return Request(noise=Noise(sigma=sigma, density=density, bandwidth_hz=bandwidth))
+
+    return SearchMethod(request, tuple((label, content) for _, label, content in names))
+
+
+def _still(state: State, texts: list[str]) -> Request:
+    """The stretch that is typed, in the unit of the time axis, or else the part on screen."""
+    if state.view.window is None and not all(text.strip() for text in texts):
+        raise BadSetting(
+            "the still stretch must be given: type from and to, or narrow the view to it (got neither)"
+        )
+    time, factor = state.recording.time, clock_of(state).factor
+    shown = state.view.window or (float(time.min()), float(time.max()))
+    first, last = (
+        typed_number(label, text) / factor if text.strip() else default
+        for label, text, default in zip(("from", "to"), texts, shown, strict=False)
+    )
+    low, high = min(first, last), max(first, last)
+    slack = 1e-9 * max(abs(low), abs(high))  # 0.1 h typed is 360 s only nearly
+    at = ((time >= low - slack) & (time <= high + slack)).nonzero()[0]
+    if len(at) == 0:
+        raise BadSetting(
+            "the still stretch must lie inside the recording "
+            f"(got {number(low * factor, 4)} to {number(high * factor, 4)})"
+        )
+    return Request(noise=Noise(still=(int(at[0]), int(at[-1]) + 1)))
+
+
+def stretch_texts(state: State, first: int, last: int) -> tuple[str, str]:
+    """Samples `first` … `last` − 1 as from and to in the unit of the time axis, in as few digits as mean them."""
+    time, factor = state.recording.time, clock_of(state).factor
+    ends = [float(time[at]) * factor for at in (first, last - 1)]
+    for digits in range(3, 17):
+        texts = tuple(f"{end:.{digits}g}" for end in ends)
+        if _still(state, list(texts)).noise.still == (first, last):
+            return texts[0], texts[1]
+    return repr(ends[0]), repr(ends[1])
+
+
+def clock_of(state: State) -> Scale:
+    """Unit of the time axis on screen."""
+    time = state.recording.time
+    first, last = state.view.window or (float(time.min()), float(time.max()))
+    return time_scale_for(last - first, state.recording.sample_period)
+
+
+STILL = "a still stretch, fit q"
+
+BOX_HINTS = {
+    "": "A number that this method needs.",
+    "lag (ms)": "The largest lag that you accept: the setting within it that leaves the least noise is used.",
+    "cut-off (Hz)": "Higher frequencies are attenuated, lower ones pass.",
+    "reduction (dB)": "How much less noise: 20 dB is a tenth of its size, 6 dB half of it.",
+    OVERSHOOT: "How far a step may overshoot: more of it gives less noise or lag. Empty: the present momentum.",
+    "gain K": "The weight of each new sample in the estimate, between 0 and 1.",
+    "lag (samples)": "Delay of the filtered signal behind a steady slope, samples.",
+    "from": "Where the stretch begins, as on the time axis. Empty: where the part on screen begins.",
+    "to": "Where the stretch ends, as on the time axis. Empty: where the part on screen ends.",
+    "σ, one std": "The noise of one reading, one standard deviation, in the unit of the signal.",
+    "per √Hz": "The noise density, in the unit of the signal per √Hz.",
+    "bandwidth (Hz)": "The bandwidth that goes with the density.",
+}
+"""Hint of each box by its label."""
+
+SEARCH_METHODS: dict[str, SearchMethod] = {
+    "maximum likelihood": _method("ml"),
+    "maximum lag": _target("lag_s", "lag (ms)", "50", 1e-3, with_overshoot=True),
+    "cut-off frequency": _target("cutoff_hz", "cut-off (Hz)", "1"),
+    "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
+    "gain K": _target("gain", "gain K", "0.1"),
+    "lag in samples": _target("lag_samples", "lag (samples)", "10", with_overshoot=True),
+    STILL: SearchMethod(_still, (("from", ""), ("to", ""))),
+    "data sheet σ, fit q": _noise(("sigma", "σ, one std", "")),
+    "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
+    "keep r, fit q": SearchMethod(lambda state, _texts: Request(noise=Noise(r=state.tuning.r))),
+    "r/q = 100, fit r": SearchMethod(lambda _state, _texts: Request(ratio=0.01)),
+    **{METHOD_NAMES[name]: _method(name) for name in ("em", "moments", "als", "allan")},
+}
+"""Ways by the words on screen, the most useful first."""
+
+HINT = "From the recording, from a goal (lag, cut-off, noise reduction), or from what you know about the sensor."

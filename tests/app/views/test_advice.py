@@ -1,0 +1,154 @@
+"""Advice as buttons: every action has its words and does one step that Undo takes back, or is no button."""
+
+from __future__ import annotations
+
+import typing
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import Recording
+from kalscope.analysis import actions
+from kalscope.analysis.actions import Advice
+from kalscope.analysis.judgement import Judgement
+from kalscope.estimation.finding import Noise, Request
+from kalscope_app.session.opening import opened
+from kalscope_app.session.session import Session, undo
+from kalscope_app.studies.checks import compute_checks
+from kalscope_app.views.tune.advice import label_of, take
+from kalscope_app.views.tune.checks import ChecksView
+from kalscope_app.views.tune.search_methods import SEARCH_METHODS, stretch_texts
+
+EXAMPLES = {
+    actions.Scale(10.0, 0.5): "Raise q 10 × and lower r 2 ×",
+    actions.Scale(1.0, 3.0): "Raise r 3 ×",
+    actions.SetRatio(0.25): "Set q/r to 0.25",
+    actions.SetGate(4.0): "Switch the gate on (4 σ)",
+    actions.SetGate(None): "Switch the gate off",
+    actions.AllowMomentum(50.0): "Allow momentum and fit again",
+    actions.EstimateAgain(): "Fit again",
+    actions.SetSpikesAside(): "Set the spikes aside and fit again",
+    actions.UseStillStretch(100, 301): "Use the still stretch 1 to 3 s",
+    actions.GiveNoise(): "Give the noise of the sensor",
+    actions.ChooseFilter(): "Choose a lag",
+    actions.UnsetStart(): "Start from the first sample",
+    actions.RecordLonger(500): "",
+}
+
+
+@pytest.fixture
+def state():
+    z = np.random.default_rng(4).normal(size=(1000, 1)).cumsum(axis=0)
+    return opened(Recording(np.arange(1000) * 0.01, ("a",), ("V",), z, 0.01)).with_tuning(
+        q=2.0, r=5.0, p0=3.0, x0=9.0
+    )
+
+
+class Searches:
+    """In place of the view that searches: notes what it is asked for."""
+
+    def __init__(self, state):
+        self.state, self.requests = state, []
+
+    def search(self, request):
+        self.requests.append(request(self.state))
+
+
+def test_every_action_has_its_words(state):
+    assert {type(action) for action in EXAMPLES} == set(typing.get_args(actions.Action))
+    for action, words in EXAMPLES.items():
+        assert label_of(action, state) == words
+    assert label_of(None, state) == ""
+
+
+@pytest.mark.parametrize(
+    "action", [one for one, words in EXAMPLES.items() if words], ids=lambda one: type(one).__name__
+)
+def test_a_button_changes_something_in_one_step_that_undo_takes_back(state, action):
+    given = state.with_tuning(gate=9.0) if action == actions.SetGate(None) else state
+    session, searches = Session(given), Searches(given)
+    take(action, given, session, searches)
+    after = session.apply_due_requests()[0]
+    if searches.requests:
+        assert after is given
+        assert isinstance(searches.requests[0], Request)
+        return
+    assert (after.settings, after.view) != (given.settings, given.view)
+    take(action, given, session, searches)  # a second click on the same advice does no more
+    assert session.apply_due_requests()[0].settings == after.settings
+    if session.can_undo:
+        session.request(undo)
+        assert session.apply_due_requests()[0].settings == given.settings
+    else:
+        assert after.view.search_method in SEARCH_METHODS
+
+
+def test_the_values_are_those_of_the_advice(state):
+    def tuned(action):
+        session = Session(state)
+        take(action, state, session, Searches(state))
+        return session.apply_due_requests()[0].tuning
+
+    scaled, ratio = tuned(actions.Scale(10.0, 0.5)), tuned(actions.SetRatio(0.2))
+    assert (scaled.q, scaled.r, scaled.how) == (20.0, 2.5, "by hand")
+    assert (ratio.q, ratio.r) == (1.0, 5.0)
+    assert tuned(actions.SetGate(4.0)).gate == 16.0
+    assert (tuned(actions.UnsetStart()).p0, tuned(actions.UnsetStart()).x0) == (None, None)
+
+
+def test_advice_on_another_recording_is_not_taken(state):
+    other = opened(Recording(np.arange(50.0), ("b",), ("",), np.ones((50, 1)), 1.0))
+    session, searches = Session(other), Searches(other)
+    for action in (actions.Scale(2.0, 2.0), actions.AllowMomentum(3.0)):
+        take(action, state, session, searches)
+    assert session.apply_due_requests()[0] is other
+    assert searches.requests == [None]
+
+
+def test_the_still_stretch_is_searched_with_and_its_ends_are_typed(state):
+    searches = Searches(state)
+    take(actions.UseStillStretch(100, 301), state, Session(state), searches)
+    assert searches.requests[0].noise == Noise(still=(100, 301))
+    assert stretch_texts(state, 100, 301) == ("1", "3")
+    uneven = replace(state.recording, time=state.recording.time + 1.23456789)
+    texts = stretch_texts(state.with_open(recording=uneven), 101, 300)
+    method = SEARCH_METHODS["a still stretch, fit q"]
+    assert method.request(state.with_open(recording=uneven), list(texts)).noise.still == (101, 300)
+
+
+class Widgets:
+    """In place of viser: every widget is an object that keeps what it is given."""
+
+    def __getattr__(self, _name):
+        def add(*_args, **values):
+            return Widget(**values)
+
+        return add
+
+
+class Widget:
+    def __init__(self, **values):
+        self.__dict__.update(content="", label="", visible=values.get("visible", True))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+    def on_click(self, callback):
+        self.clicked = callback
+
+
+def test_the_panel_shows_the_headline_and_a_button_for_what_can_be_done(state):
+    view, checks = ChecksView(Widgets(), Widget()), compute_checks(state)
+    advice = (Advice("spikes: 3", actions.SetGate(4.0)), Advice("too few", actions.RecordLonger(20)))
+    view.show(replace(checks, judgement=Judgement("spikes", "Spikes mislead the fit.", advice)))
+    assert view._headline.content == "**Spikes mislead the fit.**"
+    first, second = view._advice
+    assert (first._text.content, first._button.label) == ("Spikes: 3.", "Switch the gate on (4 σ)")
+    assert [row._text.visible for row in (first, second)] == [True, True]
+    assert [row._button.visible for row in (first, second)] == [True, False]
+    view.show(replace(checks, judgement=Judgement("fits", "It fits.")))
+    assert not any(row._text.visible or row._button.visible for row in (first, second))
