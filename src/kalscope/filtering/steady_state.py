@@ -18,11 +18,20 @@ from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.momentum.settled import Settled, settle
-from kalscope.filtering.momentum.specification import ratio_with_momentum
+from kalscope.filtering.momentum.specification import Target, ratio_with_momentum
 from kalscope.filtering.params import FilterParams
 
 SETTLED = 0.01
 """Share of a step that is left at the settling time."""
+
+_TARGETS: dict[str, Target] = {
+    "gain": "gain",
+    "lag_samples": "lag",
+    "lag_s": "lag",
+    "cutoff_hz": "cutoff",
+    "noise_reduction_db": "noise",
+}
+"""The targets of `ratio_for`, as `ratio_with_momentum` names them."""
 
 Value = float | Array
 
@@ -134,29 +143,40 @@ def ratio_for(
     given = {name: value for name, value in targets.items() if value is not None}
     if len(given) != 1:
         raise BadSetting(f"exactly one of {', '.join(targets)} must be given (got {', '.join(given) or 'none'})")
-    ((name, target),) = given.items()
-    value = above_zero(name, target)
+    ((name, value),) = given.items()
     tau = float(FilterParams(q=1.0, r=1.0, momentum=momentum).momentum)
-    if name == "gain":
-        if value >= 1.0:
-            raise BadSetting(f"gain must lie between 0 and 1 (got {value:g})")
-        return ratio_with_momentum("gain", value, tau) if tau else value * value / (1.0 - value)
-    if name == "noise_reduction_db":
+    target, value = _TARGETS[name], _in_samples(name, above_zero(name, value), sample_period)
+    if not tau:
+        return _ratio_without_momentum(target, value)
+    return ratio_with_momentum(target, 10.0 ** (-value / 10.0) if target == "noise" else value, tau)
+
+
+def _in_samples(name: str, value: float, sample_period: float | None) -> float:
+    """The target as `ratio_with_momentum` takes it, but a noise reduction in dB."""
+    if name == "gain" and value >= 1.0:
+        raise BadSetting(f"gain must lie between 0 and 1 (got {value:g})")
+    if name in ("lag_s", "cutoff_hz"):
+        if sample_period is None:
+            raise BadSetting(f"{name} needs sample_period, the time between two samples in s (got None)")
+        period = above_zero("sample_period", sample_period)
+        if name == "lag_s":
+            return above_zero("lag_samples", value / period)
+        if value * period > 0.5:
+            limit = f"half the sample rate, {0.5 / period:g} Hz"
+            raise BadSetting(f"cutoff_hz must be at most {limit} (got {value:g})")
+        return 4.0 * math.sin(math.pi * value * period) ** 2
+    return value
+
+
+def _ratio_without_momentum(target: Target, value: float) -> float:
+    if target == "gain":
+        return value * value / (1.0 - value)
+    if target == "lag":
+        return 1.0 / value / (1.0 + value)
+    if target == "noise":
         rho = 10.0 ** (-value / 10.0)
-        if tau:
-            return ratio_with_momentum("noise", rho, tau)
         return -4.0 * rho * rho / math.expm1(-0.2 * math.log(10.0) * value)
-    if name == "lag_samples":
-        return ratio_with_momentum("lag", value, tau) if tau else 1.0 / value / (1.0 + value)
-    if sample_period is None:
-        raise BadSetting(f"{name} needs sample_period, the time between two samples in s (got None)")
-    period = above_zero("sample_period", sample_period)
-    if name == "lag_s":
-        return ratio_for(lag_samples=value / period, momentum=tau)
-    if value * period > 0.5:
-        raise BadSetting(f"cutoff_hz must be at most half the sample rate, {0.5 / period:g} Hz (got {value:g})")
-    wave = 4.0 * math.sin(math.pi * value * period) ** 2
-    return ratio_with_momentum("cutoff", wave, tau) if tau else wave
+    return value
 
 
 def _one(q: float, r: float, momentum: float, period: float | None) -> SteadyState:

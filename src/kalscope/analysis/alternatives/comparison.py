@@ -118,12 +118,7 @@ def compare_alternatives(
     steady = steady_state(params)
     lag, gain, moves = float(steady.lag_samples), float(steady.gain), scalar(params.momentum) > 0.0
     refused = refusal(piece, lag, gain)
-    chosen: tuple[Candidate, ...] = ()
-    if refused is None:
-        share = 10.0 ** (-0.1 * float(steady.noise_reduction_db)) if moves else gain / (2.0 - gain)
-        # What has the noise of a filter with momentum lags more than that does.
-        bench = bench_of(piece, result.x, 0.5 * (1.0 / share - 1.0) if moves and match == "noise" else lag)
-        chosen = at_lag(lag, bench) if match == "lag" else at_noise(share, bench)
+    chosen = _candidates(piece, result, steady, match, moves) if refused is None else ()
     begun = _begun(piece, [one for one in chosen if one.causal])
     errors = Errors(piece, true, begun)
     present = _present(result, steady, errors, moves)
@@ -145,6 +140,17 @@ def compare_alternatives(
         identity=identity_words(piece, result, params, settled(piece, params)),
         note=_note(first, last, len(samples), errors.judged, true),
     )
+
+
+def _candidates(
+    z: Array, result: FilterResult, steady: SteadyState, match: Match, moves: bool
+) -> tuple[Candidate, ...]:
+    """The candidates, as tuned to the lag or the noise of the present filter."""
+    lag, gain = float(steady.lag_samples), float(steady.gain)
+    share = 10.0 ** (-0.1 * float(steady.noise_reduction_db)) if moves else gain / (2.0 - gain)
+    # What has the noise of a filter with momentum lags more than that does.
+    bench = bench_of(z, result.x, 0.5 * (1.0 / share - 1.0) if moves and match == "noise" else lag)
+    return at_lag(lag, bench) if match == "lag" else at_noise(share, bench)
 
 
 def stretch_of(n: int, window: tuple[int, int] | None) -> tuple[int, int]:
