@@ -71,6 +71,12 @@ class Layout:
         """Indices of the columns that are channels."""
         return [i for i, column in enumerate(self.columns) if column.role == "channel"]
 
+    @property
+    def least(self) -> int:
+        """Fields of a whole line at least: a spreadsheet's trailing empty columns may be left out."""
+        roles = [column.role for column in self.columns]
+        return max(1, *(i for i, role in enumerate(roles, 1) if role != "empty"), 1)
+
 
 def sniff(
     head: Sequence[str], options: ReadOptions = DEFAULTS, samples: Sequence[Sequence[str]] = ()

@@ -73,15 +73,13 @@ class LineReader:
         self._silent = options.missing_texts
         self._words = {i: MISSING_WORDS | layout.columns[i].words for i in self._channels}
         self._numbers = frozenset(options.missing_numbers)
-        # A spreadsheet's trailing empty column may be left out.
-        self._least = self._width
-        while self._least > 1 and layout.columns[self._least - 1].role == "empty":
-            self._least -= 1
+        self._least = layout.least
         self._stamp = row_stamp_parser(layout.time, self._form.decimal) if layout.time else None
         self._series = [i for i, column in enumerate(layout.columns) if column.role == "series"]
         self.series: dict[tuple[str, ...], int] = {}
         """The names of a long table and their numbers, which stand in its first "series" column."""
-        self._before = -1  # fields of the row before; -1 at the first row
+        self.before = -1
+        """Fields of the row before; −1 at the first row."""
         self._labels = frozenset(self._form.labels)
         # A blank label would match at each place of a long run of blanks.
         names = "|".join(re.escape(label) for label in self._form.labels if label.strip())
@@ -223,7 +221,7 @@ class LineReader:
         One row that is too narrow was torn. Where another of its width stood before it, or none at all, it is of a
         time when the logger wrote fewer fields.
         """
-        count, before, self._before = len(cells), self._before, len(cells)
+        count, before, self.before = len(cells), self.before, len(cells)
         if count == self._width + 1 and not cells[-1]:
             return cells[:-1]
         if count < self._least and count in self.layout.narrow and before in (-1, count):
@@ -249,14 +247,6 @@ class LineReader:
         if event.kind == "row" and (split_checksum(line) or self._is_whole(line, before)):
             return event
         return rejected(number, line, "must end with a newline (torn: the file ends inside this line)")
-
-    def may_follow(self, fields: int) -> bool:
-        """Whether rows of so many fields are whole after the row that was read last."""
-        return fields >= self._least or (fields in self.layout.narrow and self._before in (-1, fields))
-
-    def skip(self, fields: int) -> None:
-        """Rows of so many fields were read elsewhere."""
-        self._before = fields
 
     def _is_whole(self, line: str, before: Sequence[str]) -> bool:
         mark = self._form.decimal

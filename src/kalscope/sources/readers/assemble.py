@@ -20,6 +20,9 @@ from kalscope.sources.times.time_axis import GivenPeriod, TimeAxis, counted_time
 _MIN_FALLING = 8
 """Steps back that show a log which begins with its newest row, where no step goes forward."""
 
+_HEAD_ROWS = 1000
+"""Rows that nearly always show that stamps rise, before all of them are looked at."""
+
 Columns = dict[int, Array]
 """Columns by index, each of shape (n,): the channels and the time."""
 
@@ -49,6 +52,8 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     tally, layout = reading.tally, reading.layout
     if not tally.lines["row"]:
         raise no_rows(name, tally.lines["rejected"], tally.issues)
+    if layout.time is not None:  # looked at many times, which is slow across the rows of a table
+        reading.columns[layout.time.index] = np.ascontiguousarray(reading.columns[layout.time.index])
     turned = _oldest_first(reading.columns, layout)
     channels = layout.channels
     values, taken = _values(reading.columns, channels, options)
@@ -94,7 +99,10 @@ def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
     time = layout.time
     if time is None or time.kind == "clock":  # which falls at midnight
         return []
-    steps = np.diff(columns[time.index])
+    stamps = columns[time.index]
+    if np.any(np.diff(stamps[:_HEAD_ROWS]) > 0):
+        return []
+    steps = np.diff(stamps)
     if np.count_nonzero(steps < 0) < _MIN_FALLING or np.any(steps > 0):
         return []
     for i, column in columns.items():

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -23,11 +25,11 @@ from kalscope.sources.readers.text_file import open_text
 MAX_WORDS = 8
 """Words that say "no sample" of which the report gives the count."""
 
-BLOCK_SIZE = 1 << 18
+BLOCK_SIZE = 1 << 19
 """Characters read at once, between two progress reports."""
 
-BLOCK_PARTS = 8
-"""A block that is not plain is tried again in so many parts, and these in parts, down to single lines."""
+MAX_SLOW = 64
+"""Lines read one by one before plain rows are looked for again, where there are none."""
 
 
 @dataclass
@@ -82,12 +84,20 @@ def read_rows(
     """All rows, shape (rows, width), NaN in the columns that are not read, and the account."""
     reader = _TableReader(layout, options)
     size, progress = path.stat().st_size, progress or Progress()
-    with path.open("rb") as file:
+    # The next block is read and decoded on another thread while the loops, which release the GIL, parse this one.
+    with path.open("rb") as file, ThreadPoolExecutor(1) as ahead:
         text = open_text(file, encoding)
-        while lines := text.readlines(BLOCK_SIZE):
+        block = ahead.submit(_read_block, text)
+        while data := block.result():
             progress(file.tell() / size, "reading")
-            reader.take(lines)
+            block = ahead.submit(_read_block, text)
+            reader.take(data)
     return reader.finish(), reader.tally
+
+
+def _read_block(text: TextIO) -> bytes:
+    """The next whole lines, of which only the last of the file may lack its newline; b"" at the end."""
+    return (text.read(BLOCK_SIZE) + text.readline()).encode()
 
 
 class _TableReader:
@@ -98,23 +108,25 @@ class _TableReader:
         self._layout = layout
         is_gathered = layout.form.kind == "teleplot" or layout.lead is not None
         self._rows = GatheredRows(layout) if is_gathered else Rows(layout)
-        self._parse = block_parser(layout, options)
+        self._plain = block_parser(layout, options)
         self._reader = LineReader(layout, options.without_numbers())
-        self._above: list[str] = []
+        self._number = 1
+        self._above = b""
 
-    def take(self, lines: list[str]) -> None:
-        """Take the next lines, of which only the last of the file may lack its newline."""
-        number = self.tally.lines.total() + 1
-        preamble = min(max(self._layout.first_data - number, 0), len(lines))
-        for i in range(preamble):
-            self.tally.lines[_kind_above_data(number + i, lines[i], self._layout)] += 1
-        whole = len(lines) - (not lines[-1].endswith("\n"))
-        self._take_rows(lines[preamble:whole], number + preamble)
-        self._above = [*self._above, *lines[max(0, whole - TAIL_LINES) : whole]][-TAIL_LINES:]
-        if preamble <= whole < len(lines):
-            event = self._reader.read_last(number + whole, lines[-1], self._above)
+    def take(self, data: bytes) -> None:
+        """Take the next lines, UTF-8, of which only the last of the file may lack its newline."""
+        at, whole = 0, data.rfind(b"\n") + 1
+        while at < len(data) and self._number < self._layout.first_data:
+            line, at = _line_at(data, at)
+            self.tally.lines[_kind_above_data(self._number, line, self._layout)] += 1
+            self._number += 1
+        self._take_rows(data, at, whole)
+        if at <= whole < len(data):
+            above = (self._above + data[:whole]).decode().split("\n")[-1 - TAIL_LINES : -1]
+            event = self._reader.read_last(self._number, data[whole:].decode(), above)
             self.tally.take_last(event)
             self._rows.add(event, last=True)
+        self._above = data
 
     def finish(self) -> Array:
         """The rows, shape (rows, width)."""
@@ -122,28 +134,31 @@ class _TableReader:
         self.tally.series = tuple(self._reader.series)
         return np.frombuffer(self._rows.out, dtype=np.float64).reshape(-1, len(self._layout.columns))
 
-    def _take_rows(self, lines: list[str], number: int) -> None:
-        """Take whole lines, the first of which is line `number`; a block with other lines in parts."""
-        if not lines:
-            return
-        if self._parse is None:
-            for i, line in enumerate(lines, number):
-                self._take_line(i, line)
-        elif (rows := self._parse(lines)) is not None and self._reader.may_follow(rows.fields):
-            self.tally.lines["row"] += len(lines)
-            self._reader.skip(rows.fields)
-            self._rows.out.frombytes(rows.values.data.cast("B"))
-        elif len(lines) == 1:
-            self._take_line(number, lines[0])
-        else:
-            part = -(-len(lines) // BLOCK_PARTS)
-            for start in range(0, len(lines), part):
-                self._take_rows(lines[start : start + part], number + start)
+    def _take_rows(self, data: bytes, at: int, end: int) -> None:
+        """Take whole lines: plain rows, and in between one line, or more and more of them where none is plain."""
+        slow = 1
+        while at < end:
+            if self._plain is not None:
+                rows = self._plain.parse(data, at, end, self._reader.before)
+                slow = min(2 * slow, MAX_SLOW)
+                if len(rows.values):
+                    slow, at, self._reader.before = 1, rows.end, rows.fields
+                    self._number += len(rows.values)
+                    self.tally.lines["row"] += len(rows.values)
+                    self._rows.out.frombytes(rows.values.data.cast("B"))
+            for _ in range(slow):
+                if at < end:
+                    line, at = _line_at(data, at)
+                    event = self._reader.read(self._number, line)
+                    self.tally.take(event)
+                    self._rows.add(event)
+                    self._number += 1
 
-    def _take_line(self, number: int, line: str) -> None:
-        event = self._reader.read(number, line)
-        self.tally.take(event)
-        self._rows.add(event)
+
+def _line_at(data: bytes, at: int) -> tuple[str, int]:
+    """The line that begins at `at`, and where the next one does."""
+    end = data.find(b"\n", at) + 1 or len(data)
+    return data[at:end].decode(), end
 
 
 class Rows:

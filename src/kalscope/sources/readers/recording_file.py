@@ -6,7 +6,7 @@ time column it still leaves one missing sample, because the sensor did sample th
 newline is torn, its last number may have been cut: it is kept only where it shows that nothing was. A line
 whose stamp cannot be read is rejected: its samples have no place.
 
-Blocks of plain rows are parsed by numpy, all other lines by the line reader, with the same values and account.
+Plain rows are read by compiled loops, all other lines by the line reader, with the same values and account.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def read_recording(
         )
         recording = assemble(reading, options, sample_period, name)
         # An absolute path, so that a tuning file reopens it from any folder.
-        return replace(recording, source=os.path.abspath(path), title=name, sha256=raw.sha256)
+        return replace(recording, source=os.path.abspath(path), title=name, sha256=raw.digest.result())
 
 
 def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Reading:

@@ -8,6 +8,7 @@ import io
 import re
 import tempfile
 from collections.abc import Generator, Iterable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -60,8 +61,8 @@ class RawFile:
     """Bytes of the content."""
     head: bytes
     """The first HEAD_BYTES."""
-    sha256: str
-    """SHA-256 of the file as it lies on the disk."""
+    digest: Future[str]
+    """SHA-256 of the file as it lies on the disk, computed beside the reading."""
 
 
 @contextmanager
@@ -72,9 +73,12 @@ def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
         BadFile: there is no such file, it cannot be read, it is a folder or a damaged archive.
     """
     path = Path(path)
-    with tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder:
+    with (
+        tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder,
+        ThreadPoolExecutor(1) as beside,
+    ):
         try:
-            raw = _open_raw(path, Path(folder) / "content", progress)
+            raw = _open_raw(path, Path(folder) / "content", beside, progress)
         except FileNotFoundError:
             raise BadFile(f"file must exist (got {str(path)!r})") from None
         except (OSError, ValueError) as error:  # ValueError: a NUL in the name
@@ -85,22 +89,26 @@ def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
         yield raw
 
 
-def _open_raw(path: Path, target: Path, progress: Progress) -> RawFile:
+def _open_raw(path: Path, target: Path, beside: Executor, progress: Progress) -> RawFile:
     if path.is_dir():
         raise BadFile(f"source must be a file (got the folder {str(path)!r})")
     if path.exists() and not path.is_file():  # /dev/zero never ends, a pipe never begins
         raise BadFile(f"file must be an ordinary file (got {str(path)!r}, a device or a pipe)")
     with path.open("rb") as file:
         magic = file.read(4)
-        file.seek(0)
-        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    digest = beside.submit(_sha256, path)
     content = path
     if is_packed(magic):
         content = target
         with target.open("wb") as out:
             out.writelines(unpacked(path, path.name, progress))
     with content.open("rb") as file:
-        return RawFile(path.name, content, content.stat().st_size, file.read(HEAD_BYTES), sha256)
+        return RawFile(path.name, content, content.stat().st_size, file.read(HEAD_BYTES), digest)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager
@@ -175,7 +183,8 @@ def _is_utf8(path: Path, progress: Progress) -> bool:
         with path.open("rb") as file:
             while piece := file.read(_CHUNK):
                 progress(0.0, "reading")
-                decoder.decode(piece)
+                if decoder.getstate()[0] or not piece.isascii():
+                    decoder.decode(piece)
         decoder.decode(b"", final=True)
     except UnicodeDecodeError:
         return False

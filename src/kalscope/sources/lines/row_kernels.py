@@ -1,0 +1,142 @@
+"""Plain rows of a table, many lines a call: each line means what it means to the line reader, or ends the call."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from kalscope.sources.lines.number_kernels import BAD, EXACT, ROUNDED, TENS, Bytes, read_number
+
+NEVER, ALWAYS, AFTER_ITS_LIKE = 0, 1, 2
+"""Whether a line of so many fields is a row; the last only after a row as narrow, or as the first."""
+
+MAX_SURE_STAMP = 0.99e20
+"""Larger stamps may be damage, which the line reader decides by `timestamps.MAX_STAMP`."""
+
+_NEWLINE, _BLANK, _TAB, _QUOTE, _STAR, _MINUS = 10, 32, 9, 34, 42, 45
+_COMMENT_MARKS = (35, 37, 47)
+_EMPTY, _NO_CELL = -1, -2
+"""What `_odd_cell` found besides what `read_number` finds: nothing between two marks; the end of the line."""
+
+
+@njit(cache=True, nogil=True)
+def _past_blanks(data: Bytes, at: int, delimiter: int) -> int:
+    while data[at] == _BLANK or (data[at] == _TAB and delimiter != _TAB):
+        at += 1
+    return at
+
+
+@njit(cache=True, nogil=True)
+def _past_text(data: Bytes, at: int, delimiter: int) -> int:
+    """The end of a cell of text; −1 where a byte may change what the line means: a quote, a checksum."""
+    if data[at] in _COMMENT_MARKS:
+        return -1
+    while data[at] != delimiter and data[at] != _NEWLINE and not (data[at] == _TAB and delimiter == _BLANK):
+        byte = data[at]
+        if byte in (_QUOTE, _STAR) or byte > 126 or (byte < _BLANK and byte != _TAB):
+            return -1
+        at += 1
+    return at
+
+
+@njit(cache=True, nogil=True)
+def _odd_cell(data: Bytes, at: int, marks: tuple[int, int], wanted: int) -> tuple[float, int, int]:
+    """The cell at `at`, however it is written: its value, the byte before the next cell or the newline, its kind."""
+    delimiter, decimal = marks
+    at = _past_blanks(data, at, delimiter)
+    value, how = math.nan, _EMPTY
+    if data[at] == _NEWLINE and delimiter == _BLANK:
+        return value, at, _NO_CELL
+    if data[at] != _NEWLINE and data[at] != delimiter:
+        if wanted:
+            value, at, how = read_number(data, at, decimal)
+        else:
+            at, how = _past_text(data, at, delimiter), EXACT
+        if how == BAD or at < 0:
+            return value, at, BAD
+    end = at
+    at = _past_blanks(data, at, delimiter)
+    if data[at] == _NEWLINE or (data[at] == delimiter and delimiter != _BLANK):
+        return value, at, how
+    return value, at - 1, how if delimiter == _BLANK and at > end else BAD
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def read_rows(
+    data: Bytes,
+    at: int,
+    marks: tuple[int, int],
+    wanted: Bytes,
+    stamp: int,
+    widths: Bytes,
+    before: int,
+    out: NDArray[np.float64],
+    rounded: NDArray[np.int64],
+) -> tuple[int, int, int, int]:
+    """Plain rows from `at` on, up to the first line that is not plain, or until `out` or `rounded` is full.
+
+    The usual cell, 15 digits at most and a mark behind them, is read here: with a call for each it takes four times
+    as long.
+
+    Args:
+        data: Whole lines, each with its newline.
+        at: Where a line begins.
+        marks: Delimiter and decimal mark.
+        wanted: 1 where a column is read, 0 where it may hold any text; shape (width,).
+        stamp: The column of the time; −1 where there is none.
+        widths: NEVER, ALWAYS or AFTER_ITS_LIKE by the number of fields, shape (width + 2,).
+        before: Fields of the row before; −1 at the first row.
+        out: Their values, shape (rows, width), NaN where missing or not wanted.
+        rounded: Numbers of too many digits, which `float` must read again: row, column, begin and end of the cell;
+            shape (many, 4), many > width.
+
+    Returns:
+        Rows, the place behind them, the fields of the last of them, numbers in `rounded`.
+    """
+    delimiter, decimal = marks
+    width, row, end, fields, known, hard, new = len(wanted), 0, at, 0, False, 0, 0
+    while at < len(data) and row < len(out) and hard + width < len(rounded):
+        start, count, tens, digits, how = at, 0, 0, 0, EXACT
+        negative = data[at] == _MINUS
+        byte = data[at + negative]
+        if fields < width and wanted[fields]:
+            at += negative
+            first, point = at, -1
+            while 48 <= byte <= 57 or (byte == decimal and point < 0):
+                digits = digits if byte == decimal else 10 * digits + (byte - 48)
+                point = at if byte == decimal else point
+                at += 1
+                byte = data[at]
+            tens = at - point - 1 if point >= 0 else 0
+            count = at - first - (point >= 0) if point < 0 or tens else 0
+        if 0 < count <= 15 and byte in (delimiter, _NEWLINE):
+            value = digits / TENS[tens]
+            value = -value if negative else value
+        else:
+            value, at, how = _odd_cell(data, start, marks, fields < width and wanted[fields])
+            if how == BAD or (how >= 0 and fields >= width):
+                break
+            rounded[new, 0], rounded[new, 1], rounded[new, 2], rounded[new, 3] = row, fields, start, at
+            new += how == ROUNDED
+        if how != _NO_CELL:
+            known = known or how != _EMPTY
+            if fields < width:
+                out[row, fields] = value
+            fields += 1
+        at += 1
+        if data[at - 1] == _NEWLINE:
+            for i in range(fields, width):
+                out[row, i] = math.nan
+            whole = known and fields < len(widths) and _is_whole(widths[fields], fields, before)
+            if not whole or (stamp >= 0 and not abs(out[row, stamp]) <= MAX_SURE_STAMP):
+                break
+            row, end, before, hard, fields, known = row + 1, at, fields, new, 0, False
+    return row, end, before, hard
+
+
+@njit(cache=True, nogil=True)
+def _is_whole(kind: int, fields: int, before: int) -> bool:
+    return kind == ALWAYS or (kind == AFTER_ITS_LIKE and before in (-1, fields))
