@@ -44,7 +44,7 @@ def _past_text(data: Bytes, at: int, delimiter: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _odd_cell(data: Bytes, at: int, marks: tuple[int, int], wanted: int) -> tuple[float, int, int]:
-    """The cell at `at`, however it is written: its value, the byte before the next cell or the newline, its kind."""
+    """The cell at `at`, however it is written: its value, the byte before the next cell or the newline, kind."""
     delimiter, decimal = marks
     at = _past_blanks(data, at, delimiter)
     value, how = math.nan, _EMPTY
