@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ _EXACT, _GRID = 2000, 6000
 """The first samples of a step are all looked at; later ones on a grid that rises evenly in its logarithm."""
 _LEFT = 1e-5
 """Share of a step that is left where the grid ends."""
+_FIRST = np.arange(200.0)
+"""The first samples, where an answer that swings fast is deepest; a slow one is where its slope is 0."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +81,6 @@ class StepError:
         total = (poles[0].z + poles[1].z).real
         after_two = kept - (product - gain * (1.0 - total))
         self._weights = kept, total * kept - after_two
-        decay = -max(pole.log_radius for pole in self._poles)
-        end = max(-math.log(_LEFT) / decay, 2.0 * _EXACT)
-        grid = np.unique(np.rint(np.geomspace(_EXACT, end, _GRID)))
-        samples = np.concatenate([np.arange(float(_EXACT)), grid[1:]])
-        self._times = np.concatenate([[0.0], samples + 1.0])
-        self._errors = np.concatenate([[1.0], self._after(samples)])
 
     @classmethod
     def of(cls, model: Model, ratio: float) -> StepError:
@@ -93,6 +90,15 @@ class StepError:
         product = (first.d * second.d).real
         reach = product / model.forgotten
         return cls(model.gain(reach), min(1.0, reach * reach / ratio), product, (first, second))
+
+    @functools.cached_property
+    def _grid(self) -> tuple[Array, Array]:
+        """Times, and the errors at them."""
+        decay = -max(pole.log_radius for pole in self._poles)
+        end = max(-math.log(_LEFT) / decay, 2.0 * _EXACT)
+        grid = np.unique(np.rint(np.geomspace(_EXACT, end, _GRID)))
+        samples = np.concatenate([np.arange(float(_EXACT)), grid[1:]])
+        return np.concatenate([[0.0], samples + 1.0]), np.concatenate([[1.0], self._after(samples)])
 
     def _after(self, n: Array) -> Array:
         """Error after n + 1 samples."""
@@ -111,17 +117,17 @@ class StepError:
 
     def overshoot(self) -> float:
         """How far it goes below 0."""
-        return max(0.0, -float(self._errors.min()), -float(self._after(self._valley()).min()))
+        swings = bool(self._poles[0].z.imag)
+        seen = self._after(np.concatenate([_FIRST, self._valley()])) if swings else self._grid[1]
+        return max(0.0, -float(seen.min()))
 
     def _valley(self) -> Array:
-        """The whole samples around the first valley of e(n) between complex poles; 0 where there is none.
+        """The whole samples around the first valley of e(n) between complex poles.
 
         With z = exp(-s ± ia) the error is exp(-sn) (A sin an + B cos an), up to a factor: its slope is 0 where
         tan an = (aA - sB)/(sA + aB). The first valley is the deepest one.
         """
         first, _ = self._poles
-        if not first.z.imag:
-            return np.zeros(1)
         s, angle = -first.log_radius, abs(cmath.phase(first.z))
         a, b = (
             self._weights[0] * math.cos(angle) - self._weights[1] * math.exp(s),
@@ -133,7 +139,7 @@ class StepError:
 
     def first_below(self, share: float) -> float:
         """Time until no more than `share` is missing, between samples as on an exponential."""
-        at = self._first_whole(int(np.argmax(self._errors <= share)), lambda error: error <= share)
+        at = self._first_whole(int(np.argmax(self._grid[1] <= share)), lambda error: error <= share)
         before, after = self._at(at - 1.0), max(self._at(at), 1e-300)
         if before <= after:  # a sample is nothing beside times of 1e16
             return at
@@ -141,12 +147,12 @@ class StepError:
 
     def last_above(self, share: float) -> float:
         """Time after which the error stays within ± `share`, in whole samples."""
-        last = int(np.flatnonzero(np.abs(self._errors) > share)[-1])
+        last = int(np.flatnonzero(np.abs(self._grid[1]) > share)[-1])
         return self._first_whole(last + 1, lambda error: abs(error) <= share)
 
     def _first_whole(self, at: int, holds: Callable[[float], bool]) -> float:
         """The first whole time at which `holds`, after the one of the grid before `at`, where it does not yet."""
-        low, high = float(self._times[at - 1]), float(self._times[at])
+        low, high = float(self._grid[0][at - 1]), float(self._grid[0][at])
         for _ in range(64):
             if high - low <= 1.0:
                 break
