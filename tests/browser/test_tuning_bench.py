@@ -125,6 +125,8 @@ def test_the_line_on_screen_reopens_what_is_on_screen(start):
     axes = open_source("sample:lis302dl").values
     screen.choose("channel", "y")
     screen.type("process noise q", "0.03")
+    screen.choose("initial state", "set manually")
+    screen.text_box("initial variance p0").wait_for()
     screen.type("initial variance p0", "2")
     expected = filtered(axes[:, 1], q=0.03, p0=2)
     screen.wait_for_line("filtered", expected)

@@ -66,6 +66,8 @@ class Frame:
     """Filtered velocity, unit per s, or per sample without a sample period; None where none is wanted or known."""
     velocity_spread: Array | None = None
     """2·√ of its variance, in the same unit."""
+    set_aside: Array | None = None
+    """The measurements that the last search set aside as spikes, unit, NaN at all others; None where none were."""
     variants: tuple[Array, ...] = ()
     """The filtered signal of each pinned setting, in the order of `state.variants`, unit."""
 
@@ -103,6 +105,7 @@ def compute_frame(
     gain_samples = gain_axis(start_up, len(recording))
     board = None if state.board is None else recording.channel(state.board)
     velocity, velocity_spread = _velocity(state, result, drawn)
+    aside = state.set_aside
     return Frame(
         state=state,
         serial=serial,
@@ -122,6 +125,7 @@ def compute_frame(
         connection=connection,
         velocity=velocity,
         velocity_spread=velocity_spread,
+        set_aside=None if aside is None else np.where(aside[at], drawn.raw, np.nan),
         variants=tuple(runs.of(state, StandardFilter(variant.tuning.params)).x[at] for variant in state.variants)
         if variants is None
         else variants,

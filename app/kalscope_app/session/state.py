@@ -221,6 +221,13 @@ class State:
         ours = self.recording
         return (ours.source, ours.title, ours.names) == (recording.source, recording.title, recording.names)
 
+    @property
+    def set_aside(self) -> NDArray[np.bool_] | None:
+        """Samples of the channel on screen that the last search set aside as spikes, shape (n,); None = none."""
+        found = None if self.answers.outcome is None else self.answers.outcome.estimate
+        aside = None if found is None else found.outliers
+        return aside if aside is not None and len(aside) == len(self.recording) and aside.any() else None
+
     def with_filter(self, other: Filter | None) -> State:
         """The state with another filter for the channel on screen; None = the standard one."""
         filters = list(self.settings.other_filters or (None,) * len(self.settings.tunings))

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from kalscope.common.array import Array
+from kalscope.common.text import count
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.likelihood.contour import likelihood_contour
 from kalscope.estimation.likelihood.profile import Profile, loglik_map
@@ -107,7 +108,7 @@ class MapMaker:
             colour = "likelihood"
         errors = self._errors.once(lambda: errors_over_ratio(state), *signal) if colour == "RMSE" else None
         q, r = map_ranges(state, scan)
-        note = limits_of(state)
+        note = " ".join(filter(None, (limits_of(state), spikes_left_out(scan))))
         return self._maps.once(lambda: draw_map(scan, errors, colour, q, r, note), scan, colour, q, r, note)
 
 
@@ -121,6 +122,10 @@ def scan_recording(state: State) -> Scan:
     """One scan of the channel on screen: the best pair, the likelihood over λ, the 95 % region."""
     z, dt, momentum = state.z, state.dt, state.tuning.momentum
     best = estimate(z, "ml", dt=dt, momentum=momentum)
+    if best.verdict == "too_many_outliers":
+        best = estimate(z, "ml", dt=dt, momentum=momentum, robust=False)
+    if best.outliers is not None:
+        z = np.where(best.outliers, np.nan, z)  # the map is that of the fit, which did not see them either
     if best.verdict in ("too_few", "constant", "bad_unit"):
         return Scan(best, None, None)
     scan = partial(likelihood_profile, momentum=momentum)
@@ -179,6 +184,12 @@ def exponents_of(state: State, tuning: ChannelTuning | None = None) -> Point:
     return tuple(math.log10(value) if value > 0.0 else -math.inf for value in (of.q, of.r))  # pyright: ignore[reportReturnType]
 
 
+def spikes_left_out(scan: Scan) -> str:
+    """That spikes were set aside, in a sentence; "" where none were."""
+    aside = scan.best.outliers
+    return "" if aside is None or not aside.any() else f"Spikes ({count(int(aside.sum()))}) count as missing."
+
+
 def limits_of(state: State) -> str:
     """What of the present filter the map does not take into account, in a sentence; "" if all is."""
     tuning = state.tuning
@@ -191,7 +202,7 @@ def limits_of(state: State) -> str:
         )
         if there
     ]
-    said = [f"Drawn for the automatic start without gate: {' and '.join(left_out)} left out."] if left_out else []
+    said = [f"Drawn without {' and '.join(left_out)}."] if left_out else []
     elsewhere = [one.name for one in state.variants if one.tuning.momentum != tuning.momentum]
     if elsewhere:
         said.append(f"This map does not hold for {', '.join(elsewhere)}: pinned at another momentum.")

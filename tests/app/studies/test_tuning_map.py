@@ -121,6 +121,19 @@ def test_what_the_map_leaves_out_is_said():
     assert "outlier gate" in MapMaker()(state.with_tuning(gate=9.0)).note
 
 
+def test_the_map_of_a_record_with_spikes_is_that_of_the_fit_without_them():
+    state = opened(walk(3000, 0.05))
+    values = state.recording.values.copy()
+    values[100::100] += 50.0
+    shown = MapMaker()(opened(replace(state.recording, values=values)))
+    best = estimate(values[:, 0])
+    assert best.outliers.sum() == 29
+    at = np.unravel_index(np.argmax(shown.shade), shown.shade.shape)
+    cell = (shown.r[1] - shown.r[0]) / CELLS
+    assert cell_exponents(shown.r)[at[0]] == pytest.approx(math.log10(best.r), abs=cell)
+    assert "Spikes (29) count as missing." in shown.note
+
+
 def test_a_record_without_noise_or_movement_says_so():
     constant = Recording(np.arange(9.0), ("a",), ("",), np.full((9, 1), 2.0), 1.0)
     shown = MapMaker()(opened(constant))

@@ -12,7 +12,7 @@ from kalscope.common.text import count, number, sample_rate
 from kalscope.sources.readers.account import warnings
 from kalscope_app.engine.frame import Frame
 from kalscope_app.views.charts.chart import Chart, ChartLayout
-from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, Palette, axes, gappy, line, short
+from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, Palette, axes, gappy, line, rings, short
 from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
 from kalscope_app.views.scales import Scale, scale_for
 from kalscope_app.views.text import escape_markdown
@@ -78,6 +78,9 @@ class SignalView:
             lines.append(ChartLine(frame.smoothed, line("best offline", palette.smoothed, 1.5)))
         if frame.board is not None:
             lines.append(ChartLine(frame.board, {**line("board's own", palette.board, 1.5), "dash": (3, 3)}))
+        if frame.set_aside is not None and state.set_aside is not None:
+            name = f"set aside ({count(int(state.set_aside.sum()))})"
+            lines.append(ChartLine(frame.set_aside, rings(name, palette.innovation, 9), gaps=True))
         band = {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band}
         label = scale.label(short(state.channel, 30))
         self._draw(self.signal, frame, clock, scale, lines, label, band)

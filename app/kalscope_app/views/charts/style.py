@@ -86,6 +86,12 @@ def dots(label: str, colour: str, size: float) -> dict[str, object]:
     return {"label": label, "stroke": colour, "width": 0, "points": marks, "auto": False}
 
 
+def rings(label: str, colour: str, size: float) -> dict[str, object]:
+    """Thin rings around points of another line, which stay in sight."""
+    marks = {"show": True, "size": size, "space": 0, "fill": "transparent", "stroke": colour, "width": 1.5}
+    return {"label": label, "stroke": colour, "width": 0, "points": marks, "auto": False}
+
+
 def line(label: str, colour: str = "transparent", width: float = 1, *, scaled: bool = True) -> dict[str, object]:
     """A line without marks; without a colour it is the edge of a band; the range of y need not hold it."""
     return {"label": label, "stroke": colour, "width": width, "points": {"show": False}, "auto": scaled}

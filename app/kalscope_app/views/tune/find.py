@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 import viser
 
-from kalscope.common.text import lag_text, number
+from kalscope.common.text import lag_text, number, trimmed
 from kalscope.estimation.agreement.comparison import compare_methods
 from kalscope.estimation.agreement.words import comparison
 from kalscope.estimation.finding import METHOD_NAMES, Request, find_parameters
@@ -136,8 +137,15 @@ def answer_text(state: State) -> str:
         ("r", number(before.r, 4), number(after.r, 4)),
         *rows_of((before.momentum, after.momentum), settled, period),
     ]
+    if before.gate != after.gate:
+        rows.append(("gate", gate_words(before.gate), gate_words(after.gate)))
     table = "| | before | now |\n|---|---|---|\n" + "\n".join(f"| {n} | {b} | **{a}** |" for n, b, a in rows)
     return f"{table}\n\n{outcome.message}"
+
+
+def gate_words(gate: float | None) -> str:
+    """A gate on v²/s in standard deviations."""
+    return "off" if gate is None else f"{trimmed(math.sqrt(gate))} σ"
 
 
 def comparison_text(state: State) -> str:

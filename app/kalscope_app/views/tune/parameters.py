@@ -58,7 +58,8 @@ class ParametersView:
                 (AUTOMATIC, BY_VALUE),
                 hint="The first sample as the initial estimate, or your own p0 and x0.",
             )
-            self._controls.append(VarianceControl(gui, session, "p0"))
+            self._p0 = VarianceControl(gui, session, "p0")
+            self._controls.append(self._p0)
             self._x0 = TypedNumber(
                 gui,
                 session,
@@ -110,8 +111,8 @@ class ParametersView:
             name for name, value in FILTERS.items() if value == (paper.reading if paper else None)
         )
         for control in (*self._controls, self._momentum):
-            control.set_visible(standard)
             control.show(frame)
+            control.set_visible(standard and (control is not self._p0 or tuning.p0 is not None))
         self._start.visible = standard
         self._gate.set_visible(standard)
         self._start.value = AUTOMATIC if tuning.p0 is None else BY_VALUE
