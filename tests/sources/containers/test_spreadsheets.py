@@ -82,11 +82,10 @@ def test_an_archive_that_unpacks_to_gigabytes_is_refused(book, monkeypatch):
 
 
 def test_a_zip_archive_of_other_files_is_no_spreadsheet(tmp_path):
-    for name, said in (("log.xlsx", "zip archive of other files"), ("log.zip", "zip archive")):
-        with zipfile.ZipFile(tmp_path / name, "w") as archive:
-            archive.writestr("log.csv", "a,b\n1,2\n")
-        with pytest.raises(BadFile, match=said):
-            read_recording(tmp_path / name)
+    with zipfile.ZipFile(tmp_path / "log.xlsx", "w") as archive:
+        archive.writestr("log.csv", "a,b\n1,2\n")
+    with pytest.raises(BadFile, match="zip archive of other files"):
+        read_recording(tmp_path / "log.xlsx")
 
 
 def test_a_spreadsheet_is_cancelled(book):

@@ -82,7 +82,7 @@ _CONTAINERS = (
     Container(
         "a LabVIEW measurement file",
         _begins(b"LabVIEW Measurement", b"\xef\xbb\xbfLabVIEW Measurement"),
-        "lvm.read_lvm",
+        "labview.lvm.read_lvm",
     ),
     Container("a TDMS file", _begins(b"TDSm"), "arrays.tdms.read_tdms"),
     Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), "arrays.hdf5.read_hdf5"),
@@ -92,6 +92,7 @@ _CONTAINERS = (
     Container("a ROS 2 bag", _begins(b"SQLite format 3\0"), "robotics.rosbag.read_ros2"),
     Container("a ULog file", _begins(b"ULog\x01\x12\x35"), "robotics.ulog.read_ulog"),
     Container("a spreadsheet", _is_excel, "spreadsheets.excel.read_excel"),
+    Container("a zip archive", _begins(b"PK\x03\x04", b"PK\x05\x06"), "zip_archive.read_zip"),
     Container("a JSON document", _is_json_document, "json_document.read_json_document"),
 )
 

@@ -56,8 +56,8 @@ def read_recording(
     """Read a recording: a table of text, the lines that boards print, a file of an instrument, or a container.
 
     Text: encoding, delimiter, decimal mark, header, units, comments and the time column are detected, `.gz` and
-    `.zst` are unpacked, and the files of known instruments are read by their own rules. Containers: JSON, LabVIEW
-    `.lvm`, Parquet, MATLAB `.mat`; with `kalscope[formats]` spreadsheets, TDMS, HDF5, MCAP, ROS bags and ULog.
+    `.zst` are unpacked, and the files of known instruments are read by their own rules. Containers: zip, JSON,
+    LabVIEW `.lvm`, Parquet, MATLAB `.mat`; with `kalscope[formats]` spreadsheets, TDMS, HDF5, MCAP, ROS bags, ULog.
     docs/reading-files.md says what is read, and how.
 
     Args:

@@ -23,7 +23,6 @@ HEAD_BYTES = 1 << 20
 """Bytes from which the form of a file is detected."""
 
 _FOREIGN = {
-    b"PK\x03\x04": "a zip archive, which must be unpacked first",
     b"7z\xbc\xaf": "a 7-Zip archive, which must be unpacked first",
     b"Rar!": "a RAR archive, which must be unpacked first",
     b"BZh": "a bzip2 archive, which must be unpacked first",

@@ -13,7 +13,7 @@ import numpy as np
 
 from kalscope.common.progress import Progress
 from kalscope.recording import MAX_ISSUE_LENGTH, MAX_ISSUES, LineIssue
-from kalscope.sources.containers.lvm_segments import Segment, X, gathered
+from kalscope.sources.containers.labview.segments import Segment, X, gathered
 from kalscope.sources.containers.parts import Part, choose_part
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.cells import parse_number

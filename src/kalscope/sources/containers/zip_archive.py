@@ -1,0 +1,96 @@
+"""Zip archives of tables of text, as phones share them (phyphox, Sensor Logger): one table is read."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+
+from kalscope.common.progress import Progress
+from kalscope.errors import BadFile
+from kalscope.sources.containers.parts import Part, choose_text_part
+from kalscope.sources.containers.table import Text
+from kalscope.sources.grammar.cells import is_number, split_fields
+
+_TEXTS = (".csv", ".tsv", ".txt", ".dat", ".log")
+_MAX_FILES = 1000
+_MAX_UNPACKED = 1 << 30
+"""Largest sum of the sizes of the tables in bytes: a small archive can hold terabytes of zeros."""
+_HEAD_BYTES = 8192
+_CHUNK = 1 << 20
+_DELIMITERS = "\t;, "
+
+
+def read_zip(path: Path, name: str, part: str | None, progress: Progress) -> Text:
+    """Read one table of an archive as the text that it is.
+
+    Raises:
+        BadFile: there is no table of text, there are too many, or they are too large.
+        BadSetting: there is no such table.
+    """
+    with zipfile.ZipFile(path) as archive:
+        files = [info for info in archive.infolist() if not info.is_dir()]
+        tables = [info for info in files if _may_be_table(info.filename)]
+        size = sum(info.file_size for info in tables)  # more than that is never unpacked
+        if size > _MAX_UNPACKED or len(tables) > _MAX_FILES:
+            raise BadFile(
+                f"{name} must hold at most {_MAX_FILES} tables of {_MAX_UNPACKED} bytes in all (got {len(tables)}"
+                f" of {size} bytes)"
+            )
+        parts = [_measured(archive, info, progress) for info in tables]
+    parts = [one for one in parts if one.channels and one.rows]
+    if not parts:
+        held = ", ".join(info.filename for info in files[:8]) or "nothing"
+        raise BadFile(f"{name} must hold a table of numbers, such as a .csv file (got a zip archive of {held})")
+    chosen, notes, inner = choose_text_part(parts, part, name, "table")
+    said = f'a zip archive; line numbers count in "{parts[chosen].name}"'
+    return Text(_lines(path, parts[chosen].name), (said, *notes), part=inner)
+
+
+def _may_be_table(name: str) -> bool:
+    """False for other files, and for the copies with a leading dot in which macOS keeps what is no content."""
+    path = PurePosixPath(name)
+    return path.suffix.lower() in _TEXTS and not path.name.startswith(".")
+
+
+def _measured(archive: zipfile.ZipFile, info: zipfile.ZipInfo, progress: Progress) -> Part:
+    """The rows of a table, and the numbers that most of its first lines hold."""
+    with archive.open(info) as stream:
+        head = stream.read(_HEAD_BYTES)
+        rows = head.count(b"\n")
+        while piece := stream.read(_CHUNK):
+            progress(0.5, "unpacking")
+            rows += piece.count(b"\n")
+    lines = head.decode(_encoding(head), "replace").splitlines()
+    numbers = Counter(count for line in lines if (count := _numbers(line)))
+    return Part(info.filename, rows, numbers.most_common(1)[0][0] if numbers else 0)
+
+
+def _numbers(line: str) -> int:
+    """Cells of a line that are numbers, however it is split."""
+    return max(
+        sum(is_number(cell, mark) for cell in split_fields(line, delimiter))
+        for delimiter in _DELIMITERS
+        for mark in ".,"
+        if delimiter != mark
+    )
+
+
+def _encoding(head: bytes) -> str:
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    try:
+        head[:-4].decode("utf-8-sig")  # the last letter may be cut
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8-sig"
+
+
+def _lines(path: Path, table: str) -> Iterator[str]:
+    with zipfile.ZipFile(path) as archive, archive.open(table) as stream:
+        encoding = _encoding(stream.read(_HEAD_BYTES))
+    with zipfile.ZipFile(path) as archive, archive.open(table) as stream:
+        for line in io.TextIOWrapper(stream, encoding, errors="replace"):
+            yield line.removesuffix("\n")

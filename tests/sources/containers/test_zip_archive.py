@@ -1,0 +1,111 @@
+"""Zip archives of tables: each reads as the table alone does, and what holds none is refused."""
+
+import zipfile
+
+import numpy as np
+import pytest
+
+from kalscope.errors import BadFile, BadSetting, Cancelled
+from kalscope.sources.containers import zip_archive
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.readers.recording_file import read_recording
+
+ACCELERATION = '"Time (s)","Acceleration x (m/s^2)","Absolute (m/s^2)"\n' + "".join(
+    f"{i / 100:.3E},{np.sin(i):.6E},{9.81 + i % 7:.6E}\n" for i in range(300)
+)
+PRESSURE = "time;Druck (hPa)\n" + "".join(f"{i / 10:.1f};{1013 + i % 5},5\n" for i in range(60)).replace(".", ",")
+DEVICE = '"property","value"\n' + "".join(f'"name {i}","Pixel {i}"\n' for i in range(500)) + '"version","1.1"\n'
+
+
+@pytest.fixture
+def archive(tmp_path):
+    def write(**files):
+        path = tmp_path / "phone.zip"
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as out:
+            for name, text in files.items():
+                out.writestr(name, text)
+        return path
+
+    return write
+
+
+def alone(tmp_path, text):
+    path = tmp_path / "alone.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_recording(path)
+
+
+def assert_same(recording, expected):
+    assert (recording.names, recording.units) == (expected.names, expected.units)
+    assert recording.sample_period == expected.sample_period
+    np.testing.assert_array_equal(recording.values, expected.values)
+    np.testing.assert_array_equal(recording.time, expected.time)
+
+
+def test_the_table_with_most_numbers_is_read_and_the_others_are_named(archive, tmp_path):
+    path = archive(**{"Pressure.csv": PRESSURE, "Raw Data.csv": ACCELERATION, "meta/device.csv": DEVICE})
+    recording = read_recording(path)
+    assert_same(recording, alone(tmp_path, ACCELERATION))
+    assert recording.sample_period == 0.01
+    said = "\n".join(recording.report.notes)
+    assert 'line numbers count in "Raw Data.csv"' in said
+    assert '--part NAME chooses another: "Pressure.csv" (61 × 2)' in said
+    for part in ("Pressure.csv", "sure.csv"):
+        assert_same(read_recording(path, ReadOptions(part=part)), alone(tmp_path, PRESSURE))
+    with pytest.raises(BadSetting, match=r'part must be one table of .*"Raw Data.csv"'):
+        read_recording(path, ReadOptions(part="Gyroscope.csv"))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
+def test_a_single_table_needs_no_choice_in_any_encoding(archive, tmp_path, encoding):
+    text = "t,temp (°C)\r\n" + "".join(f"{i},{20 + i % 3}.5\r\n" for i in range(50))
+    recording = read_recording(archive(**{"._log.csv": "1,2\n" * 900, "log.csv": text.encode(encoding)}))
+    assert_same(recording, alone(tmp_path, text))
+    assert recording.units == ("°C",)
+    assert not any("--part" in note for note in recording.report.notes)
+
+
+@pytest.mark.parametrize(
+    ("files", "got"),
+    [({"a.png": b"\x89PNG"}, "a.png"), ({"readme.txt": "hello\nworld\n"}, "readme.txt"), ({}, "nothing")],
+)
+def test_an_archive_without_a_table_is_refused_by_what_it_holds(archive, files, got):
+    with pytest.raises(
+        BadFile, match=rf"phone.zip must hold a table of numbers, .* \(got a zip archive of {got}\)"
+    ):
+        read_recording(archive(**files))
+
+
+def test_a_bomb_is_refused_before_it_is_unpacked(archive, monkeypatch):
+    path = archive(**{"log.csv": ACCELERATION})
+    monkeypatch.setattr(zip_archive, "_MAX_UNPACKED", len(ACCELERATION) - 1)
+    with pytest.raises(BadFile, match=f"at most 1000 tables of {len(ACCELERATION) - 1} bytes"):
+        read_recording(path)
+    monkeypatch.setattr(zip_archive, "_MAX_UNPACKED", len(ACCELERATION))
+    assert len(read_recording(path)) == 300
+    monkeypatch.setattr(zip_archive, "_MAX_FILES", 0)
+    with pytest.raises(BadFile, match=r"at most 0 tables .*got 1 of"):
+        read_recording(path)
+
+
+def test_a_declared_size_that_lies_is_refused_and_never_unpacked_beyond_it(archive):
+    path = archive(**{"log.csv": ACCELERATION})
+    data = path.read_bytes()
+    size = len(ACCELERATION).to_bytes(4, "little")
+    assert data.count(size) >= 2
+    path.write_bytes(data.replace(size, (100).to_bytes(4, "little")))
+    with pytest.raises(BadFile, match="a zip archive that is whole"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize("keep", [0.3, 0.9, 0.99])
+def test_a_damaged_archive_is_refused(archive, keep):
+    path = archive(**{"log.csv": ACCELERATION})
+    path.write_bytes(path.read_bytes()[: int(keep * path.stat().st_size)])
+    with pytest.raises(BadFile, match="a zip archive that is whole"):
+        read_recording(path)
+
+
+def test_an_archive_is_cancelled(archive):
+    with pytest.raises(Cancelled):
+        read_recording(archive(**{"log.csv": ACCELERATION * 100}), cancelled=lambda: True)
