@@ -26,14 +26,16 @@ Status = Literal[
     "changes",
     "steps",
     "gate",
+    "shape",
     "methods_differ",
     "no_pair",
 ]
-"""What is said first: "fits"; "rounded", r is the variance of rounding; "vague", the record leaves q/r open;
+"""What is said first: "fits"; "rounded", more coarsely than the noise; "vague", the record leaves q/r open;
 "too_few" or "constant", nothing to judge; "start", the given x0 is off; "spikes", isolated ones; "bursts", too many
 to be outliers; "too_slow" or "too_fast"; "band", q and r wrong by one factor; "edge", q = 0 or r = 0 does not fit;
 "structure", the model does not describe the signal; "changes", its errors change during the record; "steps", it
-jumps; "gate", the gate refuses too much; "methods_differ"; "no_pair", there is no q and r to judge."""
+jumps; "gate", the gate refuses too much; "shape", its errors are of several kinds; "methods_differ"; "no_pair",
+there is no q and r to judge."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from kalscope.analysis.actions import Advice, ChooseFilter, EstimateAgain, GiveNoise, RecordLonger, Status
 from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.analysis.fit.correction import MIN_FACTOR, MIN_SAMPLES
+from kalscope.analysis.fit.findings import Findings
 from kalscope.analysis.fit.words import NO_FAULT, Finding, Known, findings_in_words
 from kalscope.analysis.residual_tests import dot
 from kalscope.common.text import count, number
@@ -37,10 +38,11 @@ HEADLINES: dict[Status, str] = {
     "edge": "With a variance of 0 this filter does not fit the record.",
     "structure": "The record holds more than the model describes.",
     "changes": "The record changes as it goes on: one pair cannot fit all of it.",
-    "gate": "The outlier gate refuses more than outliers.",
+    "gate": "The outlier gate refuses more than single outliers.",
+    "shape": "The filter has the right size and speed, but its errors are of several kinds.",
     "steps": "The signal steps: no q both follows the steps and smooths well between them.",
     "constant": "The signal is constant: there is nothing to judge the filter by.",
-    "rounded": "The sensor rounds more coarsely than its noise: r is the variance of rounding.",
+    "rounded": "The readings are rounded more coarsely than their noise, or held.",
     "vague": "The filter fits, and so does any other q/r: the record cannot tell them apart.",
     "methods_differ": "Predictions one sample ahead fit, but other methods of estimation contradict the model.",
 }
@@ -48,6 +50,12 @@ HEADLINES: dict[Status, str] = {
 
 ROUNDED: Finding = ("rounded", Advice("for a smaller r, let the sensor give finer steps"))
 """All that is said where r is a floor that the residuals need not reach."""
+
+NO_PAIR_HEADLINES = {
+    "no_noise": "No noise can be identified: every change looks like movement.",
+    "no_movement": "No movement can be identified: a constant plus noise explains this record best.",
+}
+"""Headlines of verdicts whose message begins with something else, such as spikes."""
 
 NO_PAIR: dict[str, tuple[Advice, ...]] = {
     "no_noise": (
@@ -113,7 +121,7 @@ def judge(
         said = _beyond_residuals(held_out, estimate, disagreement)
     advice = tuple(advice for _, advice in said[:MAX_ADVICE])
     status = said[0][0] if said else "fits"
-    return Judgement(status, _headline(status, residuals.n), advice, halves)
+    return Judgement(status, _headline(status, residuals.findings), advice, halves)
 
 
 def advice_words(judgement: Judgement) -> str:
@@ -121,22 +129,24 @@ def advice_words(judgement: Judgement) -> str:
     return ". ".join(advice.text for advice in judgement.advice) or NO_FAULT
 
 
-def _headline(status: Status, n: int) -> str:
+def _headline(status: Status, found: Findings) -> str:
+    n = found.n
     if status == "too_few":
         return f"Too few samples to judge the filter: {count(n)} were scored, {MIN_SAMPLES} are needed."
     if status != "fits":
         return HEADLINES[status]
     if n < FEW:
         return f"Nothing in the {count(n)} residuals speaks against the filter, but so few show only gross misfits."
-    return f"The filter fits: no misfit worth correcting in {count(n)} residuals."
+    without = f", {count(found.refused)} more refused by the gate" if found.refused else ""
+    return f"The filter fits: no misfit worth correcting in {count(n)} residuals{without}."
 
 
 def _without_pair(estimate: Estimate | None) -> Judgement:
     if estimate is None:
         return Judgement("no_pair", "There is no q and r to judge.")
     verdict = str(estimate.verdict)
-    first = str(estimate.message).split(". ", 1)[0].rstrip(".")
-    return Judgement("no_pair", f"{first}.", NO_PAIR.get(verdict, ()))
+    headline = NO_PAIR_HEADLINES.get(verdict) or f"{str(estimate.message).split('. ', 1)[0].rstrip('.')}."
+    return Judgement("no_pair", headline, NO_PAIR.get(verdict, ()))
 
 
 def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None, disagreement: str) -> list[Finding]:

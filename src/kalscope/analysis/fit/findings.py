@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kalscope.analysis.fit.correction import Correction, find_correction, find_scale
 from kalscope.analysis.fit.record import Record
 from kalscope.analysis.fit.spikes import MAX_OUTLIERS, Spikes
-from kalscope.analysis.fit.structure import Structure, find_change, find_structure, with_momentum
+from kalscope.analysis.fit.structure import Structure, find_change, find_shape, find_structure, with_momentum
 from kalscope.common.array import Array
 
 Columns = tuple[Array, ...]
@@ -39,6 +39,14 @@ class Findings:
     """Jumps that stay, where spikes and jumps are more than chance."""
     scale: float = 1.0
     """Local σ of the residuals by what q and r promise, without spikes."""
+    largest: float = 0.0
+    """The largest residual, in σ of what q and r promise."""
+    unchanged: float = 0.0
+    """Share of the readings that equal the one before."""
+    skewness: float = 0.0
+    """Skewness of the residuals without spikes, where they are far from a normal distribution; else 0."""
+    excess: float = 0.0
+    """Excess kurtosis there, likewise."""
     refused: int = 0
     """Samples that the outlier gate refused."""
     refused_in_a_row: int = 0
@@ -82,6 +90,7 @@ def find_misfits(
         if structure is not None and not momentum:
             structure = with_momentum(structure, record, lags)
     burst = spikes.burst(n) if spiky else None
+    skewness, excess = find_shape(np.delete(e, spikes.off))
     return Findings(
         n=n,
         ratio=record.ratio,
@@ -91,6 +100,10 @@ def find_misfits(
         burst=None if burst is None else (int(seen[burst[0]]), int(seen[burst[1]])),
         jumps=spikes.jumps if steps else 0,
         scale=1.4826 * float(np.median(np.abs(e))) or 1.0,
+        largest=float(np.abs(e).max()),
+        unchanged=record.unchanged,
+        skewness=skewness,
+        excess=excess,
         refused=refused,
         refused_in_a_row=in_a_row,
         correction=correction,

@@ -19,6 +19,9 @@ Indices = NDArray[np.int64]
 MAX_SEARCHED = 40_000
 """Samples in which momentum is searched; of a longer record stretches, and the answer is tried on all of it."""
 
+MAX_SCALE = 1e150
+"""Changes larger than so many √r are as large as these: their squares must fit a double."""
+
 STRETCHES = 4
 """Those stretches; they are spread evenly and leave the start of the record out."""
 
@@ -63,6 +66,12 @@ class Record:
         z = self.z[np.isfinite(self.z)]
         return len(z) > 0 and bool(np.any(z != z[0]))
 
+    @property
+    def unchanged(self) -> float:
+        """Share of the samples that equal the one before, as far as the filter's rounding lets it be seen."""
+        d = np.abs(self.data.d)
+        return float(np.mean(d <= 1e-9 * float(d.max()))) if len(d) else 0.0
+
     @cached_property
     def data(self) -> Differences:
         """The record as the likelihood takes it."""
@@ -84,7 +93,7 @@ class Record:
     def sums(self, log_ratios: Array) -> tuple[Array, Array]:
         """Σ v²/s and Σ ln s of the whole record at each ln λ with r = 1, shapes of `log_ratios`."""
         chi2, logdet = self.data.sums(np.exp(log_ratios))
-        return chi2 * self.data.scale**2, logdet
+        return chi2 * min(self.data.scale, MAX_SCALE) ** 2, logdet
 
     def residuals(self, ratio: float, momentum: float = 0.0) -> Array:
         """Standardised innovations at λ, size 1, shape (n,); NaN where none was scored."""

@@ -21,6 +21,9 @@ widen the σ among which they are found: of 25 % that are off by 60 σ half are 
 MAX_REFUSED = 0.2
 """Share of the samples up to which those that a gate refuses are outliers."""
 
+MIN_COUNT, CLEAR = 5, 5.0
+"""Spikes that count whatever their size, and the size in σ from which fewer do."""
+
 MIN_BURST, MAX_BURST = 8, 0.1
 """Spikes that make a burst, and the share of the record that it may be."""
 
@@ -81,10 +84,14 @@ class Spikes:
         return int(np.count_nonzero(self.stays))
 
     def too_many(self, n: int, lone: bool = False) -> bool:
-        """Whether they, or the lone ones, are more than chance among n: by number, or one beyond 8 σ."""
+        """Whether they, or the lone ones, are more than chance among n: by number, or one beyond 8 σ.
+
+        A few just above the limit do not count: the local σ is known to a few percent only.
+        """
         sizes = self.size[~self.stays] if lone else self.size
         expected, chance = residual_tests.spike_chance(len(sizes), n)
-        many = chance < ALARM and len(sizes) > 3.0 * expected
+        many = chance < 0.1 * ALARM and len(sizes) > 3.0 * expected
+        many = many and (len(sizes) >= MIN_COUNT or bool(sizes.max() > CLEAR))
         return many or bool(np.any(sizes > 2.0 * residual_tests.SPIKE))
 
 

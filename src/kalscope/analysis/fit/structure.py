@@ -9,7 +9,7 @@ import numpy as np
 
 from kalscope.analysis.fit.record import Record
 from kalscope.analysis.fit.spikes import ALARM
-from kalscope.analysis.residual_tests import SPIKE, correlation, dot, low_frequency_share
+from kalscope.analysis.residual_tests import SPIKE, correlation, dot, low_frequency_share, normality
 from kalscope.common.array import Array
 from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.momentum.likelihood import Samples, ratio_of
@@ -39,6 +39,10 @@ MAX_PARTS, MIN_PART = 8, 50
 
 MIN_CHANGE = 2.0
 """Ratio of the largest to the least of these variances that is worth a word."""
+
+
+MAX_SKEWNESS, MIN_EXCESS = 0.7, -0.8
+"""Residuals more lopsided than this, or flatter (a sine has −1.5), come in several kinds."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,17 @@ def find_change(e: Array) -> float:
         return 1.0
     seen = np.array([part.mean() for part in np.array_split(e[there] ** 2, count)])
     return float(seen.max()) / max(float(seen.min()), 1e-12 * float(seen.max()))
+
+
+def find_shape(e: Array) -> tuple[float, float]:
+    """Skewness and excess kurtosis of residuals, shape (N,), far from a normal distribution; else 0, 0.
+
+    Long tails on both sides are none of it: they are told by their spikes.
+    """
+    if len(e) < MIN_PART:
+        return 0.0, 0.0
+    skewness, excess, _, p = normality(e)
+    return (skewness, excess) if p < ALARM and (abs(skewness) > MAX_SKEWNESS or excess < MIN_EXCESS) else (0.0, 0.0)
 
 
 def calmed(e: Array) -> Array:

@@ -27,8 +27,14 @@ from kalscope.filtering.kernels import GATE_LIMIT
 
 NO_FAULT = "no misfit worth correcting"
 
+MAX_UNCHANGED = 0.6
+"""Share of readings equal to the one before from which rounding decides what the residuals are."""
+
 GREAT_CHANGE = 4.0
 """A change of the variance by more than this factor explains spikes and jumps."""
+
+NARROW = 0.75
+"""σ of the residuals by that of q and r below which a gate of 4 σ is too wide; a gate 1/0.75 × as wide is, too."""
 
 Finding = tuple[Status, Advice]
 
@@ -54,19 +60,29 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
         return [("too_few", Advice(few, RecordLonger(MIN_SAMPLES)))]
     if found.constant:
         return [("constant", Advice("the signal is constant: there is nothing to judge the filter by"))]
+    if found.unchanged > MAX_UNCHANGED:
+        text = (
+            f"{percent(found.unchanged)} of the readings equal the one before: they are rounded more coarsely than "
+        )
+        return [
+            ("rounded", Advice(f"{text}their noise, or held, and tests of the residuals cannot judge the filter"))
+        ]
     spikes, change = _spikes(found, known), _change(found)
     fitted_again = spikes is not None and isinstance(spikes[1].action, SetSpikesAside)
     lost = found.momentum and found.structure is not None  # the one factor of such a filter corrects no curve
-    size = None if fitted_again or lost else _size(found.correction, known)
     factors = (found.correction.q_factor, found.correction.r_factor)
     off = max(max(factor, 1.0 / factor) for factor in factors)
+    mixed = known.estimated and found.change > off  # its parts ask for different pairs
+    size = None if fitted_again or lost or mixed else _size(found.correction, known)
     said = [_start(found), _refused_share(found)]
     said += [change] if found.change > max(off, GREAT_CHANGE) else [spikes, _jumps(found)]
     said += [change] if off < found.change <= GREAT_CHANGE else []
     said += [_edge(found), size, _structure(found, known)]
     said += [change] if found.change <= off else []
     said.append(_refused_runs(found))
-    return [finding for finding in said if finding is not None]
+    there = [finding for finding in said if finding is not None]
+    shape = _shape(found)
+    return there if there or shape is None else [shape]
 
 
 def advice_text(said: list[Finding]) -> str:
@@ -100,7 +116,7 @@ def _refused_runs(found: Findings) -> Finding | None:
 
 
 def _spikes(found: Findings, known: Known) -> Finding | None:
-    if not found.spikes:
+    if not found.spikes or known.robust:  # that fit has looked from both sides, and chose the gate
         return None
     seen = f"spikes: {count(found.spikes)} beyond 4 σ"
     if found.spikes > MAX_OUTLIERS * found.n:
@@ -110,8 +126,9 @@ def _spikes(found: Findings, known: Known) -> Finding | None:
         return "bursts", Advice(f"{seen}, most of them in a burst, samples {first} to {last}")
     if found.refused:
         explained = found.correction.worth_it or found.refused_in_a_row >= GATE_LIMIT
+        explained = explained or (found.scale > NARROW and found.largest < SPIKE / NARROW)
         return None if explained else _passing(found, seen)
-    if known.estimated and not known.robust:
+    if known.estimated:
         return "spikes", Advice(f"{seen}, and the fit took them for noise: set them aside", SetSpikesAside())
     return "spikes", Advice(f"{seen}: switch the outlier gate on", SetGate(SPIKE))
 
@@ -172,6 +189,11 @@ def _structure(found: Findings, known: Known) -> Finding | None:
     if left.low_share:
         text = f"low frequencies hold {percent(left.low_share)} of the residual power: the signal has "
         text += "a trend or slow waves that the model lacks"
+    elif found.momentum and known.estimated:
+        text = (
+            "residuals stay correlated: the signal has hum, trend, steps or coloured noise that a random walk with "
+            "momentum cannot describe"
+        )
     elif found.momentum:
         text = "residuals are correlated: the filter is too slow or too fast, or the signal has hum"
     else:
@@ -186,6 +208,16 @@ def _structure(found: Findings, known: Known) -> Finding | None:
         text += f"; try {size}" if left.whole else f"; {size} explains part of it"
         return "structure", Advice(text, AllowMomentum(left.momentum))
     return "structure", Advice(text, ChooseFilter() if known.estimated else None)
+
+
+def _shape(found: Findings) -> Finding | None:
+    if not found.skewness and not found.excess:
+        return None
+    size = f"skewness {number(found.skewness, 2)}, excess kurtosis {number(found.excess, 2)}"
+    text = (
+        f"the residuals are far from a normal distribution ({size}): several kinds of errors are mixed, which no "
+    )
+    return "shape", Advice(f"{text}one variance describes")
 
 
 def _change(found: Findings) -> Finding | None:
