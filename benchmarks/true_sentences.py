@@ -2,7 +2,7 @@
 
     python benchmarks/true_sentences.py [--data FOLDER] [--only WORD] [--details]
 
-Twenty-seven records are simulated with fixed seeds. Each is printed with its true state of affairs and with the lines
+Twenty-seven records are simulated with fixed seeds. Each is printed with its true state of affairs and the lines
 that the command prints, with --details all others too. The default channels of recordings of real sensors follow
 (FOLDER, or `../shared/data` beside the project, where it is there).
 """
