@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
 
 N = 40
@@ -120,12 +120,16 @@ LOGS = {
 }
 
 
+def read(tmp_path, text, options=DEFAULTS):
+    path = tmp_path / "log.txt"
+    path.write_bytes(text.encode())
+    return read_recording(path, options)
+
+
 @pytest.mark.parametrize("name", LOGS)
 def test_a_usual_log_is_read_right(tmp_path, name):
     text, channels, period = LOGS[name]
-    path = tmp_path / "log.txt"
-    path.write_bytes(text.encode())
-    recording = read_recording(path)
+    recording = read(tmp_path, text)
     assert recording.report.rejected == 0
     assert recording.sample_period == (None if period is None else pytest.approx(period))
     for channel, (unit, values) in channels.items():
@@ -134,26 +138,21 @@ def test_a_usual_log_is_read_right(tmp_path, name):
 
 
 def test_what_could_be_one_number_or_two_is_asked_about(tmp_path):
-    path = tmp_path / "log.txt"
-    path.write_text(rows(lambda i: f"1.0{10 + i % 9},25\n"))
-    assert "it could also be 1 column: --delimiter semicolon" in read_recording(path).report.notes
-    one = read_recording(path, ReadOptions(delimiter=";"))
+    text = rows(lambda i: f"1.0{10 + i % 9},25\n")
+    assert "it could also be 1 column: --delimiter semicolon" in read(tmp_path, text).report.notes
+    one = read(tmp_path, text, ReadOptions(delimiter=";"))
     np.testing.assert_array_equal(one.values[:, 0], [1010.25 + i % 9 for i in range(N)])
 
 
 def test_labels_that_are_evenly_apart_are_rows_of_their_own(tmp_path):
-    path = tmp_path / "log.txt"
-    path.write_text(rows(lambda i: f"[{clock(i)}] temp: {A[i]}\n[{clock(i + 0.5)}] pressure: {B[i]}\n"))
-    recording = read_recording(path)
+    recording = read(tmp_path, rows(lambda i: f"[{clock(i)}] temp: {A[i]}\n[{clock(i + 0.5)}] pressure: {B[i]}\n"))
     assert (len(recording), recording.sample_period) == (2 * N, 5)
     assert np.isnan(recording.values[0, 1])
 
 
 def test_a_label_that_is_lost_shifts_no_other(tmp_path):
-    path = tmp_path / "log.txt"
     lines = [line for i in range(N) for line in (f"Temp: {A[i]}\n", f"Press: {B[i]}\n")]
-    path.write_text("".join(line for i, line in enumerate(lines) if i not in (21, 30)))
-    recording = read_recording(path)
+    recording = read(tmp_path, "".join(line for i, line in enumerate(lines) if i not in (21, 30)))
     known = recording.channel("Press")[np.isfinite(recording.channel("Press"))]
     np.testing.assert_array_equal(known, B[:10] + B[11:])
     both = recording.values[np.isfinite(recording.values).all(axis=1)]
