@@ -551,6 +551,6 @@ def test_momentum_for_an_overshoot_keeps_lag_and_noise_and_a_given_one_keeps_q()
     assert after.overshoot == pytest.approx(0.08, rel=1e-6)
     assert after.noise_reduction_db > before.noise_reduction_db
     assert replace(changed, q=entry.q, momentum=0.0, how="EM") == entry
-    assert changed.how == "EM, momentum for 8 % overshoot at the same lag"
-    assert with_momentum(entry, 7.0, None) == replace(entry, momentum=7.0, how="EM, momentum as given")
+    assert changed.how == "EM, 8 % overshoot"
+    assert with_momentum(entry, 7.0, None) == replace(entry, momentum=7.0, how="EM, momentum given")
     assert with_momentum(entry, None, None) is entry

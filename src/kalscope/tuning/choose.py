@@ -122,12 +122,12 @@ def with_momentum(entry: ChannelTuning, momentum: float | None, overshoot: float
         BadSetting: A momentum out of its range, or an overshoot that no momentum has at this lag.
     """
     if momentum is not None:
-        return replace(entry, momentum=momentum, how=f"{entry.how}, momentum as given")
+        return replace(entry, momentum=momentum, how=f"{entry.how}, momentum given")
     if overshoot is None:
         return entry
     lag = scalar(steady_state(entry.params).lag_samples)
     found = params_for_specification(entry.r, lag_samples=lag, overshoot=overshoot)
-    how = f"{entry.how}, momentum for {100.0 * overshoot:.4g} % overshoot at the same lag"
+    how = f"{entry.how}, {100.0 * overshoot:.4g} % overshoot"
     return replace(entry, q=scalar(found.q), momentum=scalar(found.momentum), how=how)
 
 

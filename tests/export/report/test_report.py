@@ -183,7 +183,7 @@ def test_the_command_line_writes_both_and_refuses_other_endings(tmp_path, capsys
     text = page.read_text(encoding="utf-8")
     assert "100 samples, 50.0 Hz" in text  # the sample period of the tuning
     assert "480 ms (24 samples)" in text
-    assert "maximum likelihood, momentum as given" in text
+    assert "maximum likelihood, momentum given" in text
     command = shlex.split(html.unescape(text.split("<code>")[1].split("</code>")[0]))
     assert command[-6:-3] == ["--channel", "flex", "--q"]
     assert command[-2:] == ["--momentum", "24.0"]

@@ -21,6 +21,9 @@ MARGIN = 90
 WIDTH = SIZE[0] - 2 * MARGIN
 """Between the margins, px."""
 
+NAMES = {2: 0.42, 4: 0.48, 5: 0.325}
+"""Part of a table that its first column takes, by the number of columns."""
+
 DOTS_PER_INCH = 110
 """Of the drawing, so that a chart has the proportions of one on the page; the picture says 200."""
 
@@ -92,12 +95,13 @@ class _Sheet:
             self._y = max(ends) + 16
 
     def _table(self, table: ReportTable, x: float, width: float) -> None:
-        """The first column takes half of the width, the others share the rest."""
+        """The first column takes its part of the width, the others share the rest."""
         self._write(x, table.heading, 25)
         self._y += 36
         for row in (*((table.columns,) if table.columns else ()), *table.rows):
-            self._write(x, row[0], 20, "quiet", 0.48 * width)
-            share = 0.52 * width / (len(row) - 1)
+            first = width * NAMES[len(row)]
+            self._write(x, row[0], 20, "quiet", first)
+            share = (width - first) / (len(row) - 1)
             for i, value in enumerate(row[:0:-1]):
                 colour = "quiet" if row is table.columns else "ink"
                 self._write(x + width - i * share, value, 20, colour, share - 8, align="right")
