@@ -5,6 +5,21 @@ from __future__ import annotations
 import shutil
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+NEEDLESS = (
+    "WebUIOmniboxPopup",  # pages behind the address bar of every window: a fifth of the work of opening a page
+    "WebUIOmniboxAimPopup",
+    "PaintHolding",  # this list takes the place of playwright's: what is still needed of that one
+    "HttpsUpgrades",
+    "HttpsFirstBalancedModeAutoEnable",
+    "ThirdPartyStoragePartitioning",
+    "LensOverlay",
+    "MediaRouter",  # what calls home
+    "OptimizationHints",
+    "NetworkTimeServiceQuerying",
+    "AimEnabled",
+    "PreconnectToSearch",
+)
+"""Features of Chromium that no test needs."""
 FLAGS = (
     "--no-sandbox",  # tests run as root
     "--use-gl=angle",  # viser draws no widget without WebGL: draw it in software
@@ -18,6 +33,7 @@ FLAGS = (
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
+    f"--disable-features={','.join(NEEDLESS)}",
 )
 
 NO_CANVAS = """for (const name of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"])
