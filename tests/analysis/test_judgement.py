@@ -1,0 +1,251 @@
+"""Laws of the one judgement: what the data cannot contradict, advice that can be taken, and no two voices."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from kalscope import FilterParams, diagnose_held_out, estimate, kalman_filter
+from kalscope.analysis import actions
+from kalscope.analysis.diagnostics import Diagnostics, diagnose
+from kalscope.analysis.judgement import HEADLINES, advice_words, judge
+
+N = 2000
+RIGHT = FilterParams(0.01, 1.0)
+
+
+def walk(n=N, q=0.01, r=1.0, seed=5):
+    g = np.random.default_rng(seed)
+    return np.cumsum(g.normal(0, math.sqrt(q), n)) + g.normal(0, math.sqrt(r), n)
+
+
+def with_runs(size, run, seed=5):
+    """Ten stretches of `run` samples that lie `size` off."""
+    z = walk(seed=seed)
+    for at in range(100, N - 50, N // 10):
+        z[at : at + run] += size
+    return z
+
+
+def with_steps(seed=5):
+    z = walk(seed=seed)
+    for i in range(1, 8):
+        z[i * 240 :] += 30.0 * (-1) ** i
+    return z
+
+
+def louder(first, last, times, seed=6):
+    z = np.random.default_rng(seed).normal(size=N)
+    z[first:last] *= times
+    return z + walk(r=0.0)
+
+
+def coarse():
+    return 10.0 * np.round(walk(seed=1) / 10.0)
+
+
+RECORDS = {
+    "walk": walk(),
+    "white": np.random.default_rng(1).normal(size=N),
+    "pure walk": walk(q=1.0, r=0.0),
+    "ramp": 0.2 * np.arange(N),
+    "noisy ramp": 0.2 * np.arange(N) + walk(q=1e-9),
+    "sine": 8.0 * np.sin(np.arange(N) / 20.0) + walk(q=1e-9),
+    "hum": walk() + 2.0 * np.sin(1.3 * np.arange(N)),
+    "steps": with_steps(),
+    "spikes": with_runs(20.0, 1),
+    "pairs": with_runs(20.0, 2),
+    "runs": with_runs(20.0, 6),
+    "tails": walk(r=0.0) + np.random.default_rng(2).standard_t(3, N),
+    "burst": louder(700, 730, 9.0),
+    "loud start": louder(0, 200, 8.0),
+    "loud half": louder(N // 2, N, 2.0),
+    "coarse": coarse(),
+    "gaps": np.where(np.random.default_rng(3).random(N) < 0.3, np.nan, walk()),
+    "constant": np.full(N, 20.1),
+    "short": walk(21),
+}
+
+
+def residuals(z, params, *, fitted=False):
+    found = diagnose(kalman_filter(z, params), fitted=fitted)
+    assert isinstance(found, Diagnostics)
+    return found
+
+
+def judged(z, params, **known):
+    half = diagnose_held_out(z, params)
+    return judge(residuals(z, params), half if half.n >= 20 else None, **known)
+
+
+# --- what is said -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "status"),
+    [
+        *(("walk", "fits"), ("gaps", "fits"), ("steps", "steps"), ("spikes", "spikes"), ("pairs", "spikes")),
+        *(("runs", "spikes"), ("tails", "spikes"), ("burst", "bursts"), ("loud half", "changes")),
+        *(("coarse", "rounded"), ("constant", "constant"), ("short", "fits"), ("white", "too_fast")),
+        *(("pure walk", "too_slow"), ("ramp", "too_slow"), ("sine", "too_slow"), ("loud start", "bursts")),
+    ],
+)
+def test_the_status_is_the_true_state_of_affairs(name, status):
+    assert judged(RECORDS[name], RIGHT).status == status
+
+
+def test_an_excursion_is_one_spike_and_a_step_is_none():
+    for run in (1, 2, 4, 7):
+        found = residuals(with_runs(20.0, run), RIGHT)
+        assert (found.spikes, found.jumps) == (10, 0), run
+    assert residuals(with_steps(), RIGHT).jumps == 7
+
+
+def test_heavy_tails_are_no_change_and_a_loud_part_is_one_wherever_it_lies():
+    assert all(residuals(walk(r=0.0) + np.random.default_rng(s).standard_t(3, N), RIGHT).findings.change == 1.0
+               for s in range(10))  # fmt: skip
+    for first in range(0, N, N // 4):
+        found = residuals(louder(first, first + N // 4, 2.0), RIGHT)
+        assert found.findings.change == pytest.approx(4.0, rel=0.5)
+
+
+def test_a_noisy_start_of_a_long_record_does_not_decide_its_size():
+    z = walk(200_000)
+    z[:5000] += np.random.default_rng(4).normal(0, 2.0, 5000)
+    found = residuals(z, RIGHT)
+    assert found.q_factor == pytest.approx(1.0, abs=0.3)
+    assert found.r_factor == pytest.approx(1.0, abs=0.2)
+    said = judge(found)
+    assert said.status == "bursts"
+    assert found.findings.burst[1] < 5000
+    assert not any(isinstance(one.action, actions.Scale) for one in said.advice)
+
+
+def test_the_judgement_does_not_depend_on_the_unit():
+    for name in ("walk", "spikes", "steps", "sine", "coarse"):
+        z, params = RECORDS[name], FilterParams(0.1, 1.0)
+        plain = judged(z, params)
+        scaled = judged(1e-6 * z, FilterParams(0.1e-12, 1e-12))
+        assert (scaled.status, scaled.headline) == (plain.status, plain.headline), name
+
+
+def test_every_status_has_its_words():
+    said = {"fits", "too_few", "no_pair"}
+    assert set(HEADLINES) | said == set(get_args(actions.Status))
+    assert all(one[0].isupper() or one.startswith("q ") for one in HEADLINES.values())
+    assert all(one.endswith(".") for one in HEADLINES.values())
+
+
+# --- one voice --------------------------------------------------------------------------------------------
+
+PARAMS = [(0.01, 1.0), (1e-3, 1.0), (0.1, 1.0), (0.01, 0.1), (0.1, 10.0), (0.0, 1.0), (1.0, 0.0)]
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_no_filter_of_any_record_is_judged_by_two_voices(name):
+    z = RECORDS[name]
+    for q, r in PARAMS:
+        one = judged(z, FilterParams(q, r))
+        scales = [advice.action for advice in one.advice if isinstance(advice.action, actions.Scale)]
+        if scales and scales[0].r_factor > 1.5 and scales[0].q_factor > 1.5:  # "both too small"
+            assert "are 0." not in one.held_out or "differ" in one.held_out
+        assert len(one.advice) <= 2
+        assert (one.status == "fits") == (advice_words(one) == "no misfit worth correcting")
+        assert all(not advice.text.endswith(".") for advice in one.advice)
+        assert "careful" not in one.held_out
+        if one.status == "fits":
+            assert "differ" not in one.held_out
+
+
+def test_a_wrong_pair_is_wrong_on_both_halves_and_no_change():
+    one = judged(walk(), FilterParams(0.1, 10.0))
+    assert one.status == "band"
+    assert one.held_out.endswith("as on the first half")
+    assert judged(louder(N // 2, N, 2.0), RIGHT).held_out.endswith(": the halves differ")
+
+
+def test_other_methods_are_quoted_only_where_the_residuals_fit():
+    z = walk()
+    found = estimate(z)
+    fits, slow = residuals(z, found.params, fitted=True), residuals(z, FilterParams(1e-4, 1.0))
+    assert judge(fits, None, found, "ML finds gain 0.9, the Allan variance 0.4.").status == "methods_differ"
+    assert judge(slow, None, found, "ML finds gain 0.9, the Allan variance 0.4.").status == "too_slow"
+    assert judge(fits, None, found).status == "fits"
+
+
+def test_what_was_chosen_is_not_undone():
+    found = residuals(walk(), FilterParams(1.0, 1.0))
+    one = judge(found, chosen="a lag of 50 ms")
+    assert one.advice[0].text.startswith("by the record a lag of 50 ms is too fast: q/r about 70 × smaller")
+    assert one.advice[0].action == actions.EstimateAgain()
+
+
+def test_no_pair_is_explained_by_its_verdict():
+    found = estimate(np.full(100, 1.0))
+    one = judge(None, None, found)
+    assert one.status == "no_pair"
+    assert "All 100 readings are equal" in one.headline
+    assert judge(None).headline == "There is no q and r to judge."
+
+
+# --- advice that can be taken -----------------------------------------------------------------------------
+
+
+def taken(z, params, action):
+    """The filter after an action; None where it asks for another record or for a choice."""
+    match action:
+        case actions.Scale(q_factor, r_factor):
+            return replace(params, q=params.q * q_factor, r=params.r * r_factor)
+        case actions.SetRatio(ratio):
+            return replace(params, q=ratio * (params.r or params.q), r=params.r or params.q)
+        case actions.SetGate(sigma):
+            return replace(params, gate=None if sigma is None else sigma**2)
+        case actions.UnsetStart():
+            return replace(params, x0=None, p0=None)
+        case actions.EstimateAgain() | actions.AllowMomentum() | actions.SetSpikesAside():
+            return estimate(z).params
+        case _:
+            return None
+
+
+CASES = [(name, FilterParams(q, r)) for name in ("walk", "spikes", "pairs", "sine", "hum") for q, r in PARAMS[1:]]
+CASES += [("walk", FilterParams(0.01, 1.0, p0=1.0, x0=500.0)), ("spikes", FilterParams(0.01, 1.0, gate=900.0))]
+CASES += [("steps", FilterParams(1.0, 1.0, gate=9.0)), ("walk", FilterParams(1e-4, 0.01, gate=9.0))]
+
+
+@pytest.mark.parametrize(("name", "params"), CASES)
+def test_after_taking_the_first_advice_the_sentence_changes(name, params):
+    z = RECORDS[name]
+    before = judge(residuals(z, params)).advice
+    if not before:
+        return
+    after = taken(z, params, before[0].action)
+    if after is not None:
+        said = judge(residuals(z, after)).advice
+        assert not said or said[0].text != before[0].text
+
+
+def test_advice_that_was_taken_is_not_given_again():
+    for name in ("spikes", "pairs", "tails", "runs", "steps", "burst"):
+        one = judged(RECORDS[name], replace(RIGHT, gate=16.0))
+        assert "switch the outlier gate on" not in advice_words(one), name
+    z = RECORDS["sine"]
+    plain = estimate(z, momentum=0.0)
+    found = residuals(z, plain.params, fitted=True)
+    assert any(isinstance(one.action, actions.AllowMomentum) for one in judge(found, None, plain).advice)
+    searched = judge(found, None, plain, momentum_searched=True).advice
+    assert not any(isinstance(one.action, actions.AllowMomentum) for one in searched)
+
+
+def test_spikes_of_a_plain_fit_are_set_aside_and_those_of_a_robust_fit_left_to_it():
+    z = RECORDS["spikes"]
+    plain, robust = estimate(z, robust=False), estimate(z, robust=True)
+    first = judge(residuals(z, plain.params, fitted=True), None, plain)
+    assert first.advice[0].action == actions.SetSpikesAside()
+    then = judge(residuals(z, robust.params, fitted=True), None, robust)
+    assert then.status == "fits"
+    assert "10 more refused by the gate" in then.headline
