@@ -184,7 +184,8 @@ def _message(size: Array, deviation: Array, spread: Array, best: float, least: f
         seen = f"In this recording it still helps at {longest}, the longest averaging time it allows."
     elif at == 0 and float(deviation.min()) < float(deviation[0]):
         helps = lag_in_full(float(size[int(np.argmax(deviation < deviation[0]))]), period)
-        seen = f"In this recording averaging over less than {helps} does not help: the signal oscillates, or its noise is correlated."
+        why = "the signal oscillates, or its noise is correlated"
+        seen = f"In this recording averaging over less than {helps} does not help: {why}."
     elif at == 0:
         seen = (
             "In this recording averaging never helps: the signal changes more than its noise from sample to sample."

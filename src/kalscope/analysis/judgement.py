@@ -114,6 +114,8 @@ def judge(
         momentum_searched=momentum_searched,
         chosen=chosen,
     )
+    if held_out is not None and held_out.n < MIN_SAMPLES:
+        held_out = None
     rounded = estimate is not None and estimate.verdict == "below_resolution"
     said = [ROUNDED] if rounded else findings_in_words(residuals.findings, known)
     halves = "" if held_out is None else _held_out_clause(held_out)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from kalscope.analysis.actions import as_sentences
 from kalscope.analysis.alternatives.comparison import Comparison, compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
+from kalscope.analysis.judgement import Judgement, advice_words, judge
 from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel
 from kalscope.common.text import (
@@ -125,12 +126,17 @@ def make_report(
             _filters(found),
         ),
         texts=(
-            ("Does the filter fit?", as_sentences(checks.advice)),
+            ("Does the filter fit?", _fits(judge(checks))),
             ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
         ),
         command=_command(recording, config, options),
         origin=_origin(recording, tuning, now),
     )
+
+
+def _fits(judgement: Judgement) -> str:
+    advice = f" {as_sentences(advice_words(judgement))}" if judgement.advice else ""
+    return f"{judgement.headline}{advice}"
 
 
 def _subtitle(recording: Recording, z: Array) -> str:
