@@ -13,14 +13,13 @@ from kalscope.estimation.estimate import estimate
 from kalscope.estimation.known import (
     estimate_fixed_r,
     estimate_fixed_ratio,
-    noise_from_datasheet,
-    noise_from_still,
     params_for_specification,
 )
 from kalscope.estimation.likelihood.profile import log_likelihood
 from kalscope.estimation.momentum.profile import likelihood_profile
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.starting import starting_params
+from kalscope.estimation.sensor.noise import noise_from_datasheet, noise_from_still
+from kalscope.estimation.sensor.starting import starting_params
 from kalscope.export.registry import export_tuning
 from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
 from kalscope.filtering.params import FilterParams

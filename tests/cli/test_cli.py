@@ -19,7 +19,7 @@ from kalscope.catalogue import open_source
 from kalscope.cli.app import run
 from kalscope.cli.filter import MAX_LINE_BYTES
 from kalscope.cli.line_filter import LineFilter
-from kalscope.estimation.starting import starting_params
+from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.streaming import KalmanFilter

@@ -9,7 +9,7 @@ import numpy as np
 
 from kalscope.analysis.channel_kinds import default_channel
 from kalscope.errors import BadSetting
-from kalscope.estimation.starting import starting_params
+from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.papers.experiments import open_experiment
 from kalscope.recording import Recording

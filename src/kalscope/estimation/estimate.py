@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
+from kalscope.estimation.known import above_rounding
 from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.likelihood.search import Peak
 from kalscope.estimation.methods import by_name
@@ -72,7 +73,8 @@ def estimate(
         def extend(data: Differences, plain: Estimate, progress: Progress) -> Estimate:
             return with_momentum(data, plain, tau, progress)
 
-        return channel_fit(method, fit, None if tau == 0.0 else extend)
+        one = channel_fit(method, fit, None if tau == 0.0 else extend)
+        return above_rounding(one) if method == "ml" else one
 
     full = channel(tau)
     whole = spike_proof(full, channel if tau is None else lambda _: full, checked_robust(robust, method == "ml"))

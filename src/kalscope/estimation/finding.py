@@ -21,13 +21,12 @@ from kalscope.estimation.estimate import checked_momentum, estimate
 from kalscope.estimation.known import (
     estimate_fixed_r,
     estimate_fixed_ratio,
-    noise_from_datasheet,
-    noise_from_still,
     params_for_specification,
 )
 from kalscope.estimation.methods.by_name import METHODS
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.starting import is_even_ramp, starting_params
+from kalscope.estimation.sensor.noise import noise_from_datasheet, noise_from_still
+from kalscope.estimation.sensor.starting import is_even_ramp, starting_params
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 

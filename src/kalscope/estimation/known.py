@@ -1,9 +1,9 @@
-"""q and r from what the user knows: a still stretch, a data sheet, a lag or cut-off, or one of the two."""
+"""q and r from what is known: a lag or a cut-off, one of the two, or the rounding of the readings."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -12,17 +12,16 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.common.progress import Progress
-from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.estimation import verdict_text as words
-from kalscope.estimation.likelihood.profile import Differences
+from kalscope.estimation.likelihood.profile import Differences, differences
 from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.robust.fit import checked_robust, spike_proof
-from kalscope.estimation.verdict import NOWHERE, channel_fit, each_channel, exp
-from kalscope.filtering.arrays import samples_of
+from kalscope.estimation.robust.fit import Fit, checked_robust, spike_proof
+from kalscope.estimation.sensor.resolution import resolution_of
+from kalscope.estimation.verdict import NOWHERE, channel_fit, conclude, each_channel, exp
 from kalscope.filtering.momentum.specification import momentum_for_overshoot
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import ratio_for
@@ -30,90 +29,11 @@ from kalscope.filtering.steady_state import ratio_for
 _MAX_FACTOR = 1e100
 """A given r this many times above or below the largest squared step of the readings has another unit."""
 
-_MIN_STEP = 64.0 * np.finfo(np.float64).eps
-"""Two readings closer than this, relative to the largest, differ only by rounding."""
+_MAX_CHANGING = 0.8
+"""Share of the readings that may differ from the one before where rounding hides the noise."""
 
-
-@dataclass(frozen=True)
-class StillNoise:
-    """The noise of a sensor whose input does not change."""
-
-    r: float
-    """Measurement-noise variance, unit²: the variance without the drift, but at least `floor`."""
-    variance: float
-    """Variance about the straight line through the stretch, unit²."""
-    drift: float
-    """Slope of that line, unit a sample."""
-    quantum: float
-    """Resolution Δ of the readings, unit; 0 where none is visible."""
-    floor: float
-    """Δ²/12, the variance that rounding to steps of Δ adds, unit²."""
-    samples: int
-    """Finite samples used."""
-    message: str
-    """What r is based on, for the user."""
-
-
-def noise_from_still(z_segment: ArrayLike, quantum: float | None = None) -> StillNoise:
-    """The noise variance r from a stretch in which the true value did not change.
-
-    Args:
-        z_segment: measurements of that stretch, shape (n,), at least 8 of them finite; NaN is a missing sample.
-        quantum: resolution Δ of the readings in their unit, ≥ 0; None = the smallest step between two readings.
-
-    Raises:
-        BadSetting: too few finite samples, inf, another shape, a negative quantum, or equal readings without a
-            quantum.
-
-    Source: residual variance of a straight line, Σe²/(n − 2); rounding to steps of Δ adds Δ²/12 (Widrow 1956).
-    """
-    column = samples_of(z_segment)
-    if column.ndim != 1 or np.isinf(column).any():
-        raise BadSetting(f"the still stretch must be finite samples, shape (n,) (got shape {column.shape})")
-    place = np.flatnonzero(np.isfinite(column))
-    if len(place) < words.MIN_SAMPLES:
-        raise BadSetting(f"the still stretch must hold at least {words.MIN_SAMPLES} samples (got {len(place)})")
-    if quantum is not None and not 0.0 <= quantum < math.inf:
-        raise BadSetting(f"quantum must be a finite step, 0 or more (got {quantum})")
-    samples = column[place]
-    step = _smallest_step(samples) if quantum is None else float(quantum)
-    middle = place - place.mean()
-    level = samples - samples[0]
-    drift = float(middle @ level / (middle @ middle))
-    left = level - level.mean() - drift * middle
-    variance = float(left @ left) / (len(place) - 2)
-    floor = step**2 / 12.0
-    if max(variance, floor) == 0.0:
-        raise BadSetting("the still stretch must show noise, or quantum must be given (got equal readings)")
-    if floor > variance:
-        message = f"The readings hardly change: r is Δ²/12, the variance of rounding to steps of {number(step, 4)}."
-    else:
-        message = f"Standard deviation {number(math.sqrt(variance), 4)} over {len(place)} readings, drift removed."
-    return StillNoise(max(variance, floor), variance, drift, step, floor, len(place), message)
-
-
-def noise_from_datasheet(
-    *, sigma: float | None = None, density: float | None = None, bandwidth_hz: float | None = None
-) -> float:
-    """The noise variance r, unit², from a data sheet.
-
-    Args:
-        sigma: RMS noise (one standard deviation), unit, > 0: r = σ².
-        density: noise density, unit/√Hz, > 0, with bandwidth_hz: r = density² · bandwidth.
-        bandwidth_hz: noise bandwidth at the output, Hz, > 0; for a first-order low-pass π/2 times its −3 dB
-            frequency; without any filter half the sample rate.
-
-    Raises:
-        BadSetting: neither or both of sigma and density, density without bandwidth, or a value not above 0.
-    """
-    if (sigma is None) == (density is None):
-        raise BadSetting(f"one of sigma and density must be given (got sigma = {sigma}, density = {density})")
-    if sigma is not None:
-        return above_zero("sigma", sigma, MAX_VARIANCE) ** 2
-    if density is None or bandwidth_hz is None:
-        raise BadSetting("density needs bandwidth_hz, the bandwidth of the noise in Hz (got None)")
-    bandwidth = above_zero("bandwidth_hz", bandwidth_hz, MAX_VARIANCE)
-    return above_zero("density", density, MAX_VARIANCE) ** 2 * bandwidth
+_MIN_CHANGES = 3
+"""Readings that must differ from the one before to show a step of the sensor, rather than a jump."""
 
 
 def params_for_specification(
@@ -184,25 +104,26 @@ def estimate_fixed_r(
         BadSetting: r is not above 0; z holds inf or has another shape; dt does not fit z.
     """
     noise = above_zero("r", r, MAX_VARIANCE)
-
-    def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
-        scaled = noise / data.scale / data.scale
-        if not _MAX_FACTOR**-1 < scaled < _MAX_FACTOR:
-            return Pair(0.0, 0.0, math.inf, math.inf, verdict="bad_unit", text=words.OTHER_UNIT), NOWHERE
-        constant = data.m * (math.log(2.0 * math.pi) + math.log(noise))
-
-        def loglik(log_ratios: Array) -> Array:
-            chi2, logdet = data.sums(np.exp(log_ratios))
-            return -0.5 * (constant + logdet + chi2 / scaled)
-
-        # λ can hardly exceed the largest squared difference (at most 1 in this scale) over r
-        peak = find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(scaled))), -math.inf, progress)
-        q = math.exp(peak.log_ratio) * scaled
-        q_se = q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf
-        return Pair(q, scaled, q_se, 0.0), peak
-
-    one = channel_fit("fixed_r", fit)
+    one = channel_fit("fixed_r", lambda data, progress: _fit_q(data, noise, progress))
     return each_channel(z, dt, Progress(), spike_proof(one, lambda _: one, checked_robust(robust)))
+
+
+def _fit_q(data: Differences, r: float, progress: Progress) -> tuple[Pair, Peak]:
+    """The most likely q of one channel where r, unit², is known."""
+    scaled = r / data.scale / data.scale
+    if not _MAX_FACTOR**-1 < scaled < _MAX_FACTOR:
+        return Pair(0.0, 0.0, math.inf, math.inf, verdict="bad_unit", text=words.OTHER_UNIT), NOWHERE
+    constant = data.m * (math.log(2.0 * math.pi) + math.log(r))
+
+    def loglik(log_ratios: Array) -> Array:
+        chi2, logdet = data.sums(np.exp(log_ratios))
+        return -0.5 * (constant + logdet + chi2 / scaled)
+
+    # λ can hardly exceed the largest squared difference (at most 1 in this scale) over r
+    peak = find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(scaled))), -math.inf, progress)
+    q = math.exp(peak.log_ratio) * scaled
+    q_se = q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf
+    return Pair(q, scaled, q_se, 0.0), peak
 
 
 def estimate_fixed_ratio(
@@ -233,8 +154,65 @@ def estimate_fixed_ratio(
     return each_channel(z, dt, Progress(), spike_proof(one, lambda _: one, checked_robust(robust)))
 
 
-def _smallest_step(samples: Array) -> float:
-    """The smallest difference between two readings that is not rounding; 0 where all are equal."""
-    levels = np.diff(np.unique(samples))
-    levels = levels[levels > _MIN_STEP * np.abs(samples).max()]
-    return float(levels.min(initial=math.inf)) if len(levels) else 0.0
+def above_rounding(fit: Fit) -> Fit:
+    """The maximum-likelihood fit of one channel with r at least the variance that rounding adds.
+
+    Readings in steps of Δ carry Δ²/12 at least. A fit that finds less takes the constant stretches between two
+    steps for a signal without noise: then r is Δ²/12, q the most likely one with it, and the verdict
+    "below_resolution". Where few readings repeat, the signal moves by more than a step, and rounding is no matter.
+
+    Source: Widrow (1956) for Δ²/12.
+    """
+
+    def whole(z: Array, steps: Array, progress: Progress) -> Estimate:
+        one = fit(z, steps, progress.part(0.0, 0.9))
+        step = resolution_of(z[np.isfinite(z)])
+        if step == 0.0 or one.verdict not in ("ok", "flat", "no_noise"):
+            return one
+        one = replace(one, resolution=step)
+        floor, r = step * step / 12.0, float(one.r)
+        if r >= floor:
+            said = f" {words.rounding_share(step, floor / r)}" if r < step * step else ""
+            return replace(one, message=f"{one.message}{said}")
+        data = differences(z, steps)
+        if _shows_steps(data) and _largest_noise(one, data) <= step * step:
+            return _at_floor(one, data, progress.part(0.9, 1.0))
+        return replace(one, message=f"{one.message} {words.rounding_floor(step)}")
+
+    return whole
+
+
+def _at_floor(one: Estimate, data: Differences, progress: Progress) -> Estimate:
+    """The estimate with the r of rounding: with the most likely q without momentum, else with the q that it has."""
+    floor = one.resolution * one.resolution / 12.0
+    found = one
+    if float(one.momentum) == 0.0:
+        pair, peak = _fit_q(data, float(floor), progress)
+        if pair.q > 0.0:
+            found = conclude("ml", data, pair, peak)
+    params = FilterParams(q=float(found.q), r=float(floor), momentum=float(one.momentum))
+    return replace(
+        found,
+        r=floor,
+        r_se=0.0,
+        ratio=float(found.q) / float(floor),
+        verdict="below_resolution",
+        message=words.below_resolution(float(one.resolution), params),
+        params=params,
+        loglik=one.loglik,
+        prediction_gain=one.prediction_gain,
+        resolution=one.resolution,
+    )
+
+
+def _shows_steps(data: Differences) -> bool:
+    """Whether many readings repeat, and enough do not."""
+    return _MIN_CHANGES <= int(np.count_nonzero(data.d)) <= _MAX_CHANGING * data.m
+
+
+def _largest_noise(one: Estimate, data: Differences) -> float:
+    """The largest r that the record allows, unit²; without momentum that of the smallest λ."""
+    if float(one.momentum) == 0.0:
+        chi2, _ = data.sums(np.array([float(one.ratio_interval[0])]))
+        return float(chi2[0]) / data.m * data.scale * data.scale
+    return float(one.r) + 2.0 * float(one.r_se) if math.isfinite(float(one.r_se)) else 0.0

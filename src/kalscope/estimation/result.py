@@ -36,7 +36,8 @@ class Estimate:
     """λ = q/r, 0 … inf; 0 where both are 0."""
     loglik: Value
     """Log-likelihood at (q, r), exact diffuse start, first finite sample not scored; 0 where nothing
-    is, −inf where r = 0 contradicts two samples at one instant."""
+    is, −inf where r = 0 contradicts two samples at one instant. Of "below_resolution" it is the highest, at an r
+    below that of rounding."""
     ratio_interval: tuple[Value, Value]
     """The λ that the record allows: profile-likelihood 95 %, whatever the method; ends may be 0 and inf."""
     gain_interval: tuple[Value, Value]
@@ -50,7 +51,8 @@ class Estimate:
     verdict: Words
     """"ok", "no_noise" (r → 0), "no_movement" (q → 0), "flat" (any λ explains the record), "too_few",
     "constant", "bad_unit" (variances outside 1e-300 … 1e300), "irregular" (the method needs regular sampling),
-    "not_converged" or "too_many_outliers" (over 20 % of the samples set aside)."""
+    "not_converged", "too_many_outliers" (over 20 % of the samples set aside) or "below_resolution" (the noise is
+    smaller than the steps of the readings: r is Δ²/12)."""
     message: Words
     """What was found, what it means and what to do, for the user."""
     params: FilterParams | None
@@ -80,6 +82,8 @@ class Estimate:
     """The r of the fit to all samples; 0 where the spike-proof fit was not used."""
     plain_momentum: Value = 0.0
     """The momentum of the fit to all samples; 0 where the spike-proof fit was not used."""
+    resolution: Value = 0.0
+    """Step Δ of the readings, unit; 0 where they show none, or none was looked for."""
 
     def channel(self, index: int) -> Estimate:
         """One channel of an estimate for several, as scalars."""
@@ -97,7 +101,7 @@ class Estimate:
         return Estimate(**values)
 
 
-USABLE = ("ok", "flat", "not_converged")
+USABLE = ("ok", "flat", "not_converged", "below_resolution")
 """Verdicts with parameters: both variances are above 0, though perhaps uncertain."""
 
 

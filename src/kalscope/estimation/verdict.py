@@ -66,7 +66,7 @@ def conclude(method: str, data: Differences, pair: Pair, peak: Peak) -> Estimate
     sizes = [size for size, found in ((q, pair.q), (r, pair.r)) if found > 0.0]
     if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in sizes):
         return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), "bad_unit", words.BAD_UNIT)
-    message = pair.text or _message(verdict, data, pair, peak)
+    message = pair.text or _message(verdict, pair, peak)
     if pair.note:
         message = f"{message} {pair.note}"
     return _estimate(method, peak, _loglik(data, pair), (q, r), (q_se, r_se), verdict, message)
@@ -109,11 +109,11 @@ def _judge(pair: Pair, peak: Peak) -> str:
     return "flat" if peak.interval == (-math.inf, math.inf) else "ok"
 
 
-def _message(verdict: str, data: Differences, pair: Pair, peak: Peak) -> str:
+def _message(verdict: str, pair: Pair, peak: Peak) -> str:
     low, high = (exp(end) for end in peak.interval)
     if verdict == "no_noise":
         seen = high < math.inf
-        return words.blind("noise", low, high) if seen else words.no_noise(data, (gain_of(low), gain_of(high)))
+        return words.blind("noise", low, high) if seen else words.no_noise((gain_of(low), gain_of(high)))
     if verdict == "no_movement":
         return words.blind("movement", low, high) if low > 0.0 else words.no_movement(lag_of(high))
     if verdict == "flat":

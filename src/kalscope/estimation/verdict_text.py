@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from kalscope.common.text import decibels, number, percent
-from kalscope.estimation.likelihood.profile import Differences
+from kalscope.common.text import decibels, number, percent, trimmed
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import steady_state
 
 INSTEAD = (
     "Instead: take r from a still stretch or the data sheet, or choose the lag or the cut-off that you can accept."
@@ -31,9 +30,6 @@ NOT_CONVERGED = "EM had not converged when it reached its limit of passes: use t
 MIN_SAMPLES = 8
 """Finite samples that an estimate needs."""
 
-_QUANTISED_SHARE = 0.2
-"""Share of unchanged readings above which the record is called quantised."""
-
 
 def too_few(n: int) -> str:
     """Fewer than MIN_SAMPLES finite samples."""
@@ -50,18 +46,12 @@ def constant(n: int) -> str:
     )
 
 
-def no_noise(data: Differences, gains: tuple[float, float]) -> str:
+def no_noise(gains: tuple[float, float]) -> str:
     """For r → 0: the likelihood is highest for a filter that passes everything."""
-    unchanged = np.count_nonzero(data.d == 0.0) / data.m
-    steps = (
-        f" {percent(unchanged)} of the readings equal the one before: the signal is coarsely quantised."
-        if unchanged > _QUANTISED_SHARE
-        else ""
-    )
     return (
         "No noise can be identified at this sample rate: every change looks like real movement, and the most "
-        f"likely filter (r = 0) would pass the signal unchanged.{steps} Usual reasons: the sensor smooths or "
-        "rounds its output, or the signal changes more from sample to sample than the noise does. "
+        "likely filter (r = 0) would pass the signal unchanged. Usual reasons: the sensor smooths or rounds its "
+        "output, or the signal changes more from sample to sample than the noise does. "
         f"The record allows gains from {number(gains[0], 2)} to {number(gains[1], 2)}. {INSTEAD}"
     )
 
@@ -108,3 +98,29 @@ def chosen_ratio(low: float, high: float, ratio: float) -> str:
         f"q/r = {number(ratio)} was chosen, {fits} ({number(low)} to {number(high)}); r is the variance that fits "
         "the record best with it."
     )
+
+
+def below_step(step: float, unit: str = "") -> str:
+    """The noise is smaller than the step of the readings; `unit` is theirs, where it is known."""
+    return f"The sensor rounds to {trimmed(step, 4)}{f' {unit}' if unit else ''}; the noise is smaller than that."
+
+
+def below_resolution(step: float, params: FilterParams) -> str:
+    """The fit found less noise than rounding adds; `params` have that of rounding."""
+    steady = steady_state(params)
+    return (
+        f"{below_step(step)} r = {number(float(params.r))} is the variance of rounding, Δ²/12: the readings carry "
+        f"that much at least. With it the most likely filter settles at gain {number(float(steady.gain))}: it lags "
+        f"a ramp by {number(float(steady.lag_samples))} samples and reduces white noise by "
+        f"{decibels(float(steady.noise_reduction_db))}. A finer range of the sensor, or one digit more, shows more."
+    )
+
+
+def rounding_share(step: float, share: float) -> str:
+    """Rounding to steps of `step` is this share of r."""
+    return f"Rounding to steps of {trimmed(step, 4)} is {percent(min(share, 1.0))} of r."
+
+
+def rounding_floor(step: float) -> str:
+    """No noise is found, but readings in steps carry some."""
+    return f"Rounding to steps of {trimmed(step, 4)} alone adds a variance of {number(step * step / 12.0)}."

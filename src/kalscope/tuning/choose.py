@@ -8,7 +8,7 @@ from typing import Any
 
 from kalscope.errors import BadSetting
 from kalscope.estimation.known import params_for_specification
-from kalscope.estimation.starting import starting_params
+from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state

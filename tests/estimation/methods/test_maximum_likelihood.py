@@ -202,12 +202,6 @@ def test_a_clean_ramp_shows_no_noise_and_says_what_to_do():
         assert word in found.message
 
 
-def test_a_coarsely_quantised_signal_is_called_so():
-    found = five_lines(np.floor(np.arange(200) / 7))
-    assert found.verdict == "no_noise"
-    assert "quantised" in found.message
-
-
 @pytest.mark.parametrize(
     ("z", "verdict"),
     [

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from kalscope.common.progress import Progress
 from kalscope.estimation.agreement.weighing import spikes_in, weigh
 from kalscope.estimation.agreement.words import disagreement
+from kalscope.estimation.known import above_rounding
 from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.likelihood.search import Peak
 from kalscope.estimation.methods import by_name
@@ -60,7 +61,7 @@ def compare_methods(
         reason = best.note or (_REASON if found else "")
         return replace(best, note=f"{found} {reason}".strip()), peak
 
-    first = each_channel(z, dt, Progress(progress, cancelled), channel_fit("ml", fit))
+    first = each_channel(z, dt, Progress(progress, cancelled), above_rounding(channel_fit("ml", fit)))
     if np.ndim(z) == 1:
         return first, *(found[0] if found else replace(first, method=m) for m, found in others.items())
     columns = [first.channel(c) for c in range(np.shape(z)[1])]

@@ -27,7 +27,7 @@ def disagreement(estimates: Sequence[Estimate], momentum: float = 0.0) -> str:
         momentum: of the filter that was chosen; the second opinions know none, and do not count beside it.
     """
     against = [one for one in estimates[1:] if _contradicts(one, estimates[0])]
-    if not against or momentum > 0.0:
+    if not against or momentum > 0.0 or estimates[0].verdict == "below_resolution":
         return ""
     first = estimates[0]
     named = ", ".join(f"{_NAMES[one.method]} {_describe(one, first)}" for one in against)
@@ -54,6 +54,8 @@ def comparison(estimates: Sequence[Estimate], momentum: float = 0.0) -> str:
         return "They need not agree here: all of them look for a signal without momentum."
     if estimates[0].verdict in _NO_RECORD:
         return ""
+    if estimates[0].verdict == "below_resolution":
+        return "They need not agree here: the sensor rounds its readings to steps larger than the noise."
     second = [one for one in estimates if one.method in _NAMES]
     reasons: dict[str, list[str]] = {}
     for one in second:

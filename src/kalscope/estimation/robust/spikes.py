@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from kalscope.common.array import Array
 from kalscope.estimation.robust.kernels import refused_samples
+from kalscope.estimation.sensor.resolution import resolution_of
 
 SIGMAS = 4.0
 """Standard deviations of the innovation beyond which a sample counts as not predicted."""
@@ -97,8 +98,7 @@ def _beyond_chance(distances: Array, least: float) -> bool:
 
 def rounding_variance(z: Array) -> float:
     """Δ²/12 of a record of which many readings equal the one before, else 0: one step of Δ is not a spike."""
-    changes = np.abs(np.diff(z[np.isfinite(z)]))
-    moved = changes[changes > 0.0]
-    if len(moved) >= (1.0 - _EQUAL_SHARE) * len(changes):
+    readings = z[np.isfinite(z)]
+    if np.count_nonzero(np.diff(readings) == 0.0) <= _EQUAL_SHARE * (len(readings) - 1):
         return 0.0
-    return float(np.quantile(moved, 0.25)) ** 2 / 12.0 if len(moved) else 0.0
+    return resolution_of(readings) ** 2 / 12.0
