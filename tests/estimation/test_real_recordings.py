@@ -10,6 +10,7 @@ import pytest
 
 from kalscope import KalscopeError, read_recording
 from kalscope.estimation.estimate import METHODS, estimate
+from kalscope.estimation.result import USABLE
 
 pytestmark = pytest.mark.slow
 
@@ -45,7 +46,7 @@ def judge(found):
             assert not np.isnan(value).any(), f.name
     assert len(found.message) > 40
     assert found.message.endswith(".")
-    usable = found.verdict in ("ok", "flat", "not_converged")
+    usable = found.verdict in USABLE
     assert usable == (found.params is not None)
     if usable:
         assert found.q > 0
