@@ -11,7 +11,8 @@ from program import command
 from screen import FIND, Screen
 from waiting import PATIENCE
 
-from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params
+from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params, steady_state
+from kalscope.common.text import lag_text
 from kalscope.papers.experiments import list_experiments, open_experiment
 from kalscope_app.views.charts.style import DARK, LIGHT
 from kalscope_app.views.source.source import experiment_label
@@ -286,7 +287,8 @@ def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
     best = estimate(DEMO).params
     screen.wait_for_line("filtered", filtered(DEMO, q=best.q, r=best.r, momentum=best.momentum))
     screen.page.get_by_text("Noise and movement can be separated").first.wait_for()
-    assert screen.page.get_by_role("row", name="lag 190 ms 4.37 ms").is_visible()
+    lag = lag_text(float(steady_state(best).lag_samples), 0.02)
+    assert screen.page.get_by_role("row", name=f"lag 190 ms {lag}").is_visible()
     screen.shot("found")
     screen.page.get_by_role("button", name="Undo").click()
     screen.wait_for_line("filtered", filtered(DEMO))
