@@ -27,6 +27,27 @@ def clock(i, step=10):
 
 
 LOGS = {
+    "Python lists": (rows(lambda i: f"[{A[i]}, {B[i]}]\n"), {"value 1": ("", A), "value 2": ("", B)}, None),
+    "Python tuples, and blanks": (
+        rows(lambda i: f" ({i / 10:.1f}, {A[i]}, {B[i]} )\n"),
+        {"value 1": ("", A), "value 2": ("", B)},
+        0.1,
+    ),
+    "a list between blanks": (
+        rows(lambda i: f"[ {A[i]}  {B[i]}]\n"),
+        {"value 1": ("", A), "value 2": ("", B)},
+        None,
+    ),
+    "Fortran": (
+        rows(lambda i: f"  {i / 4:.2f}D+00  {A[i] / 1000:.5f}D+03\n"),
+        {"value 1": ("", A)},
+        0.25,
+    ),
+    "Julian dates": (
+        "HJD,mag\n" + rows(lambda i: f"{2455000.5 + i / 80:.4f},{A[i]}\n"),
+        {"mag": ("", A)},
+        1080,
+    ),
     "German numbers alone": (rows(lambda i: german(B[i]) + "\n"), {"value 1": ("", B)}, None),
     "English numbers alone": (rows(lambda i: f"{B[i]:,.2f}\n"), {"value 1": ("", B)}, None),
     "HoboWare text": (
@@ -157,3 +178,11 @@ def test_a_label_that_is_lost_shifts_no_other(tmp_path):
     np.testing.assert_array_equal(known, B[:10] + B[11:])
     both = recording.values[np.isfinite(recording.values).all(axis=1)]
     assert {tuple(row) for row in both} <= set(zip(A, B, strict=True))
+
+
+def test_a_name_with_d_and_digits_is_no_number_of_fortran(tmp_path):
+    path = tmp_path / "log.txt"
+    path.write_text("t,a,id\n" + "".join(f"{i / 4:.2f},{A[i]},12D3\n" for i in range(N)))
+    recording = read_recording(path)
+    assert recording.names == ("a",)
+    assert not any("Fortran" in note for note in recording.report.notes)

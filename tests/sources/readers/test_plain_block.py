@@ -102,7 +102,7 @@ cells_and_marks = st.text("0123456789+-.eE,;|\t nai_x", max_size=20)
 
 @given(st.lists(cells_and_marks, min_size=1, max_size=3), st.sampled_from(FORMATS))
 def test_a_block_holds_what_the_cells_hold(texts, form):
-    width = len(split_fields(texts[0], form.delimiter))
+    width = max(1, len(split_fields(texts[0], form.delimiter)))
     layout = Layout(form, (Column("a"),) * width, None, 1, frozenset(), (), ())
     lines = [f"{text}\n" for text in texts]
     rows = parsed(layout, lines)

@@ -31,6 +31,7 @@ NUMBER = {
 
 _TYPED = str.maketrans({"\u00a0": " ", "\u2009": " ", "\u202f": " ", "\u2212": "-"})
 """What is typed for blanks that do not break, as browsers write them before AM, and for the typographic minus."""
+_NUMBER_STARTS = tuple("0123456789+-.")
 _RUN_OF_SPACES = re.compile(r"[ \t]+")
 
 
@@ -56,6 +57,8 @@ def split_fields(line: str, delimiter: str) -> list[str]:
 
 def _split(line: str, delimiter: str) -> list[str]:
     text = line.strip(" \t\r\n") if delimiter == " " else line.rstrip("\r\n")
+    if text.endswith(("]", ")")):
+        text = _without_brackets(text)
     if '"' in text and text.count('"') % 2 == 0:
         try:
             text = _RUN_OF_SPACES.sub(" ", text) if delimiter == " " else text
@@ -67,6 +70,15 @@ def _split(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         return _RUN_OF_SPACES.split(text) if text else []
     return [cell.strip(" \t") for cell in text.split(delimiter)]
+
+
+def _without_brackets(text: str) -> str:
+    """`1, 2, 3` of `[1, 2, 3]` and `(1, 2, 3)`, as Python prints lists and tuples; any other line as it is."""
+    bare = text.strip(" \t")
+    inner = bare[1:-1]
+    is_pair = bare[:1] + bare[-1] in ("[]", "()") and not any(mark in inner for mark in "[]()")
+    numbers = inner.strip(" \t").startswith(_NUMBER_STARTS) and any(mark in inner for mark in ",; \t")
+    return inner.strip(" \t") if is_pair and numbers else text
 
 
 def is_number(cell: str, decimal: str = ".") -> bool:

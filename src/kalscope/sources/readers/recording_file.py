@@ -33,12 +33,12 @@ from kalscope.sources.readers.table_reading import reading_of
 from kalscope.sources.readers.text_file import (
     RawFile,
     find_encoding,
-    has_escapes,
     open_raw,
     open_text,
     plain_lines,
     sample_lines,
     text_as_file,
+    unusual_marks,
 )
 
 HEAD_BYTES = (65536, 1 << 20)
@@ -96,12 +96,12 @@ def read_recording(
 
 def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Reading:
     encoding = find_encoding(raw, progress)
-    if not has_escapes(raw):
+    notes = unusual_marks(raw)
+    if not notes:
         return _read_lines(raw, encoding, options, progress)
     with text_as_file(plain_lines(raw, encoding), raw, progress.part(0.0, 0.5), newline="") as text:
         reading = _read_lines(text, "utf-8", options, progress.part(0.5, 1.0))
-    notes = ("control sequences of a terminal were left out", *reading.layout.notes)
-    return replace(reading, layout=replace(reading.layout, notes=notes))
+    return replace(reading, layout=replace(reading.layout, notes=(*notes, *reading.layout.notes)))
 
 
 def _read_lines(raw: RawFile, encoding: str, options: ReadOptions, progress: Progress) -> Reading:

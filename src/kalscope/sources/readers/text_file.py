@@ -40,6 +40,9 @@ _HEAD = 1 << 16
 """Bytes that are looked at to find out whether a file is text or binary."""
 _NUL_RUN = re.compile(rb"\0{16,}")
 """So many NULs in a row are a part of the file that was never written, as on a card that lost power."""
+_FORTRAN = re.compile(rb"[0-9]\.[0-9]{0,30}[dD][-+][0-9]{2,3}(?![0-9A-Za-z])")
+_FORTRAN_EXPONENT = re.compile(r"(?<=[0-9.])[dD](?=[-+][0-9]{2,3}(?![0-9A-Za-z]))")
+"""With a point in the head, and everywhere with a sign: 12D3 is a name."""
 _MAX_CONTROL = 0.1
 """Share of control bytes in a text file whose wire was noisy."""
 
@@ -190,16 +193,21 @@ def _is_utf8(path: Path, progress: Progress) -> bool:
     return True
 
 
-def has_escapes(raw: RawFile) -> bool:
-    """True where a terminal's control sequences are in the text."""
-    return ESCAPE.encode() in raw.head
+def unusual_marks(raw: RawFile) -> tuple[str, ...]:
+    """Sentences about what `plain_lines` has to mend, which is asked of the head; usually none."""
+    said: list[str] = []
+    if ESCAPE.encode() in raw.head:
+        said.append("control sequences of a terminal were left out")
+    if _FORTRAN.search(raw.head):
+        said.append("exponents are written with D, as Fortran does: 1.5D-03 is 0.0015")
+    return tuple(said)
 
 
 def plain_lines(raw: RawFile, encoding: str) -> Iterator[str]:
-    """The lines without the control sequences of a terminal, with their newlines."""
+    """The lines without the control sequences of a terminal, with Fortran's exponents as others write them."""
     with raw.path.open("rb") as file, open_text(file, encoding) as lines:
         for line in lines:
-            yield without_escapes(line)
+            yield _FORTRAN_EXPONENT.sub("e", without_escapes(line))
 
 
 def sample_lines(raw: RawFile, encoding: str) -> list[list[str]]:

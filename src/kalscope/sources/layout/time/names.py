@@ -19,6 +19,8 @@ _SPREADSHEET_WORDS = words("date dates datetime datum fecha")
 _DATE_WORDS = _SPREADSHEET_WORDS | words("day timestamp")
 _DECIMAL_WORDS = words("decimal dec fractional")
 """Beside a word of time they make 1958.2027 of it."""
+_DAY_COUNTS = words("jd hjd bjd")
+"""Julian dates: of the Earth, the sun and the solar system."""
 # Beside a word of time they leave it one: "Device Time", "time since start", "Timestamp (Formatted)".
 _FILLERS = words(
     """
@@ -68,6 +70,8 @@ def time_name(column: Column) -> TimeName:
     is_time = any(word in _TIME_WORDS for word in said)
     if is_time and not _DECIMAL_WORDS.isdisjoint(said):
         unit, core = "year", [word for word in core if word not in _DECIMAL_WORDS]
+    if not _DAY_COUNTS.isdisjoint(said):
+        unit, is_time, core = unit or "day", True, [word for word in core if word not in _DAY_COUNTS] or ["t"]
     is_alone = not core and len(rest) == 1
     strength = 0
     if (core and all(word in _TIME_WORDS or word == "t" for word in core)) or (is_alone and rest[0] in _LONE_UNITS):
