@@ -39,3 +39,8 @@ FLAGS = (
 NO_CANVAS = """for (const name of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"])
     WebGL2RenderingContext.prototype[name] = () => {};"""
 """Leaves viser's 3-D canvas empty. Drawing it in software takes more time than all the rest of a page."""
+
+NO_SMOOTHING = """const open = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function(kind, wanted) {
+        return open.call(this, kind, kind.startsWith("webgl") ? {...wanted, antialias: false} : wanted); };"""
+"""Edges of the 3-D canvas are drawn with one sample a pixel: in software each sample costs as much as the first."""

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 import numpy as np
-from chromium import NO_CANVAS
+from chromium import NO_CANVAS, NO_SMOOTHING
 from PIL import Image
 from program import end, running
 from waiting import PATIENCE, wait_until
@@ -65,6 +65,7 @@ class Screen:
     def __init__(self, browser, url, width=1600, height=900, canvas=False):
         self.context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
         self.canvas = canvas
+        self.context.add_init_script(NO_SMOOTHING)
         if not canvas:
             self.context.add_init_script(NO_CANVAS)
         self.page = self.context.new_page()
