@@ -602,17 +602,20 @@ def test_help_answers_at_once() -> None:
 # ---- the world
 
 
-def one_of_each_folder() -> list[Path]:
-    """The shortest: tests/estimation/test_real_recordings.py asks for every channel of every file."""
-    files = [path for path in SHARED_DATA.rglob("*") if path.is_file() and path.suffix != ".md"]
-    longest_first = sorted(files, key=lambda path: (path.stat().st_size, path), reverse=True)
-    return sorted({path.parent: path for path in longest_first}.values())
+REAL = (
+    "co2_weekly/co2.csv",  # samples are missing
+    "flex_arm/flex_sensor_data.csv",
+    "field_logs/labview_two_times.lvm",  # three samples
+    "basic_motions/BasicMotions_TRAIN.ts",  # no table
+)
+"""tests/estimation/test_real_recordings.py asks for every channel of every file."""
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the folder of real recordings is absent")
-@pytest.mark.parametrize("path", one_of_each_folder(), ids=lambda path: path.name)
-def test_a_real_recording_gets_an_estimate_or_a_verdict_in_words(path: Path, capsys: Captured) -> None:
+@pytest.mark.parametrize("name", REAL)
+def test_a_real_recording_gets_an_estimate_or_a_verdict_in_words(name: str, capsys: Captured) -> None:
+    path = SHARED_DATA / name
     try:
         recording = open_source(str(path))
     except KalscopeError:

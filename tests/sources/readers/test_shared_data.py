@@ -1,12 +1,13 @@
 """Files of others, with the readings that `EXPECTED.md` and the catalogue of shared/data call right."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from kalscope.errors import BadFile
-from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
 
 SHARED = Path(__file__).parents[3] / "../shared/data"
@@ -56,10 +57,23 @@ TWINS = [
 ]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def forget():
+    """The recordings are let go with the last test."""
+    yield
+    read.cache_clear()
+
+
+@cache
+def read(name, options=DEFAULTS):
+    """A file of shared/data, read once for all its channels."""
+    return read_recording(SHARED / name, options)
+
+
 def read_messy(name):
     if name.endswith(".zst"):
         pytest.importorskip("zstandard")
-    return read_recording(SHARED / "messy" / name)
+    return read(f"messy/{name}")
 
 
 @pytest.mark.parametrize("name", MESSY)
@@ -183,7 +197,7 @@ CATALOGUE = [
 
 @pytest.mark.parametrize(("name", "channel", "rows", "good", "mean", "std", "period"), CATALOGUE)
 def test_a_real_recording_reads_as_the_catalogue_says(name, channel, rows, good, mean, std, period):
-    recording = read_recording(SHARED / name)
+    recording = read(name)
     samples = recording.channel(channel)
     finite = samples[np.isfinite(samples)]
     assert (recording.report.rows, len(recording), finite.size) == (rows, rows, good)
@@ -205,11 +219,11 @@ MISSING = [
 
 @pytest.mark.parametrize(("name", "missing", "channel", "good", "mean", "std"), MISSING)
 def test_a_missing_value_is_asked_about_and_taken_away_only_when_told(name, missing, channel, good, mean, std):
-    unasked = read_recording(SHARED / name)
+    unasked = read(name)
     question = f"is {missing:g} a missing value"
     assert any(question in note for note in unasked.report.notes)
     assert np.count_nonzero(unasked.channel(channel) == missing) == len(unasked) - good
-    told = read_recording(SHARED / name, ReadOptions(missing=(missing,)))
+    told = read(name, ReadOptions(missing=(missing,)))
     samples = told.channel(channel)
     finite = samples[np.isfinite(samples)]
     assert finite.size == good
@@ -228,12 +242,10 @@ def test_a_sequence_number_with_holes_gives_rows_of_missing_samples(name, rows, 
 
 
 def test_repeated_and_backward_stamps_are_counted_and_named():
-    notes = " ".join(
-        read_recording(SHARED / "nab_machine_temperature/machine_temperature_system_failure.csv").report.notes
-    )
+    notes = " ".join(read("nab_machine_temperature/machine_temperature_system_failure.csv").report.notes)
     assert "time steps back once, first by 3300 s at sample 10150" in notes
     assert "12 samples repeat an earlier stamp" in notes
-    notes = " ".join(read_recording(SHARED / "cgm_glucose/CGM.csv").report.notes)
+    notes = " ".join(read("cgm_glucose/CGM.csv").report.notes)
     assert "3 samples repeat an earlier stamp" in notes
 
 
