@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import shlex
-
 from kalscope.analysis import actions
 from kalscope.cli.tune.answer import Answer
 from kalscope.cli.tune.options import SPECIFICATIONS
-from kalscope.common.text import trimmed
 from kalscope.filtering.arrays import scalar
 from kalscope.recording import Recording
 
@@ -34,9 +31,9 @@ def option_for(action: actions.Action | None, answer: Answer, recording: Recordi
         case actions.Scale(q_factor, r_factor):
             words = _scaled(answer, q_factor, r_factor)
         case actions.GiveNoise():
-            words = ["--sigma STD, from the data sheet"]
+            words = ["--still FROM:TO or --sigma STD"]
         case actions.ChooseFilter():
-            words = [example(answer, recording)]
+            words = [example(answer)]
         case actions.UnsetStart() | actions.RecordLonger() | None:
             words = []
     return " ".join(words)
@@ -76,9 +73,7 @@ def still_text(recording: Recording, first: int, last: int) -> str:
     return f"{float(time[first])!r}:{float(time[last - 1])!r}"
 
 
-def example(answer: Answer, recording: Recording) -> str:
-    """A command that works without a pair: the same reading, and a lag of five samples or a gain."""
+def example(answer: Answer) -> str:
+    """An option that chooses a filter for any record: a lag of five samples, or a gain."""
     period = answer.sample_period
-    target = "--gain 0.2" if period is None else f"--lag-ms {trimmed(5e3 * period, 4)}"
-    place = shlex.join([recording.source, *recording.report.options, "--channel", answer.channel])
-    return f"kalscope tune {place} {target}"
+    return "--gain 0.2" if period is None else f"--lag-ms {5e3 * period:.4g}"

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterator
 
 from kalscope.analysis.actions import ChooseFilter
 from kalscope.cli.tune.advice import example, option_for
 from kalscope.cli.tune.answer import CHOSEN, Answer
-from kalscope.cli.tune.words import VERDICT_WORDS, between
+from kalscope.cli.tune.words import VERDICT_WORDS, WIDTH, between, wrapped
 from kalscope.common.text import decibels, duration, lag_in_full, percent, squared, trimmed
 from kalscope.filtering.arrays import scalar
 from kalscope.recording import Recording
 from kalscope.sources.readers import account
 
 MAX_LINES = 6
-"""Lines of the summary of a recording with one tuned channel."""
+"""Lines of the summary of a recording with one tuned channel; those on its reading may be wider than a page."""
 
 
 def reading_lines(recording: Recording) -> list[str]:
@@ -26,9 +27,13 @@ def reading_lines(recording: Recording) -> list[str]:
 
 
 def summary_of(answer: Answer, recording: Recording, lines: int) -> list[str]:
-    """The channel in at most so many lines, 4 or more."""
-    said = [_filter(answer), *_effect(answer), _sure(answer)]
-    return [*said, *list(_next(answer, recording))[: lines - len(said)]]
+    """The channel in at most so many lines of the page, 4 or more; the last advice is cut where it is too long."""
+    said = [_filter(answer), *_effect(answer), answer.judgement.headline]
+    page = [line for one in said for line in wrapped(one)]
+    for text in _next(answer, recording):
+        if (room := lines - len(page)) > 0:
+            page += textwrap.wrap(text, WIDTH, max_lines=room, placeholder=" … (--details)", break_on_hyphens=False)
+    return page
 
 
 def _filter(answer: Answer) -> str:
@@ -51,46 +56,35 @@ def _gate(answer: Answer) -> str:
 
 def _effect(answer: Answer) -> Iterator[str]:
     steady, period = answer.steady, answer.sample_period
-    if steady is not None:
-        lag = lag_in_full(scalar(steady.lag_samples), period)
-        over = scalar(steady.overshoot)
-        beyond = f"overshoots a step by {percent(over)}" if over else "does not overshoot"
-        noise = decibels(scalar(steady.noise_reduction_db))
-        yield f"It lags a ramp by {lag}, reduces white noise by {noise} and {beyond}."
-
-
-def _sure(answer: Answer) -> str:
-    return f"{answer.judgement.headline} {_allowed(answer)}"
+    if steady is None:
+        return
+    samples, over = scalar(steady.lag_samples), scalar(steady.overshoot)
+    lag = lag_in_full(samples, period).removesuffix(")")
+    bracket = f"; {_allowed(answer)})" if "(" in lag else f" ({_allowed(answer)})"
+    noise = decibels(-scalar(steady.noise_reduction_db))
+    yield f"lag {lag}{bracket}, noise {noise}, {f'overshoot {percent(over)}' if over else 'no overshoot'}"
 
 
 def _allowed(answer: Answer) -> str:
-    """Which lags the record allows, and whether a chosen one is among them."""
+    """The lags that the record allows, or asks for where the lag was chosen."""
     if tuple(map(scalar, answer.range.ratio_interval)) == (0.0, math.inf):
-        return "The record allows any lag."
+        return "the record allows any"
     short, long = (scalar(end) for end in answer.range.lag_interval)
     period = answer.sample_period
-    words = f"{between(short, long)} samples"
-    if period is not None:
-        words = between(short * period, long * period, words=duration)
-    return f"The record allows a lag of {words} (95 %){_chosen(answer, short, long)}."
-
-
-def _chosen(answer: Answer, short: float, long: float) -> str:
-    if answer.verdict != CHOSEN or answer.steady is None or answer.momentum:
-        return ""
-    lag = scalar(answer.steady.lag_samples)
-    return ": you chose more" if lag > long else ": you chose less" if lag < short else ": you chose one of them"
+    words = between(short, long) if period is None else between(short * period, long * period, words=duration)
+    return f"the record asks for {words}" if answer.verdict == CHOSEN else f"95 %: {words}"
 
 
 def _next(answer: Answer, recording: Recording) -> Iterator[str]:
-    """What to do, most urgent first: with a pair at least that it can be kept, without one a command that works."""
+    """What to do, most urgent first: with a pair at least that it can be kept, without one a filter to choose."""
     if answer.found.params is None and account.warnings(recording):
         yield "Next: mend the reading first; the rest holds for the samples that could be read"
     advice = answer.judgement.advice
     for one in advice:
         option = option_for(one.action, answer, recording)
-        yield f"Next: {one.text}{f' ({option})' if option else ''}"
+        how = f", {'' if option.startswith('without') else 'with '}{option}" if option else ""
+        yield f"{'Note' if one.action is None else 'Next'}{how}: {one.text}"
     if answer.found.params is None and not any(isinstance(one.action, ChooseFilter) for one in advice):
-        yield f"Next: choose a filter, for example {example(answer, recording)}"
+        yield f"Next, with {example(answer)}: choose a filter by its lag, its cut-off or its gain"
     elif not advice:
         yield "Next: nothing to correct; -o tuning.toml keeps it, --details says more"
