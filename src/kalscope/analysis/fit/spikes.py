@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kalscope.analysis import residual_kernels, residual_tests
 from kalscope.common.array import Array
 
-ALARM = 0.01
+ALARM = 0.001
 """p-value below which a test reports a misfit."""
 
 MAX_OUTLIERS = 0.1
@@ -90,7 +90,7 @@ class Spikes:
         """
         sizes = self.size[~self.stays] if lone else self.size
         expected, chance = residual_tests.spike_chance(len(sizes), n)
-        many = chance < 0.1 * ALARM and len(sizes) > 3.0 * expected
+        many = chance < ALARM and len(sizes) > 3.0 * expected
         many = many and (len(sizes) >= MIN_COUNT or bool(sizes.max() > CLEAR))
         return many or bool(np.any(sizes > 2.0 * residual_tests.SPIKE))
 
