@@ -34,7 +34,7 @@ Status = Literal[
 "too_few" or "constant", nothing to judge; "start", the given x0 is off; "spikes", isolated ones; "bursts", too many
 to be outliers; "too_slow" or "too_fast"; "band", q and r wrong by one factor; "edge", q = 0 or r = 0 does not fit;
 "structure", the model does not describe the signal; "changes", its errors change during the record; "steps", it
-jumps; "gate", the gate refuses too much; "shape", its errors are of several kinds; "methods_differ"; "no_pair",
+jumps; "gate", the gate refuses too much; "shape", its errors are not normal; "methods_differ"; "no_pair",
 there is no q and r to judge."""
 
 

@@ -39,7 +39,7 @@ HEADLINES: dict[Status, str] = {
     "structure": "The record holds more than the model describes.",
     "changes": "The record changes as it goes on: one pair cannot fit all of it.",
     "gate": "The outlier gate refuses more than single outliers.",
-    "shape": "The filter has the right size and speed, but its errors are of several kinds.",
+    "shape": "The filter has the right size and speed, but its errors are far from normally distributed.",
     "steps": "The signal steps: no q both follows the steps and smooths well between them.",
     "constant": "The signal is constant: there is nothing to judge the filter by.",
     "rounded": "The readings are rounded more coarsely than their noise, or held.",
@@ -175,7 +175,7 @@ def _held_out_clause(held_out: Diagnostics) -> str:
     if 1.0 / MIN_FACTOR < held_out.nis < MIN_FACTOR:
         return f"{size}, too little to matter"
     same = 1.0 / MIN_FACTOR < held_out.nis / held_out.nis_before < MIN_FACTOR
-    return f"{size}, {'as on the first half' if same else 'which a few large errors explain'}"
+    return f"{size}, {'as on the first half' if same else 'but they scatter too much to tell why'}"
 
 
 def _differs(held_out: Diagnostics) -> bool:

@@ -17,6 +17,10 @@ Columns = tuple[Array, ...]
 """x, p, k, innovation and s of one channel."""
 
 
+MAX_UNCHANGED = 0.6
+"""Share of readings equal to the one before from which rounding decides what the residuals are."""
+
+
 @dataclass(frozen=True)
 class Findings:
     """The misfits of one channel, each with the value of a perfect filter where it was not found."""
@@ -81,6 +85,8 @@ def find_misfits(
     steps = not lone_ones and spikes.too_many(n)
     outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * n else spikes.off[:0]
     record = Record.of(columns, seen, seen[outliers])
+    if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are no outliers
+        record, outliers = Record.of(columns, seen, seen[:0]), outliers[:0]
     correction = find_scale(e, outliers) if momentum else find_correction(record)
     structure, change = None, 1.0
     if correction.e is not None:

@@ -27,6 +27,9 @@ MIN_COUNT, CLEAR = 5, 5.0
 MIN_BURST, MAX_BURST = 8, 0.1
 """Spikes that make a burst, and the share of the record that it may be."""
 
+MAX_JOINED, SLOPE = 2, 50
+"""Jumps of one sign within so many samples of each other that may be steps; more of them are a slope."""
+
 MAX_EXCURSION = 8
 """A signal that comes back within so many samples has not stepped: it was a longer spike."""
 
@@ -57,6 +60,7 @@ class Spikes:
         if start:
             kind[0] = 0
         within = _mark_excursions(kind, step)
+        _unmark_slopes(kind, step)
         at = np.flatnonzero(kind)
         off = np.union1d(within, np.flatnonzero(kind == residual_kernels.LONE))
         at = at[np.argsort(-np.abs(e[at]), kind="stable")]
@@ -109,3 +113,12 @@ def _mark_excursions(kind: NDArray[np.int8], step: Array) -> NDArray[np.int64]:
             i += 1
         i += 1
     return np.concatenate(within) if within else np.zeros(0, dtype=np.int64)
+
+
+def _unmark_slopes(kind: NDArray[np.int8], step: Array) -> None:
+    """Unmark three or more jumps of one sign close together: the filter lags behind a slope, which is no step."""
+    jumps = np.flatnonzero(kind == residual_kernels.STAYS)
+    joined = (np.diff(jumps) <= SLOPE) & (np.diff(np.sign(step[jumps])) == 0.0)
+    for run in np.split(jumps, np.flatnonzero(~joined) + 1):
+        if len(run) > MAX_JOINED:
+            kind[run] = 0

@@ -19,7 +19,7 @@ from kalscope.analysis.actions import (
     UnsetStart,
 )
 from kalscope.analysis.fit.correction import MIN_FACTOR, MIN_SAMPLES, Correction
-from kalscope.analysis.fit.findings import Findings
+from kalscope.analysis.fit.findings import MAX_UNCHANGED, Findings
 from kalscope.analysis.fit.spikes import MAX_OUTLIERS, MAX_REFUSED
 from kalscope.analysis.residual_tests import SPIKE
 from kalscope.common.text import count, number, percent, trimmed
@@ -27,8 +27,8 @@ from kalscope.filtering.kernels import GATE_LIMIT
 
 NO_FAULT = "no misfit worth correcting"
 
-MAX_UNCHANGED = 0.6
-"""Share of readings equal to the one before from which rounding decides what the residuals are."""
+FAR = 100.0
+"""Factor of r beyond which it is wrong whatever the rounding."""
 
 GREAT_CHANGE = 4.0
 """A change of the variance by more than this factor explains spikes and jumps."""
@@ -61,12 +61,7 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
     if found.constant:
         return [("constant", Advice("the signal is constant: there is nothing to judge the filter by"))]
     if found.unchanged > MAX_UNCHANGED:
-        text = (
-            f"{percent(found.unchanged)} of the readings equal the one before: they are rounded more coarsely than "
-        )
-        return [
-            ("rounded", Advice(f"{text}their noise, or held, and tests of the residuals cannot judge the filter"))
-        ]
+        return _rounded(found, known)
     spikes, change = _spikes(found, known), _change(found)
     fitted_again = spikes is not None and isinstance(spikes[1].action, SetSpikesAside)
     lost = found.momentum and found.structure is not None  # the one factor of such a filter corrects no curve
@@ -88,6 +83,15 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
 def advice_text(said: list[Finding]) -> str:
     """The two most urgent findings as sentences without capitals, or that there is no misfit."""
     return ". ".join(advice.text for _, advice in said[:2]) or NO_FAULT
+
+
+def _rounded(found: Findings, known: Known) -> list[Finding]:
+    """What rounding leaves to say: only a size that is wrong by far more than rounding makes it."""
+    text = f"{percent(found.unchanged)} of the readings equal the one before: they are rounded more coarsely than "
+    advice = Advice(f"{text}their noise, or held, and tests of the residuals cannot judge the filter")
+    factor = found.correction.r_factor
+    size = _size(found.correction, known) if not 1.0 / FAR < factor < FAR else None
+    return [*([size] if size is not None and not known.estimated else []), ("rounded", advice)]
 
 
 def _start(found: Findings) -> Finding | None:
@@ -188,7 +192,7 @@ def _structure(found: Findings, known: Known) -> Finding | None:
         return None
     if left.low_share:
         text = f"low frequencies hold {percent(left.low_share)} of the residual power: the signal has "
-        text += "a trend or slow waves that the model lacks"
+        text += "a trend or waves that the model lacks"
     elif found.momentum and known.estimated:
         text = (
             "residuals stay correlated: the signal has hum, trend, steps or coloured noise that a random walk with "
@@ -215,9 +219,9 @@ def _shape(found: Findings) -> Finding | None:
         return None
     size = f"skewness {number(found.skewness, 2)}, excess kurtosis {number(found.excess, 2)}"
     text = (
-        f"the residuals are far from a normal distribution ({size}): several kinds of errors are mixed, which no "
+        f"the residuals are far from a normal distribution ({size}): if two kinds of readings are mixed, such as "
     )
-    return "shape", Advice(f"{text}one variance describes")
+    return "shape", Advice(f"{text}echoes and misses, part them before the filter")
 
 
 def _change(found: Findings) -> Finding | None:
