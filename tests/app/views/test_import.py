@@ -13,7 +13,7 @@ from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.opening import opened
 from kalscope_app.views.charts.signal import heading_of
 from kalscope_app.views.source.import_summary import import_summary
-from kalscope_app.views.source.reading_form import ReadingForm
+from kalscope_app.views.source.reading_form import ReadingForm, in_words_of_form
 
 EXAMPLES = [
     {},
@@ -100,3 +100,30 @@ def test_the_heading_points_to_the_summary_where_part_of_a_file_was_lost():
 
     assert "unreadable" not in heading(ReadReport(lines=51, rows=50, rejected=1))
     assert "**part of it was unreadable: see Source**" in heading(ReadReport(lines=55, rows=50, rejected=5))
+
+
+@pytest.mark.parametrize(
+    ("console", "form"),
+    [
+        (
+            "stamps are read as ms (assumed: --time-unit changes it)",
+            "stamps are read as ms (assumed: “time unit” changes it)",
+        ),
+        ("sample period unknown (see --rate)", "sample period unknown (see “rate (Hz)”)"),
+        (
+            "it could also be: --delimiter semicolon --decimal comma",
+            "it could also be: “delimiter”: semicolon “decimal mark”: comma",
+        ),
+        (
+            "read it with --gaps missing (adds 3 rows) or --gaps dt",
+            "read it with “gaps in time”: as missing samples (adds 3 rows) or “gaps in time”: as elapsed time",
+        ),
+        ("they could be month first: --month-first", "they could be month first: “date order”: month first"),
+        ('the time could be "my t": --time-column "my t"', 'the time could be "my t": “time column”: "my t"'),
+        ("if so, read with --missing -200", "if so, read with “missing values”: -200"),
+        ("--part NAME chooses another: b (3 × 2)", "“part” chooses another: b (3 × 2)"),
+        ("nothing -- of --this - is an option", "nothing -- of --this - is an option"),
+    ],
+)
+def test_the_summary_names_the_boxes_of_the_form_where_the_console_names_options(console, form):
+    assert in_words_of_form(console) == form

@@ -6,6 +6,7 @@ from kalscope.analysis.channel_kinds import channel_kinds
 from kalscope.common.text import count
 from kalscope.recording import Recording
 from kalscope.sources.readers.account import summary, warnings
+from kalscope_app.views.source.reading_form import in_words_of_form
 from kalscope_app.views.text import escape_markdown
 
 MAX_ISSUES = 4
@@ -15,8 +16,8 @@ MAX_KINDS = 6
 def import_summary(recording: Recording) -> str:
     """One line, warnings where much was lost, then what was decided and what could not be read."""
     report = recording.report
-    head = [f"{escape_markdown(summary(recording), 200)}."]
-    head += [f"**{escape_markdown(sentence, 300)}.**" for sentence in warnings(recording)]
+    head = [f"{escape_markdown(in_words_of_form(summary(recording)), 200)}."]
+    head += [f"**{escape_markdown(in_words_of_form(sentence), 300)}.**" for sentence in warnings(recording)]
     counts = {
         "steps back in time": report.clipped_times,
         "comment lines": report.comments,
@@ -25,7 +26,7 @@ def import_summary(recording: Recording) -> str:
     lines = [f"{what}: {count(number)}" for what, number in counts.items() if number]
     if recording.sha256:  # it is finished and from a file
         lines += _about_channels(recording)
-    lines += [escape_markdown(note, 160) for note in report.notes]
+    lines += [escape_markdown(in_words_of_form(note), 160) for note in report.notes]
     for issue in report.issues[:MAX_ISSUES]:
         where = f"line {issue.line}" + (f", {escape_markdown(issue.column, 30)}" if issue.column else "")
         lines.append(f"{where}: {escape_markdown(issue.reason, 80)}, “{escape_markdown(issue.text, 40)}”")
