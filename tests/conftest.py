@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 from board_fixtures import start_board, stream_sketch, workshop
 from effort import EXAMPLES, FUZZ
 from hypothesis import settings
@@ -39,6 +42,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         mark(item)
     items.sort(key=lambda item: all(item.get_closest_marker(name) is None for name in LONG))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_command_line() -> Iterator[None]:
+    """Build the commands once a worker; typer builds them again at each run in its process, which takes 15 ms."""
+    build = typer.main.get_command
+    built = cache(lambda app, _commands: build(app))  # the dashboard adds a command of its own when it is imported
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.main, "get_command", lambda app: built(app, len(app.registered_commands)))
+        yield
 
 
 @pytest.fixture(scope="session")
