@@ -22,7 +22,7 @@ def walk(seed=0, n=N, ratio=0.01):
     return level, level + g.normal(0.0, 1.0, n)
 
 
-def spiky(seed=0, share=0.02, size=20.0, beside=1, n=N):
+def spiky(seed=0, share=0.03, size=20.0, beside=1, n=N):
     """A record with spikes of both signs, and where they are; `beside` stand side by side with one sign."""
     level, z = walk(seed, n)
     g = np.random.default_rng(seed + 1000)
@@ -42,7 +42,7 @@ PAIR = ("q", "r", "ratio", "momentum")
 
 
 @pytest.mark.parametrize("size", [10.0, 100.0, 1e6])
-@pytest.mark.parametrize("beside", [1, 2, LONGEST])
+@pytest.mark.parametrize("beside", [1, 2, 3])
 def test_it_is_the_fit_of_the_record_without_the_spikes(size, beside):
     _, z, where = spiky(size=size, beside=beside)
     found = estimate(z)
@@ -81,9 +81,10 @@ def test_steps_stay(seed):
     assert fields_of(estimate(z)) == fields_of(estimate(z, robust=False))
 
 
-def test_a_longer_stretch_elsewhere_is_a_movement():
+@pytest.mark.parametrize("length", [3, LONGEST, LONGEST + 1, 50])
+def test_a_lone_pulse_is_a_movement(length):
     _, z = walk()
-    z[500 : 500 + LONGEST + 1] += 30.0
+    z[500 : 500 + length] += 30.0
     assert fields_of(estimate(z)) == fields_of(estimate(z, robust=False))
 
 
@@ -92,6 +93,29 @@ def test_a_spike_beside_a_step_leaves_the_step():
     z[600:] += 30.0
     z[[100, 300, 900]] -= 25.0
     assert np.flatnonzero(estimate(z).outliers).tolist() == [100, 300, 900]
+
+
+def test_many_pulses_are_spikes():
+    _, z = walk()
+    where = np.add.outer(np.arange(50, N - 50, 100), np.arange(LONGEST)).ravel()
+    z[where] -= 30.0
+    assert np.flatnonzero(estimate(z).outliers).tolist() == where.tolist()
+
+
+def test_a_step_at_the_end_stays():
+    _, z = walk()
+    z[-3:] += 30.0
+    assert estimate(z).outliers is None
+    assert estimate(z[::-1]).outliers is None
+
+
+def test_where_the_signal_is_lively_a_spike_must_stand_out_from_that():
+    z = np.tile([0.1, -0.1], N // 2)
+    z[600:660] = np.tile([2.5, -2.5], 30)  # a sensor that is shaken
+    z[[300, 630]] = 6.0
+    assert np.flatnonzero(unpredicted(z, EVEN, 0.01, 1.0, 0.0)).tolist() == [300]
+    z[630] = 15.0
+    assert np.flatnonzero(unpredicted(z, EVEN, 0.01, 1.0, 0.0)).tolist() == [300, 630]
 
 
 @pytest.mark.parametrize("ends", [[0], [0, 1], [N - 1], [N - 2, N - 1], [0, N - 1]])
@@ -187,9 +211,9 @@ def test_too_many_are_refused_with_words():
 def test_the_message_counts_and_says_what_would_be_without():
     _, z, where = spiky()
     found, plain = estimate(z), estimate(z, robust=False)
-    assert found.message.startswith(f"{where.sum()} of 1\u202f200 samples are spikes (2.0 %)")
+    assert found.message.startswith(f"{where.sum()} of 1\u202f200 samples are spikes (3.0 %)")
     assert f"with them q would be {plain.q:.3g}, r {plain.r:.3g}" in found.message
-    assert "gate of 4.0 σ" in found.message
+    assert "gate of 4 σ" in found.message
 
 
 @pytest.mark.parametrize("known", [lambda z, **k: estimate_fixed_r(z, 1.0, **k), estimate_fixed_ratio])

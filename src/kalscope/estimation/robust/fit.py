@@ -36,7 +36,7 @@ class _Found:
     away: Mask
     """The samples set aside."""
     scores: Array
-    """v²/s of the samples that neither side predicts by this fit."""
+    """e²/s of the samples that neither side predicts by this fit."""
 
 
 def checked_robust(robust: Any, known: bool = True) -> bool | None:

@@ -19,16 +19,28 @@ from kalscope.filtering.momentum import kernels as moving
 
 Array = NDArray[np.float64]
 
+AT_END = 2
+"""Spikes side by side that are recognised at either end of the record."""
+
 
 @njit(cache=True, nogil=True)
-def refused_samples(
-    z: Array, dt: Array, q: float, r: float, tau: float, gate: float, longest: int, out: Array
+def judge_samples(
+    z: Array,
+    dt: Array,
+    q: float,
+    r: float,
+    tau: float,
+    gate: float,
+    longest: int,
+    error: Array,
+    variance: Array,
+    refused: NDArray[np.bool_],
 ) -> None:
-    """Write v²/s of each refused sample into `out`, 0 for all others; `longest` may stand side by side.
+    """Write v and s of each sample, and whether it is refused; `longest` may be refused side by side.
 
     `z` holds NaN where missing, `dt` may be empty, `tau` = 0 is the filter without momentum. The first sample has
-    nothing before it that could predict it: inf. So have those that follow it, if there are no more than `longest`
-    of them before the filter starts again.
+    nothing before it that could predict it: it is refused, s = inf. So is the second one, if the filter starts
+    again at the third. More than AT_END refused samples at the end may be a step, and count as predicted.
     """
     n, regular = z.shape[0], dt.shape[0] == 0
     last = 1.0
@@ -47,21 +59,24 @@ def refused_samples(
         else:
             x, p, _, v, s, done = plain.step(z[i], step, q, r, gate, state[0], state[2], 0)
             state = (x, 0.0, p, 0.0, 0.0)
-        out[i] = 0.0
+        refused[i] = done == REJECTED or (done == START and at_start)
         if done == REJECTED:
             first = i if run == 0 else first
             run += 1
-            out[i] = v / s * v
         elif done != MISSING:
             run = 0
             taken += 1
-            if done == START and at_start:
-                out[i] = math.inf
+        if done != START:
+            error[i], variance[i] = 0.0 if done == MISSING else v, s
+        elif at_start:
+            error[i], variance[i] = 0.0, math.inf
         if run > longest:
-            out[first : i + 1] = 0.0
-            if at_start and taken <= longest:
+            refused[first : i + 1] = False
+            if at_start and taken <= AT_END:
                 for j in range(first):
-                    out[j] = 0.0 if math.isnan(z[j]) else math.inf
+                    refused[j], error[j], variance[j] = not math.isnan(z[j]), 0.0, math.inf
             state, at_start, run, i = (math.nan, 0.0, math.inf, 0.0, w), False, 0, first
             continue
         i += 1
+    if run > AT_END:
+        refused[first:] = False

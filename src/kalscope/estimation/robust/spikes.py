@@ -12,20 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
-from kalscope.estimation.robust.kernels import refused_samples
+from kalscope.estimation.robust.kernels import judge_samples
 from kalscope.estimation.sensor.resolution import resolution_of
+from kalscope.filtering.kernels import GATE_LIMIT
 
 SIGMAS = 4.0
-"""Standard deviations of the innovation beyond which a sample counts as not predicted."""
-LONGEST = 4
-"""Spikes side by side that are recognised; more of them are taken for a movement."""
+"""Standard deviations from what both sides together predict, beyond which a sample is set aside."""
+SIDE_SIGMAS = 3.5
+"""Standard deviations from what either side alone predicts: the sample must be beyond that on both."""
+LONGEST = GATE_LIMIT
+"""Spikes side by side that are recognised, as many as the gate refuses in a row; more of them are a movement."""
+NEAR = 15
+"""Samples on either side of one that show how lively the signal is there."""
+MIN_RUNS = 6
+"""Runs of spikes, of any length, from which those of more than two are believed."""
+LIVELY = 2.0
+"""Mean v²/s of the samples around one from which the signal counts as lively; of normal noise it is 1 or less."""
 START_SIGMAS = 3.0
 """Distance from the running median, in standard deviations of the noise, at which the search starts."""
 WINDOW = 2 * LONGEST + 1
 """Samples of the running median: spikes side by side are fewer than half of them."""
 FALSE_ALARM = 1e-3
 """Share of records of normal noise in which a spike is found."""
-_NORMAL = 1.85
+_NORMAL = 1.8
 """Standard deviation of white normal noise over the median of its distances from the running median. It is not
 1.48: a sample that is the median itself has the distance 0. Where the signal moves fast it is larger."""
 _EQUAL_SHARE = 0.2
@@ -35,7 +44,9 @@ Mask = NDArray[np.bool_]
 
 
 def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array:
-    """v²/s of each sample that neither side predicts, the smaller of the two, shape (n,); 0 for all others.
+    """e²/s of each sample that neither side predicts, by both sides together, shape (n,); 0 for all others.
+
+    Where the samples around it are predicted badly too, the signal is lively there: it takes as many times more.
 
     Args:
         z: one channel, shape (n,), NaN where missing.
@@ -45,12 +56,48 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
         tau: momentum in sample periods, 0 for none.
     """
     noise = r + rounding_variance(z)
-    sides: list[Array] = []
-    for samples, gaps in ((z, steps), (z[::-1], np.append(1.0, steps[:0:-1]) if len(steps) else steps)):
-        out = np.empty(len(z))
-        refused_samples(np.ascontiguousarray(samples), gaps, q, noise, tau, SIGMAS**2, LONGEST, out)
-        sides.append(out)
-    return np.minimum(sides[0], sides[1][::-1])
+    v, s = np.empty((2, len(z))), np.empty((2, len(z)))
+    refused = np.empty((2, len(z)), dtype=bool)
+    back = np.append(1.0, steps[:0:-1]) if len(steps) else steps
+    for side, (samples, gaps) in enumerate(((z, steps), (np.ascontiguousarray(z[::-1]), back))):
+        judge_samples(samples, gaps, q, noise, tau, SIDE_SIGMAS**2, LONGEST, v[side], s[side], refused[side])
+    v[1], s[1], refused[1] = v[1, ::-1].copy(), s[1, ::-1].copy(), refused[1, ::-1].copy()
+    away, present = refused[0] & refused[1], np.isfinite(z)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        lively = _mean_around(np.min(v / s * v, axis=0), present & ~away)
+        scores = _together(v, s, noise)
+    away &= scores > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
+    away[present] &= ~_lone_pulses(away[present])
+    return np.where(away, scores, 0.0)
+
+
+def _together(v: Array, s: Array, noise: float) -> Array:
+    """Squared error of the prediction from both sides over its variance; v and s of either side, shape (2, n)."""
+    p = s - noise
+    least, most = np.min(p, axis=0), np.max(p, axis=0)
+    share = np.where(least == most, 0.5, 1.0 / (1.0 + least / most))  # of the side that knows more
+    first = np.where(p[0] == least, share, 1.0 - share)
+    return (first * v[0] + (1.0 - first) * v[1]) ** 2 / (noise + share * least)
+
+
+def _lone_pulses(refused: Mask) -> Mask:
+    """The runs of more than two refused samples, if there are few runs: the signal has moved, and come back."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], refused, [False]])))
+    firsts, stops = edges[::2], edges[1::2]
+    pulses = np.zeros(len(refused), dtype=bool)
+    if len(firsts) < MIN_RUNS:
+        for first, stop in zip(firsts, stops, strict=True):
+            pulses[first:stop] = stop - first > 2
+    return pulses
+
+
+def _mean_around(values: Array, counted: Mask) -> Array:
+    """Mean of the values that count within NEAR samples of each, shape (n,); 0 where there are none."""
+    sums = np.cumsum(np.append(0.0, np.where(counted, values, 0.0)))
+    counts = np.cumsum(np.append(0, counted))
+    place = np.arange(len(values))
+    first, stop = np.maximum(place - NEAR, 0), np.minimum(place + NEAR + 1, len(values))
+    return (sums[stop] - sums[first]) / np.maximum(counts[stop] - counts[first], 1)
 
 
 @dataclass(frozen=True)
@@ -82,7 +129,7 @@ def more_than_chance(scores: Array, z: Array) -> bool:
     """Whether the samples that neither side predicts are more, or farther away, than normal noise explains.
 
     Args:
-        scores: their v²/s, shape (n,), 0 for all others.
+        scores: of `unpredicted`.
         z: the record, shape (n,).
     """
     return _beyond_chance(np.sqrt(scores[np.isfinite(z)]), SIGMAS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kalscope.common.text import count as whole
-from kalscope.common.text import number, percent, plural
+from kalscope.common.text import number, percent, plural, trimmed
 from kalscope.estimation.result import USABLE, Estimate
 
 
@@ -24,8 +24,8 @@ def set_aside(count: int, present: int, plain: Estimate, gate: float | None) -> 
         f"those after predict {'it' if count == 1 else 'them'}. {_without(count, plain)}"
     )
     if gate is not None:
-        text += f" The filter gets a gate of {number(gate, 2)} σ, which ignores such samples."
-    return text
+        text += f" The filter gets a gate of {trimmed(gate)} σ, which ignores such samples."
+    return f"{text} If they belong to the signal, switch the spike-proof fit off."
 
 
 def too_many(count: int, present: int) -> str:
