@@ -326,3 +326,11 @@ def test_rows_from_before_a_field_was_added_are_plain_and_the_same(tmp_path, tak
     assert_same(path)
     assert sum(taken) >= 80
     assert read_recording(path).report.rejected == 1
+
+
+def test_a_header_of_numbers_that_comes_again_is_a_header_to_both(tmp_path, taken):
+    path = tmp_path / "log.csv"
+    path.write_text(2 * ("0,1,2\n" + "".join(f"{i * 0.37 + 0.5:.2f},{i * 1.5},{i * i / 8}\n" for i in range(20))))
+    assert_same(path, ReadOptions(header_row=1))
+    assert read_recording(path, ReadOptions(header_row=1)).report.headers == 2
+    assert sum(taken) == 0

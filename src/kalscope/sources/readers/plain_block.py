@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
-from kalscope.sources.grammar.cells import is_number
+from kalscope.sources.grammar.cells import is_number, parse_number
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.row_kernels import AFTER_ITS_LIKE, ALWAYS, read_rows
@@ -82,5 +82,6 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
         or (time is not None and time.kind != "number")
         or any(column.role == "series" or column.form is not None for column in layout.columns)
         or any(is_number(text, form.decimal) for text in options.missing_texts)
+        or any(all(parse_number(cell, form.decimal) is not None for cell in row) for row in layout.header_rows)
     )
     return None if is_never_plain else BlockParser(layout)
