@@ -174,8 +174,12 @@ def _held_out_clause(held_out: Diagnostics) -> str:
         return f"{size}, on the first half {number(held_out.nis_before)} ×: the halves differ"
     if 1.0 / MIN_FACTOR < held_out.nis < MIN_FACTOR:
         return f"{size}, too little to matter"
-    same = 1.0 / MIN_FACTOR < held_out.nis / held_out.nis_before < MIN_FACTOR
-    return f"{size}, {'as on the first half' if same else 'but they scatter too much to tell why'}"
+    return f"{size}, {'as on the first half' if _is_alike(held_out) else 'but they scatter too much to tell why'}"
+
+
+def _is_alike(held_out: Diagnostics) -> bool:
+    """Whether the mean v²/s of both halves is the same within a factor that matters; both may be 0."""
+    return held_out.nis_before / MIN_FACTOR <= held_out.nis <= held_out.nis_before * MIN_FACTOR
 
 
 def _differs(held_out: Diagnostics) -> bool:
@@ -185,7 +189,7 @@ def _differs(held_out: Diagnostics) -> bool:
     half is as uncertain.
     """
     e = held_out.e[np.isfinite(held_out.e)]
-    if len(e) < 4 * BLOCKS or 1.0 / MIN_FACTOR < held_out.nis / held_out.nis_before < MIN_FACTOR:
+    if len(e) < 4 * BLOCKS or _is_alike(held_out):
         return False
     means = np.array([dot(part, part) / len(part) for part in np.array_split(e, BLOCKS)])
     error = math.sqrt(2.0 * float(means.var(ddof=1)) / BLOCKS)
