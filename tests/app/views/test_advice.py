@@ -22,7 +22,7 @@ from kalscope_app.views.tune.search_methods import SEARCH_METHODS, stretch_texts
 
 EXAMPLES = {
     actions.Scale(10.0, 0.5): "Raise q 10 × and lower r 2 ×",
-    actions.Scale(1.0, 3.0): "Raise r 3 ×",
+    actions.Scale(172.0, 1.0): "Raise q 200 ×",  # as the advice words it
     actions.SetRatio(0.25): "Set q/r to 0.25",
     actions.SetGate(4.0): "Switch the gate on (4 σ)",
     actions.SetGate(None): "Switch the gate off",

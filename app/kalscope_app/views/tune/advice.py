@@ -83,10 +83,11 @@ def stretch_text(state: State, first: int, last: int) -> str:
 
 def _scale_words(q: float, r: float) -> str:
     """The change of q and r in words: "Raise q 10 × and lower r 2 ×"."""
-    parts = [
-        f"{'raise' if factor > 1.0 else 'lower'} {name} {trimmed(max(factor, 1.0 / factor), 2)} ×"
-        for name, factor in (("q", q), ("r", r))
-        if factor != 1.0
-    ]
+    parts: list[str] = []
+    for name, factor in (("q", q), ("r", r)):
+        size = max(factor, 1.0 / factor)
+        if size > 1.0:
+            verb = "raise" if factor > 1.0 else "lower"
+            parts.append(f"{verb} {name} {trimmed(size, 2 if size < 3.0 else 1)} ×")
     words = " and ".join(parts)
     return f"{words[:1].upper()}{words[1:]}"

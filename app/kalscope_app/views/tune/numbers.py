@@ -41,7 +41,7 @@ def table(frame: Frame) -> str:
     rows += [
         ("gain K", f"**{number(float(steady.gain))}**"),
         ("q / r", f"**{number(float(params.ratio))}**" if frame.state.filter.is_standard else "–"),
-        ("settling time (1\u00a0%)", _time_in_bold(lag_in_full(settle, period))),
+        ("settling (to 1\u00a0%)", _time_in_bold(lag_in_full(settle, period))),
     ]
     if params.gate is not None:
         rows.append(("rejected by the gate", f"**{count(frame.rejected)} samples**"))
