@@ -223,7 +223,7 @@ def test_a_placeholder_is_called_one() -> None:
 def test_a_given_r_that_explains_everything_is_not_called_good() -> None:
     found = ask(Z, noise=Noise(r=1e6))
     assert found.params is None
-    assert "The r found here is good" not in found.message
+    assert "The r found is good" not in found.message
     assert "too large" in found.message
     assert says_what_to_do(found)
 

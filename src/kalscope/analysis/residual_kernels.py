@@ -24,7 +24,7 @@ def find_spikes(v: Array, k: Array, limit: Array, kind: NDArray[np.int8], size: 
         d = v[i] - tail
         tail *= 1.0 - k[i]
         kind[i], size[i] = 0, d
-        if abs(d) <= limit[i]:
+        if abs(d) <= limit[i] + 0.25 * abs(tail):  # the tail is known only as well as k
             continue
         after = (v[i + 1] - tail) * np.sign(d) if i + 1 < n else -np.inf
         if after > (0.5 - k[i]) * abs(d):

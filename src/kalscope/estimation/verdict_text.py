@@ -60,8 +60,8 @@ def no_movement(lag_low: float) -> str:
     """For q → 0: a constant plus noise explains the record best."""
     allowed = f"a lag of {number(lag_low)} samples or more" if lag_low > 0.0 else "any lag"
     return (
-        "No movement can be identified: a constant plus noise of variance r explains this record best. The r found "
-        "here is good, but with q = 0 the filter would stop following after a while. "
+        "No movement can be identified: a constant plus noise of variance r explains this record best. With "
+        "q = 0 the filter would stop following after a while. "
         f"The record allows {allowed}. Instead: record longer or while the signal moves, or keep this r and "
         "choose the lag or the cut-off that you can accept."
     )

@@ -138,7 +138,7 @@ def test_a_walk_keeps_the_answer_without_momentum():
     plain, chosen = estimate(z, momentum=0), estimate(z)
     assert chosen.momentum == 0.0
     assert (chosen.q, chosen.r, chosen.loglik, chosen.params) == (plain.q, plain.r, plain.loglik, plain.params)
-    assert chosen.message == f"{plain.message} No momentum: the five lines describe it."
+    assert chosen.message == f"{plain.message} No momentum: it would explain no more."
 
 
 def test_the_five_lines_are_not_said_to_describe_what_gives_them_no_pair():

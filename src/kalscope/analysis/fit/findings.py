@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 
 from kalscope.analysis.fit.correction import Correction, find_correction, find_scale
 from kalscope.analysis.fit.record import Record
-from kalscope.analysis.fit.spikes import MAX_OUTLIERS, Spikes
+from kalscope.analysis.fit.spikes import MAX_OUTLIERS, Spikes, burst_of
 from kalscope.analysis.fit.structure import Structure, find_change, find_shape, find_structure, with_momentum
 from kalscope.common.array import Array
 
 Columns = tuple[Array, ...]
 """x, p, k, innovation and s of one channel."""
 
+
+MAX_SHARE = 0.25
+"""Share of low frequencies from which residuals follow each other so long that parts of them differ by chance."""
 
 MAX_UNCHANGED = 0.6
 """Share of readings equal to the one before from which rounding decides what the residuals are."""
@@ -38,7 +41,8 @@ class Findings:
     spikes: int = 0
     """Isolated spikes, where they are more than chance."""
     burst: tuple[int, int] | None = None
-    """First and last sample of the short stretch that holds most of these spikes, where there is one."""
+    """First and last sample of the short stretch that holds most of these spikes, or of the refused samples, where
+    there is one."""
     jumps: int = 0
     """Jumps that stay, where spikes and jumps are more than chance."""
     scale: float = 1.0
@@ -77,7 +81,8 @@ def find_misfits(
         momentum: whether the filter has momentum.
     """
     n = len(seen)
-    refused, in_a_row = _refusals(columns)
+    refusals, in_a_row = _refusals(columns)
+    refused = len(refusals)
     if not e.any():
         return Findings(n, constant=True, momentum=momentum, refused=refused, refused_in_a_row=in_a_row)
     lone_ones = spikes.lone > spikes.jumps
@@ -92,10 +97,11 @@ def find_misfits(
     if correction.e is not None:
         # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
         structure = None if steps else find_structure(correction.e, lags)
-        change = find_change(correction.e) if structure is None else 1.0
+        if structure is None or 0.0 < structure.low_share < MAX_SHARE:
+            change = find_change(correction.e)
         if structure is not None and not momentum:
             structure = with_momentum(structure, record, lags)
-    burst = spikes.burst(n) if spiky else None
+    burst = burst_of(seen[np.sort(spikes.at[~spikes.stays])], len(e)) if spiky else burst_of(refusals, len(e))
     skewness, excess = find_shape(np.delete(e, spikes.off))
     return Findings(
         n=n,
@@ -103,7 +109,7 @@ def find_misfits(
         momentum=momentum,
         start=spikes.start,
         spikes=spikes.lone if spiky else 0,
-        burst=None if burst is None else (int(seen[burst[0]]), int(seen[burst[1]])),
+        burst=burst,
         jumps=spikes.jumps if steps else 0,
         scale=1.4826 * float(np.median(np.abs(e))) or 1.0,
         largest=float(np.abs(e).max()),
@@ -118,11 +124,11 @@ def find_misfits(
     )
 
 
-def _refusals(columns: Columns) -> tuple[int, int]:
-    """Samples that the gate refused, and how many of them at most came in a row."""
+def _refusals(columns: Columns) -> tuple[NDArray[np.int64], int]:
+    """The samples that the gate refused, rising, and how many of them at most came in a row."""
     _, p, k, v, _ = columns
     refused = (k == 0.0) & (p > 0.0) & np.isfinite(v)
     if not refused.any():
-        return 0, 0
+        return np.zeros(0, dtype=np.int64), 0
     edges = np.flatnonzero(np.diff(np.concatenate([[0], refused.view(np.int8), [0]])))
-    return int(np.count_nonzero(refused)), int((edges[1::2] - edges[::2]).max())
+    return np.flatnonzero(refused), int((edges[1::2] - edges[::2]).max())

@@ -67,16 +67,6 @@ class Spikes:
         size = residual_tests.SPIKE * np.abs(e[at]) / limit[at]
         return Spikes(at, kind[at] == residual_kernels.STAYS, size, off, start)
 
-    def burst(self, n: int) -> tuple[int, int] | None:
-        """First and last residual of the shortest stretch with three quarters of the lone spikes; None if long."""
-        at = np.sort(self.at[~self.stays])
-        held = math.ceil(0.75 * len(at))
-        if len(at) < MIN_BURST:
-            return None
-        spans = at[held - 1 :] - at[: len(at) - held + 1]
-        first = int(np.argmin(spans))
-        return (int(at[first]), int(at[first + held - 1])) if spans[first] <= MAX_BURST * n else None
-
     @property
     def lone(self) -> int:
         """Spikes that did not stay."""
@@ -97,6 +87,21 @@ class Spikes:
         many = chance < ALARM and len(sizes) > 3.0 * expected
         many = many and (len(sizes) >= MIN_COUNT or bool(sizes.max() > CLEAR))
         return many or bool(np.any(sizes > 2.0 * residual_tests.SPIKE))
+
+
+def burst_of(at: NDArray[np.int64], n: int) -> tuple[int, int] | None:
+    """First and last of the shortest stretch that holds three quarters of the places `at` among n; None if long.
+
+    Args:
+        at: places, shape (spikes,), rising.
+        n: how many there are.
+    """
+    if len(at) < MIN_BURST:
+        return None
+    held = math.ceil(0.75 * len(at))
+    spans = at[held - 1 :] - at[: len(at) - held + 1]
+    first = int(np.argmin(spans))
+    return (int(at[first]), int(at[first + held - 1])) if spans[first] <= MAX_BURST * n else None
 
 
 def _mark_excursions(kind: NDArray[np.int8], step: Array) -> NDArray[np.int64]:

@@ -74,7 +74,7 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
     said += [change] if off < found.change <= GREAT_CHANGE else []
     said += [_edge(found), size, _structure(found, known)]
     said += [change] if found.change <= off else []
-    said.append(_refused_runs(found))
+    said.append(_refused_runs(found, known))
     there = [finding for finding in said if finding is not None]
     shape = _shape(found)
     return there if there or shape is None else [shape]
@@ -109,8 +109,12 @@ def _refused_share(found: Findings) -> Finding | None:
     return "gate", Advice(text, SetGate(None))
 
 
-def _refused_runs(found: Findings) -> Finding | None:
-    if found.refused_in_a_row < GATE_LIMIT:
+def _refused_runs(found: Findings, known: Known) -> Finding | None:
+    if found.refused and found.burst and not found.spikes:
+        first, last = (count(at) for at in found.burst)
+        seen = f"the outlier gate refused {count(found.refused)} samples"
+        return "bursts", Advice(f"{seen}, most of them in a burst, samples {first} to {last}")
+    if found.refused_in_a_row < GATE_LIMIT or known.robust:  # that fit has weighed what the gate delays
         return None
     text = (
         f"the outlier gate refused {found.refused_in_a_row} samples in a row, the most it may: either the signal "

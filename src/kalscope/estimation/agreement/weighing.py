@@ -34,6 +34,10 @@ _MAX_POWER = 0.05
 """Share of the power of all innovations, above which they mislead a method that is not robust."""
 
 
+_NO_ANSWER = {"irregular": "the samples are not regular", "too_few": "the samples are too few"}
+"""Why a method has no answer, by its verdict."""
+
+
 @dataclass(frozen=True)
 class Opinion:
     """What a second method's answer is worth."""
@@ -59,7 +63,7 @@ def weigh(method: str, data: Differences, best: Pair, found: Pair, broken: str, 
     if method not in QUICK:
         return Opinion(1.0, "it maximises the same likelihood")
     if found.verdict or best.verdict:
-        return Opinion(1.0, "the samples are not regular" if found.verdict else "there is no pair to compare with")
+        return Opinion(1.0, _NO_ANSWER.get(found.verdict, "there is no pair to compare with"))
     if broken:
         return Opinion(1.0, broken)
     scale = _Scale.of(data, best)

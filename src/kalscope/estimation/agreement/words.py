@@ -8,7 +8,7 @@ from kalscope.common.text import number, percent
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict import gain_of
 
-MAX_CHANCE = 0.01
+MAX_CHANCE = 0.006
 """Chance does not explain what fewer of the simulated records show."""
 _SAME_GAIN = 0.1
 """A filter whose gain differs by less than this share is the same filter."""
@@ -62,7 +62,7 @@ def comparison(estimates: Sequence[Estimate], momentum: float = 0.0) -> str:
         if one.not_counted:
             reasons.setdefault(str(one.not_counted), []).append(_NAMES[one.method])
     left_out = [
-        f"{_listed(names)} {'does' if len(names) == 1 else 'do'} not count: {reason}."
+        f"{_listed(names)} {'does' if names == [_NAMES['allan']] else 'do'} not count: {reason}."
         for reason, names in reasons.items()
     ]
     counted = [one for one in second if not one.not_counted]
@@ -74,7 +74,7 @@ def comparison(estimates: Sequence[Estimate], momentum: float = 0.0) -> str:
 
 def _agreed(counted: Sequence[Estimate]) -> str:
     named = _listed([_NAMES[one.method] for one in counted])
-    differ = "differs" if len(counted) == 1 else "differ"
+    differ = "differs" if named == _NAMES["allan"] else "differ"
     return f"Chance explains how far {named} {differ} from maximum likelihood."
 
 

@@ -39,7 +39,7 @@ def with_momentum(data: Differences, plain: Estimate, momentum: float | None, pr
     top = search(samples, progress.part(0.0, 0.4))
     choice = choose(samples, float(plain.loglik), top, progress.part(0.4, 0.8))
     if not choice.chosen:
-        kept = _kept(choice, str(plain.verdict))
+        kept = _kept(choice)
         return replace(plain, message=f"{plain.message} {kept}", prediction_gain=_prediction_gain(choice))
     found = fit_around(samples, top, progress.part(0.8, 1.0))
     return replace(conclude(found, _reason(found, choice)), prediction_gain=_prediction_gain(choice))
@@ -49,12 +49,12 @@ def _prediction_gain(choice: Choice) -> float:
     return 0.0 if math.isnan(choice.error) else 1.0 - choice.error
 
 
-def _kept(choice: Choice, verdict: str) -> str:
-    """Why the simpler model stays; only where it gives a pair is it said to describe the record."""
+def _kept(choice: Choice) -> str:
+    """Why the simpler model stays; whether it describes the record is for `analysis.judgement` to say."""
     if choice.needed == math.inf:
         return "The record is too short to tell whether the signal has momentum."
     if choice.gain <= MIN_GAIN:
-        return f"No momentum: {'the five lines describe it' if verdict == 'ok' else 'it would explain no more'}."
+        return "No momentum: it would explain no more."
     if math.isnan(choice.error):
         return "No momentum: it raises the likelihood, but not by enough to be sure."
     less = 1.0 - choice.error
