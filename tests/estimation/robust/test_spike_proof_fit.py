@@ -102,6 +102,13 @@ def test_many_pulses_are_spikes():
     assert np.flatnonzero(estimate(z).outliers).tolist() == where.tolist()
 
 
+def test_a_record_that_begins_with_spikes_every_other_sample():
+    _, z = walk()
+    where = np.array([0, 3, 5, 7, 12, *range(60, N - 20, 60)])
+    z[where] += 40.0
+    assert np.flatnonzero(estimate(z).outliers).tolist() == where.tolist()
+
+
 def test_a_step_at_the_end_stays():
     _, z = walk()
     z[-3:] += 30.0

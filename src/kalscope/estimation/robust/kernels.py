@@ -31,6 +31,7 @@ def judge_samples(
     r: float,
     tau: float,
     gate: float,
+    start: tuple[float, float],
     longest: int,
     error: Array,
     variance: Array,
@@ -38,17 +39,16 @@ def judge_samples(
 ) -> None:
     """Write v and s of each sample, and whether it is refused; `longest` may be refused side by side.
 
-    `z` holds NaN where missing, `dt` may be empty, `tau` = 0 is the filter without momentum. The first sample has
-    nothing before it that could predict it: it is refused, s = inf. So is the second one, if the filter starts
-    again at the third. More than AT_END refused samples at the end may be a step, and count as predicted.
+    `z` holds NaN where missing, `dt` may be empty, `tau` = 0 is the filter without momentum, and `start` the level
+    before the first sample and its variance. Samples refused before one is taken know nothing of their past:
+    s = inf. More than AT_END refused samples at the end may be a step, and count as predicted.
     """
     n, regular = z.shape[0], dt.shape[0] == 0
     last = 1.0
     over = moving.transition(last, q, tau) if tau > 0.0 else (0.0, 0.0, 0.0, 0.0, 0.0)
     w = 0.5 * q / tau if tau > 0.0 else 0.0
-    state = (math.nan, 0.0, math.inf, 0.0, w)
+    state = (start[0], 0.0, start[1], 0.0, w)
     first = run = taken = i = 0
-    at_start = True
     while i < n:
         step = 1.0 if regular else dt[i]
         if tau > 0.0:
@@ -59,7 +59,7 @@ def judge_samples(
         else:
             x, p, _, v, s, done = plain.step(z[i], step, q, r, gate, state[0], state[2], 0)
             state = (x, 0.0, p, 0.0, 0.0)
-        refused[i] = done == REJECTED or (done == START and at_start)
+        refused[i] = done == REJECTED
         if done == REJECTED:
             first = i if run == 0 else first
             run += 1
@@ -67,15 +67,10 @@ def judge_samples(
             run = 0
             taken += 1
         if done != START:
-            error[i], variance[i] = 0.0 if done == MISSING else v, s
-        elif at_start:
-            error[i], variance[i] = 0.0, math.inf
+            error[i], variance[i] = 0.0 if done == MISSING else v, math.inf if refused[i] and taken == 0 else s
         if run > longest:
             refused[first : i + 1] = False
-            if at_start and taken <= AT_END:
-                for j in range(first):
-                    refused[j], error[j], variance[j] = not math.isnan(z[j]), 0.0, math.inf
-            state, at_start, run, i = (math.nan, 0.0, math.inf, 0.0, w), False, 0, first
+            state, run, i = (math.nan, 0.0, math.inf, 0.0, w), 0, first
             continue
         i += 1
     if run > AT_END:

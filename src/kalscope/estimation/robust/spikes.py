@@ -26,7 +26,7 @@ NEAR = 15
 """Samples on either side of one that show how lively the signal is there."""
 MIN_RUNS = 6
 """Runs of spikes, of any length, from which those of more than two are believed."""
-LIVELY = 2.0
+LIVELY = 1.5
 """Mean v²/s of the samples around one from which the signal counts as lively; of normal noise it is 1 or less."""
 START_SIGMAS = 3.0
 """Distance from the running median, in standard deviations of the noise, at which the search starts."""
@@ -60,7 +60,8 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
     refused = np.empty((2, len(z)), dtype=bool)
     back = np.append(1.0, steps[:0:-1]) if len(steps) else steps
     for side, (samples, gaps) in enumerate(((z, steps), (np.ascontiguousarray(z[::-1]), back))):
-        judge_samples(samples, gaps, q, noise, tau, SIDE_SIGMAS**2, LONGEST, v[side], s[side], refused[side])
+        start = _start(samples, gaps, q, noise)
+        judge_samples(samples, gaps, q, noise, tau, SIDE_SIGMAS**2, start, LONGEST, v[side], s[side], refused[side])
     v[1], s[1], refused[1] = v[1, ::-1].copy(), s[1, ::-1].copy(), refused[1, ::-1].copy()
     away, present = refused[0] & refused[1], np.isfinite(z)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
@@ -69,6 +70,15 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
     away &= scores > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
     away[present] &= ~_lone_pulses(away[present])
     return np.where(away, scores, 0.0)
+
+
+def _start(z: Array, steps: Array, q: float, noise: float) -> tuple[float, float]:
+    """A level for the first sample, and its variance: the sample itself may be a spike."""
+    near = np.flatnonzero(np.isfinite(z))[:WINDOW]
+    if not len(near):
+        return math.nan, math.inf
+    span = steps[near[0] + 1 : near[-1] + 1].sum() if len(steps) else near[-1] - near[0]
+    return float(np.median(z[near])), noise + q * float(span)
 
 
 def _together(v: Array, s: Array, noise: float) -> Array:
