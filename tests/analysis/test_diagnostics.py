@@ -426,6 +426,7 @@ def test_record_with_nothing_to_judge_says_so(z, q, r, word):
     assert word in judge(z, q, r).advice
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("q", [0.0, 1e-300, 1e-9, 1.0, 1e9, 1e300])
 @pytest.mark.parametrize("r", [0.0, 1e-300, 1.0, 1e300])
 @pytest.mark.parametrize("p0", [None, 0.0, 1.0])

@@ -168,6 +168,7 @@ def test_a_wrong_pair_is_wrong_on_both_halves_and_no_change():
     assert judged(louder(N // 2, N, 2.0), RIGHT).held_out.endswith(": the halves differ")
 
 
+@pytest.mark.slow
 def test_other_methods_are_quoted_only_where_the_residuals_fit():
     z = walk()
     found = estimate(z)

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import matplotlib
 import numpy as np
+import pytest
 
 from kalscope.common.charts import Line, Mark, Panel, draw_svg
 
@@ -19,6 +20,7 @@ def chart(name="µ $x^2$ 温度"):
     )
 
 
+@pytest.mark.slow
 def test_threads_draw_the_same_bytes_and_leave_the_settings_alone():
     expected = chart()
     with matplotlib.rc_context(

@@ -74,6 +74,7 @@ def test_moments_of_the_nile_flows(nile):
     assert found.q == pytest.approx(g0 + 2 * g1, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["moments", "als", "allan", "em", "ml"])
 @pytest.mark.parametrize("ratio", [0.05, 0.5, 5.0])
 def test_every_method_recovers_the_truth_from_a_long_record(method, ratio):

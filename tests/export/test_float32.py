@@ -99,6 +99,7 @@ def awkward_samples(seed, n=1500):
     return z
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_momentum_equals_the_two_state_filter_in_float32_to_the_bit(seed):
     rng = np.random.default_rng(seed)

@@ -132,6 +132,7 @@ def test_hostile_texts_stay_in_comments_and_strings(target):
         same_code(target, hostile)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", WRITING)
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(hostile=st.text(max_size=400))

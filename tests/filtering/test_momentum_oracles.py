@@ -50,6 +50,7 @@ def must_be_posterior(z, r, model, diffuse, filtered, smoothed, rel):
     assert filtered.loglik == pytest.approx(dense_loglik(z, *model, r, diffuse), rel=rel, abs=rel)
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 10**6),
     tau=st.floats(-2, 5).map(lambda x: 10**x),

@@ -81,6 +81,7 @@ def test_no_overshoot_is_the_filter_without_momentum():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", [0.01, 0.1, 0.5, 3.0, 40.0, 1e4])
 def test_more_overshoot_never_gives_more_noise(lag):
     allowed = [0.0, *np.geomspace(1e-5, 0.12, 25)]
@@ -106,6 +107,7 @@ def test_no_filter_within_lag_and_overshoot_leaves_less_noise(lag):
     assert tried > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise_reduction_db", [3.0, 13.0, 30.0])
 def test_more_overshoot_never_gives_more_lag_at_equal_noise(noise_reduction_db):
     allowed = np.geomspace(1e-4, 0.1, 12)

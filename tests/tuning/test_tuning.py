@@ -101,6 +101,7 @@ def bits(tuning: Tuning) -> list[str]:
 # ---- the text and back
 
 
+@pytest.mark.slow
 @given(tunings())
 def test_a_tuning_comes_back_from_its_text_bit_for_bit(tuning: Tuning) -> None:
     again = loads(dumps(tuning))
@@ -114,6 +115,7 @@ def test_extreme_variances_come_back_bit_for_bit(q: float) -> None:
     assert bits(loads(dumps(tuning))) == bits(tuning)
 
 
+@pytest.mark.slow
 @given(tunings(), tunings())
 def test_saving_over_any_tuning_saves_every_value(old: Tuning, new: Tuning) -> None:
     from kalscope.tuning.tuning import _plain

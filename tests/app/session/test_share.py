@@ -73,6 +73,7 @@ CHANGES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", CHANGES)
 def test_the_line_reopens_file_channel_and_setting(changes, reopen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

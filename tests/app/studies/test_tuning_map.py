@@ -39,6 +39,7 @@ def known(**options):
     return synthesize("random_walk", n=3000, seed=1, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize(("n", "q"), [(300, 0.05), (5000, 0.001), (100_000, 4.0)])
 def test_the_brightest_cell_is_that_of_the_estimate(n, q, scale):

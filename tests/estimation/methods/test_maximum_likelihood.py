@@ -173,6 +173,7 @@ def test_lines_repeated_with_the_same_time_and_value_prove_nothing():
 # --- coverage and pile-up --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.001, 0.01, 0.1, 1.0])
 def test_the_interval_covers_the_truth_in_95_of_100_records(ratio):
     g = np.random.default_rng(2)
@@ -184,6 +185,7 @@ def test_the_interval_covers_the_truth_in_95_of_100_records(ratio):
     assert 0.92 <= hits / 400 <= 0.98
 
 
+@pytest.mark.slow
 def test_a_signal_that_does_not_move_is_told_so_in_about_65_of_100_records():
     """The pile-up at zero: Shephard & Harvey (1990); 63–66 % with the diffuse start."""
     g = np.random.default_rng(3)
@@ -239,6 +241,7 @@ def test_a_short_record_that_any_ratio_explains_is_called_flat():
         assert "guess" in one.message
 
 
+@pytest.mark.slow
 def test_the_peak_of_a_million_samples_is_found_between_the_points_of_the_grid():
     z = walk(1_000_000, 0.0123, seed=9)
     found = estimate(z)

@@ -159,6 +159,7 @@ def test_channels_are_independent(record):
 # --- the choice ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_walks_get_no_momentum():
     found = [estimate(walk(int(n), ratio, seed)) for seed, (n, ratio) in enumerate([(200, 1.0), (600, 0.03)] * 40)]
     assert sum(one.momentum > 0.0 for one in found) <= 1

@@ -193,6 +193,7 @@ def test_hostile_names_come_back_in_our_reader_and_in_pandas(tmp_path, first):
     np.testing.assert_array_equal(table.to_numpy()[:, 1:], expected)
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.text(max_size=20), min_size=1, max_size=4), st.lists(st.text(max_size=5), min_size=4, max_size=4)
 )
@@ -407,6 +408,7 @@ class FullDisk:
         return count
 
 
+@pytest.mark.slow
 def test_at_whatever_byte_the_disk_is_full_no_line_is_torn_and_all_come_when_there_is_room(tmp_path, monkeypatch):
     stream = b"".join(b"%d,%.1f\n" % (i, i / 2) for i in range(6))
     hand_over(whole := new_recorder(tmp_path / "whole.csv"), stream)

@@ -44,6 +44,7 @@ def values_in(content: bytes) -> list[tuple[float, ...]]:
 TAILS = [b"", b"\0" * 512, b"\0" * 7 + b"0.25,1,2,3\n# end\n"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tail", TAILS, ids=["cut", "zeros", "zeros and old bytes"])
 def test_cut_at_any_byte_a_repaired_recording_holds_the_first_rows_and_nothing_else(tmp_path, recorded, tail):
     for cut in range(len(recorded) + 1):
@@ -60,6 +61,7 @@ def test_cut_at_any_byte_a_repaired_recording_holds_the_first_rows_and_nothing_e
         assert (report.kept, report.torn) == (len(content), cut + len(tail) - len(content))
 
 
+@pytest.mark.slow
 def test_our_reader_takes_no_wrong_value_from_a_recording_cut_at_any_byte(tmp_path, recorded):
     path = tmp_path / "run.csv"
     first = next(i for i in range(len(recorded)) if recorded[:i].count(b"\n") == 5 + SETTLED)
@@ -72,6 +74,7 @@ def test_our_reader_takes_no_wrong_value_from_a_recording_cut_at_any_byte(tmp_pa
         np.testing.assert_array_equal(recording.time, [round(i / 100, 6) for i in range(n)])
 
 
+@pytest.mark.slow
 def test_cut_at_any_byte_a_recording_can_be_resumed(tmp_path, recorded):
     for cut in range(0, len(recorded) + 1, 3):
         path = tmp_path / f"{cut}.csv"

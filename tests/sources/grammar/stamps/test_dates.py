@@ -78,6 +78,7 @@ def test_every_form_reads_what_was_written(name, instant):
     assert parse_calendar(written, order) == microseconds(instant) // unit * unit, written
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMS)
 @given(instant=INSTANTS)
 def test_all_forms_that_read_a_stamp_agree(name, instant):
