@@ -40,7 +40,7 @@ REAL = {
     "ck_state_space/logUKpetrolprice.txt": "log price, steps in 1974 and 1979; ML has no noise",
     "hcsr04_short/*": "ultrasonic ranging with echoes that are missed",
     "flex_arm/flex_sensor_data.csv": "flex sensor: stretches of rest and of bending",
-    "putty_pressure/putty.log": "a pressure held constant, in steps of 0.0016 V",
+    "putty_pressure/putty.log": "a pressure in steps of 0.0016",
     "tmp36_serial_monitor/*": "22 readings of a temperature that rises",
     "tof_mcu_kalman/E1_run04.csv": "time-of-flight distance, the target moves",
     "nab_ambient_temperature/*": "room temperature by the hour, daily waves, gaps",

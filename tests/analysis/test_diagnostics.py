@@ -254,7 +254,7 @@ def test_jump_that_stays_is_no_spike():
     z[500:] += 30.0
     found = judge(z, 0.01)
     assert found.jumps == 1
-    assert "jumps: 1 beyond 4 σ that stay" in found.advice
+    assert "jumps: 1 beyond 5 σ that stay" in found.advice
     assert "gate on" not in found.advice
 
 

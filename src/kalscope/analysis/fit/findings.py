@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kalscope.analysis.fit.correction import Correction, find_correction, find_scale
 from kalscope.analysis.fit.record import Record
-from kalscope.analysis.fit.spikes import MAX_OUTLIERS, Spikes, burst_of
+from kalscope.analysis.fit.spikes import CLEAR, MAX_OUTLIERS, Spikes, burst_of
 from kalscope.analysis.fit.structure import Structure, find_change, find_shape, find_structure, with_momentum
 from kalscope.common.array import Array
 
@@ -44,7 +44,7 @@ class Findings:
     """First and last sample of the short stretch that holds most of these spikes, or of the refused samples, where
     there is one."""
     jumps: int = 0
-    """Jumps that stay, where spikes and jumps are more than chance."""
+    """Jumps beyond 5 σ that stay, where spikes and jumps are more than chance."""
     scale: float = 1.0
     """Local σ of the residuals by what q and r promise, without spikes."""
     largest: float = 0.0
@@ -110,7 +110,7 @@ def find_misfits(
         start=spikes.start,
         spikes=spikes.lone if spiky else 0,
         burst=burst,
-        jumps=spikes.jumps if steps else 0,
+        jumps=int(np.count_nonzero(spikes.size[spikes.stays] > CLEAR)) if steps else 0,
         scale=1.4826 * float(np.median(np.abs(e))) or 1.0,
         largest=float(np.abs(e).max()),
         unchanged=record.unchanged,

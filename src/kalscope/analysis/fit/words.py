@@ -64,6 +64,7 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
         return _rounded(found, known)
     spikes, change = _spikes(found, known), _change(found)
     fitted_again = spikes is not None and isinstance(spikes[1].action, SetSpikesAside)
+    fitted_again = fitted_again or (known.robust and found.spikes > 0)  # it has seen them, and kept them
     lost = found.momentum and found.structure is not None  # the one factor of such a filter corrects no curve
     factors = (found.correction.q_factor, found.correction.r_factor)
     off = max(max(factor, 1.0 / factor) for factor in factors)
@@ -76,7 +77,7 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
     said += [change] if found.change <= off else []
     said.append(_refused_runs(found, known))
     there = [finding for finding in said if finding is not None]
-    shape = _shape(found)
+    shape = _shape(found, known)
     return there if there or shape is None else [shape]
 
 
@@ -218,7 +219,11 @@ def _structure(found: Findings, known: Known) -> Finding | None:
     return "structure", Advice(text, ChooseFilter() if known.estimated else None)
 
 
-def _shape(found: Findings) -> Finding | None:
+def _shape(found: Findings, known: Known) -> Finding | None:
+    if found.spikes and known.robust:
+        tails = f"{count(found.spikes)} of {count(found.n)} residuals lie beyond 4 of their own σ"
+        text = f"{tails}, and are no single spikes to the fit: the noise has long tails, or two kinds of readings "
+        return "shape", Advice(f"{text}are mixed")
     if not found.skewness and not found.excess:
         return None
     size = f"skewness {number(found.skewness, 2)}, excess kurtosis {number(found.excess, 2)}"
@@ -241,7 +246,7 @@ def _jumps(found: Findings) -> Finding | None:
         return None
     gate = "delays it" if found.refused else "would delay it"
     text = (
-        f"jumps: {count(found.jumps)} beyond 4 σ that stay: the signal itself steps; an outlier gate {gate}, and a "
+        f"jumps: {count(found.jumps)} beyond 5 σ that stay: the signal itself steps; an outlier gate {gate}, and a "
         "q that follows it lets more noise through between the steps"
     )
     return "steps", Advice(text, SetGate(None) if found.refused else None)
