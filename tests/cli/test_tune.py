@@ -361,6 +361,20 @@ def test_a_still_stretch_is_given_in_the_time_of_the_recording(log: Path, bare: 
     assert by_time["how"] == "r from a still stretch, q by maximum likelihood"
 
 
+def test_a_still_stretch_is_found_where_the_recording_pauses(tmp_path: Path, capsys: Captured) -> None:
+    moving = np.where((np.arange(1200) > 400) & (np.arange(1200) < 800), 0.0, 1.0)
+    g = np.random.default_rng(0)
+    values = np.cumsum(moving * g.normal(0, 1, 1200)) + g.normal(size=1200)
+    path = tmp_path / "pause.csv"
+    path.write_text("v\n" + "".join(f"{value:.4f}\n" for value in values))
+    said = tuned(capsys, str(path), "--still", "auto")
+    assert said["r"] == pytest.approx(1.0, rel=0.3)
+    assert said["how"] == "r from a still stretch, q by maximum likelihood"
+    assert "r is the variance of the still stretch, samples 4" in said["message"]
+    assert run(["tune", "sample:nile", "--still", "auto"]) == 2
+    assert "must show a still stretch" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("text", ["", "5", "x:y", "11:10", "10:10", "1:2:3", "nan:11", "0:9.5", "99:100"])
 def test_a_still_stretch_must_lie_in_the_recording(text: str, log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log), "--still", text]) == 2

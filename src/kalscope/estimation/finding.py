@@ -15,7 +15,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.common.progress import Progress
-from kalscope.common.text import number, plural
+from kalscope.common.text import count, number, plural
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import checked_momentum, estimate
 from kalscope.estimation.known import (
@@ -24,6 +24,7 @@ from kalscope.estimation.known import (
     params_for_specification,
 )
 from kalscope.estimation.methods.by_name import METHODS
+from kalscope.estimation.methods.still_stretch import MIN_SAMPLES, find_still_stretch
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.sensor.noise import noise_from_datasheet, noise_from_still
 from kalscope.estimation.sensor.starting import is_even_ramp, starting_params
@@ -55,10 +56,10 @@ class Noise:
     """Noise density from a data sheet, unit/√Hz; needs the bandwidth."""
     bandwidth_hz: float | None = None
     """Bandwidth that goes with the density, Hz."""
-    still: tuple[int, int] | None = None
-    """First sample of a still stretch and one past its last."""
+    still: tuple[int, int] | Literal["auto"] | None = None
+    """First sample of a still stretch and one past its last; "auto" = the one that the record shows."""
 
-    def resolve(self, z: Array) -> tuple[float, str] | None:
+    def resolve(self, z: Array, dt: Array | None = None) -> tuple[float, str] | None:
         """The variance in unit² and a sentence on its origin; None where nothing is known."""
         given = [name for name in ("r", "sigma", "density", "still") if getattr(self, name) is not None]
         if len(given) > 1:
@@ -66,15 +67,25 @@ class Noise:
         if self.bandwidth_hz is not None and self.density is None:
             raise BadSetting(f"bandwidth_hz needs density (got {' and '.join(['bandwidth_hz', *given])})")
         if self.still is not None:
-            first, last = self.still
+            first, last = self._still_stretch(z, dt)
             noise = noise_from_still(z[first:last])
-            return noise.r, f"r is the variance of the still stretch. {noise.message}"
+            where = f", samples {count(first)} to {count(last - 1)}" if self.still == "auto" else ""
+            return noise.r, f"r is the variance of the still stretch{where}. {noise.message}"
         if self.r is not None:
             return above_zero("r", self.r, MAX_VARIANCE), "r as given."
         if self.sigma is not None or self.density is not None:
             r = noise_from_datasheet(sigma=self.sigma, density=self.density, bandwidth_hz=self.bandwidth_hz)
             return r, f"r = {number(r, 4)} from the data sheet."
         return None
+
+    def _still_stretch(self, z: Array, dt: Array | None) -> tuple[int, int]:
+        found = find_still_stretch(z, dt) if isinstance(self.still, str) else self.still
+        if found is None:
+            raise BadSetting(
+                f"the record must show a still stretch, {MIN_SAMPLES} samples or more of noise alone "
+                "(got none): give its limits, or r from the data sheet"
+            )
+        return found
 
     @property
     def origin(self) -> str:
@@ -175,7 +186,7 @@ def find_parameters(
         Cancelled: `cancelled()` was true.
     """
     asked = request or Request()
-    tau, known = asked.checked_momentum(), asked.noise.resolve(z)
+    tau, known = asked.checked_momentum(), asked.noise.resolve(z, dt)
     if asked.target:
         r, said = known or _noise_for_target(z, dt, asked, Progress(progress, cancelled))
         return _at_target(asked, r, said, tau or 0.0, sample_period)

@@ -54,6 +54,18 @@ def test_a_stretch_without_noise_to_measure_is_refused(z, quantum):
         noise_from_still(z, quantum)
 
 
+def test_spikes_do_not_belong_to_the_noise_of_a_still_stretch():
+    g = np.random.default_rng(1)
+    good = 3 + 0.01 * np.arange(400) + g.normal(0, 0.5, 400)
+    z = good.copy()
+    z[::40] += 30.0
+    found = noise_from_still(z)
+    kept = np.where(np.arange(400) % 40 == 0, np.nan, good)
+    assert found.r == pytest.approx(noise_from_still(kept).r, rel=1e-12)
+    assert found.samples == 390
+    assert found.message.endswith("10 spikes beyond 6 σ left out.")
+
+
 # --- the data sheet -------------------------------------------------------------------------------------
 
 

@@ -158,7 +158,7 @@ def _held_out(
 ) -> Diagnostics | None:
     """The same question to the first half alone, its answer judged on the second half."""
     half = z[: len(z) // 2]
-    known = request.noise.resolve(z)  # a still stretch may lie in the second half: it is knowledge, not a fit
+    known = request.noise.resolve(z, dt)  # a still stretch may lie in the second half: it is knowledge, not a fit
     if known:
         request = replace(request, noise=Noise(r=known[0]))
     elif shows_no_noise(half):

@@ -35,7 +35,7 @@ class TuneOptions:
     numbers: dict[str, float] = field(default_factory=dict[str, float])
     """Those with a number, by name."""
     still: str | None = None
-    """"FROM:TO" of a still stretch."""
+    """"FROM:TO" of a still stretch, or "auto": the one that the record shows."""
     momentum: float | Literal["auto"] = "auto"
     """τ in sample periods, or "auto"."""
     gate: float | None = None
@@ -93,7 +93,7 @@ def tune_options(
         str | None,
         typer.Option(
             metavar="FROM:TO",
-            help="Constant input from … to, s (sample numbers without time): gives r.",
+            help='Constant input from … to, s (sample numbers without time), or "auto": gives r.',
         ),
     ] = None,
     sigma: Annotated[float | None, number_option("Data sheet: RMS noise, unit; gives r.")] = None,
@@ -145,18 +145,22 @@ def _refuse_contradictions(named: list[str], method: str | None) -> None:
         raise BadSetting(f"--method {method} must stand without {deciding[0]}, which decides instead (got both)")
 
 
-def still_samples(recording: Recording, text: str) -> tuple[int, int]:
+def still_samples(recording: Recording, text: str) -> tuple[int, int] | Literal["auto"]:
     """The samples of "FROM:TO" in s of the recording's time, both ends included: the first, and one past the last.
+
+    "auto" stays: each channel has a still stretch of its own.
 
     Raises:
         BadSetting: not two rising numbers, no sample between them, or time steps back between them.
     """
+    if text == "auto":
+        return "auto"
     try:
         first, last = (float(part) for part in text.split(":"))
     except ValueError:
         first, last = math.nan, math.nan
     if not first < last:
-        raise BadSetting(f"--still must be FROM:TO, two rising numbers such as 2:5.5 (got {text!r})")
+        raise BadSetting(f"--still must be FROM:TO, two rising numbers such as 2:5.5, or auto (got {text!r})")
     inside = ((recording.time >= first) & (recording.time <= last)).nonzero()[0]
     unit = " s" if recording.sample_period is not None else ""
     if len(inside) == 0:

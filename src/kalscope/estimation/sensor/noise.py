@@ -6,10 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
-from kalscope.common.text import number
+from kalscope.common.text import number, plural
 from kalscope.errors import BadSetting
 from kalscope.estimation.sensor.resolution import resolution_of
 from kalscope.filtering.arrays import samples_of
@@ -17,6 +18,10 @@ from kalscope.filtering.params import MAX_VARIANCE
 
 MIN_STILL_SAMPLES = 8
 """Finite samples of a still stretch."""
+SPIKE = 6.0
+"""Standard deviations from the line beyond which a sample of a still stretch is a spike."""
+_NORMAL = 1.4826
+"""Standard deviation of normal noise over its median distance."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +39,7 @@ class StillNoise:
     floor: float
     """Δ²/12, the variance that rounding to steps of Δ adds, unit²."""
     samples: int
-    """Finite samples used."""
+    """Finite samples used; spikes are not."""
     message: str
     """What r is based on, for the user."""
 
@@ -62,10 +67,11 @@ def noise_from_still(z_segment: ArrayLike, quantum: float | None = None) -> Stil
         raise BadSetting(f"quantum must be a finite step, 0 or more (got {quantum})")
     samples = column[place]
     step = resolution_of(samples) if quantum is None else float(quantum)
-    middle = place - place.mean()
-    level = samples - samples[0]
-    drift = float(middle @ level / (middle @ middle))
-    left = level - level.mean() - drift * middle
+    drift, left = _about_line(place, samples)
+    far = _far(left, step)
+    if far.any():
+        place, samples = place[~far], samples[~far]
+        drift, left = _about_line(place, samples)
     variance = float(left @ left) / (len(place) - 2)
     floor = step**2 / 12.0
     if max(variance, floor) == 0.0:
@@ -74,7 +80,23 @@ def noise_from_still(z_segment: ArrayLike, quantum: float | None = None) -> Stil
         message = f"The readings hardly change: r is Δ²/12, the variance of rounding to steps of {number(step, 4)}."
     else:
         message = f"Standard deviation {number(math.sqrt(variance), 4)} over {len(place)} readings, drift removed."
+    if far.any():
+        message += f" {plural(int(far.sum()), 'spike')} beyond {SPIKE:g} σ left out."
     return StillNoise(max(variance, floor), variance, drift, step, floor, len(place), message)
+
+
+def _about_line(place: NDArray[np.intp], samples: Array) -> tuple[float, Array]:
+    """The slope of the straight line through the samples, and how far each lies from it."""
+    middle = place - place.mean()
+    level = samples - samples[0]
+    drift = float(middle @ level / (middle @ middle))
+    return drift, level - level.mean() - drift * middle
+
+
+def _far(left: Array, step: float) -> NDArray[np.bool_]:
+    """The samples that are no noise: far out by the median distance, which spikes hardly move."""
+    away = np.abs(left - np.median(left))
+    return away > SPIKE * max(_NORMAL * float(np.median(away)), step)
 
 
 def noise_from_datasheet(
