@@ -12,7 +12,7 @@ import pytest
 from kalscope import FilterParams, diagnose_held_out, estimate, kalman_filter
 from kalscope.analysis import actions
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.analysis.judgement import HEADLINES, advice_words, judge
+from kalscope.analysis.judgement import HEADLINES, advice_words, judge, needs_noise
 
 N = 2000
 RIGHT = FilterParams(0.01, 1.0)
@@ -250,3 +250,15 @@ def test_spikes_of_a_plain_fit_are_set_aside_and_those_of_a_robust_fit_left_to_i
     then = judge(residuals(z, robust.params, fitted=True), None, robust)
     assert then.status == "fits"
     assert "10 more refused by the gate" in then.headline
+
+
+def test_the_still_stretch_that_a_record_shows_is_offered_where_r_is_open():
+    z = np.cumsum(np.random.default_rng(0).normal(0, 5, 600))
+    found = estimate(z, momentum=0.0)
+    assert found.verdict == "no_noise"
+    assert needs_noise(found)
+    plain, offered = judge(None, None, found), judge(None, None, found, still=(100, 250))
+    assert plain.advice[0].action == actions.GiveNoise()
+    assert offered.advice[0].action == actions.UseStillStretch(100, 250)
+    assert offered.advice[1:] == plain.advice[1:]
+    assert not needs_noise(estimate(walk()))

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
-from kalscope.analysis.judgement import Judgement, judge
+from kalscope.analysis.judgement import Judgement, judge, needs_noise
 from kalscope.common.array import Array
 from kalscope.estimation.agreement.words import disagreement
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import METHOD_NAMES
+from kalscope.estimation.methods.still_stretch import find_still_stretch
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope_app.session.state import State
@@ -61,4 +62,5 @@ def judgement_of(state: State, whole: Diagnostics, held_out: Diagnostics) -> Jud
         disagreement(answers.method_comparison, tuning.momentum) if answers.method_comparison else "",
         chosen=tuning.how if found is not None and estimate is None else "",
         momentum_searched=estimate is not None and tuning.how == METHOD_NAMES["ml"],
+        still=find_still_stretch(state.z, state.dt) if needs_noise(estimate) else None,
     )

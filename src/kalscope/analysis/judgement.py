@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kalscope.analysis.actions import Advice, ChooseFilter, EstimateAgain, GiveNoise, RecordLonger, Status
+from kalscope.analysis.actions import (
+    Advice,
+    ChooseFilter,
+    EstimateAgain,
+    GiveNoise,
+    RecordLonger,
+    Status,
+    UseStillStretch,
+)
 from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.analysis.fit.correction import MIN_FACTOR, MIN_SAMPLES
 from kalscope.analysis.fit.findings import Findings
@@ -95,6 +103,7 @@ def judge(
     disagreement: str = "",
     chosen: str = "",
     momentum_searched: bool = False,
+    still: tuple[int, int] | None = None,
 ) -> Judgement:
     """Decide whether a filter fits a record.
 
@@ -105,7 +114,33 @@ def judge(
         disagreement: how the methods of estimation differ, "" where they agree or were not asked.
         chosen: what the user asked for, such as "a lag of 50 ms"; the advice then does not undo it.
         momentum_searched: whether the estimate looked for momentum; it is not advised again then.
+        still: the still stretch that was found, its first sample and one past its last; where r is to be given, it
+            is offered.
     """
+    one = _judged(residuals, held_out, estimate, disagreement, chosen, momentum_searched)
+    return one if still is None else replace(one, advice=tuple(_from_still(advice, still) for advice in one.advice))
+
+
+def needs_noise(estimate: Estimate | None) -> bool:
+    """Whether the record leaves r open, so that a still stretch is worth a search."""
+    return estimate is not None and str(estimate.verdict) in ("no_noise", "flat")
+
+
+def _from_still(advice: Advice, still: tuple[int, int]) -> Advice:
+    if not isinstance(advice.action, GiveNoise):
+        return advice
+    return Advice("take r from the still stretch that the record shows", UseStillStretch(*still))
+
+
+def _judged(
+    residuals: Diagnostics | None,
+    held_out: Diagnostics | None,
+    estimate: Estimate | None,
+    disagreement: str,
+    chosen: str,
+    momentum_searched: bool,
+) -> Judgement:
+    """The judgement of a record in which no still stretch is known."""
     if residuals is None:
         return _without_pair(estimate)
     known = Known(

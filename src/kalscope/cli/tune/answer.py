@@ -9,12 +9,13 @@ import numpy as np
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
 from kalscope.analysis.fit.correction import MIN_SAMPLES
-from kalscope.analysis.judgement import Judgement, judge
+from kalscope.analysis.judgement import Judgement, judge, needs_noise
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation.agreement.comparison import compare_methods
 from kalscope.estimation.agreement.words import disagreement
 from kalscope.estimation.finding import Found, Noise, Request, find_parameters, shows_no_noise
+from kalscope.estimation.methods.still_stretch import find_still_stretch
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.batch import kalman_filter
@@ -112,7 +113,7 @@ def answer_for(
         steady=None if found.params is None else steady_state(found.params, period),
         residuals=residuals,
         held_out=held_out,
-        judgement=_judged(request, found, opinions, residuals, held_out),
+        judgement=_judged(request, found, opinions, residuals, held_out, _still(z, dt, found.estimate)),
     )
 
 
@@ -135,6 +136,7 @@ def _judged(
     opinions: tuple[Estimate, ...],
     residuals: Diagnostics | None,
     held_out: Diagnostics | None,
+    still: tuple[int, int] | None,
 ) -> Judgement:
     return judge(
         residuals,
@@ -143,7 +145,13 @@ def _judged(
         disagreement(opinions, momentum_of(found)),
         chosen=found.how.split(", r ")[0] if request.target or request.ratio is not None else "",
         momentum_searched=request.checked_momentum() is None,
+        still=still,
     )
+
+
+def _still(z: Array, dt: Array | None, estimate: Estimate | None) -> tuple[int, int] | None:
+    """The still stretch to offer where the record leaves r open."""
+    return find_still_stretch(z, dt) if needs_noise(estimate) else None
 
 
 def momentum_of(found: Found) -> float:
