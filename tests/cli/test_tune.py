@@ -62,6 +62,20 @@ def tuned(capsys: Captured, *argv: str) -> dict:
     return json.loads(out, parse_constant=refuse)
 
 
+def test_spikes_are_set_aside_counted_and_gated(bare: Path, capsys: Captured) -> None:
+    lines = bare.read_text().splitlines()
+    for row in range(20, 90, 20):
+        lines[row] = "1000"
+    bare.write_text("\n".join([*lines, ""]))
+    said, kept = tuned(capsys, str(bare)), tuned(capsys, str(bare), "--no-robust")
+    assert said["set_aside"]["samples"] == [19, 39, 59, 79]
+    assert said["gate"] == 16.0
+    assert (said["set_aside"]["plain"]["q"], said["set_aside"]["plain"]["r"]) == (kept["q"], kept["r"])
+    assert kept["set_aside"] is None
+    assert kept["r"] > 100.0 * said["r"]
+    assert tuned(capsys, str(bare), "--robust")["r"] == said["r"]
+
+
 # ---- the page
 
 

@@ -61,6 +61,25 @@ EDGES = {
 }
 
 
+def test_spikes_are_set_aside_where_something_is_estimated_and_may_be_kept() -> None:
+    spiky = Z.copy()
+    spiky[20 :: len(Z) // 8] += 40.0
+    for asked in ({}, {"noise": Noise(r=1.0)}, {"ratio": 0.1}):
+        found, kept = ask(spiky, **asked), ask(spiky, **asked, robust=False)
+        assert found.estimate is not None
+        assert found.estimate.outliers is not None
+        assert found.params == found.estimate.params
+        assert found.params is not None
+        assert found.params.gate == 16.0
+        assert kept.estimate is not None
+        assert kept.estimate.outliers is None
+    r = ask(spiky, target={"gain": 0.2}).params
+    assert r is not None
+    kept = ask(spiky, target={"gain": 0.2}, robust=False).params
+    assert kept is not None
+    assert 10.0 * float(r.r) < float(kept.r)
+
+
 # ---- the truth table: who decides λ, who decides r, and what is left to the record
 
 

@@ -481,6 +481,14 @@ def test_params_of_all_channels_are_arrays() -> None:
     assert tuning.params() == FilterParams(np.array([1e-3, 2.0]), np.array([1.0, 1.0]))
 
 
+def test_a_gate_in_one_channel_refuses_nothing_in_the_others() -> None:
+    first, second = (replace(c, p0=None, x0=None) for c in TWO.channels)
+    gate = Tuning((replace(first, gate=16.0), replace(second, gate=None))).params().gate
+    assert isinstance(gate, np.ndarray)
+    assert gate[0] == 16.0
+    assert gate[1] >= 1e300
+
+
 def test_start_values_that_arrays_cannot_mix_are_refused() -> None:
     with pytest.raises(BadSetting, match="p0 must be given for all channels or for none"):
         TWO.params()

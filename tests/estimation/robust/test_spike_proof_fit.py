@@ -95,6 +95,15 @@ def test_a_spike_beside_a_step_leaves_the_step():
     assert np.flatnonzero(estimate(z).outliers).tolist() == [100, 300, 900]
 
 
+def test_many_together_in_a_lively_stretch_are_movement():
+    z = np.tile([0.1, -0.1], N // 2)
+    z[600:660] += np.tile([2.5, -2.5], 30)
+    z[604:656:4] += 20.0
+    assert not unpredicted(z, EVEN, 0.01, 1.0, 0.0).any()
+    z[600:660] -= np.tile([2.5, -2.5], 30)
+    assert np.flatnonzero(unpredicted(z, EVEN, 0.01, 1.0, 0.0)).tolist() == [*range(604, 656, 4)]
+
+
 def test_many_pulses_are_spikes():
     _, z = walk()
     where = np.add.outer(np.arange(50, N - 50, 100), np.arange(LONGEST)).ravel()

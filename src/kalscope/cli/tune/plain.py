@@ -37,6 +37,7 @@ def as_plain(answer: Answer, recording: Recording) -> dict[str, Any]:
             "lag_interval": limits.lag_interval,
             "momentum_interval": limits.momentum_interval,
             "prediction_gain": limits.prediction_gain,
+            "set_aside": _set_aside(answer.found.estimate),
             "steady": None if answer.steady is None else asdict(answer.steady),
             "opinions": [_opinion(one) for one in answer.opinions],
             "disagreement": answer.disagreement,
@@ -51,6 +52,14 @@ def as_plain(answer: Answer, recording: Recording) -> dict[str, Any]:
 def _pair(params: FilterParams | None) -> dict[str, Any]:
     names = ("q", "r", "ratio", "momentum", "gate")
     return {name: None if params is None else getattr(params, name) for name in names}
+
+
+def _set_aside(fit: Estimate | None) -> dict[str, Any] | None:
+    """The samples that the spike-proof fit set aside, and the fit to all of them; None where it was not used."""
+    if fit is None or fit.outliers is None:
+        return None
+    plain = {"q": fit.plain_q, "r": fit.plain_r, "momentum": fit.plain_momentum}
+    return {"samples": fit.outliers.nonzero()[0].tolist(), "share": fit.outlier_share, "plain": plain}
 
 
 def _opinion(one: Estimate) -> dict[str, Any]:

@@ -24,6 +24,8 @@ LONGEST = GATE_LIMIT
 """Spikes side by side that are recognised, as many as the gate refuses in a row; more of them are a movement."""
 NEAR = 15
 """Samples on either side of one that show how lively the signal is there."""
+CROWDED = 0.1
+"""Share of the samples around one, where the signal is lively, beyond which what looks like spikes is movement."""
 MIN_RUNS = 6
 """Runs of spikes, of any length, from which those of more than two are believed."""
 LIVELY = 1.5
@@ -68,6 +70,7 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
         lively = _mean_around(np.min(v / s * v, axis=0), present & ~away)
         scores = _together(v, s, noise)
     away &= scores > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
+    away &= (lively <= LIVELY) | (_mean_around(away.astype(float), present) <= CROWDED)
     away[present] &= ~_lone_pulses(away[present])
     return np.where(away, scores, 0.0)
 
