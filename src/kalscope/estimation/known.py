@@ -18,6 +18,9 @@ from kalscope.estimation.likelihood.profile import Differences, differences
 from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.pair import Pair
+from kalscope.estimation.momentum.given import fit_movement
+from kalscope.estimation.momentum.likelihood import Samples
+from kalscope.estimation.momentum.verdict import conclude as conclude_momentum
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import Fit, checked_robust, spike_proof
 from kalscope.estimation.sensor.resolution import resolution_of
@@ -183,26 +186,39 @@ def above_rounding(fit: Fit) -> Fit:
 
 
 def _at_floor(one: Estimate, data: Differences, progress: Progress) -> Estimate:
-    """The estimate with the r of rounding: with the most likely q without momentum, else with the q that it has."""
-    floor = one.resolution * one.resolution / 12.0
-    found = one
-    if float(one.momentum) == 0.0:
-        pair, peak = _fit_q(data, float(floor), progress)
-        if pair.q > 0.0:
-            found = conclude("ml", data, pair, peak)
-    params = FilterParams(q=float(found.q), r=float(floor), momentum=float(one.momentum))
+    """The estimate with the r of rounding and the most likely q with it; with the q that it has where that is 0."""
+    floor = float(one.resolution) ** 2 / 12.0
+    found = _with_noise(one, data, floor, progress)
+    found = one if found.q == 0.0 else found
+    params = FilterParams(q=float(found.q), r=floor, momentum=float(one.momentum))
     return replace(
         found,
         r=floor,
         r_se=0.0,
-        ratio=float(found.q) / float(floor),
+        ratio=float(found.q) / floor,
         verdict="below_resolution",
         message=words.below_resolution(float(one.resolution), params),
         params=params,
         loglik=one.loglik,
+        momentum_interval=one.momentum_interval,
         prediction_gain=one.prediction_gain,
         resolution=one.resolution,
     )
+
+
+def _with_noise(one: Estimate, data: Differences, r: float, progress: Progress) -> Estimate:
+    """The most likely q with this r, unit², and the momentum of `one`; intervals over all of its momenta."""
+    tau = float(one.momentum)
+    if tau == 0.0:
+        return conclude("ml", data, *_fit_q(data, r, progress))
+    samples = Samples.of(data)
+    found = fit_movement(samples, tau, r, progress.part(0.0, 0.4))
+    low, high = (
+        fit_movement(samples, end, r, progress.part(start, start + 0.3)) if 0.0 < end < math.inf else found
+        for end, start in zip(map(float, one.momentum_interval), (0.4, 0.7), strict=True)
+    )
+    border = tuple((end.q / r, end.tau) for end in (low, high))
+    return conclude_momentum(replace(found, region=(*found.region, *border)), "")
 
 
 def _shows_steps(data: Differences) -> bool:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from kalscope import estimate, kalman_filter
+from kalscope import estimate, kalman_filter, log_likelihood, steady_state
+from kalscope.common.text import percent
 from kalscope.estimation.sensor.resolution import resolution_of
 
 WALK = np.cumsum(np.random.default_rng(0).normal(0, 0.1, 3000))
@@ -84,6 +86,36 @@ def test_a_smooth_signal_keeps_its_momentum_below_the_resolution():
     assert found.verdict == "below_resolution"
     assert found.params.momentum == found.momentum > 10
     assert np.mean((kalman_filter(z, found.params).x - truth) ** 2) < 0.5 * np.mean((z - truth) ** 2)
+
+
+@pytest.mark.parametrize("momentum", ["auto", 0.0, 1e-3, 20.0])
+def test_the_intervals_hold_the_filter_with_the_noise_of_rounding(momentum):
+    """They were those of the smaller r, whose filters all lag less."""
+    truth = 2 * np.sin(np.arange(3000) * np.pi / 50)
+    found = estimate(np.rint(truth + np.random.default_rng(1).normal(0, 0.1, 3000)), momentum=momentum)
+    assert found.verdict == "below_resolution"
+    settled = steady_state(found.params)
+    assert found.ratio_interval[0] < found.ratio < found.ratio_interval[1]
+    assert found.gain_interval[0] < settled.gain < found.gain_interval[1]
+    assert found.lag_interval[0] < settled.lag_samples < found.lag_interval[1]
+
+
+def test_with_the_noise_of_rounding_q_is_the_most_likely_one_and_its_overshoot_is_named():
+    truth = 2 * np.sin(np.arange(3000) * np.pi / 50)
+    z = np.rint(truth + np.random.default_rng(1).normal(0, 0.1, 3000))
+    found = estimate(z, momentum=20.0)
+    assert f"goes {percent(steady_state(found.params).overshoot)} beyond a step" in found.message
+    params = found.params
+    best = log_likelihood(z, params)
+    for factor in (0.9, 1.1):
+        assert log_likelihood(z, replace(params, q=factor * params.q)) < best
+
+
+def test_a_momentum_that_is_none_changes_nothing_below_the_resolution():
+    _, z = walk(800, 0.1, 0.0)
+    none, tiny = estimate(z, momentum=0.0), estimate(z, momentum=1e-9)
+    assert tiny.q == pytest.approx(none.q, rel=1e-6)
+    assert tiny.lag_interval == pytest.approx(none.lag_interval, rel=1e-6)
 
 
 def test_the_message_names_the_step_and_the_floor():

@@ -1,4 +1,4 @@
-"""Maximum likelihood of q and r where the momentum is given: the search over one ratio, as without momentum."""
+"""Maximum likelihood of q and r, or of q alone, where the momentum is given: one search, as without momentum."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
 from kalscope.estimation.momentum.fit import MomentumFit
-from kalscope.estimation.momentum.likelihood import Samples, pairs, ratio_of
+from kalscope.estimation.momentum.likelihood import Samples, pairs, ratio_of, step_variance
 
 _DERIVATIVE_STEP = 1e-3
 """Step in ln(step variance / r) for the slope of the scale, which only feeds standard errors."""
@@ -37,6 +37,32 @@ def fit_at(data: Samples, tau: float, progress: Progress) -> MomentumFit:
         loglik=peak.loglik,
         q_se=float(q[0]) * errors[0] if q[0] > 0.0 else math.inf,
         r_se=float(r[0]) * errors[1] if r[0] > 0.0 else math.inf,
+        tau_interval=(tau, tau),
+        region=((low, tau), (high, tau)),
+    )
+
+
+def fit_movement(data: Samples, tau: float, r: float, progress: Progress) -> MomentumFit:
+    """The best q of one τ > 0 where r, unit², is known."""
+    scaled = r / data.scale / data.scale
+    constant = data.m * (math.log(2.0 * math.pi) + 2.0 * math.log(data.scale))
+
+    def loglik(log_moves: Array) -> Array:
+        q, size = np.exp(log_moves) * scaled / step_variance(tau), len(log_moves)
+        chi2, logdet = data.sums(q, np.full(size, scaled), np.full(size, tau))
+        return -0.5 * (constant + logdet + chi2)
+
+    # a step can hardly vary by more than the largest squared difference (at most 1 in this scale)
+    peak = find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(scaled))), -math.inf, progress)
+    low, high = (ratio_of(end, tau) for end in peak.interval)
+    q = ratio_of(peak.log_ratio, tau) * r
+    return MomentumFit(
+        q=q,
+        r=r,
+        tau=tau,
+        loglik=peak.loglik,
+        q_se=q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf,
+        r_se=0.0,
         tau_interval=(tau, tau),
         region=((low, tau), (high, tau)),
     )
