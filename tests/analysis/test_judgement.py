@@ -262,3 +262,11 @@ def test_the_still_stretch_that_a_record_shows_is_offered_where_r_is_open():
     assert offered.advice[0].action == actions.UseStillStretch(100, 250)
     assert offered.advice[1:] == plain.advice[1:]
     assert not needs_noise(estimate(walk()))
+
+
+def test_a_sensor_that_rounds_more_coarsely_than_its_noise_is_named_with_its_step():
+    z = 0.0625 * np.rint(np.cumsum(np.random.default_rng(0).normal(0, 0.1, 800)))
+    found = estimate(z)
+    said = judge(residuals(z, found.params, fitted=True), None, found, unit="°C")
+    assert said.status == "rounded"
+    assert said.headline == "The sensor rounds to 0.0625 °C; the noise is smaller than that."

@@ -63,4 +63,5 @@ def judgement_of(state: State, whole: Diagnostics, held_out: Diagnostics) -> Jud
         chosen=tuning.how if found is not None and estimate is None else "",
         momentum_searched=estimate is not None and tuning.how == METHOD_NAMES["ml"],
         still=find_still_stretch(state.z, state.dt) if needs_noise(estimate) else None,
+        unit=state.recording.units[state.index],
     )

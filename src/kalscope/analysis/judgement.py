@@ -23,6 +23,7 @@ from kalscope.analysis.fit.words import NO_FAULT, Finding, Known, findings_in_wo
 from kalscope.analysis.residual_tests import dot
 from kalscope.common.text import count, number
 from kalscope.estimation.result import Estimate
+from kalscope.estimation.verdict_text import below_step
 
 MAX_ADVICE = 2
 """Pieces of advice at a time: the first may make the later ones unnecessary."""
@@ -104,6 +105,7 @@ def judge(
     chosen: str = "",
     momentum_searched: bool = False,
     still: tuple[int, int] | None = None,
+    unit: str = "",
 ) -> Judgement:
     """Decide whether a filter fits a record.
 
@@ -116,8 +118,11 @@ def judge(
         momentum_searched: whether the estimate looked for momentum; it is not advised again then.
         still: the still stretch that was found, its first sample and one past its last; where r is to be given, it
             is offered.
+        unit: of the record, "" where unknown; the step of a sensor that rounds is named in it.
     """
     one = _judged(residuals, held_out, estimate, disagreement, chosen, momentum_searched)
+    if residuals is not None and estimate is not None and estimate.verdict == "below_resolution":
+        one = replace(one, headline=below_step(float(estimate.resolution), unit))
     return one if still is None else replace(one, advice=tuple(_from_still(advice, still) for advice in one.advice))
 
 

@@ -93,6 +93,7 @@ def answer_for(
         BadSetting: contradictory or out-of-range targets.
     """
     z, period = recording.channel(channel), recording.sample_period
+    unit = recording.units[recording.index(channel)]
     dt = recording.steps() if recording.gaps == "dt" else None
     found = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.3))
     found = _with_gate(found, gate)
@@ -103,7 +104,7 @@ def answer_for(
         held_out = _held_out(z, dt, period, request, progress.part(0.8, 1.0))
     return Answer(
         channel=channel,
-        unit=recording.units[recording.index(channel)],
+        unit=unit,
         samples=len(z),
         missing=int(np.count_nonzero(np.isnan(z))),
         sample_period=period,
@@ -113,7 +114,7 @@ def answer_for(
         steady=None if found.params is None else steady_state(found.params, period),
         residuals=residuals,
         held_out=held_out,
-        judgement=_judged(request, found, opinions, residuals, held_out, _still(z, dt, found.estimate)),
+        judgement=_judged(request, found, opinions, residuals, held_out, _still(z, dt, found.estimate), unit),
     )
 
 
@@ -137,6 +138,7 @@ def _judged(
     residuals: Diagnostics | None,
     held_out: Diagnostics | None,
     still: tuple[int, int] | None,
+    unit: str,
 ) -> Judgement:
     return judge(
         residuals,
@@ -146,6 +148,7 @@ def _judged(
         chosen=found.how.split(", r ")[0] if request.target or request.ratio is not None else "",
         momentum_searched=request.checked_momentum() is None,
         still=still,
+        unit=unit,
     )
 
 
