@@ -26,6 +26,7 @@ from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.channels_overview import Overviews
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.studies.spectra import compute_allan, compute_spectra
+from kalscope_app.studies.still_stretch import StillStretches
 from kalscope_app.studies.tuning_map import MapMaker
 from kalscope_app.studies.variant_table import VariantTable
 from kalscope_app.views.binding import bind
@@ -93,17 +94,18 @@ class Dashboard:
         self._map = TuningMapView(server, self.session)
         self._phones = PhonePictures(server, self._map.set_phone)
         self._build(folder)
-        make_map = MapMaker()
+        make_map, still = MapMaker(), StillStretches()
         rounds = [
             self._study(VariantTable().compute, self._variants.show_table),
             Study(lambda state: (state, make_map(state)), self._map.show),
             self._study(compared, self._board.show_check),
-            self._study(compute_checks, self._checks.show),
+            self._study(lambda state: compute_checks(state, still.of), self._checks.show),
             self._study(lambda state: limits_text(state, self._code.choice), self._code.show_limits),
             self._study(Overviews().compute, self._channels.show_overview),
             self._study(compute_spectra, self._spectrum.show),
             self._study(compute_allan, self._allan.show),
             self._study(AlternativesStudy().compute, self._alternatives.show),
+            self._study(still.study, lambda found: self._find.offer_still(*found)),
         ]
         studies = Studies(rounds, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)

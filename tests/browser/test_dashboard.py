@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from program import command
 from screen import FIND, Screen
-from waiting import PATIENCE
+from waiting import PATIENCE, wait_until
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params, steady_state
 from kalscope.common.text import lag_text
+from kalscope.estimation.finding import Noise, Request, find_parameters
+from kalscope.estimation.methods.still_stretch import find_still_stretch
 from kalscope.papers.experiments import list_experiments, open_experiment
 from kalscope_app.views.charts.style import DARK, LIGHT
 from kalscope_app.views.source.source import experiment_label
@@ -311,15 +313,32 @@ def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
     screen.shot("check")
 
 
-def test_a_record_without_visible_noise_gets_a_verdict_and_no_parameters(start, tmp_path):
-    smooth = tmp_path / "slow.csv"
-    smooth.write_text("time,temp\n" + "".join(f"{i},{20 + np.sin(i / 20):.6f}\n" for i in range(400)))
-    screen = start("slow.csv")
+def test_a_record_without_visible_noise_gets_a_verdict_and_its_still_stretch_is_offered(start, tmp_path):
+    g = np.random.default_rng(3)
+    moved = np.cumsum(np.convolve(g.normal(0, 30, 1205), np.ones(3), "valid")[:1200])
+    moved[600:] = moved[599]
+    z = np.round(moved + g.normal(0, 1, 1200), 3)
+    text = "time (s),z\n" + "".join(f"{i / 10},{one}\n" for i, one in enumerate(z.tolist()))
+    (tmp_path / "pause.csv").write_text(text)
+    first, last = find_still_stretch(z)
+    screen = start("pause.csv")
     before = screen.text_box("process noise q").input_value()
     screen.page.get_by_role("button", name="Find and apply").click()
     screen.page.get_by_text("nothing was changed").wait_for()
     assert screen.text_box("process noise q").input_value() == before
+    headline = screen.page.locator("strong", has_text="No noise can be identified").first
+    headline.wait_for()
     screen.shot("verdict")
+    screen.page.get_by_role("button", name=f"Use the still stretch {first / 10:g} to").click()
+    found = find_parameters(z, Request(noise=Noise(still=(first, last)))).params
+    screen.wait_for_line("filtered", kalman_filter(z, found).x, 1e-9)
+    headline.wait_for(state="detached")
+    screen.page.get_by_role("button", name="Undo").click()
+    headline.wait_for()
+    assert screen.text_box("process noise q").input_value() == before
+    screen.choose("tune for", "a still stretch, fit q")
+    wait_until(lambda: screen.text_box("from (").input_value() == f"{first / 10:g}", "the beginning of the stretch")
+    assert screen.text_box("to (").input_value() == f"{(last - 1) / 10:g}"
 
 
 BOXES = """() => [...document.querySelectorAll('.uplot, [data-dock-region], [data-dock-root] canvas')]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
@@ -10,10 +11,10 @@ from kalscope.common.array import Array
 from kalscope.estimation.agreement.words import disagreement
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import METHOD_NAMES
-from kalscope.estimation.methods.still_stretch import find_still_stretch
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope_app.session.state import State
+from kalscope_app.studies.still_stretch import Stretch
 
 
 @dataclass(frozen=True)
@@ -30,10 +31,22 @@ class Checks:
     """Whether q and r were estimated again on the first half for that, because they come from an estimate."""
     judgement: Judgement
     """Whether it fits, and what to do."""
+    search: Judgement | None = None
+    """What to do after a search that found no pair and changed nothing; None where the last one found one."""
+
+    @property
+    def urgent(self) -> Judgement:
+        """What the control panel says: first that of a search that failed."""
+        return self.search or self.judgement
 
 
-def compute_checks(state: State) -> Checks | None:
-    """Diagnose the channel on screen; None where its filter has no q and r to judge."""
+def compute_checks(state: State, still: Callable[[State], Stretch] = lambda _state: None) -> Checks | None:
+    """Diagnose the channel on screen; None where its filter has no q and r to judge.
+
+    Args:
+        state: what is on screen.
+        still: finds a still stretch, which is asked for only where it would help.
+    """
     if not state.filter.is_standard:
         return None
     z, dt = state.z, state.dt
@@ -47,10 +60,13 @@ def compute_checks(state: State) -> Checks | None:
         return estimate(first, dt=dt, momentum=state.tuning.momentum).params or state.params
 
     held_out = diagnose_held_out(z, fit if estimated else state.params, dt)
-    return Checks(state, whole, held_out, estimated, judgement_of(state, whole, held_out))
+    judgement, search = _of_filter(state, whole, held_out, still), _of_search(state, still)
+    return Checks(state, whole, held_out, estimated, judgement, search)
 
 
-def judgement_of(state: State, whole: Diagnostics, held_out: Diagnostics) -> Judgement:
+def _of_filter(
+    state: State, whole: Diagnostics, held_out: Diagnostics, still: Callable[[State], Stretch]
+) -> Judgement:
     """The one judgement of the filter on screen, with all that was found out about it."""
     answers, tuning = state.answers, state.tuning
     found = answers.outcome if answers.outcome and answers.outcome.after == tuning else None
@@ -62,6 +78,15 @@ def judgement_of(state: State, whole: Diagnostics, held_out: Diagnostics) -> Jud
         disagreement(answers.method_comparison, tuning.momentum) if answers.method_comparison else "",
         chosen=tuning.how if found is not None and estimate is None else "",
         momentum_searched=estimate is not None and tuning.how == METHOD_NAMES["ml"],
-        still=find_still_stretch(state.z, state.dt) if needs_noise(estimate) else None,
+        still=still(state) if needs_noise(estimate) else None,
         unit=state.recording.units[state.index],
     )
+
+
+def _of_search(state: State, still: Callable[[State], Stretch]) -> Judgement | None:
+    """What the last search says where it found no pair for what is on screen."""
+    found = state.answers.outcome
+    if found is None or found.after is not None or found.estimate is None:
+        return None
+    stretch = still(state) if needs_noise(found.estimate) else None
+    return judge(None, estimate=found.estimate, still=stretch)

@@ -8,14 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import Recording
+from kalscope import Recording, estimate
 from kalscope.analysis import actions
 from kalscope.analysis.actions import Advice
 from kalscope.analysis.judgement import Judgement
-from kalscope.estimation.finding import Noise, Request
+from kalscope.estimation.finding import Found, Noise, Request
+from kalscope_app.session.changes.parameters import apply_found
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
+from kalscope_app.studies import still_stretch
 from kalscope_app.studies.checks import compute_checks
+from kalscope_app.studies.still_stretch import StillStretches
 from kalscope_app.views.tune.advice import label_of, take
 from kalscope_app.views.tune.checks import ChecksView
 from kalscope_app.views.tune.search_methods import SEARCH_METHODS, stretch_texts
@@ -115,6 +118,31 @@ def test_the_still_stretch_is_searched_with_and_its_ends_are_typed(state):
     texts = stretch_texts(state.with_open(recording=uneven), 101, 300)
     method = SEARCH_METHODS["a still stretch, fit q"]
     assert method.request(state.with_open(recording=uneven), list(texts)).noise.still == (101, 300)
+
+
+def test_after_a_search_without_a_pair_the_panel_says_what_else_gives_one(state):
+    lost = estimate(np.arange(200.0) ** 2)
+    assert lost.verdict == "no_noise"
+    failed = apply_found(state.recording, "a", Found(None, "maximum likelihood", "No noise.", lost))(state)
+    checks = compute_checks(failed, lambda _state: (100, 301))
+    assert checks.urgent is checks.search
+    assert checks.urgent.status == "no_pair"
+    assert checks.urgent.advice[0].action == actions.UseStillStretch(100, 301)
+    without = compute_checks(failed).urgent
+    assert without.advice[0].action == actions.GiveNoise()
+    assert compute_checks(state).search is None
+    assert compute_checks(failed.with_tuning(q=7.0)).search is None  # the user has gone on
+
+
+def test_the_still_stretch_is_found_once_for_a_recording(monkeypatch):
+    g = np.random.default_rng(3)
+    z = np.where(np.arange(1200) < 600, np.cumsum(g.normal(0, 50, 1200)), 0.0) + g.normal(0, 1, 1200)
+    state = opened(Recording(np.arange(1200.0), ("a",), ("",), z[:, None], 1.0))
+    stretches, asked = StillStretches(), []
+    monkeypatch.setattr(still_stretch, "find_still_stretch", lambda *z: asked.append(z) or (600, 1200))
+    assert stretches.study(state) == (state, (600, 1200))
+    assert stretches.of(state.with_tuning(q=3.0)) == (600, 1200)
+    assert len(asked) == 1
 
 
 class Widgets:

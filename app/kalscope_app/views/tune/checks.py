@@ -46,14 +46,14 @@ class ChecksView:
 
     def show(self, checks: Checks | None) -> None:
         """Write both."""
-        advice = () if checks is None else checks.judgement.advice
+        advice = () if checks is None else checks.urgent.advice
         for i, row in enumerate(self._advice):
             row.show(advice[i] if i < len(advice) else None, checks)
         if checks is None:
             self._headline.content = self._table.content = UNJUDGED
             self._correlation.hide()
             return
-        self._headline.content = f"**{checks.judgement.headline}**"
+        self._headline.content = f"**{checks.urgent.headline}**"
         self._table.content = table(checks)
         self._correlation.show(*correlation_lines(checks))
 

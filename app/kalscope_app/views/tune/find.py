@@ -54,7 +54,7 @@ class FindView:
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
         with check_tab:
             gui.add_markdown("### Compare estimators")
-            compare = gui.add_button("Run five methods", hint="They agree if the model fits the signal.")
+            compare = gui.add_button("Run five methods", hint="Four other methods beside maximum likelihood.")
             self._comparison = gui.add_markdown("")
         on_user(compare.on_click, lambda _client: self._start(self._compare))
 
@@ -151,7 +151,7 @@ def gate_words(gate: float | None) -> str:
 def comparison_text(state: State) -> str:
     """The five methods side by side and their disagreement named, as markdown."""
     if not state.answers.method_comparison:
-        return f"{FIVE_METHODS} They agree if the model describes the signal."
+        return FIVE_METHODS
     period = state.recording.sample_period
     rows: list[str] = []
     for one in state.answers.method_comparison:
