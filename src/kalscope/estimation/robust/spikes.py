@@ -24,8 +24,11 @@ LONGEST = GATE_LIMIT
 """Spikes side by side that are recognised, as many as the gate refuses in a row; more of them are a movement."""
 NEAR = 15
 """Samples on either side of one that show how lively the signal is there."""
-CROWDED = 0.1
-"""Share of the samples around one, where the signal is lively, beyond which what looks like spikes is movement."""
+MOST = 25.0
+"""Largest v²/s of one sample that is believed of its neighbours: a single missed spike does not make it lively."""
+VERY_LIVELY, CROWDED = 2.0, 0.1
+"""Mean v²/s around a sample, and share of the samples there, beyond which it takes SIGMAS times as much again:
+what looks like several spikes may be movement."""
 MIN_RUNS = 6
 """Runs of spikes, of any length, from which those of more than two are believed."""
 LIVELY = 1.5
@@ -67,10 +70,11 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
     v[1], s[1], refused[1] = v[1, ::-1].copy(), s[1, ::-1].copy(), refused[1, ::-1].copy()
     away, present = refused[0] & refused[1], np.isfinite(z)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        lively = _mean_around(np.min(v / s * v, axis=0), present & ~away)
+        lively = _mean_around(np.min(v / s * v, axis=0).clip(max=MOST), present & ~away)
         scores = _together(v, s, noise)
     away &= scores > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
-    away &= (lively <= LIVELY) | (_mean_around(away.astype(float), present) <= CROWDED)
+    crowded = (lively > VERY_LIVELY) & (_mean_around(away.astype(float), present) > CROWDED)
+    away &= ~crowded | (scores > SIGMAS**4 * lively)
     away[present] &= ~_lone_pulses(away[present])
     return np.where(away, scores, 0.0)
 
