@@ -416,6 +416,12 @@ def test_lines_before_the_first_readable_one_count_as_missing() -> None:
     assert answers == ["", "", f"{x!r},{-2 * x!r}"]
 
 
+def test_one_number_is_one_number(feed: Callable[[bytes], None], capsys: Captured) -> None:
+    feed(b"1\n1,2\n")
+    assert run(["filter", "-", "--q", "1", "--r", "1"]) == 0
+    assert "line 2 must hold 1 number (got '1,2')" in capsys.readouterr().err
+
+
 def test_a_line_without_end_is_one_unreadable_line(feed: Callable[[bytes], None], capsys: Captured) -> None:
     feed(b"1\n" + b"1," * (MAX_LINE_BYTES * 2) + b"1\n" + b"3\n")
     assert run(["filter", "-", "--q", "1", "--r", "1"]) == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from kalscope.common.text import plural
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.streaming import KalmanFilter
 from kalscope.sources.grammar.cells import is_comment, parse_number
@@ -51,7 +52,7 @@ class LineFilter:
         if not self._filters:
             self._begin(len(samples))
         if len(samples) != len(self._filters):
-            return self._miss(), self._note(f"{len(self._filters)} numbers", text)
+            return self._miss(), self._note(plural(len(self._filters), "number"), text)
         return ",".join(map(_answer, self._filters, samples)), ""
 
     def _begin(self, channels: int) -> None:

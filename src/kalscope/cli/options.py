@@ -111,7 +111,7 @@ def read_options(
         list[str] | None, text_option("VALUE", 'A value that means "no sample", such as -200; may be repeated.')
     ] = None,
     gaps: Annotated[
-        str | None, text_option("HOW", "Gaps in time: rows (none, default), missing samples, or dt.")
+        str | None, text_option("HOW", "Gaps in time: rows (there are none; default), missing (samples), or dt.")
     ] = None,
     part: Annotated[
         str | None, text_option("NAME", "Sheet, topic, group or variable of a file that holds several.")
