@@ -77,6 +77,19 @@ def test_q_is_carried_over_to_the_period_of_the_device(tuning_file, capfd):
     assert capfd.readouterr().err == "kalscope: --sample-period must be a number above 0 (got '0')\n"
 
 
+def test_a_channel_left_out_is_neither_rescaled_nor_refused(tmp_path, capfd):
+    """The momentum of a slow one becomes too long for the device."""
+    path = tmp_path / "tuning.toml"
+    slow, fast = ChannelTuning("slow", "", 1e-3, 1.0, momentum=9e4), ChannelTuning("fast", "", 0.5, 1.0)
+    save_tuning(Tuning((slow, fast), sample_period=1.0), path)
+    command = ["export", str(path), "--to", "json", "--sample-period", "0.01"]
+    assert cli.run(command) == 2
+    assert "momentum of slow must be at most" in capfd.readouterr().err
+    assert cli.run([*command, "--channel", "fast"]) == 0
+    assert json.loads(capfd.readouterr().out)["channels"][0]["process_noise_q"] == 0.005
+    assert export_tuning(load_tuning(path), "c", channel="fast", sample_period=0.01)
+
+
 def test_one_channel_can_be_chosen(tuning_file, tmp_path):
     out = tmp_path / "out"
     command = ["export", str(tuning_file), "--to", "matlab", "-o", str(out)]

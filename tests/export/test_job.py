@@ -16,9 +16,9 @@ TUNING = Tuning(
 
 def test_a_job_holds_all_channels_or_the_one_asked_for():
     assert job_of(TUNING).channels == TUNING.channels
-    assert job_of(TUNING, "temp degc").channels == TUNING.channels[1:]
+    assert job_of(TUNING.only("temp degc")).channels == TUNING.channels[1:]
     with pytest.raises(BadSetting, match="channel must be one of Temp °C, temp degc"):
-        job_of(TUNING, "unknown")
+        job_of(TUNING.only("unknown"))
 
 
 def test_a_job_without_channels_is_refused():

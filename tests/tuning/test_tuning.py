@@ -17,7 +17,8 @@ from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import steady_state
-from kalscope.tuning.choose import with_momentum
+from kalscope.recording import Recording
+from kalscope.tuning.choose import adapt_tuning, params_for_stdin, with_momentum
 from kalscope.tuning.toml_text import updated
 from kalscope.tuning.tuning import ChannelTuning, Tuning, dumps, load_tuning, loads, same_period, save_tuning
 
@@ -551,6 +552,22 @@ def test_a_momentum_too_long_for_the_new_period_is_refused_with_one_that_filters
     before, after = (steady_state(each.params("a")) for each in (tuning, shorter))
     assert after.gain == pytest.approx(before.gain, rel=1e-3)
     assert after.velocity_gain == pytest.approx(before.velocity_gain, rel=2e-3)
+
+
+def test_only_the_channels_that_are_used_are_rescaled(tmp_path: Path) -> None:
+    slow, fast = ChannelTuning("slow", "", 1e-3, 1.0, momentum=9e4), ChannelTuning("fast", "", 0.5, 1.0)
+    tuning = Tuning((slow, fast), sample_period=1.0, selected="slow")
+    z, moments = np.arange(8.0), 0.01 * np.arange(8)
+    for names, channel in ((("slow", "fast"), "fast"), (("fast",), None)):
+        values = np.tile(z[:, None], len(names))
+        recording = Recording(moments, names, ("",) * len(names), values, sample_period=0.01)
+        found, notes = adapt_tuning(recording, tuning, channel=channel)
+        assert found == {"fast": replace(fast, q=0.005)}
+        assert "momentum" not in " ".join(notes)
+    path = tmp_path / "tuning.toml"
+    save_tuning(tuning, path)
+    (params,), notes = params_for_stdin(path, {}, "fast", 0.01)
+    assert (params.q, "momentum" in " ".join(notes)) == (0.005, False)
 
 
 def test_momentum_for_an_overshoot_keeps_lag_and_noise_and_a_given_one_keeps_q() -> None:

@@ -32,7 +32,7 @@ def export_command(
     vectors: Annotated[
         str | None, typer.Option(metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered.")
     ] = None,
-    sample_period: Annotated[float | None, number_option("Of the device, s: q is rescaled to it.")] = None,
+    sample_period: Annotated[float | None, number_option("Of the device, s: q and momentum are rescaled.")] = None,
     fixed: Annotated[
         bool, typer.Option("--fixed-gains", help="Only the settled filter, whose gains never change (c, arduino).")
     ] = False,
@@ -49,12 +49,12 @@ def export_command(
         raise BadSetting("--vectors needs -o, the folder to write to (got none)")
     if vectors is None and reading != DEFAULTS:
         raise BadSetting("options about reading need --vectors, the file to be read (got none)")
-    tuned = load_tuning(tuning)
+    tuned = load_tuning(tuning).only(channel)
     if sample_period is not None:
         tuned = rescaled_to_period(tuned, sample_period)
     recording = None if vectors is None else open_source(vectors, reading)
-    files = export_tuning(tuned, target, channel=channel, vectors=recording, fixed_gains=fixed)
-    for message in [*_other_rate(recording, tuned), *limits_of(tuned, channel, target, fixed_gains=fixed)]:
+    files = export_tuning(tuned, target, vectors=recording, fixed_gains=fixed)
+    for message in [*_other_rate(recording, tuned), *limits_of(tuned, None, target, fixed_gains=fixed)]:
         say(f"note: {message}")
     if output is None:
         (main, text), *others = files.items()

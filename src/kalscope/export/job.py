@@ -61,14 +61,10 @@ def step_of(channel: ChannelTuning) -> dict[str, float]:
     return asdict(step_constants(channel.q, channel.momentum)) if channel.momentum > 0.0 else {}
 
 
-def job_of(tuning: Tuning, channel: str | None = None) -> ExportJob:
-    """The job of a whole tuning, or of one of its channels by name.
-
-    Raises:
-        BadSetting: No such channel.
-    """
+def job_of(tuning: Tuning) -> ExportJob:
+    """The job of a whole tuning."""
     return ExportJob(
-        channels=tuning.channels if channel is None else (tuning.channel(channel),),
+        channels=tuning.channels,
         sample_period=tuning.sample_period,
         source_name=tuning.source_name,
         sha256=tuning.sha256,

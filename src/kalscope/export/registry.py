@@ -108,7 +108,8 @@ def export_tuning(
     """
     if target not in TARGETS:
         raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
-    job = job_of(tuning if sample_period is None else rescaled_to_period(tuning, sample_period), channel)
+    chosen = tuning.only(channel)
+    job = job_of(chosen if sample_period is None else rescaled_to_period(chosen, sample_period))
     if fixed_gains:
         return _fixed(target, job, vectors)
     files = TARGETS[target].files(job)

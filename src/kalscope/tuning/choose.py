@@ -84,20 +84,28 @@ def adapt_tuning(
     Raises:
         BadSetting: The tuning has none of the channels.
     """
-    tuning, notes = _rescaled(tuning, recording.sample_period, given or {})
-    if recording.sample_period is None and tuning.sample_period is not None and "q" not in (given or {}):
+    pairs, choices = _pairs(recording, tuning, channel)
+    used = replace(tuning, channels=tuple(pairs.values()), selected="")
+    used, notes = _rescaled(used, recording.sample_period, given or {})
+    if recording.sample_period is None and used.sample_period is not None and "q" not in (given or {}):
         notes.append(
-            f"{'q and momentum are' if tuning.has_momentum else 'q is'} used as tuned at a sample period of"
-            f" {tuning.sample_period:.6g} s: the recording says none (see --sample-period)"
+            f"{'q and momentum are' if used.has_momentum else 'q is'} used as tuned at a sample period of"
+            f" {used.sample_period:.6g} s: the recording says none (see --sample-period)"
         )
     if tuning.sha256 and recording.sha256 and tuning.sha256 != recording.sha256:
         notes.append(
             f"the recording is not the one of the tuning (SHA-256 {recording.sha256[:12]}…,"
             f" tuned on {tuning.sha256[:12]}…)"
         )
+    return dict(zip(pairs, used.channels, strict=True)), notes + choices
+
+
+def _pairs(recording: Recording, tuning: Tuning, channel: str | None) -> tuple[dict[str, ChannelTuning], list[str]]:
+    """The entry of each channel that has one, and notes on the others."""
     tuned = {entry.name: entry for entry in tuning.channels}
     wanted = recording.names if channel is None else (channel,)
     pairs = {name: tuned[name] for name in wanted if name in tuned}
+    notes: list[str] = []
     if not pairs and len(wanted) == len(tuned) == 1:
         pairs = {wanted[0]: tuning.channels[0]}
         notes.append(f"{wanted[0]}: filtered as the tuning's only channel, {tuning.channels[0].name}")
@@ -165,6 +173,5 @@ def params_for_stdin(
         if "q" not in values or "r" not in values:
             raise BadSetting('filtering "-" must begin with q and r: give --config, or --q and --r')
         return FilterParams(**values), []
-    tuning, notes = _rescaled(load_tuning(config), period, given)
-    channels = tuning.channels if channel is None else (tuning.channel(channel),)
-    return [replace(entry.params, **given) for entry in channels], notes
+    tuning, notes = _rescaled(load_tuning(config).only(channel), period, given)
+    return [replace(entry.params, **given) for entry in tuning.channels], notes

@@ -111,11 +111,14 @@ class Tuning:
 
     def channel(self, name: str) -> ChannelTuning:
         """The tuning of the channel `name`; BadSetting names the choices."""
-        for channel in self.channels:
-            if channel.name == name:
-                return channel
-        choices = ", ".join(channel.name for channel in self.channels)
-        raise BadSetting(f"channel must be one of {choices} (got {name!r})")
+        named = {channel.name: channel for channel in self.channels}
+        if name not in named:
+            raise BadSetting(f"channel must be one of {', '.join(named)} (got {name!r})")
+        return named[name]
+
+    def only(self, name: str | None) -> Tuning:
+        """With the channel `name` alone, so that no other one is rescaled or refused; itself for None."""
+        return self if name is None else replace(self, channels=(self.channel(name),), selected="")
 
     def params(self, channel_name: str | None = None) -> FilterParams:
         """Parameters of one channel as scalars, or of all as arrays of shape (channels,) for None.
@@ -266,12 +269,9 @@ def _plain(tuning: Tuning) -> dict[str, Any]:
         for channel in tuning.channels
     ]
     # Without momentum the file stays one that older programs read; with it they must refuse the file.
-    head = {
-        "format": 2 if tuning.has_momentum else 1,
-        "tool": toml.clean(tuning.tool),
-        "date": toml.clean(tuning.date),
-    }
-    return {**head, "selected": toml.clean(tuning.selected), "source": source, "channel": channels}
+    tool, made, selected = (toml.clean(text) for text in (tuning.tool, tuning.date, tuning.selected))
+    head = {"format": 2 if tuning.has_momentum else 1, "tool": tool, "date": made, "selected": selected}
+    return {**head, "source": source, "channel": channels}
 
 
 def _channel(entry: object, number: int, file_format: int) -> ChannelTuning:
