@@ -88,6 +88,53 @@ def test_a_bomb_is_refused_before_it_is_unpacked(archive, monkeypatch):
         read_recording(path)
 
 
+@pytest.mark.parametrize("packing", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_what_unpacks_without_a_bound_is_refused(tmp_path, packing):
+    path = tmp_path / "bomb.zip"
+    with zipfile.ZipFile(path, "w", packing) as out:
+        out.writestr("log.csv", ACCELERATION)
+    with pytest.raises(BadFile, match=r"packed by Deflate, .*got another one: log\.csv"):
+        read_recording(path)
+
+
+def test_an_encrypted_table_is_refused_by_name(archive):
+    path = archive(**{"log.csv": ACCELERATION})
+    data = bytearray(path.read_bytes())
+    data[6] |= 1
+    data[data.find(b"PK\1\2") + 8] |= 1
+    path.write_bytes(data)
+    with pytest.raises(BadFile, match=r"without a password \(got an encrypted one: log\.csv\)"):
+        read_recording(path)
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_of_two_tables_of_one_name_the_larger_is_read(tmp_path):
+    path = tmp_path / "twice.zip"
+    with zipfile.ZipFile(path, "w") as out:
+        out.writestr("log.csv", ACCELERATION)
+        out.writestr("log.csv", "t,a\n1,2\n2,3\n")
+    assert len(read_recording(path)) == 300
+
+
+def test_what_is_said_of_names_is_printable(archive):
+    name = "../../\x1b[31mevil\r\n\x07"
+    recording = read_recording(archive(**{f"{name}.csv": ACCELERATION}))
+    assert any('"../../ [31mevil .csv"' in note for note in recording.report.notes)
+    assert all(note.isprintable() for note in recording.report.notes)
+    with pytest.raises(BadFile) as refused:
+        read_recording(archive(**{f"{name}.png": "x"}))
+    assert str(refused.value).isprintable()
+
+
+def test_every_table_of_an_archive_asks_whether_to_stop(archive):
+    asked = []
+    with pytest.raises(Cancelled):
+        read_recording(
+            archive(**{f"{i}.csv": "1,2\n" for i in range(9)}),
+            cancelled=lambda: bool(asked.append(1)) or len(asked) > 5,
+        )
+
+
 def test_a_declared_size_that_lies_is_refused_and_never_unpacked_beyond_it(archive):
     path = archive(**{"log.csv": ACCELERATION})
     data = path.read_bytes()

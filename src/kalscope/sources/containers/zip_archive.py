@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
 from kalscope.common.progress import Progress
+from kalscope.common.text import one_line
 from kalscope.errors import BadFile
 from kalscope.sources.containers.parts import Part, choose_text_part
 from kalscope.sources.containers.table import Text
@@ -18,7 +19,11 @@ _TEXTS = (".csv", ".tsv", ".txt", ".dat", ".log")
 _MAX_FILES = 1000
 _MAX_UNPACKED = 1 << 30
 """Largest sum of the sizes of the tables in bytes: a small archive can hold terabytes of zeros."""
+_PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Others unpack all of a piece at once: gigabytes from one kilobyte of bzip2."""
 _HEAD_BYTES = 8192
+_HEAD_LINES = 100
+"""Lines by which the columns are counted."""
 _CHUNK = 1 << 20
 _DELIMITERS = "\t;, "
 
@@ -27,7 +32,7 @@ def read_zip(path: Path, name: str, part: str | None, progress: Progress) -> Tex
     """Read one table of an archive as the text that it is.
 
     Raises:
-        BadFile: there is no table of text, there are too many, or they are too large.
+        BadFile: there is no table of text, there are too many, they are too large, or packed in another way.
         BadSetting: there is no such table.
     """
     with zipfile.ZipFile(path) as archive:
@@ -39,14 +44,26 @@ def read_zip(path: Path, name: str, part: str | None, progress: Progress) -> Tex
                 f"{name} must hold at most {_MAX_FILES} tables of {_MAX_UNPACKED} bytes in all (got {len(tables)}"
                 f" of {size} bytes)"
             )
-        parts = [_measured(archive, info, progress) for info in tables]
-    parts = [one for one in parts if one.channels and one.rows]
-    if not parts:
-        held = ", ".join(info.filename for info in files[:8]) or "nothing"
+        _require_unpackable(tables, name)
+        measured = [(info, _measured(archive, info, progress)) for info in tables]
+    measured = [(info, part) for info, part in measured if part.channels and part.rows]
+    if not measured:
+        held = ", ".join(one_line(info.filename) for info in files[:8]) or "nothing"
         raise BadFile(f"{name} must hold a table of numbers, such as a .csv file (got a zip archive of {held})")
+    parts = [one for _, one in measured]
     chosen, notes, inner = choose_text_part(parts, part, name, "table")
     said = f'a zip archive; line numbers count in "{parts[chosen].name}"'
-    return Text(_lines(path, parts[chosen].name), (said, *notes), part=inner)
+    return Text(_lines(path, measured[chosen][0]), (said, *notes), part=inner)
+
+
+def _require_unpackable(tables: list[zipfile.ZipInfo], name: str) -> None:
+    for info in tables:
+        if info.flag_bits & 1 or info.compress_type not in _PACKINGS:
+            how = "an encrypted" if info.flag_bits & 1 else "another"
+            raise BadFile(
+                f"{name} must hold tables that are packed by Deflate, without a password (got {how} one:"
+                f" {one_line(info.filename)}); unpack it first"
+            )
 
 
 def _may_be_table(name: str) -> bool:
@@ -57,15 +74,16 @@ def _may_be_table(name: str) -> bool:
 
 def _measured(archive: zipfile.ZipFile, info: zipfile.ZipInfo, progress: Progress) -> Part:
     """The rows of a table, and the numbers that most of its first lines hold."""
+    progress(0.5, "unpacking")
     with archive.open(info) as stream:
         head = stream.read(_HEAD_BYTES)
         rows = head.count(b"\n")
         while piece := stream.read(_CHUNK):
             progress(0.5, "unpacking")
             rows += piece.count(b"\n")
-    lines = head.decode(_encoding(head), "replace").splitlines()
+    lines = head.decode(_encoding(head), "replace").splitlines()[:_HEAD_LINES]
     numbers = Counter(count for line in lines if (count := _numbers(line)))
-    return Part(info.filename, rows, numbers.most_common(1)[0][0] if numbers else 0)
+    return Part(one_line(info.filename), rows, numbers.most_common(1)[0][0] if numbers else 0)
 
 
 def _numbers(line: str) -> int:
@@ -88,7 +106,7 @@ def _encoding(head: bytes) -> str:
     return "utf-8-sig"
 
 
-def _lines(path: Path, table: str) -> Iterator[str]:
+def _lines(path: Path, table: zipfile.ZipInfo) -> Iterator[str]:
     with zipfile.ZipFile(path) as archive, archive.open(table) as stream:
         encoding = _encoding(stream.read(_HEAD_BYTES))
     with zipfile.ZipFile(path) as archive, archive.open(table) as stream:
