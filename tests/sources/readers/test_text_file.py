@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
-from kalscope.errors import BadFile
+from kalscope.common.progress import Progress
+from kalscope.errors import BadFile, Cancelled
+from kalscope.sources.readers import text_file
 from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.readers.text_file import open_raw
 
 TEXT = "t,T (°C)\n" + "".join(f"{i / 100:.2f},{20 + i / 8:.3f}\n" for i in range(40))
 NULS = "must be printable text (got NUL bytes)"
@@ -67,3 +70,12 @@ def test_scattered_nuls_are_refused_by_their_line(read):
 def test_what_is_no_text_is_named(read, data, what):
     with pytest.raises(BadFile, match=what):
         read(data)
+
+
+def test_leaving_a_file_early_does_not_wait_for_its_hash(tmp_path, monkeypatch):
+    path = tmp_path / "log.csv"
+    path.write_bytes(TEXT.encode() + bytes(1 << 21))
+    monkeypatch.setattr(text_file, "_CHUNK", 1)
+    with open_raw(path, Progress()) as raw:
+        pass
+    assert isinstance(raw.digest.exception(), Cancelled)

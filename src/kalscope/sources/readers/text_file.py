@@ -9,13 +9,14 @@ import re
 import tempfile
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Event
 from typing import BinaryIO
 
 from kalscope.common.progress import Progress
-from kalscope.errors import BadFile
+from kalscope.errors import BadFile, Cancelled
 from kalscope.sources.grammar.line_format import ESCAPE, without_escapes
 from kalscope.sources.readers.archives import is_packed, unpacked
 
@@ -74,13 +75,15 @@ def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
     Raises:
         BadFile: there is no such file, it cannot be read, it is a folder or a damaged archive.
     """
-    path = Path(path)
+    path, left = Path(path), Event()
     with (
         tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder,
         ThreadPoolExecutor(1) as beside,
+        ExitStack() as stack,
     ):
+        stack.callback(left.set)  # else a cancelled reading would wait until all of the file is hashed
         try:
-            raw = _open_raw(path, Path(folder) / "content", beside, progress)
+            raw = _open_raw(path, Path(folder) / "content", beside, left, progress)
         except FileNotFoundError:
             raise BadFile(f"file must exist (got {str(path)!r})") from None
         except (OSError, ValueError) as error:  # ValueError: a NUL in the name
@@ -91,14 +94,14 @@ def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
         yield raw
 
 
-def _open_raw(path: Path, target: Path, beside: Executor, progress: Progress) -> RawFile:
+def _open_raw(path: Path, target: Path, beside: Executor, left: Event, progress: Progress) -> RawFile:
     if path.is_dir():
         raise BadFile(f"source must be a file (got the folder {str(path)!r})")
     if path.exists() and not path.is_file():  # /dev/zero never ends, a pipe never begins
         raise BadFile(f"file must be an ordinary file (got {str(path)!r}, a device or a pipe)")
     with path.open("rb") as file:
         magic = file.read(4)
-    digest = beside.submit(_sha256, path)
+    digest = beside.submit(_sha256, path, left)
     content = path
     if is_packed(magic):
         content = target
@@ -108,9 +111,14 @@ def _open_raw(path: Path, target: Path, beside: Executor, progress: Progress) ->
         return RawFile(path.name, content, content.stat().st_size, file.read(HEAD_BYTES), digest)
 
 
-def _sha256(path: Path) -> str:
+def _sha256(path: Path, left: Event) -> str:
+    digest = hashlib.sha256()
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        while piece := file.read(_CHUNK):
+            if left.is_set():
+                raise Cancelled("the file was left before it was hashed")
+            digest.update(piece)
+    return digest.hexdigest()
 
 
 @contextmanager
