@@ -15,7 +15,8 @@ from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.columns import Column
 from kalscope.sources.layout.sniffer import Layout
-from kalscope.sources.lines.number_kernels import scaled
+from kalscope.sources.lines import number_kernels
+from kalscope.sources.lines.number_kernels import MAX_TENS, scaled
 from kalscope.sources.readers import csv_rows, plain_block
 from kalscope.sources.readers.plain_block import BlockParser, block_parser
 from kalscope.sources.readers.recording_file import read_recording
@@ -149,12 +150,34 @@ def test_what_lies_between_two_floats_is_rounded_as_python_does(half, tens):
         assert scaled(digits, tens) == float(f"{digits}e{tens}")
 
 
+@pytest.mark.parametrize("power", range(-MAX_TENS, 0))
+def test_the_powers_of_five_are_rounded_as_the_proof_assumes(power):
+    high, low = map(int, number_kernels._FIVES[power + MAX_TENS])
+    five = 5**-power
+    assert (high << 64 | low) == (1 << five.bit_length() + 127) // five + (power >= -27)
+
+
 def test_the_columns_that_are_left_out_may_hold_text(tmp_path, taken):
     path = tmp_path / "log.csv"
     path.write_text("t,state,a,note\n" + "".join(f"{i},ok {i},{i / 8},up\n" for i in range(30)) + "30,o*k,1,up\n")
     assert_same(path)
     assert sum(taken) == 30
     assert read_recording(path).names == ("a",)
+
+
+def test_a_header_of_numbers_beside_text_that_comes_again_is_a_header_to_both(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(2 * ("city,2019,2020\n" + "".join(f"up {i},{i / 8},{i * i / 4}\n" for i in range(30))))
+    assert_same(path, ReadOptions(header_row=1))
+    report = read_recording(path, ReadOptions(header_row=1)).report
+    assert (report.rows, report.headers) == (60, 2)
+
+
+def test_in_blanks_a_row_in_brackets_has_no_fields_for_them(tmp_path, taken):
+    path = tmp_path / "log.csv"
+    path.write_text("".join(f"a {i} {i * i / 4} b\n" for i in range(30)) + "( 1 2 )\na 30 1 b\n")
+    assert_same(path)
+    assert sum(taken) >= 30
 
 
 DAMAGE = [

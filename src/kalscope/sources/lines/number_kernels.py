@@ -38,8 +38,8 @@ def _fives() -> NDArray[np.uint64]:
     rows: list[tuple[int, int]] = []
     for power in range(-MAX_TENS, MAX_TENS + 1):
         five = 5 ** abs(power)
-        if power < 0:  # rounded up
-            five = (1 << (five.bit_length() + 128)) // five + 1
+        if power < 0:  # rounded up as far as -27, as the proof assumes
+            five = (1 << (five.bit_length() + 127)) // five + (power >= -27)
         bits = five.bit_length()
         five = five << (128 - bits) if bits <= 128 else five >> (bits - 128)
         rows.append((five >> 64, five & (1 << 64) - 1))

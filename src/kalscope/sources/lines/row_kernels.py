@@ -17,7 +17,8 @@ MAX_SURE_STAMP = 0.99e20
 """Larger stamps may be damage, which the line reader decides by `timestamps.MAX_STAMP`."""
 
 _NEWLINE, _BLANK, _TAB, _QUOTE, _STAR, _MINUS = 10, 32, 9, 34, 42, 45
-_COMMENT_MARKS = (35, 37, 47)
+_LINE_MARKS = (35, 37, 47, 40, 91)
+"""What may make a comment of a line, `#%/`, or leave out its ends, `([`."""
 _EMPTY, _NO_CELL = -1, -2
 """What `_odd_cell` found besides what `read_number` finds: nothing between two marks; the end of the line."""
 
@@ -31,8 +32,8 @@ def _past_blanks(data: Bytes, at: int, delimiter: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _past_text(data: Bytes, at: int, delimiter: int) -> int:
-    """The end of a cell of text; −1 where a byte may change what the line means: a quote, a checksum."""
-    if data[at] in _COMMENT_MARKS:
+    """The end of a cell of text; −1 where a byte may change what the line means: a quote, a bracket."""
+    if data[at] in _LINE_MARKS:
         return -1
     while data[at] != delimiter and data[at] != _NEWLINE and not (data[at] == _TAB and delimiter == _BLANK):
         byte = data[at]

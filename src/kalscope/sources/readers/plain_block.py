@@ -44,8 +44,7 @@ class BlockParser:
         self._decimal = layout.form.decimal
         self._marks = ord(delimiter), ord(self._decimal)
         self._stamp = -1 if layout.time is None else layout.time.index
-        wanted = (*layout.channels, *([] if layout.time is None else [self._stamp]))
-        self._wanted = np.array([i in wanted for i in range(width)], dtype=np.uint8)
+        self._wanted = np.array(_are_read(layout), dtype=np.uint8)
         self._widths = np.zeros(width + 2, dtype=np.uint8)
         self._widths[list(layout.narrow)] = AFTER_ITS_LIKE
         self._widths[layout.least : width + 1 + (delimiter != " ")] = ALWAYS  # a separator may end the line
@@ -82,6 +81,18 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
         or (time is not None and time.kind != "number")
         or any(column.role == "series" or column.form is not None for column in layout.columns)
         or any(is_number(text, form.decimal) for text in options.missing_texts)
-        or any(all(parse_number(cell, form.decimal) is not None for cell in row) for row in layout.header_rows)
+        or any(_may_be_row(row, layout) for row in layout.header_rows)
     )
     return None if is_never_plain else BlockParser(layout)
+
+
+def _are_read(layout: Layout) -> list[bool]:
+    """Whether each column is read: the channels and the time; the others may hold any text."""
+    read = {*layout.channels, *(layout.time.indices if layout.time else ())}
+    return [i in read for i in range(len(layout.columns))]
+
+
+def _may_be_row(header: tuple[str, ...], layout: Layout) -> bool:
+    """Whether a header, which may come again, would be taken for numbers: `state,2019,2020`."""
+    read = [cell for cell, is_read in zip(header, _are_read(layout), strict=False) if is_read]
+    return all(parse_number(cell, layout.form.decimal) is not None for cell in read)
