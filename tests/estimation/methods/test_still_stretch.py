@@ -74,7 +74,10 @@ def test_readings_in_steps_may_be_still():
 
 def test_the_stretch_does_not_depend_on_unit_and_level():
     z = record("sine")
-    assert find_still_stretch(-1e-6 * z) == find_still_stretch(1e5 + z) == find_still_stretch(z)
+    found = find_still_stretch(z)
+    assert find_still_stretch(1e5 + z) == found
+    for unit in (-1e-6, 1e200, 1e-200, 1e306, 1e-300):
+        assert find_still_stretch(unit * z) == found
 
 
 def test_a_burst_of_white_movement_is_not_still():

@@ -74,7 +74,8 @@ def find_still_stretch(z: ArrayLike, dt: ArrayLike | None = None) -> tuple[int, 
     steps = steps_of(dt, len(column))
     refuse_infinite(column[None, :])
     place = np.flatnonzero(np.isfinite(column))
-    step = resolution_of(column[place])
+    unit = _unit(column[place])
+    column, step = column / unit, resolution_of(column[place]) / unit
     good = place[~_far(column[place], step)]
     count = len(good) // BLOCK
     if count < MIN_BLOCKS:
@@ -212,6 +213,12 @@ def _grown(blocks: _Blocks, first: int, last: int) -> tuple[int, int]:
         if not grew:
             more //= 2
     return _trimmed(first, last, count)
+
+
+def _unit(readings: Array) -> float:
+    """A power of two near the largest reading: its multiples have the same digits, and squares that stay finite."""
+    _, exponent = math.frexp(float(np.abs(readings).max(initial=0.0)))
+    return math.ldexp(1.0, min(max(exponent, -1000), 1023))
 
 
 def _trimmed(first: int, last: int, count: int) -> tuple[int, int]:
