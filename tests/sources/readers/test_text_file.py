@@ -5,7 +5,7 @@ import pytest
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled
-from kalscope.sources.readers import text_file
+from kalscope.sources.readers import recording_file, text_file
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.sources.readers.text_file import open_raw
 
@@ -79,3 +79,15 @@ def test_leaving_a_file_early_does_not_wait_for_its_hash(tmp_path, monkeypatch):
     with open_raw(path, Progress()) as raw:
         pass
     assert isinstance(raw.digest.exception(), Cancelled)
+
+
+@pytest.mark.parametrize("at", ["_sha256", "plain_lines", "find_encoding"])
+def test_a_drive_that_is_pulled_out_is_a_refusal(tmp_path, monkeypatch, at):
+    def fail(*_):
+        raise OSError(5, "Input/output error")
+
+    path = tmp_path / "log.csv"
+    path.write_text("\x1b[0m" + TEXT)
+    monkeypatch.setattr(text_file if at == "_sha256" else recording_file, at, fail)
+    with pytest.raises(BadFile, match=r"must stay readable while it is read .*Input/output error"):
+        read_recording(path)

@@ -73,7 +73,7 @@ def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
     """Open a file; what an archive holds lies in a temporary file while the context lasts.
 
     Raises:
-        BadFile: there is no such file, it cannot be read, it is a folder or a damaged archive.
+        BadFile: there is no such file, it cannot be read, now or later, it is a folder or a damaged archive.
     """
     path, left = Path(path), Event()
     with (
@@ -91,7 +91,11 @@ def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
                 raise
             reason = getattr(error, "strerror", None) or error
             raise BadFile(f"file must be readable (got {str(path)!r}: {reason})") from None
-        yield raw
+        try:
+            yield raw
+        except OSError as error:  # a drive that was pulled out
+            reason = error.strerror or error
+            raise BadFile(f"file must stay readable while it is read (got {str(path)!r}: {reason})") from None
 
 
 def _open_raw(path: Path, target: Path, beside: Executor, left: Event, progress: Progress) -> RawFile:
