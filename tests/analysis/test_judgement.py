@@ -173,7 +173,9 @@ def test_other_methods_are_quoted_only_where_the_residuals_fit():
     z = walk()
     found = estimate(z)
     fits, slow = residuals(z, found.params, fitted=True), residuals(z, FilterParams(1e-4, 1.0))
-    assert judge(fits, None, found, "ML finds gain 0.9, the Allan variance 0.4.").status == "methods_differ"
+    one = judge(fits, None, found, "The model does not describe it.")
+    assert one.status == "methods_differ"
+    assert one.advice[0].text == "choose the lag that you can accept: the model does not describe it"
     assert judge(slow, None, found, "ML finds gain 0.9, the Allan variance 0.4.").status == "too_slow"
     assert judge(fits, None, found).status == "fits"
 
@@ -182,7 +184,16 @@ def test_what_was_chosen_is_not_undone():
     found = residuals(walk(), FilterParams(1.0, 1.0))
     one = judge(found, chosen="a lag of 50 ms")
     assert one.advice[0].text.startswith("by the record a lag of 50 ms is too fast: q/r about 70 × smaller")
-    assert one.advice[0].action == actions.EstimateAgain()
+    assert one.advice[0].action is None
+
+
+def test_a_choice_is_advised_before_its_reason():
+    z = RECORDS["hum"]
+    found = estimate(z)
+    one = judge(residuals(z, found.params, fitted=True), None, found, momentum_searched=True)
+    assert one.status == "structure"
+    assert one.advice[0].action == actions.ChooseFilter()
+    assert one.advice[0].text.startswith("choose the lag that you can accept: residuals stay correlated")
 
 
 def test_no_pair_is_explained_by_its_verdict():

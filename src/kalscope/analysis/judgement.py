@@ -19,7 +19,7 @@ from kalscope.analysis.actions import (
 from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.analysis.fit.correction import MIN_FACTOR, MIN_SAMPLES
 from kalscope.analysis.fit.findings import Findings
-from kalscope.analysis.fit.words import NO_FAULT, Finding, Known, findings_in_words
+from kalscope.analysis.fit.words import CHOOSE, NO_FAULT, Finding, Known, findings_in_words
 from kalscope.analysis.residual_tests import dot
 from kalscope.common.text import count, number
 from kalscope.estimation.result import Estimate
@@ -201,7 +201,8 @@ def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None, d
         text = f"the squared errors of the second half are {size}: the noise or the movement changes"
         return [("changes", Advice(text))]
     if disagreement:
-        return [("methods_differ", Advice(disagreement.rstrip("."), ChooseFilter()))]
+        reason = f"{disagreement[0].lower()}{disagreement[1:].rstrip('.')}"
+        return [("methods_differ", Advice(f"{CHOOSE}: {reason}", ChooseFilter()))]
     return []
 
 

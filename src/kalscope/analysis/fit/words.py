@@ -27,6 +27,9 @@ from kalscope.filtering.kernels import GATE_LIMIT
 
 NO_FAULT = "no misfit worth correcting"
 
+CHOOSE = "choose the lag that you can accept"
+"""What to do where no q and r describe the signal; the reason follows."""
+
 FAR = 100.0
 """Factor of r beyond which it is wrong whatever the rounding."""
 
@@ -177,7 +180,9 @@ def _size(correction: Correction, known: Known) -> Finding | None:
     if known.chosen:
         lost = "movement that is faster than this is smoothed away" if q > r else "noise that could go stays"
         text = f"by the record {known.chosen} is {pace}: q/r about {_times(q / r)} "
-        return status, Advice(f"{text}{'larger' if q > r else 'smaller'} fits best, so {lost}", EstimateAgain())
+        return status, Advice(
+            f"{text}{'larger' if q > r else 'smaller'} fits best, so {lost}"
+        )  # the user's choice: it stays
     change_q, change_r = ("raise" if f > 1.0 else "lower" for f in (q, r))
     if q_off and r_off:
         text = f"{pace}: {change_q} q about {_times(q)} and {change_r} r about {_times(r)}"
@@ -216,7 +221,9 @@ def _structure(found: Findings, known: Known) -> Finding | None:
         size = f"a momentum of about {number(left.momentum, 1)} samples"
         text += f"; try {size}" if left.whole else f"; {size} explains part of it"
         return "structure", Advice(text, AllowMomentum(left.momentum))
-    return "structure", Advice(text, ChooseFilter() if known.estimated else None)
+    if known.estimated:
+        return "structure", Advice(f"{CHOOSE}: {text}", ChooseFilter())
+    return "structure", Advice(text)
 
 
 def _shape(found: Findings, known: Known) -> Finding | None:
