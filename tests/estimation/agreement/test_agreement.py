@@ -115,6 +115,15 @@ def test_spikes_silence_the_methods_that_cannot_bear_them():
     )
 
 
+@pytest.mark.parametrize("at", [0, 1000, -1])
+def test_one_large_spike_silences_them_wherever_it_is(at):
+    """At the end it makes a single large innovation, in the middle several."""
+    z = walk(2000, 0.01)
+    z[at] += 200.0
+    assert all("beyond 4 σ" in one.not_counted for one in opinions(z).values())
+    assert not worth_showing(compare_methods(z))
+
+
 def test_gaps_silence_the_method_that_needs_samples_in_a_row():
     found = opinions(walk(600, 0.1, missing=0.4))
     assert {name for name, one in found.items() if one.not_counted} == {"als"}

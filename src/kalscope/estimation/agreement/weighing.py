@@ -29,7 +29,7 @@ _FAR = 4.0
 _FAR_SHARE = 6.334e-5
 """Share of a normal law that lies beyond."""
 _MIN_CHANCE = 1e-3
-"""So unlikely a number of such innovations means spikes or jumps."""
+"""So unlikely a number of such innovations, or so large a one, means spikes or jumps."""
 _MAX_POWER = 0.05
 """Share of the power of all innovations, above which they mislead a method that is not robust."""
 
@@ -99,7 +99,8 @@ def spikes_in(data: Differences, best: Pair) -> str:
     far = int(np.count_nonzero(beyond))
     if float(nis[beyond].sum()) <= _MAX_POWER * float(nis.sum()):
         return ""
-    if pdtrc(far - 1, _FAR_SHARE * data.m) > _MIN_CHANCE:
+    largest = data.m * math.erfc(math.sqrt(0.5 * float(nis.max())))
+    if min(float(pdtrc(far - 1, _FAR_SHARE * data.m)), largest) > _MIN_CHANCE:
         return ""
     samples = "1 sample is a spike or jump" if far == 1 else f"{count(far)} samples are spikes or jumps"
     return f"{samples}, beyond 4 σ"
