@@ -187,6 +187,20 @@ def test_what_was_chosen_is_not_undone():
     assert one.advice[0].action is None
 
 
+def test_a_filter_that_starts_from_a_spike_is_not_called_a_change_of_the_noise():
+    z = walk()
+    z[0] += 600.0
+    found = estimate(z)
+    one = judge(residuals(z, found.params, fitted=True), None, found)
+    assert (one.status, len(one.advice)) == ("start", 1)
+    assert "it is a spike" in one.advice[0].text
+    z[:2] = z[1], 600.0
+    found = estimate(z)
+    assert judge(residuals(z, found.params, fitted=True), None, found).status != "start"
+    found = estimate(z[2:])
+    assert judge(residuals(z[2:], found.params, fitted=True), None, found).status == "fits"
+
+
 def test_a_choice_is_advised_before_its_reason():
     z = RECORDS["hum"]
     found = estimate(z)

@@ -38,7 +38,7 @@ BLOCKS = 16
 """Blocks of the second half from whose scatter the standard error of its mean v²/s comes."""
 
 HEADLINES: dict[Status, str] = {
-    "start": "The given start value does not fit the record.",
+    "start": "The filter starts too far from the signal.",
     "spikes": "The record has spikes, which the filter takes for signal.",
     "bursts": "Large errors are too many, or too close together, for single outliers.",
     "too_slow": "The filter is too slow for this record.",
@@ -59,6 +59,12 @@ HEADLINES: dict[Status, str] = {
 
 ROUNDED: Finding = ("rounded", Advice("for a smaller r, let the sensor give finer steps"))
 """All that is said where r is a floor that the residuals need not reach."""
+
+FIRST_IS_SPIKE: Finding = (
+    "start",
+    Advice("leave the first sample out of the record: it is a spike, and the filter takes it for the signal"),
+)
+"""All that is said where the filter has to find its way back from a spike: its residuals show mostly that."""
 
 NO_PAIR_HEADLINES = {
     "no_noise": "No noise can be identified: every change looks like movement.",
@@ -157,7 +163,10 @@ def _judged(
     if held_out is not None and held_out.n < MIN_SAMPLES:
         held_out = None
     rounded = estimate is not None and estimate.verdict == "below_resolution"
-    said = [ROUNDED] if rounded else findings_in_words(residuals.findings, known)
+    if estimate is not None and estimate.outliers is not None and estimate.outliers[0]:
+        said = [FIRST_IS_SPIKE]
+    else:
+        said = [ROUNDED] if rounded else findings_in_words(residuals.findings, known)
     halves = "" if held_out is None else _held_out_clause(held_out)
     if not said:
         said = _beyond_residuals(held_out, estimate, disagreement)
