@@ -74,7 +74,21 @@ def test_spikes_are_set_aside_counted_and_gated(bare: Path, capsys: Captured) ->
     assert kept["set_aside"] is None
     assert kept["r"] > 100.0 * said["r"]
     assert run(["tune", str(bare), "--robust"]) == 0
-    assert ", gate 4 σ, 4 spikes set aside\n" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert ", gate 4 σ, 4 spikes set aside\n" in out
+    assert "--no-robust keeps them" in " ".join(out.split())  # heartbeats look like spikes
+
+
+@pytest.mark.parametrize(
+    ("period", "option"), [(0.01, "--lag-ms 50"), (3600.0, "--gain 0.2"), (2e-9, "--gain 0.2")]
+)
+def test_the_filter_that_is_offered_is_written_in_plain_digits(
+    period: float, option: str, tmp_path: Path, capsys: Captured
+) -> None:
+    path = tmp_path / "z.csv"
+    path.write_text("z\n" + "".join(f"{i}\n" for i in range(100)))
+    assert run(["tune", str(path), "--sample-period", str(period)]) == 0
+    assert f"with {option}: " in capsys.readouterr().out
 
 
 # ---- the page

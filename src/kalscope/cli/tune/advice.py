@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from kalscope.analysis import actions
 from kalscope.cli.tune.answer import Answer
 from kalscope.cli.tune.options import SPECIFICATIONS
@@ -74,6 +76,6 @@ def still_text(recording: Recording, first: int, last: int) -> str:
 
 
 def example(answer: Answer) -> str:
-    """An option that chooses a filter for any record: a lag of five samples, or a gain."""
-    period = answer.sample_period
-    return "--gain 0.2" if period is None else f"--lag-ms {5e3 * period:.4g}"
+    """An option that chooses a filter for any record: a lag of five samples where ms suit it, or a gain."""
+    lag = math.nan if answer.sample_period is None else 5e3 * answer.sample_period
+    return f"--lag-ms {lag:.4g}" if 0.01 <= lag < 1e4 else "--gain 0.2"

@@ -53,9 +53,14 @@ def _gate(answer: Answer) -> str:
     """The outlier gate, and how many samples the fit set aside as spikes."""
     gate = None if answer.found.params is None else answer.found.params.gate
     words = "no gate" if gate is None else f"gate {trimmed(scalar(gate) ** 0.5)} σ"
-    fit = answer.found.estimate
-    aside = 0 if fit is None or fit.outliers is None else int(fit.outliers.sum())
+    aside = _aside(answer)
     return f"{words}, {plural(aside, 'spike')} set aside" if aside else words
+
+
+def _aside(answer: Answer) -> int:
+    """How many samples the fit set aside as spikes."""
+    fit = answer.found.estimate
+    return 0 if fit is None or fit.outliers is None else int(fit.outliers.sum())
 
 
 def _effect(answer: Answer) -> Iterator[str]:
@@ -90,5 +95,10 @@ def _next(answer: Answer, recording: Recording) -> Iterator[str]:
         yield f"{'Note' if one.action is None else 'Next'}{how}: {one.text}"
     if answer.found.params is None and not any(isinstance(one.action, ChooseFilter) for one in advice):
         yield f"Next, with {example(answer)}: choose a filter by its lag, its cut-off or its gain"
+    elif not advice and _aside(answer):
+        yield (
+            "Next: nothing to correct if the spikes are errors; if they belong to the signal, such as heartbeats, "
+            "--no-robust keeps them"
+        )
     elif not advice:
         yield "Next: nothing to correct; -o tuning.toml keeps it, --details says more"
