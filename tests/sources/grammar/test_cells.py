@@ -21,6 +21,9 @@ from kalscope.sources.grammar.cells import split_fields
         ("]", ",", ["]"]),
         ("[]", ",", ["[]"]),
         ("[ ]", " ", ["[", "]"]),
+        ("[nan, 0.5, 2]", ",", ["nan", "0.5", "2"]),
+        ("(None, 0.5, 2)", ",", ["None", "0.5", "2"]),
+        ("[NaN 0.5]", " ", ["NaN", "0.5"]),
     ],
 )
 def test_brackets_around_a_row_of_numbers_are_left_out_and_no_others(line, delimiter, cells):

@@ -31,7 +31,7 @@ NUMBER = {
 
 _TYPED = str.maketrans({"\u00a0": " ", "\u2009": " ", "\u202f": " ", "\u2212": "-"})
 """What is typed for blanks that do not break, as browsers write them before AM, and for the typographic minus."""
-_NUMBER_STARTS = tuple("0123456789+-.")
+_NUMBER_STARTS = (*"0123456789+-.", "nan", "NaN", "None", "null")
 _RUN_OF_SPACES = re.compile(r"[ \t]+")
 
 
