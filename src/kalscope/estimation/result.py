@@ -36,8 +36,8 @@ class Estimate:
     """λ = q/r, 0 … inf; 0 where both are 0."""
     loglik: Value
     """Log-likelihood at (q, r), exact diffuse start, first finite sample not scored; 0 where nothing
-    is, −inf where r = 0 contradicts two samples at one instant. Of "below_resolution" it is the highest, at an r
-    below that of rounding."""
+    is, −inf where r = 0 contradicts two samples at one instant. Of "below_resolution" and "only_spikes" it is the
+    highest, at a smaller r."""
     ratio_interval: tuple[Value, Value]
     """The λ that the record allows: profile-likelihood 95 %, whatever the method; ends may be 0 and inf."""
     gain_interval: tuple[Value, Value]
@@ -51,8 +51,9 @@ class Estimate:
     verdict: Words
     """"ok", "no_noise" (r → 0), "no_movement" (q → 0), "flat" (any λ explains the record), "too_few",
     "constant", "bad_unit" (variances outside 1e-300 … 1e300), "irregular" (the method needs regular sampling),
-    "not_converged", "too_many_outliers" (over 20 % of the samples set aside) or "below_resolution" (the noise is
-    smaller than the steps of the readings: r is Δ²/12)."""
+    "not_converged", "too_many_outliers" (over 20 % of the samples set aside), "below_resolution" (the noise is
+    smaller than the steps of the readings: r is Δ²/12) or "only_spikes" (no noise beside the spikes: r is the most
+    that the record allows, and the gate does the work)."""
     message: Words
     """What was found, what it means and what to do, for the user."""
     params: FilterParams | None
@@ -101,7 +102,7 @@ class Estimate:
         return Estimate(**values)
 
 
-USABLE = ("ok", "flat", "not_converged", "below_resolution")
+USABLE = ("ok", "flat", "not_converged", "below_resolution", "only_spikes")
 """Verdicts with parameters: both variances are above 0, though perhaps uncertain."""
 
 

@@ -64,6 +64,24 @@ def test_without_spikes_it_is_the_plain_fit_bit_for_bit(seed):
     assert found.gate is None
 
 
+def test_spikes_without_noise_are_left_to_the_gate():
+    g = np.random.default_rng(5)
+    truth = np.cumsum(g.normal(0.0, 1.0, N))
+    z = truth.copy()
+    spikes = g.choice(N, N // 100, replace=False)
+    z[spikes] += 25.0
+    found = estimate(z)
+    assert found.verdict == "only_spikes"
+    assert found.params.gate == found.gate**2
+    assert found.ratio == pytest.approx(found.ratio_interval[0])
+    assert found.r == found.params.r < 0.05
+    errors = [
+        np.sqrt(np.mean((kalman_filter(z, one.params).x - truth) ** 2))
+        for one in (found, estimate(z, robust=False))
+    ]
+    assert errors[0] < 0.5 * errors[1]
+
+
 def test_asked_for_it_says_that_nothing_was_set_aside():
     _, z = walk()
     found, plain = estimate(z, robust=True), estimate(z, robust=False)
@@ -316,3 +334,15 @@ def test_a_sample_is_judged_from_both_sides():
     scores = unpredicted(z, EVEN, 0.01, 1.0, 0.0)
     assert np.flatnonzero(scores).tolist() == [10]
     assert scores[10] > SIGMAS**2
+
+
+def test_impacts_that_no_gate_can_tell_from_movement_stay_in_the_fit():
+    g = np.random.default_rng(8)
+    z = np.cumsum(g.standard_t(2.0, N))
+    z[g.choice(N, 3 * N // 100, replace=False)] += 25.0
+    found, plain = estimate(z), estimate(z, robust=False)
+    assert plain.verdict == "ok"
+    assert fields_of(found, PAIR) == fields_of(plain, PAIR)
+    assert found.gate is None
+    assert "stay in the fit" in found.message
+    assert estimate(z, robust=True).verdict == "no_noise"

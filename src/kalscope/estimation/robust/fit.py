@@ -17,6 +17,7 @@ from kalscope.estimation.robust import words
 from kalscope.estimation.robust.gate import advised_gate
 from kalscope.estimation.robust.spikes import SIGMAS, Mask, far_from_median, more_than_chance, unpredicted
 from kalscope.estimation.robust.truncation import kept_variance
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
 Fit = Callable[[Array, Array, Progress], Estimate]
@@ -64,7 +65,8 @@ def spike_proof(full: Fit, with_momentum: Callable[[float], Fit], always: bool |
     Args:
         full: the fit as asked for.
         with_momentum: the same with a momentum that is given, for the steps in between; may return `full`.
-        always: False = `full` itself; None = its estimate, bit for bit, unless there are spikes.
+        always: False = `full` itself; None = its numbers, bit for bit, unless there are spikes that can be told
+            from movement. They cannot where no noise is left without them and a gate does more harm than good.
     """
     if always is False:
         return full
@@ -79,7 +81,10 @@ def spike_proof(full: Fit, with_momentum: Callable[[float], Fit], always: bool |
         found = _settle(z, steps, plain, full, with_momentum, start.far, progress.part(0.3, 0.95))
         if always is None and not more_than_chance(np.where(found.away, found.scores, 0.0), z):
             return plain
-        return _conclude(z, steps, plain, found)
+        answer = _conclude(z, steps, plain, found)
+        if always is None and answer.verdict == "no_noise" and plain.params is not None:
+            return replace(plain, message=f"{plain.message} {words.kept(int(found.away.sum()))}")
+        return answer
 
     return fit
 
@@ -140,14 +145,37 @@ def _conclude(z: Array, steps: Array, plain: Estimate, found: _Found) -> Estimat
         text = words.too_many(count, present)
         return replace(one, verdict="too_many_outliers", message=text, params=None, **known)
     gate = None
-    if one.params is not None and count:
-        one = _untruncated(one)
-        gate = advised_gate(z, steps, one.params, found.away) if one.params is not None else None
+    if count:
+        one, gate = _with_gate(z, steps, one, found.away)
     message = f"{words.set_aside(count, present, plain, gate)} {one.message}".strip()
-    params = one.params
-    if params is not None and gate is not None:
-        params = replace(params, gate=gate * gate)
-    return replace(one, message=message, params=params, gate=gate, **known)
+    return replace(one, message=message, gate=gate, **known)
+
+
+def _with_gate(z: Array, steps: Array, one: Estimate, away: Mask) -> tuple[Estimate, float | None]:
+    """The estimate with a gate in its parameters, and the gate in σ; None where the filter does better without."""
+    some = _only_spikes(one) if one.verdict == "no_noise" else _untruncated(one)
+    if some.params is None:
+        return some, None
+    gate = advised_gate(z, steps, some.params, away)
+    if gate is None:
+        return (one if some.verdict == "only_spikes" else some), None
+    return replace(some, params=replace(some.params, gate=gate * gate)), gate
+
+
+def _only_spikes(one: Estimate) -> Estimate:
+    """The estimate without noise beside the spikes, with the largest r that the record allows: a pair to gate."""
+    least = float(one.ratio_interval[0])
+    if least <= 0.0:
+        return one
+    params = FilterParams(q=float(one.q), r=float(one.q) / least, momentum=float(one.momentum))
+    return replace(
+        one,
+        r=float(one.q) / least,
+        ratio=least,
+        verdict="only_spikes",
+        message=words.only_spikes(params),
+        params=params,
+    )
 
 
 def _untruncated(one: Estimate) -> Estimate:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from kalscope.common.text import count as whole
 from kalscope.common.text import number, percent, plural, trimmed
 from kalscope.estimation.result import USABLE, Estimate
+from kalscope.filtering.arrays import scalar
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import steady_state
 
 
 def set_aside(count: int, present: int, plain: Estimate, gate: float | None) -> str:
@@ -26,6 +29,25 @@ def set_aside(count: int, present: int, plain: Estimate, gate: float | None) -> 
     if gate is not None:
         text += f" The filter gets a gate of {trimmed(gate)} σ, which ignores such samples."
     return f"{text} If they belong to the signal, switch the spike-proof fit off."
+
+
+def only_spikes(params: FilterParams) -> str:
+    """The record shows no noise beside its spikes; `params` have the largest r that it allows."""
+    return (
+        "Beside the spikes no noise can be identified: every other change looks like movement. "
+        f"r = {number(scalar(params.r))} is the most that the record allows (95 %), so that the filter takes the "
+        f"spikes away and passes nearly all else: it settles at gain {number(float(steady_state(params).gain))}."
+    )
+
+
+def kept(count: int) -> str:
+    """Without the spikes no noise is left, and a gate would do more harm than good."""
+    one = count == 1
+    return (
+        f"{whole(count)} {'sample looks like a spike' if one else 'samples look like spikes'}, but without "
+        f"{'it' if one else 'them'} no noise could be identified, and a gate would refuse movement too: "
+        f"{'it stays' if one else 'they stay'} in the fit."
+    )
 
 
 def too_many(count: int, present: int) -> str:
