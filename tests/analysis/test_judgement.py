@@ -201,6 +201,19 @@ def test_a_filter_that_starts_from_a_spike_is_not_called_a_change_of_the_noise()
     assert judge(residuals(z[2:], found.params, fitted=True), None, found).status == "fits"
 
 
+def test_the_step_of_a_sensor_is_named_where_its_noise_is_smaller_but_shows():
+    """A DS18B20: steps of 0.0625 °C, and a noise of a third of that, which rounding hides only in part."""
+    g = np.random.default_rng(3)
+    z = 0.0625 * np.round((22.5 + np.sin(np.arange(N) / 500.0) + g.normal(0.0, 0.02, N)) / 0.0625)
+    found = estimate(z)
+    assert found.verdict == "ok"
+    one = judge(residuals(z, found.params, fitted=True), None, found, unit="°C")
+    assert (one.status, one.headline) == (
+        "rounded",
+        "The sensor rounds to 0.0625 °C; the noise is smaller than that.",
+    )
+
+
 def test_a_choice_is_advised_before_its_reason():
     z = RECORDS["hum"]
     found = estimate(z)

@@ -127,9 +127,15 @@ def judge(
         unit: of the record, "" where unknown; the step of a sensor that rounds is named in it.
     """
     one = _judged(residuals, held_out, estimate, disagreement, chosen, momentum_searched)
-    if residuals is not None and estimate is not None and estimate.verdict == "below_resolution":
+    if one.status == "rounded" and estimate is not None and _noise_is_below_step(estimate):
         one = replace(one, headline=below_step(float(estimate.resolution), unit))
     return one if still is None else replace(one, advice=tuple(_from_still(advice, still) for advice in one.advice))
+
+
+def _noise_is_below_step(estimate: Estimate) -> bool:
+    """Whether the noise without that of rounding, Δ²/12, is smaller than the step Δ of the readings."""
+    step = float(estimate.resolution)
+    return step > 0.0 and float(estimate.r) < step * step * (1.0 + 1.0 / 12.0)
 
 
 def needs_noise(estimate: Estimate | None) -> bool:
