@@ -79,6 +79,24 @@ def test_spikes_are_set_aside_counted_and_gated(bare: Path, capsys: Captured) ->
     assert "--no-robust keeps them" in " ".join(out.split())  # heartbeats look like spikes
 
 
+@pytest.mark.parametrize("options", [[], ["--lag-ms", "50"]])
+def test_spikes_are_kept_out_of_the_second_opinions_and_of_the_range(
+    options: list[str], tmp_path: Path, capsys: Captured
+) -> None:
+    g = np.random.default_rng(5)
+    z = np.cumsum(g.normal(0.0, 0.1, 2000)) + g.normal(size=2000)
+    clean, spiky = tmp_path / "clean.csv", tmp_path / "spiky.csv"
+    for path in (clean, spiky):
+        path.write_text("t_s,z\n" + "".join(f"{i / 100:.2f},{x!r}\n" for i, x in enumerate(z.tolist())))
+        z[50::100] += 30.0
+    right, said = tuned(capsys, str(clean), *options), tuned(capsys, str(spiky), *options)
+    for one, other in zip(said["opinions"], right["opinions"], strict=True):
+        assert one["r"] == pytest.approx(other["r"], rel=0.15)
+    assert said["lag_interval"] == pytest.approx(right["lag_interval"], rel=0.2)
+    kept = tuned(capsys, str(spiky), *options, "--no-robust")
+    assert kept["opinions"][0]["r"] > 5.0 * said["opinions"][0]["r"]
+
+
 @pytest.mark.parametrize(
     ("period", "option"), [(0.01, "--lag-ms 50"), (3600.0, "--gain 0.2"), (2e-9, "--gain 0.2")]
 )

@@ -14,6 +14,7 @@ from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation.agreement.comparison import compare_methods
 from kalscope.estimation.agreement.words import disagreement
+from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import Found, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.methods.still_stretch import find_still_stretch
 from kalscope.estimation.result import Estimate
@@ -97,7 +98,7 @@ def answer_for(
     dt = recording.steps() if recording.gaps == "dt" else None
     found = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.3))
     found = _with_gate(found, gate)
-    opinions = compare_methods(z, dt, progress=progress.part(0.3, 0.7))
+    opinions = compare_methods(_without_spikes(z, dt, request, found), dt, progress=progress.part(0.3, 0.7))
     progress(0.7, "judging the answer")
     residuals, held_out = _residuals(z, dt, found), None
     if found.params is not None:
@@ -116,6 +117,16 @@ def answer_for(
         held_out=held_out,
         judgement=_judged(request, found, opinions, residuals, held_out, _still(z, dt, found.estimate), unit),
     )
+
+
+def _without_spikes(z: Array, dt: Array | None, request: Request, found: Found) -> Array:
+    """The samples that the second opinions and the range of the record are to be found in: those of the answer."""
+    fit = found.estimate
+    if fit is None and request.robust is not False:  # the filter was chosen
+        fit = estimate(z, dt=dt, momentum=0.0, robust=request.robust)
+    if fit is None or fit.outliers is None or fit.verdict == "too_many_outliers":
+        return z
+    return np.where(fit.outliers, np.nan, z)
 
 
 def _with_gate(found: Found, gate: float | None) -> Found:
