@@ -214,6 +214,16 @@ def test_the_step_of_a_sensor_is_named_where_its_noise_is_smaller_but_shows():
     )
 
 
+def test_the_size_of_the_errors_is_not_praised_where_bursts_make_it_wrong():
+    """Five bursts: the gate refuses some of them, and half of the squared errors that r promises are left."""
+    g = np.random.default_rng(9033)
+    z = walk() + 8.0 * g.normal(size=N) * (np.arange(N) % (N // 5) < N // 100)
+    found = estimate(z)
+    said = judge(residuals(z, found.params, fitted=True), None, found)
+    assert said.status == "shape"
+    assert "right" not in said.headline
+
+
 def test_a_choice_is_advised_before_its_reason():
     z = RECORDS["hum"]
     found = estimate(z)

@@ -48,7 +48,7 @@ HEADLINES: dict[Status, str] = {
     "structure": "The record holds more than the model describes.",
     "changes": "The record changes as it goes on: one pair cannot fit all of it.",
     "gate": "The outlier gate refuses more than single outliers.",
-    "shape": "The filter has the right size and speed, but its errors are far from normally distributed.",
+    "shape": "The errors of the filter are far from normally distributed.",
     "steps": "The signal steps: no q both follows the steps and smooths well between them.",
     "constant": "The signal is constant: there is nothing to judge the filter by.",
     "rounded": "The readings are rounded more coarsely than their noise, or held.",

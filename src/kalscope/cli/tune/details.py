@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from kalscope.analysis.actions import as_sentences
 from kalscope.analysis.judgement import advice_words
 from kalscope.cli.tune.answer import CHOSEN, Answer
 from kalscope.cli.tune.words import VERDICT_WORDS, between, wrapped
@@ -133,7 +134,7 @@ def _trust(answer: Answer) -> Iterator[str]:
     judged, held = answer.residuals, answer.held_out
     if judged is None:
         return
-    yield from wrapped(f"Advice: {advice_words(answer.judgement)}.")
+    yield from wrapped(f"Advice: {as_sentences(advice_words(answer.judgement))}")
     if answer.judgement.status != "too_few":
         jumps = f", {judged.jumps} of them jumps that stay" if judged.jumps else ""
         spikes = f"{judged.spikes} beyond 4 σ{jumps} (chance: {number(judged.spikes_expected, 2)})"
