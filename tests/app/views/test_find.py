@@ -20,7 +20,7 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.views.tune.checks import correlation_lines, table
-from kalscope_app.views.tune.find import answer_text, comparison_text
+from kalscope_app.views.tune.find import answer_text, comparison_text, samples_to_compare
 from kalscope_app.views.tune.search_methods import SEARCH_METHODS
 
 
@@ -172,6 +172,15 @@ def test_opinions_on_a_sine_name_the_disagreement():
     state = opened(Recording(np.arange(float(n)), ("z",), ("",), z[:, None], 1.0))
     asked = set_method_comparison(state.recording, "z", compare_methods(z))(state)
     assert "The model does not describe this signal" in comparison_text(asked)
+
+
+def test_spikes_that_were_set_aside_are_not_compared(state):
+    assert np.array_equal(samples_to_compare(state), state.recording.channel("a"))
+    z = state.recording.channel("a").copy()
+    z[[40, 90]] += 1000.0
+    state = opened(Recording(np.arange(float(len(z))), ("a",), ("",), z[:, None], 1.0))
+    found = apply_found(state.recording, "a", search(state, next(iter(SEARCH_METHODS))))(state)
+    assert np.flatnonzero(np.isnan(samples_to_compare(found))).tolist() == [40, 90]
 
 
 def test_before_and_after_stand_in_the_answer(state):

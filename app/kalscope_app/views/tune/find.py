@@ -7,8 +7,10 @@ import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
+import numpy as np
 import viser
 
+from kalscope.common.array import Array
 from kalscope.common.text import lag_text, number, trimmed
 from kalscope.estimation.agreement.comparison import compare_methods
 from kalscope.estimation.agreement.words import comparison
@@ -95,7 +97,7 @@ class FindView:
         self._session.request(apply_found(state.recording, state.channel, found))
 
     def _compare(self, state: State, stop: threading.Event) -> None:
-        z = state.recording.channel(state.channel)
+        z = samples_to_compare(state)
         with SlowJobProgress(self._progress, self._cancel) as shown:
             opinions = compare_methods(z, state.dt, progress=shown.report, cancelled=stop.is_set)
         self._session.request(set_method_comparison(state.recording, state.channel, opinions))
@@ -119,6 +121,12 @@ class FindView:
                     box.value = self._stretch[i] if state.view.search_method == STILL else content
                 box.hint = BOX_HINTS.get(label, BOX_HINTS[""])
         self._shown_method = state.view.search_method
+
+
+def samples_to_compare(state: State) -> Array:
+    """The channel on screen without the spikes that the last search set aside: all methods see the same samples."""
+    z, aside = state.recording.channel(state.channel), state.set_aside
+    return z if aside is None else np.where(aside, np.nan, z)
 
 
 def answer_text(state: State) -> str:
