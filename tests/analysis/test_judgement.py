@@ -224,6 +224,13 @@ def test_the_size_of_the_errors_is_not_praised_where_bursts_make_it_wrong():
     assert "right" not in said.headline
 
 
+def test_a_unit_that_is_a_fraction_is_no_part_of_the_step():
+    z = np.rint(walk(q=0.01, r=0.04))
+    found = estimate(z)
+    said = judge(residuals(z, found.params, fitted=True), None, found, unit="1/64 g")
+    assert said.headline == "The sensor rounds to 1 × 1/64 g; the noise is smaller than that."
+
+
 def test_a_choice_is_advised_before_its_reason():
     z = RECORDS["hum"]
     found = estimate(z)

@@ -102,7 +102,8 @@ def chosen_ratio(low: float, high: float, ratio: float) -> str:
 
 def below_step(step: float, unit: str = "") -> str:
     """The noise is smaller than the step of the readings; `unit` is theirs, where it is known."""
-    return f"The sensor rounds to {trimmed(step, 4)}{f' {unit}' if unit else ''}; the noise is smaller than that."
+    apart = " × " if unit[:1].isdigit() else " "  # not 1 1/64 g
+    return f"The sensor rounds to {trimmed(step, 4)}{apart if unit else ''}{unit}; the noise is smaller than that."
 
 
 def below_resolution(step: float, params: FilterParams) -> str:
