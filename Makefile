@@ -18,9 +18,9 @@ run: .venv/run.stamp
 # compiling it again takes each of them 2 to 8 s.
 export PYTHONDONTWRITEBYTECODE :=
 
-# Three workers by default (WORKERS=4 for four): on two cores one of them waits for a board or a browser at any time.
+# Four workers by default: on two cores two of them wait for a board or a browser at any time.
 # The long tests come first (tests/conftest.py), so that the workers end together.
-WORKERS ?= 3
+WORKERS ?= 4
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 # Branch coverage of the tests' own processes; make test COVERAGE= leaves it out, which takes less time.
