@@ -169,7 +169,7 @@ def above_rounding(fit: Fit) -> Fit:
 
     def whole(z: Array, steps: Array, progress: Progress) -> Estimate:
         one = fit(z, steps, progress.part(0.0, 0.9))
-        step = resolution_of(z[np.isfinite(z)])
+        step = _step_of(z[np.isfinite(z)])
         if step == 0.0 or one.verdict not in ("ok", "flat", "no_noise"):
             return one
         one = replace(one, resolution=step)
@@ -183,6 +183,14 @@ def above_rounding(fit: Fit) -> Fit:
         return replace(one, message=f"{one.message} {words.rounding_floor(step)}")
 
     return whole
+
+
+def _step_of(readings: Array) -> float:
+    """The step of the readings; 0 of only two levels, which may be a switch, or one value and a stand-in for it."""
+    if not len(readings):
+        return 0.0
+    between = (readings > readings.min()) & (readings < readings.max())
+    return resolution_of(readings) if between.any() else 0.0
 
 
 def _at_floor(one: Estimate, data: Differences, progress: Progress) -> Estimate:

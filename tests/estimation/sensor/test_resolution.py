@@ -156,3 +156,11 @@ def test_missing_samples_and_time_steps_are_taken_along():
     assert found.verdict == "below_resolution"
     assert found.q == pytest.approx(0.15**2, rel=0.4)
     assert math.isfinite(found.loglik)
+
+
+def test_a_switch_between_two_levels_shows_no_resolution():
+    switch = np.repeat(np.arange(10.0) % 2.0, 50)
+    found = estimate(switch)
+    assert found.resolution == 0.0
+    assert "rounds to" not in found.message
+    assert estimate(np.repeat(np.arange(10.0) % 3.0, 50)).resolution == 1.0
