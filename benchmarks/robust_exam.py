@@ -104,7 +104,7 @@ def clean(runs: int) -> bool:
         same += auto.outliers is None and (auto.q, auto.r) == (plain.q, plain.r)
         changed = max(changed, *(abs(a / b - 1.0) for a, b in ((auto.q, plain.q), (auto.r, plain.r))))
         worst = max(worst, *(abs(a / b - 1.0) for a, b in ((always.q, plain.q), (always.r, plain.r))))
-    passed = changed <= MAX_CLEAN
+    passed = bool(changed <= MAX_CLEAN)
     print(
         f"without spikes: {same} of {4 * runs} records as plain, bit for bit; always on, q and r differ by at",
         end="",
@@ -204,7 +204,7 @@ def draw(path: Path, title: str, z: Samples, found: Estimate) -> None:
     """The whole record, and the stretches around nine of the samples set aside, those marked."""
     from matplotlib.figure import Figure
 
-    away = np.flatnonzero(found.outliers)
+    away = np.flatnonzero(np.zeros(len(z), dtype=bool) if found.outliers is None else found.outliers)
     figure = Figure(figsize=(14, 10), layout="constrained")
     whole, *rows = figure.subplot_mosaic([["all"] * 3, *[[f"{i}{j}" for j in range(3)] for i in range(3)]]).values()
     whole.plot(z, ".-", markersize=2, linewidth=0.5, color="0.4")

@@ -163,7 +163,9 @@ def simulated(only: str) -> list[Record]:
     for seed, (name, (truth, make)) in enumerate(SIMULATED.items()):
         if only in name:
             z = make(np.random.default_rng(seed))
-            recording = Recording(np.arange(len(z)) * 0.01, ("z",), ("",), z[:, None], 0.01, source=f"{name}.csv")
+            recording = Recording(
+                0.01 * np.arange(len(z), dtype=np.float64), ("z",), ("",), z[:, None], 0.01, source=f"{name}.csv"
+            )
             found.append(Record(name, truth, recording))
     return found
 
