@@ -7,7 +7,16 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, Cancelled, estimate, estimate_fixed_r, estimate_fixed_ratio, kalman_filter
+from kalscope import (
+    BadSetting,
+    Cancelled,
+    estimate,
+    estimate_fixed_r,
+    estimate_fixed_ratio,
+    kalman_filter,
+    steady_state,
+)
+from kalscope.common.text import number
 from kalscope.estimation.robust.fit import MAX_SHARE
 from kalscope.estimation.robust.spikes import LONGEST, SIGMAS, far_from_median, unpredicted
 
@@ -48,7 +57,7 @@ def test_it_is_the_fit_of_the_record_without_the_spikes(size, beside):
     found = estimate(z)
     np.testing.assert_array_equal(found.outliers, where)
     oracle = estimate(np.where(where, np.nan, z), robust=False)
-    assert found.q == oracle.q
+    assert found.ratio == oracle.ratio == pytest.approx(found.q / found.r, rel=1e-12)
     assert oracle.r < found.r < 1.002 * oracle.r  # the few good samples beyond 4 σ
     assert (found.plain_q, found.plain_r) == tuple(fields_of(estimate(z, robust=False), ("q", "r")))
     assert found.outlier_share == where.mean()
@@ -346,3 +355,12 @@ def test_impacts_that_no_gate_can_tell_from_movement_stay_in_the_fit():
     assert found.gate is None
     assert "stay in the fit" in found.message
     assert estimate(z, robust=True).verdict == "no_noise"
+
+
+def test_the_message_and_the_parameters_describe_one_filter():
+    g = np.random.default_rng(3)
+    z = 0.02 * np.cumsum(g.normal(size=N)) + g.normal(size=N)
+    z[g.choice(N, 12, replace=False)] += 30.0
+    found = estimate(z)
+    assert found.outliers.sum() >= 12
+    assert f"lags a ramp by {number(steady_state(found.params).lag_samples)} samples" in found.message

@@ -228,9 +228,10 @@ def _structure(found: Findings, known: Known) -> Finding | None:
 
 def _shape(found: Findings, known: Known) -> Finding | None:
     if found.spikes and known.robust:
-        tails = f"{count(found.spikes)} of {count(found.n)} residuals lie beyond 4 of their own σ"
-        text = f"{tails}, and are no single spikes to the fit: the noise has long tails, or two kinds of readings "
-        return "shape", Advice(f"{text}are mixed")
+        tails = (
+            f"{count(found.spikes)} of {count(found.n)} residuals lie beyond 4 σ, but the fit saw no spikes in them"
+        )
+        return "shape", Advice(f"{tails}: the noise has long tails, or two kinds of readings are mixed")
     if not found.skewness and not found.excess:
         return None
     size = f"skewness {number(found.skewness, 2)}, excess kurtosis {number(found.excess, 2)}"

@@ -179,15 +179,16 @@ def _only_spikes(one: Estimate) -> Estimate:
 
 
 def _untruncated(one: Estimate) -> Estimate:
-    """With the noise of the good samples that the rule set aside too."""
+    """With the noise of the good samples that the rule set aside too; q/r, and all that follows from it, stays."""
     if one.params is None:
         return one
     shown = kept_variance(float(steady_state(one.params).gain), SIGMAS)
-    r = float(one.r) / shown
+    q, r = float(one.q) / shown, float(one.r) / shown
     return replace(
         one,
+        q=q,
         r=r,
+        q_se=float(one.q_se) / shown,
         r_se=float(one.r_se) / shown,
-        ratio=float(one.q) / r,
-        params=replace(one.params, r=r),
+        params=replace(one.params, q=q, r=r),
     )
