@@ -228,9 +228,7 @@ def _structure(found: Findings, known: Known) -> Finding | None:
 
 def _shape(found: Findings, known: Known) -> Finding | None:
     if found.spikes and known.robust:
-        tails = (
-            f"{count(found.spikes)} of {count(found.n)} residuals lie beyond 4 σ, but the fit saw no spikes in them"
-        )
+        tails = f"{count(found.spikes)} of {count(found.n)} residuals lie beyond 4 σ"
         return "shape", Advice(f"{tails}: the noise has long tails, or two kinds of readings are mixed")
     if not found.skewness and not found.excess:
         return None
