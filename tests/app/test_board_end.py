@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from program import end, is_free, labels, port_of, running, token_of
+from terminal import link_to
 from waiting import wait_until
 from wire import PATIENCE, Guest
 
@@ -26,7 +27,7 @@ class Board:
     def __init__(self):
         self.master, self.slave = os.openpty()
         tty.setraw(self.slave)
-        self.port, self.sent, self._end = os.ttyname(self.slave), 0, threading.Event()
+        self.port, self.sent, self._end = link_to(os.ttyname(self.slave)), 0, threading.Event()
         self._thread = threading.Thread(target=self._run)
 
     def __enter__(self):
@@ -42,6 +43,7 @@ class Board:
         if not self._end.is_set():
             self._end.set()
             self._thread.join()
+            self.port.unlink()
             os.close(self.slave)
             os.close(self.master)
 

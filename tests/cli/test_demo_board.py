@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from terminal import link_to
 from waiting import PATIENCE, wait_until
 
 from kalscope import BadDevice, BadSetting, Recording, synthesize
@@ -169,9 +170,11 @@ def test_the_program_prints_what_opens_it_and_stops_cleanly(number):
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
         first = program.stdout.readline()
         assert first.startswith("Demo board: kalscope open serial:/dev/")
-        live = LiveSource(first.split()[-1])
+        link = link_to(first.split()[-1].removeprefix("serial:"))
+        live = LiveSource(str(link))
         live.start(require=True)
         wait_until(lambda: live.status().accepted >= 20, "20 rows")
+        link.unlink()
         program.send_signal(number)
         assert program.wait(timeout=PATIENCE) == 0
         assert program.stderr.read() == ""

@@ -17,6 +17,7 @@ import pytest
 from effort import FUZZ
 from forked import Forked
 from program import command
+from terminal import link_to
 from waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run
@@ -32,7 +33,7 @@ class Board:
     def __init__(self, rate: float, *, other: bytes = b"") -> None:
         self.master, slave = os.openpty()
         tty.setraw(slave)
-        self.port, self._slave = os.ttyname(slave), slave
+        self.port, self._slave = link_to(os.ttyname(slave)), slave
         self.sent = 0
         self._rate, self._other, self._end = rate, other, threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -49,6 +50,7 @@ class Board:
         if not self._end.is_set():
             self._end.set()
             self._thread.join()
+            self.port.unlink()
             os.close(self._slave)
             os.close(self.master)
 
@@ -70,7 +72,7 @@ class Board:
 
 
 def record(board: Board, path: Path, *options: str, change: str = "") -> Forked:
-    return command("record", board.port, "-o", path, *options, change=change)
+    return command("record", str(board.port), "-o", path, *options, change=change)
 
 
 def recorded(board: Board, path: Path, *options: str) -> str:

@@ -10,7 +10,10 @@ from kalscope.sources.live.live_source import LiveSource
 
 
 class FakeBoard:
-    """A board behind a symlink, which stays when the board is pulled out and plugged in again."""
+    """A board behind a symlink of the same name each time it is plugged in; it goes when the board is pulled out.
+
+    If it stayed, a reader that waits would open the terminal of another test, which gets the same number.
+    """
 
     def __init__(self, link):
         self.link, self.master = str(link), -1
@@ -22,8 +25,6 @@ class FakeBoard:
 
         self.master, self.slave = os.openpty()
         tty.setraw(self.slave)
-        if os.path.lexists(self.link):
-            os.unlink(self.link)
         os.symlink(os.ttyname(self.slave), self.link)
 
     def say(self, data):
@@ -38,6 +39,7 @@ class FakeBoard:
     def unplug(self):
         """Pull the cable."""
         if self.master >= 0:
+            os.unlink(self.link)
             os.close(self.slave)
             os.close(self.master)
             self.master = -1

@@ -154,7 +154,11 @@ class Uno:
         self._process.send_signal(signal.SIGUSR1)
 
     def unplug(self) -> None:
-        """Pull the plug: the port hangs up at once and unread bytes are lost."""
+        """Pull the plug: the port hangs up at once and unread bytes are lost.
+
+        Its link goes first: the number of its terminal may be that of another board a moment later.
+        """
+        Path(self.port).unlink()
         self._process.kill()
         self._process.wait(PATIENCE)
 
