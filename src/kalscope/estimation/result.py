@@ -52,8 +52,8 @@ class Estimate:
     """"ok", "no_noise" (r → 0), "no_movement" (q → 0), "flat" (any λ explains the record), "too_few",
     "constant", "bad_unit" (variances outside 1e-300 … 1e300), "irregular" (the method needs regular sampling),
     "not_converged", "too_many_outliers" (over 20 % of the samples set aside), "below_resolution" (the noise is
-    smaller than the steps of the readings: r is Δ²/12) or "only_spikes" (no noise beside the spikes: r is the most
-    that the record allows, and the gate does the work)."""
+    smaller than the steps of the readings: r is Δ²/12) or "only_spikes" (no noise apart from spikes: r is the
+    largest that the record allows, and the gate does the work)."""
     message: Words
     """What was found, what it means and what to do, for the user."""
     params: FilterParams | None

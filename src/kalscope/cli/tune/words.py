@@ -25,7 +25,7 @@ VERDICT_WORDS = {
     "not_converged": "not converged",
     "too_many_outliers": "too many spikes",
     "below_resolution": "noise below the rounding step",
-    "only_spikes": "r → 0 beside the spikes",
+    "only_spikes": "r → 0 but for spikes",
 }
 """Verdicts as they stand in a table."""
 

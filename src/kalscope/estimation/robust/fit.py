@@ -163,7 +163,7 @@ def _with_gate(z: Array, steps: Array, one: Estimate, away: Mask) -> tuple[Estim
 
 
 def _only_spikes(one: Estimate) -> Estimate:
-    """The estimate without noise beside the spikes, with the largest r that the record allows: a pair to gate."""
+    """The estimate of a record whose only noise is spikes, with the largest r that it allows: a pair to gate."""
     least = float(one.ratio_interval[0])
     if least <= 0.0:
         return one

@@ -32,11 +32,11 @@ def set_aside(count: int, present: int, plain: Estimate, gate: float | None) -> 
 
 
 def only_spikes(params: FilterParams) -> str:
-    """The record shows no noise beside its spikes; `params` have the largest r that it allows."""
+    """The record shows no noise apart from its spikes; `params` have the largest r that it allows."""
     return (
-        "Beside the spikes no noise can be identified: every other change looks like movement. "
-        f"r = {number(scalar(params.r))} is the most that the record allows (95 %), so that the filter takes the "
-        f"spikes away and passes nearly all else: it settles at gain {number(float(steady_state(params).gain))}."
+        "Apart from the spikes, no noise can be identified: every other change looks like movement. "
+        f"r = {number(scalar(params.r))} is the largest that the record allows (95 %), so the gate removes the "
+        f"spikes and nearly all else passes: it settles at gain {number(float(steady_state(params).gain))}."
     )
 
 
