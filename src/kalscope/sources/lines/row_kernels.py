@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -65,17 +66,22 @@ def _odd_cell(data: Bytes, at: int, marks: tuple[int, int], wanted: int) -> tupl
     return value, at - 1, how if delimiter == _BLANK and at > end else BAD
 
 
+class RowForm(NamedTuple):
+    """How the rows of a layout are written."""
+
+    marks: tuple[int, int]
+    """Delimiter and decimal mark."""
+    wanted: Bytes
+    """1 where a column is read, 0 where it may hold any text; shape (width,)."""
+    widths: Bytes
+    """NEVER, ALWAYS or AFTER_ITS_LIKE by the number of fields, shape (width + 2,)."""
+    stamp: int
+    """The column of the time; −1 where there is none."""
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def read_rows(
-    data: Bytes,
-    at: int,
-    marks: tuple[int, int],
-    wanted: Bytes,
-    stamp: int,
-    widths: Bytes,
-    before: int,
-    out: NDArray[np.float64],
-    rounded: NDArray[np.int64],
+def read_plain_rows(
+    data: Bytes, at: int, form: RowForm, before: int, out: NDArray[np.float64], rounded: NDArray[np.int64]
 ) -> tuple[int, int, int, int]:
     """Plain rows from `at` on, up to the first line that is not plain, or until `out` or `rounded` is full.
 
@@ -85,10 +91,7 @@ def read_rows(
     Args:
         data: Whole lines, each with its newline.
         at: Where a line begins.
-        marks: Delimiter and decimal mark.
-        wanted: 1 where a column is read, 0 where it may hold any text; shape (width,).
-        stamp: The column of the time; −1 where there is none.
-        widths: NEVER, ALWAYS or AFTER_ITS_LIKE by the number of fields, shape (width + 2,).
+        form: How the rows are written.
         before: Fields of the row before; −1 at the first row.
         out: Their values, shape (rows, width), NaN where missing or not wanted.
         rounded: Numbers of too many digits, which `float` must read again: row, column, begin and end of the cell;
@@ -97,6 +100,7 @@ def read_rows(
     Returns:
         Rows, the place behind them, the fields of the last of them, numbers in `rounded`.
     """
+    marks, wanted = form.marks, form.wanted
     delimiter, decimal = marks
     width, row, end, fields, known, hard, new = len(wanted), 0, at, 0, False, 0, 0
     while at < len(data) and row < len(out) and hard + width < len(rounded):
@@ -129,15 +133,16 @@ def read_rows(
             fields += 1
         at += 1
         if data[at - 1] == _NEWLINE:
-            for i in range(fields, width):
-                out[row, i] = math.nan
-            whole = known and fields < len(widths) and _is_whole(widths[fields], fields, before)
-            if not whole or (stamp >= 0 and not abs(out[row, stamp]) <= MAX_SURE_STAMP):
+            out[row, fields:] = math.nan
+            if not known or not _is_row(form, fields, before, out[row]):
                 break
             row, end, before, hard, fields, known = row + 1, at, fields, new, 0, False
     return row, end, before, hard
 
 
 @njit(cache=True, nogil=True)
-def _is_whole(kind: int, fields: int, before: int) -> bool:
-    return kind == ALWAYS or (kind == AFTER_ITS_LIKE and before in (-1, fields))
+def _is_row(form: RowForm, fields: int, before: int, values: NDArray[np.float64]) -> bool:
+    """Whether a line of so many fields is a row, and its stamp no damage."""
+    kind = form.widths[fields] if fields < len(form.widths) else NEVER
+    whole = kind == ALWAYS or (kind == AFTER_ITS_LIKE and before in (-1, fields))
+    return whole and (form.stamp < 0 or abs(values[form.stamp]) <= MAX_SURE_STAMP)

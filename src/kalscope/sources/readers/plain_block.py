@@ -11,7 +11,7 @@ from kalscope.common.array import Array
 from kalscope.sources.grammar.cells import is_number, parse_number
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.layout.sniffer import Layout
-from kalscope.sources.lines.row_kernels import AFTER_ITS_LIKE, ALWAYS, read_rows
+from kalscope.sources.lines.row_kernels import AFTER_ITS_LIKE, ALWAYS, RowForm, read_plain_rows
 
 _MAX_NUMBERS = 1 << 18
 """Numbers that are read at once: 2 MiB, which a processor keeps near."""
@@ -42,12 +42,15 @@ class BlockParser:
     def __init__(self, layout: Layout) -> None:
         width, delimiter = len(layout.columns), layout.form.delimiter
         self._decimal = layout.form.decimal
-        self._marks = ord(delimiter), ord(self._decimal)
-        self._stamp = -1 if layout.time is None else layout.time.index
-        self._wanted = np.array(_are_read(layout), dtype=np.uint8)
-        self._widths = np.zeros(width + 2, dtype=np.uint8)
-        self._widths[list(layout.narrow)] = AFTER_ITS_LIKE
-        self._widths[layout.least : width + 1 + (delimiter != " ")] = ALWAYS  # a separator may end the line
+        widths = np.zeros(width + 2, dtype=np.uint8)
+        widths[list(layout.narrow)] = AFTER_ITS_LIKE
+        widths[layout.least : width + 1 + (delimiter != " ")] = ALWAYS  # a separator may end the line
+        self._form = RowForm(
+            marks=(ord(delimiter), ord(self._decimal)),
+            wanted=np.array(_are_read(layout), dtype=np.uint8),
+            widths=widths,
+            stamp=-1 if layout.time is None else layout.time.index,
+        )
         self._out = np.empty((max(16, _MAX_NUMBERS // width), width))
         self._rounded = np.zeros((max(_MAX_ROUNDED, width + 1), 4), dtype=np.int64)
 
@@ -62,9 +65,7 @@ class BlockParser:
         """
         lines: NDArray[np.uint8] = np.frombuffer(data, dtype=np.uint8, count=end)
         out = self._out
-        rows, stop, before, again = read_rows(
-            lines, at, self._marks, self._wanted, self._stamp, self._widths, before, out, self._rounded
-        )
+        rows, stop, before, again = read_plain_rows(lines, at, self._form, before, out, self._rounded)
         for row, column, first, last in self._rounded[:again].tolist():
             out[row, column] = float(data[first:last].decode().replace(self._decimal, "."))
         return PlainRows(out[:rows], stop, before)
