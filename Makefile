@@ -19,7 +19,7 @@ run: .venv/run.stamp
 export PYTHONDONTWRITEBYTECODE :=
 
 # Four workers by default: on two cores two of them wait for a board or a browser at any time.
-# The long tests come first (tests/conftest.py), so that the workers end together.
+# Each begins with its share of the long tests (tests/conftest.py), so that they end together.
 WORKERS ?= 4
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 

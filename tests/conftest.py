@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import signal
+from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -35,13 +38,29 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what needs a browser, a simulated board, a server or another process, and begin with it.
-
-    These take the longest; the short ones then keep every worker busy to the end.
-    """
+    """Mark what needs a browser, a simulated board, a server or another process: each worker begins with some."""
     for item in items:
         mark(item)
-    items.sort(key=lambda item: all(item.get_closest_marker(name) is None for name in LONG))
+    items[:] = in_shares(items, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
+
+
+def in_shares(items: list[pytest.Item], workers: int) -> list[pytest.Item]:
+    """The items in the equal shares that xdist gives its workers, each with as many of the long tests first.
+
+    The long tests of a file stay together, because they may share a program. The short ones, of which a worker that
+    is done takes from the others, keep all of them busy to the end.
+    """
+    files, short = defaultdict[Path, list[pytest.Item]](list), list[pytest.Item]()
+    for item in items:
+        (files[item.path] if any(map(item.get_closest_marker, LONG)) else short).append(item)
+    shares = [list[pytest.Item]() for _ in range(workers)]
+    for file in sorted(files.values(), key=len, reverse=True):
+        min(shares, key=len).extend(file)
+    left = iter(short)
+    for place, share in enumerate(shares):
+        full = len(items) * (place + 1) // workers - len(items) * place // workers
+        share.extend(islice(left, max(full - len(share), 0)))
+    return [*chain(*shares), *left]
 
 
 @pytest.fixture(scope="session", autouse=True)
