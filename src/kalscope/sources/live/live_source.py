@@ -81,7 +81,7 @@ class LiveSource:
         self._layout: Layout | None = None
         self._samples = LiveSamples(self.spec, keep, clock)
         self._lock = threading.Lock()  # of the lines and of the samples
-        self._counts = LineCounts()  # of the lines whose samples are stored: the status never runs ahead of them
+        self._counts = LineCounts()  # of the lines whose samples are stored: the status agrees with the snapshot
         self._rate = LineRate()
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
@@ -139,7 +139,7 @@ class LiveSource:
     def snapshot(self) -> Snapshot | None:
         """All samples that are kept; None before the first. The same object while nothing was added."""
         with self._lock:
-            return self._samples.snapshot(self._lines.counts)
+            return self._samples.snapshot(self._counts)
 
     def status(self) -> LiveStatus:
         """The current status."""
@@ -254,17 +254,20 @@ class LiveSource:
         begin, self._line_at = max(self._line_at, received.begin - _PART_OF_A_LINE), received.end
         moments = np.linspace(begin, received.end, len(batch) + 1)[1:].tolist()
         stamped = [(at, event, layout) for at, (event, layout) in zip(moments, batch, strict=True)]
-        for _, run in groupby(stamped, key=lambda line: id(line[2])):
-            lines = list(run)
-            self._hand_on([(at, event) for at, event, _ in lines], lines[0][2])
+        runs = [list(run) for _, run in groupby(stamped, key=lambda line: id(line[2]))]
+        self._hand_on([([(at, event) for at, event, _ in run], run[0][2]) for run in runs])
 
-    def _hand_on(self, stamped: list[tuple[float, LineEvent]], layout: Layout | None) -> None:
-        self._slot.write(stamped, layout)
-        self._commands.on_events(event for _, event in stamped)
-        self._layout = layout
-        if layout is not None:
-            with self._lock:
-                self._samples.keep(stamped, layout)
+    def _hand_on(self, runs: list[tuple[list[tuple[float, LineEvent]], Layout | None]]) -> None:
+        """Write the lines of each layout, then show their samples and count them in one step."""
+        for stamped, layout in runs:
+            self._slot.write(stamped, layout)
+            self._commands.on_events(event for _, event in stamped)
+            self._layout = layout
+        with self._lock:
+            for stamped, layout in runs:
+                if layout is not None:
+                    self._samples.keep(stamped, layout)
+            self._counts = replace(self._lines.counts)
 
     def _report_drops(self) -> None:
         count, self._lines.unreported_drops = self._lines.unreported_drops, 0
