@@ -121,7 +121,7 @@ def _refused_runs(found: Findings, known: Known) -> Finding | None:
     if found.refused_in_a_row < GATE_LIMIT or known.robust:  # that fit has weighed what the gate delays
         return None
     text = (
-        f"the outlier gate refused {found.refused_in_a_row} samples in a row, the most it may: either the signal "
+        f"the outlier gate refused {found.refused_in_a_row} samples in a row, its maximum: either the signal "
         "moved on, which the gate delays, or outliers come in runs"
     )
     return "gate", Advice(text, SetGate(None))
