@@ -71,6 +71,8 @@ class View:
     """Whether the best possible offline curve is drawn."""
     velocity: bool = False
     """Whether the velocity is drawn in place of the gain, where the filter has momentum."""
+    gain_shown: bool = False
+    """Whether the gain chart is drawn."""
     match_by: Literal["lag", "noise"] = "lag"
     """What simpler filters are made equal in."""
     drawn_alternative: str = "Moving average"
