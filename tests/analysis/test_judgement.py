@@ -12,7 +12,8 @@ import pytest
 from kalscope import FilterParams, diagnose_held_out, estimate, kalman_filter
 from kalscope.analysis import actions
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.analysis.judgement import HEADLINES, advice_words, judge, needs_noise
+from kalscope.analysis.judgement import HEADLINES, WORDS, advice_words, judge, needs_noise
+from kalscope.estimation.finding import Request
 
 N = 2000
 RIGHT = FilterParams(0.01, 1.0)
@@ -136,6 +137,8 @@ def test_the_judgement_does_not_depend_on_the_unit():
 def test_every_status_has_its_words():
     said = {"fits", "too_few", "no_pair"}
     assert set(HEADLINES) | said == set(get_args(actions.Status))
+    assert set(WORDS) == set(get_args(actions.Status))
+    assert all(0 < len(word) <= 16 for word, _ in WORDS.values())
     assert all(one[0].isupper() or one.startswith("q ") for one in HEADLINES.values())
     assert all(one.endswith(".") for one in HEADLINES.values())
 
@@ -182,7 +185,7 @@ def test_other_methods_are_quoted_only_where_the_residuals_fit():
 
 def test_what_was_chosen_is_not_undone():
     found = residuals(walk(), FilterParams(1.0, 1.0))
-    one = judge(found, chosen="a lag of 50 ms")
+    one = judge(found, request=Request(target={"lag_s": 0.05}))
     assert one.advice[0].text.startswith("by the record a lag of 50 ms is too fast: q/r about 70 × smaller")
     assert one.advice[0].action is None
 
@@ -234,7 +237,7 @@ def test_a_unit_that_is_a_fraction_is_no_part_of_the_step():
 def test_a_choice_is_advised_before_its_reason():
     z = RECORDS["hum"]
     found = estimate(z)
-    one = judge(residuals(z, found.params, fitted=True), None, found, momentum_searched=True)
+    one = judge(residuals(z, found.params, fitted=True), None, found, request=Request())
     assert one.status == "structure"
     assert one.advice[0].action == actions.ChooseFilter()
     assert one.advice[0].text.startswith("choose the lag that you can accept: residuals stay correlated")
@@ -293,7 +296,7 @@ def test_advice_that_was_taken_is_not_given_again():
     plain = estimate(z, momentum=0.0)
     found = residuals(z, plain.params, fitted=True)
     assert any(isinstance(one.action, actions.AllowMomentum) for one in judge(found, None, plain).advice)
-    searched = judge(found, None, plain, momentum_searched=True).advice
+    searched = judge(found, None, plain, request=Request()).advice
     assert not any(isinstance(one.action, actions.AllowMomentum) for one in searched)
 
 

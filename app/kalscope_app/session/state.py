@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.errors import BadSetting
+from kalscope.estimation.finding import Request
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.protocol import Filter, StandardFilter
@@ -101,6 +102,8 @@ class Outcome:
     """The parameters now; None where nothing usable was found and nothing changed."""
     estimate: Estimate | None = None
     """The estimate behind it; None where the parameters were chosen."""
+    request: Request | None = None
+    """What was asked for; the goal holds as long as the outcome, which a change of q, r or momentum drops."""
 
 
 @dataclass(frozen=True)

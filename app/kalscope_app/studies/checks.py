@@ -69,15 +69,14 @@ def _of_filter(
 ) -> Judgement:
     """The one judgement of the filter on screen, with all that was found out about it."""
     answers, tuning = state.answers, state.tuning
-    found = answers.outcome if answers.outcome and answers.outcome.after == tuning else None
-    estimate = None if found is None else found.estimate
+    outcome = answers.outcome if answers.outcome and answers.outcome.after is not None else None
+    estimate = outcome.estimate if outcome is not None and outcome.after == tuning else None
     return judge(
         whole,
         held_out,
         estimate,
         disagreement(answers.method_comparison, tuning.momentum) if answers.method_comparison else "",
-        chosen=tuning.how if found is not None and estimate is None else "",
-        momentum_searched=estimate is not None and tuning.how == METHOD_NAMES["ml"],
+        request=None if outcome is None else outcome.request,  # which a gate or a start leaves true
         still=still(state) if needs_noise(estimate) else None,
         unit=state.recording.units[state.index],
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from kalscope.analysis.fit.findings import Findings
 from kalscope.analysis.fit.words import CHOOSE, NO_FAULT, Finding, Known, findings_in_words
 from kalscope.analysis.residual_tests import dot
 from kalscope.common.text import count, number
+from kalscope.estimation.finding import Request
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict_text import below_step
 
@@ -36,6 +38,32 @@ CERTAIN = 4.0
 
 BLOCKS = 16
 """Blocks of the second half from whose scatter the standard error of its mean v²/s comes."""
+
+Tone = Literal["good", "note", "bad"]
+"""How a judgement sounds: nothing to correct; something to know; something that should be corrected."""
+
+WORDS: dict[Status, tuple[str, Tone]] = {
+    "fits": ("fits", "good"),
+    "rounded": ("coarse steps", "note"),
+    "vague": ("any ratio fits", "note"),
+    "too_few": ("too few samples", "note"),
+    "constant": ("constant signal", "note"),
+    "start": ("wrong start", "bad"),
+    "spikes": ("spikes", "bad"),
+    "bursts": ("noise bursts", "note"),
+    "too_slow": ("too slow", "bad"),
+    "too_fast": ("too fast", "bad"),
+    "band": ("wrong band", "bad"),
+    "edge": ("variance is 0", "bad"),
+    "structure": ("model misfit", "note"),
+    "changes": ("noise changes", "note"),
+    "steps": ("signal steps", "note"),
+    "gate": ("gate too narrow", "bad"),
+    "shape": ("unusual noise", "note"),
+    "methods_differ": ("methods differ", "note"),
+    "no_pair": ("no result", "bad"),
+}
+"""One or two plain words for each status, and their tone."""
 
 HEADLINES: dict[Status, str] = {
     "start": "The filter starts too far from the signal.",
@@ -101,6 +129,10 @@ class Judgement:
     """What to do, most urgent first, two at most; () where nothing is to be done."""
     held_out: str = ""
     """What the second half says of a pair that has not seen it, one clause; "" where that was not possible."""
+    word: str = ""
+    """The judgement in one or two words, such as "fits", "too slow", "as chosen"; `judge` always gives it."""
+    tone: Tone = "note"
+    """"good", nothing to correct; "note", something to know; "bad", something that should be corrected."""
 
 
 def judge(
@@ -108,8 +140,7 @@ def judge(
     held_out: Diagnostics | None = None,
     estimate: Estimate | None = None,
     disagreement: str = "",
-    chosen: str = "",
-    momentum_searched: bool = False,
+    request: Request | None = None,
     still: tuple[int, int] | None = None,
     unit: str = "",
 ) -> Judgement:
@@ -120,13 +151,15 @@ def judge(
         held_out: of the second half, by a pair that has not seen it; None where that was not possible.
         estimate: where q and r come from; None where they were chosen.
         disagreement: how the methods of estimation differ, "" where they agree or were not asked.
-        chosen: what the user asked for, such as "a lag of 50 ms"; the advice then does not undo it.
-        momentum_searched: whether the estimate looked for momentum; it is not advised again then.
+        request: what the user wanted and knew, from which the filter follows; None where the parameters were set by
+            hand. The advice does not undo a goal such as a lag, and does not repeat a search.
         still: the still stretch that was found, its first sample and one past its last; where r is to be given, it
             is offered.
         unit: of the record, "" where unknown; the step of a sensor that rounds is named in it.
     """
-    one = _judged(residuals, held_out, estimate, disagreement, chosen, momentum_searched)
+    one = _judged(residuals, held_out, estimate, disagreement, request)
+    word, tone = WORDS[one.status]
+    one = replace(one, word=word, tone=tone)
     if one.status == "rounded" and estimate is not None and _noise_is_below_step(estimate):
         one = replace(one, headline=below_step(float(estimate.resolution), unit))
     return one if still is None else replace(one, advice=tuple(_from_still(advice, still) for advice in one.advice))
@@ -154,16 +187,16 @@ def _judged(
     held_out: Diagnostics | None,
     estimate: Estimate | None,
     disagreement: str,
-    chosen: str,
-    momentum_searched: bool,
+    request: Request | None,
 ) -> Judgement:
     """The judgement of a record in which no still stretch is known."""
     if residuals is None:
         return _without_pair(estimate)
+    chosen = "" if request is None else request.goal
     known = Known(
         estimated=estimate is not None and not chosen,
         robust=estimate is not None and getattr(estimate, "outliers", None) is not None,
-        momentum_searched=momentum_searched,
+        momentum_searched=request is not None and request.checked_momentum() is None,
         chosen=chosen,
     )
     if held_out is not None and held_out.n < MIN_SAMPLES:

@@ -117,6 +117,13 @@ class Request:
     robust: bool | Literal["auto"] = "auto"
     """Whether spikes are set aside, as `estimate` takes it."""
 
+    @property
+    def goal(self) -> str:
+        """What was chosen and fixes λ, such as "a lag of 50 ms"; "" = nothing: λ is estimated."""
+        if self.target:
+            return _target_text(*next(iter(self.target.items())), self.overshoot)
+        return "" if self.ratio is None else f"q/r = {number(self.ratio, 4)}"
+
     def checked_momentum(self) -> float | None:
         """τ, None = to be found.
 
@@ -160,6 +167,8 @@ class Found:
     """What was found and what it means, in sentences."""
     estimate: Estimate | None = None
     """The estimate behind it, if any."""
+    request: Request | None = None
+    """What was asked for; None where that is not known."""
 
 
 def find_parameters(
@@ -193,14 +202,14 @@ def find_parameters(
     if known and asked.ratio is not None:
         params = _two_variances(FilterParams(q=asked.ratio * known[0], r=known[0]))
         how, message = f"q/r = {asked.ratio:g}, r {asked.noise.origin}", f"q = {asked.ratio:g} · r. {known[1]}"
-        return Found(params, how, message)
+        return Found(params, how, message, request=asked)
     if known:
         return _fit_q(z, dt, *known, asked)
     if asked.ratio is not None:
         how = f"q/r = {asked.ratio:g}, r by maximum likelihood"
-        return _from(estimate_fixed_ratio(z, asked.ratio, dt, asked.robust), how)
+        return _from(estimate_fixed_ratio(z, asked.ratio, dt, asked.robust), how, asked)
     answer = estimate(z, asked.method, dt, progress, cancelled, asked.momentum, asked.robust)
-    return _from(answer, METHOD_NAMES[asked.method])
+    return _from(answer, METHOD_NAMES[asked.method], asked)
 
 
 def _at_target(asked: Request, r: float, said: str, momentum: float, sample_period: float | None) -> Found:
@@ -210,9 +219,8 @@ def _at_target(asked: Request, r: float, said: str, momentum: float, sample_peri
             r, **asked.target, sample_period=sample_period, momentum=momentum, overshoot=asked.overshoot
         )
     )
-    words = _target_text(*next(iter(asked.target.items())), asked.overshoot)
-    how = words if asked.noise == Noise() else f"{words}, r {asked.noise.origin}"
-    return Found(params, how, f"{_ratio_text(params)} has {words}. {said}")
+    how = asked.goal if asked.noise == Noise() else f"{asked.goal}, r {asked.noise.origin}"
+    return Found(params, how, f"{_ratio_text(params)} has {asked.goal}. {said}", request=asked)
 
 
 def _two_variances(params: FilterParams) -> FilterParams:
@@ -232,11 +240,12 @@ def _fit_q(z: Array, dt: Array | None, r: float, said: str, asked: Request) -> F
             "filter stops following after a while. Instead: check that r is not too large, record while the signal "
             "moves, or choose the lag or the cut-off that you can accept."
         )
-    return Found(answer.params, f"r {asked.noise.origin}, q by maximum likelihood", f"{said} {message}", answer)
+    how = f"r {asked.noise.origin}, q by maximum likelihood"
+    return Found(answer.params, how, f"{said} {message}", answer, asked)
 
 
-def _from(answer: Estimate, how: str) -> Found:
-    return Found(answer.params, how, str(answer.message), answer)
+def _from(answer: Estimate, how: str, asked: Request) -> Found:
+    return Found(answer.params, how, str(answer.message), answer, asked)
 
 
 def _noise_for_target(

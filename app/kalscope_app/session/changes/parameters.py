@@ -111,11 +111,13 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
         at = recording.index(channel)
         before = state.settings.tunings[at]
         if found.params is None:
-            return state.with_answers(outcome=Outcome(found.how, found.message, before, None, found.estimate))
+            return state.with_answers(
+                outcome=Outcome(found.how, found.message, before, None, found.estimate, found.request)
+            )
         q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
         gate = before.gate if found.params.gate is None else float(found.params.gate)
         after = replace(before, q=q, r=r, momentum=momentum, gate=gate, how=found.how)
-        answer = Outcome(found.how, found.message, before, after, found.estimate)
+        answer = Outcome(found.how, found.message, before, after, found.estimate, found.request)
         outcome = answer if channel == state.channel else None
         filters = state.settings.other_filters
         state = state.with_settings(other_filters=(*filters[:at], None, *filters[at + 1 :]) if filters else ())

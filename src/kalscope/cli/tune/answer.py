@@ -156,8 +156,7 @@ def _judged(
         held_out,
         found.estimate,
         disagreement(opinions, momentum_of(found)),
-        chosen=found.how.split(", r ")[0] if request.target or request.ratio is not None else "",
-        momentum_searched=request.checked_momentum() is None,
+        request=request,
         still=still,
         unit=unit,
     )
