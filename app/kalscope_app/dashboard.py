@@ -20,7 +20,7 @@ from kalscope_app.live.recording import BoardRecording
 from kalscope_app.program.error_reporting import sentence_for
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.changes.view import set_dark, set_smoother, set_velocity
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.channels_overview import Overviews
@@ -207,14 +207,15 @@ class Dashboard:
             if self._note:
                 self.tell(self._note, good=True)
 
-    def tell(self, message: str | Exception, *, good: bool = False) -> None:
+    def tell(self, message: str | Exception, *, good: bool = False, failed: Failed = Failed.OTHER) -> None:
         """Show one sentence in every browser; plain text, so nothing in it can act as markup.
 
         Args:
             message: the sentence, or an uncaught exception that was logged.
             good: whether it is no refusal.
+            failed: the heading of a refusal.
         """
-        title = "Kalscope" if good else "That cannot be used"
+        title = "Kalscope" if good else failed
         if isinstance(message, Exception):
             title, message = "Something went wrong", sentence_for(message, self._log_file)
         (log.info if good else log.warning)("%s", message)

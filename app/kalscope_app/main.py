@@ -91,13 +91,14 @@ def serve(
     from kalscope_app.guard.token_file import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
     from kalscope_app.program.error_reporting import ErrorReporter
+    from kalscope_app.session.session import Failed
 
     errors, opened = ErrorReporter(), contextlib.ExitStack()
     dashboard: Dashboard | None = None
 
     def on_refused(why: str) -> None:
         if dashboard is not None:
-            dashboard.tell(why)
+            dashboard.tell(why, failed=Failed.OPEN)
 
     with errors.watch_threads(), callback_errors_to(functools.partial(errors.report, "callback")), opened:
         guarded = start_server(on_refused=on_refused)

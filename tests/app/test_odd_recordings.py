@@ -99,9 +99,9 @@ class Bench:
         end = replace(rounds[-1], compute=lambda state: state, show=self._end)
         dashboard.engine._studies._studies = (*rounds, end)
 
-    def _tell(self, message, *, good=False):
+    def _tell(self, message, *, good=False, failed=None):
         if not good:
-            self.complaints.append(message)
+            self.complaints.append((failed, message))
 
     def _end(self, state):
         self.studied = state

@@ -60,7 +60,7 @@ class Engine:
         self,
         session: Session,
         show: Callable[[Frame], None],
-        tell: Callable[[str | Exception], None],
+        tell: Callable[..., None],
         studies: Studies | None = None,
     ) -> None:
         """Args: the session; draws a frame; notifies the user of a failure; what to compute while idle."""
@@ -108,10 +108,10 @@ class Engine:
 
     def _turn(self) -> None:
         state, serial, failures = self._session.apply_due_requests()
-        for failure in failures:
-            if not isinstance(failure, KalscopeError):
-                log.error("A request failed", exc_info=failure)
-            self._tell(str(failure) if isinstance(failure, KalscopeError) else failure)
+        for failed, error in failures:
+            if not isinstance(error, KalscopeError):
+                log.error("A request failed", exc_info=error)
+            self._tell(str(error) if isinstance(error, KalscopeError) else error, failed=failed)
         if self._is_news(state, serial):
             self._draw(state, serial)
 

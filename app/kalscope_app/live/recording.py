@@ -16,6 +16,7 @@ from kalscope.sources.live.live_source import LiveSource
 from kalscope.sources.live.live_status import RecordingStatus
 from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope.sources.recorder.paths import first_free
+from kalscope_app.session.session import Failed
 
 if TYPE_CHECKING:
     from kalscope.sources.recorder.recorder import Recorder
@@ -72,12 +73,12 @@ class BoardRecording:
         while source.recorder is recorder:
             problem = recorder.error or recorder.warning
             if problem and problem != told:
-                self._tell(f"{recorder.path.name}: {problem}")
+                self._tell(f"{recorder.path.name}: {problem}", failed=Failed.RECORD)
             told = problem
             self.on_change(source.status().recording)
             pause.wait(CHECK_EVERY)
         done = recorder.close()  # waits until the file is closed
-        self._tell(f"Recorded {recorder.path.name}: {account(done)}", good=not recorder.error)
+        self._tell(f"Recorded {recorder.path.name}: {account(done)}", good=not recorder.error, failed=Failed.RECORD)
         self._propose(recorder.path)
         self._wake()  # a board behind a file is closed once it is no longer recorded
 

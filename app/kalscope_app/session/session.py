@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Protocol
 
 from kalscope.sources.live.live_samples import Snapshot
@@ -16,6 +17,20 @@ from kalscope_app.session.history import History, record, step_back, step_forwar
 from kalscope_app.session.live import refreshed, with_current_samples, without_samples
 from kalscope_app.session.live_state import NO_CONNECTION, BoardId, ConnectionState
 from kalscope_app.session.state import Change, State
+
+
+class Failed(StrEnum):
+    """What failed: the heading of a refusal, given where the request is filed or the job is started."""
+
+    OPEN = "Cannot open file"
+    CONNECT = "Cannot open port"
+    RECORD = "Cannot record"
+    NUMBER = "Not a valid number"
+    FIND = "Cannot find q and r"
+    SAVE = "Cannot save"
+    EXPORT = "Cannot export"
+    SEND = "Cannot send to the board"
+    OTHER = "Not possible"
 
 
 def undo(state: State) -> State:
@@ -50,6 +65,7 @@ class _Request:
     due: float
     key: str
     change: Change
+    failed: Failed
 
 
 class Session:
@@ -64,13 +80,14 @@ class Session:
         self._serial = 0
         self.wakeup = threading.Event()
 
-    def request(self, change: Change, *, key: str = "", delay: float = 0.0) -> int:
+    def request(self, change: Change, *, key: str = "", delay: float = 0.0, failed: Failed = Failed.OTHER) -> int:
         """File a change and return its serial number; frames tell up to which serial all is in them.
 
         Args:
             change: applied later by the engine.
             key: a later request with the same key replaces one that still waits.
             delay: seconds to wait first, so that typing may go on.
+            failed: the heading of a refusal.
         """
         with self._lock:
             self._serial += 1
@@ -79,7 +96,7 @@ class Session:
                 self._waiting = [waiting for waiting in self._waiting if waiting.key != key]
             # A later gesture ends the wait of earlier ones: what was typed belongs to what was then on screen.
             self._waiting = [replace(waiting, due=min(waiting.due, now)) for waiting in self._waiting]
-            self._waiting.append(_Request(self._serial, now + delay, key, change))
+            self._waiting.append(_Request(self._serial, now + delay, key, change, failed))
             serial = self._serial
         self.wakeup.set()
         return serial
@@ -100,23 +117,23 @@ class Session:
                 return None
             return max(0.0, min(waiting.due for waiting in self._waiting) - time.monotonic())
 
-    def apply_due_requests(self) -> tuple[State, int, list[Exception]]:
+    def apply_due_requests(self) -> tuple[State, int, list[tuple[Failed, Exception]]]:
         """Apply what is due, in order; a change that fails leaves the state as it was.
 
-        Returns the state, the serial up to which every request was seen, and what failed.
+        Returns the state, the serial up to which every request was seen, and what failed and why.
         """
         now = time.monotonic()
         with self._lock:
             due = [waiting for waiting in self._waiting if waiting.due <= now]
             self._waiting = [waiting for waiting in self._waiting if waiting.due > now]
             serial = min((waiting.serial for waiting in self._waiting), default=self._serial + 1) - 1
-        failures: list[Exception] = []
+        failures: list[tuple[Failed, Exception]] = []
         self._refresh()
         for waiting in due:
             try:
                 self._apply(waiting, now)
             except Exception as error:  # whatever it was, the dashboard goes on and says so
-                failures.append(error)
+                failures.append((waiting.failed, error))
         if due:  # another board may be on screen now, or no longer be paused
             self._refresh()
         if self._boards is not None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import viser
 
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change
 
 
@@ -31,9 +31,9 @@ def on_user(
     subscribe(callback)
 
 
-def bind(handle: Any, session: Session, change: Callable[[Any], Change]) -> None:
-    """Request `change(value)` whenever a user edits this widget."""
-    on_user(handle.on_update, lambda _client: session.request(change(handle.value)))
+def bind(handle: Any, session: Session, change: Callable[[Any], Change], failed: Failed = Failed.OTHER) -> None:
+    """Request `change(value)` whenever a user edits this widget; `failed` is the heading of a refusal."""
+    on_user(handle.on_update, lambda _client: session.request(change(handle.value), failed=failed))
 
 
 def offer(dropdown: viser.GuiDropdownHandle[str], options: Iterable[str], value: str) -> None:

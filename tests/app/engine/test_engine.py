@@ -13,14 +13,14 @@ from kalscope import Recording, kalman_filter
 from kalscope_app.engine.engine import MIN_INTERVAL, Engine, pause_before_frame
 from kalscope_app.session.changes.parameters import set_exponent, set_text
 from kalscope_app.session.opening import opened
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 
 
 class Screen:
     """Collects frames as a view would; `delay` makes it slow."""
 
     def __init__(self, delay=0.0):
-        self.frames, self.told, self.delay = [], [], delay
+        self.frames, self.told, self.headings, self.delay = [], [], [], delay
         self.news = threading.Condition()
 
     def show(self, frame):
@@ -29,9 +29,10 @@ class Screen:
             self.frames.append(frame)
             self.news.notify_all()
 
-    def tell(self, message):
+    def tell(self, message, failed=None):
         with self.news:
             self.told.append(message)
+            self.headings.append(failed)
             self.news.notify_all()
 
     def wait(self, condition):
@@ -84,10 +85,11 @@ def test_after_a_burst_of_requests_the_last_frame_holds_the_last_value(running, 
 
 def test_a_refused_request_is_told_and_the_next_one_works(running):
     session, screen = running
-    session.request(set_text("q", "-1"))
+    session.request(set_text("q", "-1"), failed=Failed.NUMBER)
     session.request(set_text("r", "5"))
     screen.wait(lambda: screen.told and screen.frames and screen.frames[-1].state.tuning.r == 5)
     assert screen.told[0].startswith("q must be")
+    assert screen.headings == [Failed.NUMBER]
 
 
 def test_a_failing_view_does_not_stop_the_engine(session):

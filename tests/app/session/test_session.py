@@ -23,7 +23,7 @@ from kalscope_app.session.changes.parameters import (
 )
 from kalscope_app.session.changes.view import follow_end, reset_view, set_window
 from kalscope_app.session.opening import opened, opened_with, reopened
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 
 
 def recording(n=1000, period=0.01, scale=1.0, names=("a", "b"), sha256="x"):
@@ -291,11 +291,11 @@ def test_the_only_channel_of_a_tuning_fits_the_only_channel_of_a_recording(state
 
 def test_a_failing_change_leaves_the_state_and_is_reported(state):
     session = Session(state)
-    session.request(set_text("q", "-1"))
+    session.request(set_text("q", "-1"), failed=Failed.NUMBER)
     session.request(set_text("r", "5"))
     settled, _, failures = session.apply_due_requests()
     assert settled.tuning == replace(state.tuning, r=5.0, how="by hand")
-    assert [str(f)[:9] for f in failures] == ["q must be"]
+    assert [(failed, str(error)[:9]) for failed, error in failures] == [(Failed.NUMBER, "q must be")]
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from kalscope_app.live.connection import BoardConnection
 from kalscope_app.live.sending import send_setting
 from kalscope_app.session.live import set_sent
 from kalscope_app.session.live_state import Sent
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.board import compare_with_board
 from kalscope_app.views.binding import on_user
@@ -44,7 +44,7 @@ class BoardView:
                 "Send q, r and p0", hint="And the momentum, where the sketch has it. The board confirms each value."
             )
             self._text = gui.add_markdown("")
-        on_user(send.on_click, lambda _client: jobs.run_with_state(session, self._send))
+        on_user(send.on_click, lambda _client: jobs.run_with_state(session, self._send, Failed.SEND))
 
     def _send(self, state: State) -> None:
         source = self._connection.source

@@ -20,7 +20,7 @@ from kalscope.export.write import limits_of, write_files
 from kalscope.tuning.tuning import Tuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.export.files import show_files, show_refusal
@@ -130,9 +130,14 @@ class CodeView:
             written = write_files(files, folder)
             self._tell(f"Saved {', '.join(path.name for path in written)} in {folder}", good=True)
 
-        self._with_files(client, save)
+        self._with_files(client, save, Failed.SAVE)
 
-    def _with_files(self, client: viser.ClientHandle, use: Callable[[str, dict[str, str]], None]) -> None:
+    def _with_files(
+        self,
+        client: viser.ClientHandle,
+        use: Callable[[str, dict[str, str]], None],
+        failed: Failed = Failed.EXPORT,
+    ) -> None:
         """Make the files of the state on screen, as a job, and hand them on; or say why there are none."""
         choice = self.choice
         vectors = self._vectors.value and not choice.fixed_gains
@@ -145,7 +150,7 @@ class CodeView:
             else:
                 use(choice.target, files)
 
-        self._jobs.run_with_state(self._session, work)
+        self._jobs.run_with_state(self._session, work, failed)
 
     def show(self, frame: Frame) -> None:
         """One channel leaves no choice."""

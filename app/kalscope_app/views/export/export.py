@@ -14,7 +14,7 @@ from kalscope.export.filtered_csv import filtered_csv
 from kalscope.tuning.tuning import dumps, save_tuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.window.css import COMMAND
@@ -43,12 +43,14 @@ class ExportView:
         for button, name in ((self._download, "tuning.toml"), (self._csv, "filtered.csv")):
             on_user(
                 button.on_click,
-                lambda client, name=name: jobs.run_with_state(session, lambda state: _send(state, client, name)),
+                lambda client, name=name: jobs.run_with_state(
+                    session, lambda state: _send(state, client, name), Failed.SAVE
+                ),
             )
 
     def _ask_to_save(self) -> None:
         name = self._path.value.strip() or "tuning.toml"
-        self._jobs.run_with_state(self._session, lambda state: self._save_to(state, name))
+        self._jobs.run_with_state(self._session, lambda state: self._save_to(state, name), Failed.SAVE)
 
     def _save_to(self, state: State, name: str) -> None:
         path = check_inside(name, self._folder)

@@ -9,7 +9,7 @@ from kalscope.export.report.content import make_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import as_png
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
 
@@ -25,7 +25,9 @@ class ReportView:
         for button, name in ((html, "report.html"), (png, "report.png")):
             on_user(
                 button.on_click,
-                lambda client, name=name: jobs.run_with_state(session, lambda state: _send(state, client, name)),
+                lambda client, name=name: jobs.run_with_state(
+                    session, lambda state: _send(state, client, name), Failed.SAVE
+                ),
             )
 
 

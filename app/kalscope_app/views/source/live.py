@@ -12,7 +12,7 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live.connection import BoardConnection, port_named
 from kalscope_app.live.recording import BoardRecording
 from kalscope_app.session.changes.channels import set_board_channel
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 from kalscope_app.views.binding import bind, offer, on_user
 from kalscope_app.views.source.recording import RecordingView
 from kalscope_app.views.text import escape_markdown
@@ -107,7 +107,7 @@ class LiveView:
         def connect() -> None:
             self._connection.open(self._session, port_named(spec, rate.strip(), reset=reset), reconnect=reconnect)
 
-        self._jobs.run(connect)
+        self._jobs.run(connect, Failed.CONNECT)
 
     def _on_disconnect(self) -> None:
         self._connection.close()

@@ -11,6 +11,7 @@ from kalscope.sources.live.live_status import RecordingStatus
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live.recording import BoardRecording, account
 from kalscope_app.session.live_state import ConnectionState
+from kalscope_app.session.session import Failed
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import escape_markdown
 
@@ -26,8 +27,11 @@ class RecordingView:
         )
         self._record = gui.add_button("Record", visible=False, hint="Every line as received, before any filter.")
         self._stop = gui.add_button("Stop recording", visible=False, hint="Ends and closes the file.")
-        on_user(self._record.on_click, lambda _client: jobs.run(partial(recording.start, self._name.value.strip())))
-        on_user(self._stop.on_click, lambda _client: jobs.run(recording.stop))
+        on_user(
+            self._record.on_click,
+            lambda _client: jobs.run(partial(recording.start, self._name.value.strip()), Failed.RECORD),
+        )
+        on_user(self._stop.on_click, lambda _client: jobs.run(recording.stop, Failed.RECORD))
         recording.on_change = self._on_change
 
     def _on_change(self, status: RecordingStatus | None) -> None:

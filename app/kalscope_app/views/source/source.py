@@ -24,7 +24,7 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
 from kalscope_app.session.changes.parameters import set_sample_period
 from kalscope_app.session.opening import opened_experiment, reopened
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.slow_job import SlowJobProgress
@@ -82,7 +82,10 @@ class SourceView:
         for subscribe in (self._open.on_click, path_form.on_submit):
             on_user(subscribe, lambda _client: self._open_spec(self._path.value.strip()))
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
-        on_user(form.on_submit, lambda _client: session.request(set_sample_period(self._period.value)))
+        on_user(
+            form.on_submit,
+            lambda _client: session.request(set_sample_period(self._period.value), failed=Failed.NUMBER),
+        )
 
     def build_rest(self, gui: viser.GuiApi) -> None:
         """The lower part: the generator, the import summary and the import options."""
@@ -117,7 +120,7 @@ class SourceView:
     def _open_experiment(self) -> None:
         name = self._experiments.get(self._experiment.value)
         if name is not None:
-            self._session.request(lambda state: opened_experiment(name, state))
+            self._session.request(lambda state: opened_experiment(name, state), failed=Failed.OPEN)
 
     def _open_spec(self, spec: str) -> None:
         self._read(partial(open_source, spec), ReadOptions())
@@ -143,9 +146,11 @@ class SourceView:
             with SlowJobProgress(self._progress, self._cancel) as shown:
                 recording = reader(options, progress=shown.report, cancelled=stop.is_set)
             self._again = (recording.source, recording.title), reader
-            self._session.request(lambda state: reopened(recording, state).with_open(options=options))
+            self._session.request(
+                lambda state: reopened(recording, state).with_open(options=options), failed=Failed.OPEN
+            )
 
-        self._jobs.run(work)
+        self._jobs.run(work, Failed.OPEN)
 
     def show(self, frame: Frame) -> None:
         """Show which sample or experiment is open, and the import summary."""

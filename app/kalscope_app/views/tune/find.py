@@ -20,7 +20,7 @@ from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes.parameters import apply_found, set_method_comparison
 from kalscope_app.session.changes.view import set_search_method
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import bind, on_user
 from kalscope_app.views.slow_job import SlowJobProgress
@@ -79,7 +79,7 @@ class FindView:
     def _start(self, work: Callable[[State, threading.Event], None]) -> None:
         """Queue a job on the state that every earlier request has led to; each job has a stop sign of its own."""
         stop = self._stop = threading.Event()
-        self._jobs.run_with_state(self._session, lambda state: work(state, stop))
+        self._jobs.run_with_state(self._session, lambda state: work(state, stop), Failed.FIND)
 
     def _search(self, state: State, request: Request | None, stop: threading.Event) -> None:
         if request is None:

@@ -10,7 +10,7 @@ import viser
 from kalscope.common.text import squared
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.parameters import set_text
-from kalscope_app.session.session import Session
+from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import typed
@@ -53,7 +53,8 @@ class TypedNumber:
 
     def _file(self, delay: float) -> None:
         text = self._text.value
-        self._serial = self._session.request(self._change(self._name, text), key=f"text {self._name}", delay=delay)
+        change, key = self._change(self._name, text), f"text {self._name}"
+        self._serial = self._session.request(change, key=key, delay=delay, failed=Failed.NUMBER)
 
     def show(self, frame: Frame, value: float | None, missing: str) -> None:
         """Write the frame's value, unless a newer one is being typed or the value has not changed."""
