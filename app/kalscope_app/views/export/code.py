@@ -25,6 +25,7 @@ from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.export.files import show_files, show_refusal
 from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.window.css import PRIMARY
 
 THIS, ALL = "this channel", "all channels"
 
@@ -85,7 +86,7 @@ class CodeView:
             self._name = gui.add_text(
                 "folder", "export", hint="A new folder inside the one in which Kalscope was started."
             )
-            save = gui.add_button("Save to the folder", hint="Existing files are not overwritten.")
+            save = gui.add_button("Save to the folder", color=PRIMARY, hint="Existing files are not overwritten.")
             download = gui.add_button("Download", hint="One file, or a zip of several.")
         on_user(self._target.on_update, lambda _client: self._show_target())
         for box in (self._channels, self._period):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import viser
 
 HEADING = '<span class="kalscope-heading"></span>'
@@ -9,6 +11,9 @@ HEADING = '<span class="kalscope-heading"></span>'
 
 COMMAND = '<span class="kalscope-command"></span>'
 """Starts a markdown paragraph whose pieces of code are the words of one command."""
+
+PRIMARY: Literal["blue"] = "blue"
+"""Colour of the one filled button of a tab, shown as the theme's own; buttons without a colour are outlined."""
 
 RULES = """<style>
 p:has(> .kalscope-heading) { min-height: 2.6em; line-height: 1.3; }
@@ -20,6 +25,13 @@ p:has(> .kalscope-command) > code { display: inline-block; max-width: 100%; padd
 th:not(:empty) { padding-bottom: 0.15em; }
 :is(p, table, ul) + :is(p, table, ul) { margin-top: 0.45em !important; }
 @media (max-width: 36em) { table { display: block; overflow-x: auto; } }
+.mantine-Button-root[data-block]:not([style*="--button-bg"], [data-disabled]) {
+  background: transparent; border: 1px solid var(--mantine-primary-color-filled); color: var(--mantine-color-text);
+}
+.mantine-Button-root[data-block]:not([style*="--button-bg"], [data-disabled]):hover {
+  background: var(--mantine-primary-color-light);
+}
+.mantine-Button-root[style*="mantine-color-blue-filled"] { --button-bg: var(--mantine-primary-color-filled) !important; }
 .mantine-ScrollArea-scrollbar[data-orientation="vertical"] { width: 6px; }
 </style>"""
 """viser's markdown has no padding in its tables, centres their heads, sets paragraphs without any space, and
