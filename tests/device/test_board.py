@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 import serial
 from board import FLAT_OUT, read_lines
-from waiting import PATIENCE
+from waiting import PATIENCE, wait_until
 
 from kalscope.sources.lines.line_parser import LineParser
 
@@ -17,9 +15,8 @@ BANNER = b"# kalscope_stream\r\n"
 
 def test_opening_the_port_resets_the_board_and_its_boot_takes_its_time(start_board, stream_sketch):
     board = start_board(stream_sketch, range(1024), "--reset-on-open", "--hold", 0.05)
-    for _ in range(2):
-        assert read_lines(board.port, 3)[0] == BANNER
-        time.sleep(0.3)  # the board looks at its port once in a millisecond, when it gets the processor
+    for _ in range(2):  # the board looks at its port once in a millisecond: it may not see that it was closed
+        wait_until(lambda: read_lines(board.port, 3)[0] == BANNER, "the banner", pause=0.05)
     assert board.stop()["resets"] == 2
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from board import read_lines
 from waiting import wait_until
 
 from kalscope import export_tuning
@@ -40,7 +40,7 @@ def test_a_board_that_runs_already_can_be_sent_to_though_it_has_told_no_names(st
         (tmp_path / name).write_text(text)
     firmware = workshop.sketch(tmp_path / "kalscope_filter.ino", include=[tmp_path])
     board = start_board(firmware, np.random.default_rng(8).integers(300, 700, 4000))
-    time.sleep(1.0)  # its header has gone before anybody listens
+    read_lines(board.port, 3)  # its header has gone
     with LiveSource(board.port) as source:
         state = grown(source, opened_live(BoardId(), "board"), lambda state: len(state.recording) > 150)
         assert state.recording.names == ("value 1", "value 2")

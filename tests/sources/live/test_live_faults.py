@@ -7,6 +7,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 import serial
+from waiting import PATIENCE
 
 from kalscope.sources.live import live_lines
 from kalscope.sources.readers.recording_file import read_recording
@@ -126,9 +127,10 @@ def test_a_port_closed_in_the_middle_of_the_stream_is_free_at_once(board, live, 
     sender.start()
     wait_for(accepted(live, 100))
     live.close()
-    with serial.Serial(board.link, exclusive=True, timeout=0.05) as second:
+    with serial.Serial(board.link, exclusive=True, timeout=PATIENCE) as second:
         came = second.read(100)
         stop.set()
+        second.timeout = 0.05
         while sender.is_alive():
             second.read(4096)  # else it would wait for ever for room
     sender.join()

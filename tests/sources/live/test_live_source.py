@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.live.live_source import LiveSource
@@ -101,23 +102,22 @@ def test_other_columns_are_a_new_generation_and_the_same_header_is_none(board, l
 
 
 def test_a_board_plugged_in_again_goes_on_with_the_true_pause_and_one_missing_row(board, live, wait_for):
+    begin = time.monotonic()
     board.say(b"x\na,b\n" + lines(0, 100))
     wait_for(received(live, 100))
     board.unplug()
     wait_for(lambda: live.status().word == "disconnected, waiting")
     assert live.status().hint
-    gone = time.monotonic()
     time.sleep(0.3)
     board.plug()
     wait_for(lambda: live.status().word == "connected")
-    pause = time.monotonic() - gone
     board.say(b"50,1\n" + lines(100, 200))
     wait_for(lambda: kept(live) == 201)
+    whole = time.monotonic() - begin
     recording = live.snapshot().recording
     assert np.isnan(recording.values[100]).all()
     np.testing.assert_array_equal(recording.values[101:, 0], np.arange(100, 200))
-    assert recording.time[101] - recording.time[99] >= 0.3
-    assert recording.time[101] - recording.time[99] <= pause + 5
+    assert 0.3 <= recording.time[101] - recording.time[99] <= whole
     status = live.status()
     assert (status.reconnects, status.dropped, status.hint) == (1, 3, "")
     assert recording.names == ("a", "b")
@@ -190,7 +190,7 @@ def answer(board, reply):
 def test_a_line_sent_is_answered_by_the_next_line_with_a_hash(board, live, wait_for):
     board.say(b"x\n" + lines(0, 10))
     answer(board, lines(10, 12) + b"# q=0.01\r\n# r=4\r\n" + lines(12, 14))
-    assert live.send("q0.01") == ("# q=0.01", "# r=4")
+    assert live.send("q0.01", timeout=PATIENCE) == ("# q=0.01", "# r=4")
     wait_for(received(live, 14))
     np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(14))
 

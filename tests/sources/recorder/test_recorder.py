@@ -8,6 +8,7 @@ import os
 import resource
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from waiting import PATIENCE
+from waiting import PATIENCE, wait_until
 
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.line_format import LineFormat
@@ -544,24 +545,27 @@ def test_closing_on_a_full_disk_counts_what_waited_as_dropped(tmp_path, monkeypa
 
 
 def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypatch):
-    failures, calls = [OSError(errno.EIO, "Input/output error")], []
+    broken, calls = threading.Event(), []
+    broken.set()
 
     def sync(fd):
         calls.append(fd)
-        if failures:
-            raise failures.pop()
+        if broken.is_set():
+            raise OSError(errno.EIO, "Input/output error")
+
+    def error():
+        recorder.write([], None)
+        return recorder.error
 
     monkeypatch.setattr(recording_file, "_fdatasync", sync)
     recorder = new_recorder(tmp_path / "run.csv", sync_every=0.01)
-    said = set()
-    while len(calls) < 2:
-        recorder.write([], None)
-        said.add(recorder.error)
-        time.sleep(0.001)
+    wait_until(lambda: "Input/output error" in error(), "the word that the disk does not confirm")
+    asked = len(calls)
+    wait_until(lambda: len(calls) > asked, "another request")
+    broken.clear()
+    wait_until(lambda: error() == "", "the disk's word")
     hand_over(recorder, b"1,2\n")
     assert recorder.close().written == 1
-    assert any("Input/output error" in text for text in said)
-    assert recorder.error == ""
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows deletes no open file")
