@@ -11,6 +11,7 @@ import sys
 import time
 
 import pytest
+from waiting import wait_until
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, load_tuning, save_tuning
 from kalscope.cli import app as cli
@@ -193,10 +194,12 @@ def test_a_kill_leaves_whole_files(tmp_path):
     """A few here; benchmarks/kill_export.py kills a hundred times."""
     whole = {"old " * 200_000, "new " * 200_000}
     rng = random.Random(5)
-    for _ in range(4):
+    for turn in range(4):
         command = [sys.executable, "-c", ENDLESS, str(tmp_path)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
             assert child.stdout.readline() == "ready\n"
+            if turn == 3:
+                wait_until((tmp_path / "2.txt").exists, "all three files")
             time.sleep(0.02 + rng.random() * 0.1)
             child.send_signal(signal.SIGKILL)
         for path in tmp_path.glob("*.txt"):
