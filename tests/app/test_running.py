@@ -149,6 +149,7 @@ def test_an_uncaught_error_is_shown_and_logged_and_the_dashboard_goes_on(tmp_pat
             guest.send("FileTransferStartUpload", **transfer, **size, filename="x.csv", mime_type="text/csv")
             guest.send("FileTransferPart", **transfer, part_index=0, content=b"1")
             guest.read_until(lambda: "no such upload" in "".join(guest.notices))
+            guest.read_until(lambda: "/map/glass" in guest.nodes)
             ray = {"ray_origin": (0.0, 0.0, 60.0), "ray_direction": (0.0, 0.0, -1.0)}
             guest.send("SceneNodeClickMessage", name="/map/glass", **ray, **CLICK)
             guest.read_until(lambda: "no such node" in "".join(guest.notices))

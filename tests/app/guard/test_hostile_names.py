@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from program import end, labels, port_of, running, token_of
+from waiting import PATIENCE
 from wire import Guest
 
 from kalscope.common.text import count
@@ -106,7 +107,7 @@ def test_columns_and_units_that_are_markup_are_text_in_every_tab(shared, guest):
     for name in guest.widgets[guest.find("channel")]["props"]["options"][:2]:
         guest.set(guest.find("channel"), name)
         let_rest(guest)
-    assert any("onerror" in text for text in guest.texts)
+    guest.read_until(lambda: any("onerror" in text for text in guest.texts))
 
 
 LABELS = [re.sub("[,;:\u2028]", " ", name) for name in MARKUP]
@@ -139,14 +140,14 @@ def talking(lines):
         with suppress(OSError):
             other, _ = listener.accept()
             with other:
-                other.settimeout(0.5)  # the other side may have stopped reading
+                other.settimeout(10.0)  # the other side may have stopped reading
                 while not over.is_set():
                     for line in lines:
                         other.sendall(line)
                         over.wait(0.002)
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        listener.settimeout(20.0)
+        listener.settimeout(PATIENCE)
         thread = threading.Thread(target=say, args=(listener,))
         thread.start()
         try:
