@@ -73,6 +73,17 @@ def one_command_line() -> Iterator[None]:
         yield
 
 
+STATES: dict[str, dict[str, object]] = {}
+"""The state of each module's random generator before its first test."""
+
+
+@pytest.fixture(autouse=True)
+def same_draws(request: pytest.FixtureRequest) -> None:
+    """Every test draws the same numbers from the generator of its module, whatever its worker ran before it."""
+    if (generator := getattr(request.module, "RNG", None)) is not None:
+        generator.bit_generator.state = STATES.setdefault(request.module.__name__, generator.bit_generator.state)
+
+
 @pytest.fixture(scope="session")
 def nile():
     """The Nile flows at Aswan 1871-1970, 1e8 m³, shape (100,)."""
