@@ -30,7 +30,7 @@ OURS = ("denoise", "kalman_filter", "KalmanFilter", "estimate", "np.", "z.copy",
 def rows():
     """One run of the program in a process of its own: the peers' warnings are not ours."""
     command = [sys.executable, "-m", "kalscope.cli", "bench", "--quick", "--samples", "20_000", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=4 * PATIENCE, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     return [Row(**row) for row in json.loads(done.stdout)]
 
