@@ -24,7 +24,7 @@ from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.channels_overview import Overviews
-from kalscope_app.studies.checks import compute_checks
+from kalscope_app.studies.checks import Checks, compute_checks
 from kalscope_app.studies.spectra import compute_allan, compute_spectra
 from kalscope_app.studies.still_stretch import StillStretches
 from kalscope_app.studies.tuning_map import MapMaker
@@ -53,7 +53,9 @@ from kalscope_app.views.tune.numbers import NumbersView
 from kalscope_app.views.tune.parameters import ParametersView
 from kalscope_app.views.tune.presets import PresetsView
 from kalscope_app.views.tune.variants import VariantsView
+from kalscope_app.views.tune.verdict import VerdictView
 from kalscope_app.views.window.css import add_style
+from kalscope_app.views.window.header import HeaderView
 from kalscope_app.views.window.layout import Panels
 
 log = logging.getLogger(__name__)
@@ -99,7 +101,7 @@ class Dashboard:
             self._study(VariantTable().compute, self._variants.show_table),
             Study(lambda state: (state, make_map(state)), self._map.show),
             self._study(compared, self._board.show_check),
-            self._study(lambda state: compute_checks(state, still.of), self._checks.show),
+            self._study(lambda state: compute_checks(state, still.of), self._show_checks),
             self._study(lambda state: limits_text(state, self._code.choice), self._code.show_limits),
             self._study(Overviews().compute, self._channels.show_overview),
             self._study(compute_spectra, self._spectrum.show),
@@ -114,16 +116,19 @@ class Dashboard:
 
     def _build(self, folder: Path) -> None:
         gui = self._server.gui
+        self._header = HeaderView(gui, self.session)
+        self._verdict = VerdictView(gui, self.session)
         tabs = gui.add_tab_group()
         names = ("Check", "Compare", "Channels", "Spectrum", "Allan")
         check, compare, channels, spectrum, allan = (self._panels.right.add_tab(name) for name in names)
+        with check:
+            self._checks = ChecksView(gui)
         with tabs.add_tab("Tune"):
             self.parameters = ParametersView(gui, self.session)
             self._variants = VariantsView(gui, compare, self.session)
             self._numbers = NumbersView(gui)
-            self._checks = ChecksView(gui, check)
             self._find = FindView(gui, check, self.session, self._jobs)
-            self._checks.connect(self.session, self._find)
+            self._verdict.connect(self.session, self._find)
             self._presets = PresetsView(gui, self.session)
         with check:
             self._momentum = MomentumProfileView(gui, self.session, self._jobs)
@@ -185,6 +190,8 @@ class Dashboard:
             self._dark.value, self._smoother.value, self._velocity.value = view.dark, view.smoother, view.velocity
             self.signal.show(frame)
             for view in (
+                self._header,
+                self._verdict,
                 self._numbers,
                 self._find,
                 self._momentum,
@@ -239,6 +246,10 @@ class Dashboard:
             self._server.flush()
 
         return Study(compute, draw)
+
+    def _show_checks(self, checks: Checks | None) -> None:
+        self._verdict.show_checks(checks)
+        self._checks.show(checks)
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A new browser: its own upload button, its view of the map, and the tour."""

@@ -15,6 +15,7 @@ def test_advice_is_taken_by_its_button_and_spikes_are_marked(start):
     z = open_source(SPIKY).values[:, 0]
     first, best = starting_params(z), estimate(z)
     screen = start(SPIKY)
+    screen.page.get_by_role("button", name="spikes").click()  # the verdict; the reasons stay open
     spikes = screen.page.get_by_text("The record has spikes, which the filter takes for signal.").first
     spikes.wait_for()
     screen.page.get_by_role("button", name="Switch the gate on (4 σ)").click()

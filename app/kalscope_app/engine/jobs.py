@@ -21,7 +21,7 @@ class Jobs:
     """One worker thread for slow work; a failure becomes one sentence for the user."""
 
     def __init__(self, tell: Callable[..., None]) -> None:
-        """Args: shows a sentence, or an exception that is our mistake; `good`: no refusal, `failed`: its heading."""
+        """Args: shows a sentence, or an exception that was logged; `good`: no refusal, `failed`: its heading."""
         self._tell = tell
         self._waiting: queue.SimpleQueue[tuple[Callable[[], None], Failed]] = queue.SimpleQueue()
         # A daemon, unlike the threads of a pool: a job that hangs does not keep the program from ending.

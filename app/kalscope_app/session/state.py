@@ -74,6 +74,8 @@ class View:
     """Whether the velocity is drawn in place of the gain, where the filter has momentum."""
     gain_shown: bool = False
     """Whether the gain chart is drawn."""
+    why_shown: bool = False
+    """Whether the reasons for the verdict are shown."""
     match_by: Literal["lag", "noise"] = "lag"
     """What simpler filters are made equal in."""
     drawn_alternative: str = "Moving average"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typing
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,8 +21,8 @@ from kalscope_app.studies import still_stretch
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.studies.still_stretch import StillStretches
 from kalscope_app.views.tune.advice import label_of, take
-from kalscope_app.views.tune.checks import ChecksView
 from kalscope_app.views.tune.search_methods import SEARCH_METHODS, stretch_texts
+from kalscope_app.views.tune.verdict import COLOURS, UNJUDGED, VerdictView
 
 EXAMPLES = {
     actions.Scale(10.0, 0.5): "Raise q 10 × and lower r 2 ×",
@@ -169,14 +170,32 @@ class Widget:
         self.clicked = callback
 
 
-def test_the_panel_shows_the_headline_and_a_button_for_what_can_be_done(state):
-    view, checks = ChecksView(Widgets(), Widget()), compute_checks(state)
+def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_done(state):
+    session = Session(state)
+    view, checks = VerdictView(Widgets(), session), compute_checks(state)
     advice = (Advice("spikes: 3", actions.SetGate(4.0)), Advice("too few", actions.RecordLonger(20)))
-    view.show(replace(checks, judgement=Judgement("spikes", "Spikes mislead the fit.", advice)))
+    bad = Judgement("spikes", "Spikes mislead the fit.", advice, word="spikes", tone="bad")
+    view.show_checks(replace(checks, judgement=bad))
+    assert (view._word.label, view._word.color) == ("spikes", COLOURS["bad"])
     assert view._headline.content == "**Spikes mislead the fit.**"
     first, second = view._advice
     assert (first._text.content, first._button.label) == ("Spikes: 3.", "Switch the gate on (4 σ)")
     assert [row._text.visible for row in (first, second)] == [True, True]
     assert [row._button.visible for row in (first, second)] == [True, False]
-    view.show(replace(checks, judgement=Judgement("fits", "It fits.")))
+    view.show_checks(replace(checks, judgement=Judgement("fits", "It fits.", word="fits", tone="good")))
+    assert (view._word.label, view._word.color) == ("fits", COLOURS["good"])
     assert not any(row._text.visible or row._button.visible for row in (first, second))
+    view.show_checks(None)
+    assert (view._word.label, view._headline.content) == ("not judged", UNJUDGED)
+
+
+def test_a_click_on_the_word_shows_the_reasons_and_another_hides_them(state):
+    session = Session(state)
+    view = VerdictView(Widgets(), session)
+    for shown in (True, False):
+        with pytest.raises(StopIteration):  # it ends at once, without an event loop
+            view._word.clicked(SimpleNamespace(client=object())).send(None)
+        state, _, failures = session.apply_due_requests()
+        assert (state.view.why_shown, failures) == (shown, [])
+        view.show(SimpleNamespace(state=state))
+        assert view._why.visible is shown

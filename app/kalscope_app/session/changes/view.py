@@ -71,6 +71,11 @@ def set_gain_shown(shown: bool) -> Change:
     return lambda state: state.with_view(gain_shown=bool(shown))
 
 
+def set_why_shown(shown: bool) -> Change:
+    """Show the reasons for the verdict, or not."""
+    return lambda state: state.with_view(why_shown=bool(shown))
+
+
 def set_match_by(match_by: str) -> Change:
     """Compare simpler filters at equal "lag" or equal "noise" reduction."""
     return lambda state: state.with_view(match_by="noise" if match_by == "noise" else "lag")

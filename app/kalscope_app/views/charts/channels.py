@@ -9,12 +9,13 @@ from kalscope.common.array import Array
 from kalscope.common.text import count, decibels, lag_text, number
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.engine.frame import Frame
-from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting
+from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting, set_link
 from kalscope_app.session.changes.momentum import momentum_words
+from kalscope_app.session.linked_channels import LINKS
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.channels_overview import HALF_LANE, MAX_LANES, Lane, Overview
-from kalscope_app.views.binding import offer, on_user
+from kalscope_app.views.binding import bind, offer, on_user
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
 from kalscope_app.views.charts.time_axis import time_label
@@ -40,19 +41,26 @@ class ChannelsView:
         self._chart.handle.legend = {"show": False}
         self._chart.handle.height = MIN_HEIGHT
         self._table = gui.add_markdown("")
-        with gui.add_folder("Copy a setting", visible=False) as self._folder:
+        with gui.add_folder("Set several channels", visible=False) as self._folder:
+            self._together = gui.add_dropdown(
+                "apply to",
+                LINKS,
+                hint="All together: each change under Tune sets every channel. Undo reverts it.",
+            )
             self._to = gui.add_dropdown(
                 "copy to",
                 list[str]([ALL_OTHERS]),
                 hint="The channels that get q, r, momentum, initial state and gate.",
             )
             self._copy = gui.add_button("Copy", hint="Copies the numbers once; Undo reverts it.")
+        bind(self._together, session, set_link)
         on_user(self._copy.on_click, lambda _client: session.request(copy_setting(self._to.value)))
 
     def show(self, frame: Frame) -> None:
         """Offer the other channels."""
         names = frame.state.recording.names
         self._folder.visible = self._chart.handle.visible = len(names) > 1
+        self._together.value = frame.state.settings.link
         others = (ALL_OTHERS, *(name for name in names if name != frame.state.channel))
         offer(self._to, others, self._to.value if self._to.value in others else ALL_OTHERS)
 

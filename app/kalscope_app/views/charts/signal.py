@@ -8,7 +8,7 @@ import numpy as np
 import viser
 
 from kalscope.common.array import Array
-from kalscope.common.text import count, number, sample_rate
+from kalscope.common.text import count, number
 from kalscope.sources.readers.account import warnings
 from kalscope_app.engine.frame import Frame
 from kalscope_app.views.charts.chart import Chart, ChartLayout
@@ -156,15 +156,10 @@ def velocity_unit(frame: Frame) -> str:
 
 
 def heading_of(frame: Frame) -> str:
-    """Name, size, rate and what is not drawn; one line of markdown."""
+    """Size, what is not drawn, and how the board is; one line of markdown."""
     record, shown = frame.state.recording, frame.drawn
-    parts = [f"**{escape_markdown(record.title)}**"]
-    if len(record.names) > 1:
-        parts.append(escape_markdown(frame.state.channel))
     waits = frame.state.live is not None and frame.state.live.snapshot is None
-    parts.append("no sample yet" if waits else f"{count(len(record))} samples")
-    if record.sample_period:
-        parts.append(sample_rate(record.sample_period))
+    parts = ["no sample yet" if waits else f"{count(len(record))} samples"]
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
     if frame.state.live is None and warnings(record):

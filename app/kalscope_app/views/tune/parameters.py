@@ -7,7 +7,6 @@ import math
 import viser
 
 from kalscope_app.engine.frame import Frame
-from kalscope_app.session.changes.channels import select_channel, set_link
 from kalscope_app.session.changes.parameters import (
     paper_filter,
     reset_parameters,
@@ -17,9 +16,8 @@ from kalscope_app.session.changes.parameters import (
     set_variant_of_eq3,
     slider_limits,
 )
-from kalscope_app.session.linked_channels import LINKS
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.views.binding import bind, offer, on_user
+from kalscope_app.views.binding import bind, on_user
 from kalscope_app.views.tune.momentum import MomentumControl
 from kalscope_app.views.tune.typed_number import SliderWithText, TypedNumber
 
@@ -40,14 +38,6 @@ class ParametersView:
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
         with gui.add_form(None) as form:  # all of them: viser indents what stands in a form otherwise
-            self._channel = gui.add_dropdown(
-                "channel", list[str](["–"]), hint="Each channel has its own parameters."
-            )
-            self._together = gui.add_dropdown(
-                "apply to",
-                LINKS,
-                hint="All together: a change here, or a search, sets every channel. Undo reverts it.",
-            )
             self._paper_boxes = [
                 TypedNumber(gui, session, name, label, hint, set_paper_text) for name, label, hint in PAPER_BOXES
             ]
@@ -81,8 +71,6 @@ class ParametersView:
                 hint="Ctrl+Z; Ctrl+Shift+Z or Ctrl+Y. Reset: r = var(Δz)/2, q = r/100.",
             )
         on_user(form.on_submit, lambda _client: self._submit())
-        bind(self._channel, session, select_channel)
-        bind(self._together, session, set_link)
         bind(self._filter, session, lambda name: set_variant_of_eq3(FILTERS[name]))
         bind(self._start, session, lambda choice: set_automatic_start(choice == AUTOMATIC))
         steps = {"Undo": undo, "Redo": redo, "Reset": reset_parameters}
@@ -102,10 +90,6 @@ class ParametersView:
     def show(self, frame: Frame) -> None:
         """Set every control to the frame's values, except those that have changed since."""
         state, tuning = frame.state, frame.state.tuning
-        several = len(state.recording.names) > 1
-        offer(self._channel, state.recording.names, state.channel)
-        self._channel.visible = self._together.visible = several
-        self._together.value = state.settings.link
         paper, standard = paper_filter(state), state.filter.is_standard
         self._filter.value = next(
             name for name, value in FILTERS.items() if value == (paper.reading if paper else None)

@@ -9,6 +9,12 @@ import viser
 HEADING = '<span class="kalscope-heading"></span>'
 """Starts a markdown paragraph that is two lines high at least, so that the charts below it do not move."""
 
+HEADER = '<span class="kalscope-header"></span>'
+"""Stands before the header, which stays in sight while the tab below it scrolls."""
+
+VERDICT = '<span class="kalscope-verdict"></span>'
+"""Stands before the button that shows the verdict."""
+
 COMMAND = '<span class="kalscope-command"></span>'
 """Starts a markdown paragraph whose pieces of code are the words of one command."""
 
@@ -31,11 +37,28 @@ th:not(:empty) { padding-bottom: 0.15em; }
 .mantine-Button-root[data-block]:not([style*="--button-bg"], [data-disabled]):hover {
   background: var(--mantine-primary-color-light);
 }
-.mantine-Button-root[style*="mantine-color-blue-filled"] { --button-bg: var(--mantine-primary-color-filled) !important; }
+.mantine-Button-root[style*="mantine-color-blue-filled"] {
+  --button-bg: var(--mantine-primary-color-filled) !important;
+}
 .mantine-ScrollArea-scrollbar[data-orientation="vertical"] { width: 6px; }
+div:has(> .kalscope-header) + div { padding-bottom: 3px !important; }
+div:has(> .kalscope-verdict) + div button {
+  height: 28px; color: var(--button-bg); background: color-mix(in srgb, var(--button-bg) 12%, transparent);
+  border: 1px solid color-mix(in srgb, var(--button-bg) 45%, transparent); }
+[data-mantine-color-scheme="dark"] div:has(> .kalscope-verdict) + div button {
+  color: color-mix(in srgb, var(--button-bg) 45%, white); }
+@media (min-width: 36.01em) {
+  .mantine-ScrollArea-viewport:has(.kalscope-header) div:has(div .kalscope-header) { height: 100%; }
+  div:has(> div > .kalscope-header) { display: flex; flex-direction: column; box-sizing: border-box; }
+  div:has(> [data-dock-area]) { flex: 1 1 0; min-height: 0; }
+  [data-dock-area], [data-dock-area] div:has(.mantine-ScrollArea-root) { height: 100%; min-height: 0 !important; }
+}
 </style>"""
 """viser's markdown has no padding in its tables, centres their heads, sets paragraphs without any space, and
-lets a long path run out of its panel; on a phone a wide table would make all of its panel move sideways."""
+lets a long path run out of its panel; on a phone a wide table would make all of its panel move sideways.
+
+The last rules hold the header in sight: every box around it, and around the tab below it, is as high as its panel
+allows, so that only the tab scrolls. The verdict is a word in its colour, not a filled button."""
 
 
 def add_style(gui: viser.GuiApi) -> None:

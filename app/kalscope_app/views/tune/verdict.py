@@ -1,0 +1,88 @@
+"""Does the filter fit? One coloured word above the tabs; a click shows or hides why, and what to do about it."""
+
+from __future__ import annotations
+
+import viser
+
+from kalscope.analysis.actions import Action, Advice, as_sentences
+from kalscope.analysis.judgement import MAX_ADVICE, Judgement
+from kalscope_app.engine.frame import Frame
+from kalscope_app.session.changes.view import set_why_shown
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import State
+from kalscope_app.studies.checks import Checks
+from kalscope_app.views.binding import on_user
+from kalscope_app.views.tune.advice import label_of, take
+from kalscope_app.views.tune.find import FindView
+from kalscope_app.views.window.css import VERDICT
+
+UNJUDGED = "This filter has no q and r, so these tests do not apply."
+
+COLOURS = {"good": (0, 122, 90), "note": (176, 98, 0), "bad": (196, 46, 22)}
+"""Of the word, by tone; the page lightens them for the dark theme."""
+
+
+class VerdictView:
+    """The word, and below it the headline with its advice."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._shown = False
+        gui.add_html(VERDICT)
+        self._word = gui.add_button("…", hint="Whether the filter fits the recording. Click for the reasons.")
+        with gui.add_folder(None, visible=False) as self._why:
+            self._headline = gui.add_markdown("")
+            self._advice = [AdviceRow(gui) for _ in range(MAX_ADVICE)]
+        on_user(self._word.on_click, lambda _client: session.request(set_why_shown(not self._shown)))
+
+    def connect(self, session: Session, find: FindView) -> None:
+        """Let the buttons act: change the session, or search."""
+        for row in self._advice:
+            row.connect(session, find)
+
+    def show(self, frame: Frame) -> None:
+        """Show or hide the reasons."""
+        self._shown = self._why.visible = frame.state.view.why_shown
+
+    def show_checks(self, checks: Checks | None) -> None:
+        """Write the word and the reasons."""
+        judgement = None if checks is None else checks.urgent
+        self._word.label, self._word.color = word_of(judgement)
+        self._headline.content = UNJUDGED if judgement is None else f"**{judgement.headline}**"
+        advice = () if judgement is None else judgement.advice
+        for i, row in enumerate(self._advice):
+            row.show(advice[i] if i < len(advice) else None, checks)
+
+
+def word_of(judgement: Judgement | None) -> tuple[str, tuple[int, int, int]]:
+    """What stands on the button, and its colour."""
+    if judgement is None:
+        return "not judged", COLOURS["note"]
+    return judgement.word, COLOURS[judgement.tone]
+
+
+class AdviceRow:
+    """One piece of advice: what was found, and the button that does something about it."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._text = gui.add_markdown("", visible=False)
+        self._button = gui.add_button("", visible=False, hint="One step; Undo reverts it.")
+        self._shown: tuple[Action, State] | None = None
+
+    def connect(self, session: Session, find: FindView) -> None:
+        """Let the button act on what it stands for at the moment of the click."""
+
+        def click() -> None:
+            if self._shown is not None:
+                take(*self._shown, session, find)
+
+        on_user(self._button.on_click, lambda _client: click())
+
+    def show(self, advice: Advice | None, checks: Checks | None) -> None:
+        """Write the advice; without one, or without anything to do about it, take the row or the button away."""
+        action = None if advice is None else advice.action
+        label = "" if checks is None else label_of(action, checks.state)
+        self._shown = (action, checks.state) if action is not None and checks is not None else None
+        if label:
+            self._button.label = label
+        self._text.content = "" if advice is None else as_sentences(advice.text)
+        self._text.visible, self._button.visible = advice is not None, bool(label)
