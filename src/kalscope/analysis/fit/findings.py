@@ -92,7 +92,7 @@ def find_misfits(
     record = Record.of(columns, seen, seen[outliers])
     if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are no outliers
         record, outliers = Record.of(columns, seen, seen[:0]), outliers[:0]
-    correction = find_scale(e, outliers) if momentum else find_correction(record)
+    correction = find_scale(e, outliers) if momentum else find_correction(record, e, outliers)
     structure, change = None, 1.0
     if correction.e is not None:
         # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
