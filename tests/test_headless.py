@@ -20,10 +20,23 @@ def python(code, **kwargs):
 
 
 def test_importing_the_core_imports_neither_the_dashboard_nor_the_serial_port():
-    loaded = python("import sys, kalscope; print(*sys.modules)").split()
-    assert "numpy" in loaded
+    use = "import sys, kalscope; [getattr(kalscope, name) for name in kalscope.__all__]; print(*sys.modules)"
+    loaded = python(use).split()
+    assert "numba" in loaded
     heavy = {"viser", "serial", "typer", "duckdb", "matplotlib", "kalscope_app", "scipy.signal", "scipy.stats"}
     assert not heavy & set(loaded)
+
+
+def test_importing_the_core_imports_nothing_that_takes_long():
+    loaded = python("import sys, kalscope; print(*sys.modules)").split()
+    assert "kalscope" in loaded
+    assert not {"numpy", "numba", "scipy", "tomlkit", "dataclasses"} & set(loaded)
+
+
+def test_a_parameter_does_not_load_the_compiler():
+    loaded = python("import sys, kalscope; kalscope.FilterParams(1.0, 2.0); print(*sys.modules)").split()
+    assert "numpy" in loaded
+    assert not {"numba", "scipy"} & set(loaded)
 
 
 def test_importing_the_dashboard_does_not_import_matplotlib():

@@ -6,8 +6,10 @@ entry is added to the file in the commit that makes it.
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import inspect
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -29,6 +31,25 @@ def test_nothing_public_is_lost(beginning):
 
 def test_the_list_is_complete():
     assert [line for line in public_interface() if line not in LISTED] == []
+
+
+def test_the_same_names_are_listed_imported_and_known_to_a_type_checker():
+    tree = ast.parse(Path(kalscope.__file__).read_text(encoding="utf-8"))
+    (checked,) = (node for node in tree.body if isinstance(node, ast.If) and isinstance(node.test, ast.Name))
+    places = {(name.name, one.module) for one in checked.body for name in one.names}
+    assert {name for name, _ in places} == set(kalscope.__all__)
+    assert {(name, sys.modules[getattr(kalscope, name).__module__].__name__) for name in kalscope.__all__} == places
+
+
+def test_every_name_can_be_imported_listed_and_starred():
+    everything = {}
+    exec("from kalscope import *", everything)
+    assert set(kalscope.__all__) <= set(dir(kalscope)) & set(everything)
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="module 'kalscope' has no attribute 'denose'"):
+        kalscope.denose  # noqa: B018 (looking it up is what is tried)
 
 
 @cache

@@ -1,37 +1,38 @@
 """Kalscope: the scalar Kalman noise filter, headless.
 
-Numbers in, numbers out: importing this package imports neither the dashboard nor the serial port.
+Numbers in, numbers out: importing this package imports neither the dashboard nor the serial port. What a name needs
+is imported when the name is first used: a program that only reads a tuning file does not wait for the compiler.
 """
 
 from __future__ import annotations
 
-from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
-from kalscope.catalogue import open_source
-from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
-from kalscope.estimation.agreement.comparison import compare_methods
-from kalscope.estimation.estimate import estimate
-from kalscope.estimation.known import (
-    estimate_fixed_r,
-    estimate_fixed_ratio,
-    params_for_specification,
-)
-from kalscope.estimation.likelihood.profile import log_likelihood
-from kalscope.estimation.momentum.profile import likelihood_profile
-from kalscope.estimation.result import Estimate
-from kalscope.estimation.sensor.noise import noise_from_datasheet, noise_from_still
-from kalscope.estimation.sensor.starting import starting_params
-from kalscope.export.registry import export_tuning
-from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
-from kalscope.filtering.params import FilterParams
-from kalscope.filtering.smoothing import SmootherResult, smooth
-from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
-from kalscope.filtering.streaming import KalmanFilter
-from kalscope.recording import LineIssue, ReadReport, Recording
-from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
-from kalscope.sources.samples import list_samples
-from kalscope.sources.synthetic import synthesize
-from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+    from kalscope.catalogue import open_source
+    from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
+    from kalscope.estimation.agreement.comparison import compare_methods
+    from kalscope.estimation.estimate import estimate
+    from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio, params_for_specification
+    from kalscope.estimation.likelihood.profile import log_likelihood
+    from kalscope.estimation.momentum.profile import likelihood_profile
+    from kalscope.estimation.result import Estimate
+    from kalscope.estimation.sensor.noise import noise_from_datasheet, noise_from_still
+    from kalscope.estimation.sensor.starting import starting_params
+    from kalscope.export.registry import export_tuning
+    from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
+    from kalscope.filtering.params import FilterParams
+    from kalscope.filtering.smoothing import SmootherResult, smooth
+    from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
+    from kalscope.filtering.streaming import KalmanFilter
+    from kalscope.recording import LineIssue, ReadReport, Recording
+    from kalscope.sources.grammar.read_options import ReadOptions
+    from kalscope.sources.readers.recording_file import read_recording
+    from kalscope.sources.samples import list_samples
+    from kalscope.sources.synthetic import synthesize
+    from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
 
 __all__ = [
     "BadDevice",
@@ -77,3 +78,82 @@ __all__ = [
     "steady_state",
     "synthesize",
 ]
+
+_NAMES = {
+    "analysis.diagnostics": (
+        "Diagnostics",
+        "diagnose",
+        "diagnose_held_out",
+    ),
+    "catalogue": ("open_source",),
+    "errors": (
+        "BadDevice",
+        "BadFile",
+        "BadSetting",
+        "Cancelled",
+        "KalscopeError",
+    ),
+    "estimation.agreement.comparison": ("compare_methods",),
+    "estimation.estimate": ("estimate",),
+    "estimation.known": (
+        "estimate_fixed_r",
+        "estimate_fixed_ratio",
+        "params_for_specification",
+    ),
+    "estimation.likelihood.profile": ("log_likelihood",),
+    "estimation.momentum.profile": ("likelihood_profile",),
+    "estimation.result": ("Estimate",),
+    "estimation.sensor.noise": (
+        "noise_from_datasheet",
+        "noise_from_still",
+    ),
+    "estimation.sensor.starting": ("starting_params",),
+    "export.registry": ("export_tuning",),
+    "filtering.batch": (
+        "FilterResult",
+        "denoise",
+        "kalman_filter",
+    ),
+    "filtering.params": ("FilterParams",),
+    "filtering.smoothing": (
+        "SmootherResult",
+        "smooth",
+    ),
+    "filtering.steady_state": (
+        "SteadyState",
+        "ratio_for",
+        "steady_state",
+    ),
+    "filtering.streaming": ("KalmanFilter",),
+    "recording": (
+        "LineIssue",
+        "ReadReport",
+        "Recording",
+    ),
+    "sources.grammar.read_options": ("ReadOptions",),
+    "sources.readers.recording_file": ("read_recording",),
+    "sources.samples": ("list_samples",),
+    "sources.synthetic": ("synthesize",),
+    "tuning.tuning": (
+        "ChannelTuning",
+        "Tuning",
+        "load_tuning",
+        "save_tuning",
+    ),
+}
+"""The names by the module that they come from."""
+
+_HOMES = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names}
+
+
+if not TYPE_CHECKING:  # with it, a type checker would take every mistyped name for a good one
+
+    def __getattr__(name: str) -> object:
+        """A name of `__all__`, imported at its first use (PEP 562)."""
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = globals()[name] = getattr(import_module(_HOMES[name]), name)
+        return value
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})

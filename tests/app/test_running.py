@@ -191,7 +191,8 @@ def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path):
 
 READING = """
 import time
-main.first_state = lambda *_: (print("reading", flush=True), time.sleep(600))
+from kalscope_app import open_command
+open_command.first_state = lambda *_: (print("reading", flush=True), time.sleep(600))
 """
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import inspect
 import io
 import math
 import os
@@ -17,8 +18,9 @@ from waiting import PATIENCE
 
 from kalscope.catalogue import open_source
 from kalscope.cli.app import run
-from kalscope.cli.filter import MAX_LINE_BYTES
-from kalscope.cli.line_filter import LineFilter
+from kalscope.cli.filter.command import MAX_LINE_BYTES
+from kalscope.cli.filter.line_filter import LineFilter
+from kalscope.cli.offers import OFFERS
 from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -489,11 +491,18 @@ def test_a_full_disk_is_one_line(output: list[str]) -> None:
 def test_help_imports_neither_the_dashboard_nor_what_is_slow() -> None:
     probe = (
         "import sys; from kalscope.cli.app import run; run(['--help'])\n"
-        "slow = ('viser', 'serial', 'rich', 'matplotlib', 'scipy.signal', 'scipy.stats')\n"
+        "slow = ('viser', 'serial', 'rich', 'matplotlib', 'numpy', 'numba', 'scipy', 'pydantic')\n"
         "print([name for name in slow if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("name", OFFERS)
+def test_the_list_of_commands_says_what_the_help_of_each_does(name: str) -> None:
+    whole = " ".join((inspect.getdoc(OFFERS[name].load()) or "").split())
+    assert whole.startswith(OFFERS[name].help)
+    assert OFFERS[name].help.endswith(".")
 
 
 # How a file is to be read, and the account of how it was.

@@ -1,48 +1,105 @@
-"""The headless commands. `run` is the whole program; the dashboard adds its own command to `app`.
+"""The headless commands. `run` is the whole program; the dashboard offers its own command too.
 
 What a command needs is imported when it runs, so that --help and a mistyped option answer at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from collections.abc import Sequence
+from typing import Annotated
 
 import typer
 
-from kalscope.cli.bench.command import bench_command
-from kalscope.cli.board.demo_board import demo_board_command
-from kalscope.cli.board.ports import ports_command
-from kalscope.cli.board.record import record_command
 from kalscope.cli.console import INTERRUPTED, USER_ERROR, say, user_message
-from kalscope.cli.export import export_command
-from kalscope.cli.filter import filter_command
-from kalscope.cli.report import report_command
-from kalscope.cli.reproduce import reproduce_command
-from kalscope.cli.tune.command import tune_command
+from kalscope.cli.offers import Function, OfferedCommands, offers
 
-COMMANDS: dict[str, Callable[..., Any]] = {
-    "tune": tune_command,
-    "filter": filter_command,
-    "export": export_command,
-    "reproduce": reproduce_command,
-    "record": record_command,
-    "ports": ports_command,
-    "demo-board": demo_board_command,
-    "report": report_command,
-    "bench": bench_command,
-}
-"""The commands in the order of --help."""
+
+@offers(
+    "tune",
+    "Find q and r for a recording and say why: by estimation, by a specified lag or cut-off, or by known noise.",
+)
+def _tune() -> Function:
+    from kalscope.cli.tune.command import tune_command
+
+    return tune_command
+
+
+@offers(
+    "filter",
+    "Filter a recording: a CSV of time, raw and filtered signal, variance, and with momentum the velocity.",
+)
+def _filter() -> Function:
+    from kalscope.cli.filter.command import filter_command
+
+    return filter_command
+
+
+@offers("export", "Export the tuned filter for the device or the program that will run it.")
+def _export() -> Function:
+    from kalscope.cli.export import export_command
+
+    return export_command
+
+
+@offers(
+    "reproduce",
+    "Reproduce the tables and figures of the three source documents: index.html and results.json in DIR.",
+)
+def _reproduce() -> Function:
+    from kalscope.cli.reproduce import reproduce_command
+
+    return reproduce_command
+
+
+@offers(
+    "record",
+    "Record a board: FILE.csv with every line as received, FILE.rejects with the lines that are not data.",
+)
+def _record() -> Function:
+    from kalscope.cli.board.record import record_command
+
+    return record_command
+
+
+@offers("ports", "List the serial ports: device, description, serial number.")
+def _ports() -> Function:
+    from kalscope.cli.board.ports import ports_command
+
+    return ports_command
+
+
+@offers("demo-board", "Pretend to be a board: send a recording over a port, at its true rate, until Ctrl-C.")
+def _demo_board() -> Function:
+    from kalscope.cli.board.demo_board import demo_board_command
+
+    return demo_board_command
+
+
+@offers(
+    "report",
+    "Write a page for the lab book: chart, parameters, what they do, whether they fit, and how to reopen it.",
+)
+def _report() -> Function:
+    from kalscope.cli.report import report_command
+
+    return report_command
+
+
+@offers("bench", "Measure the speed of the filter against numpy, scipy and other Kalman libraries, as ratios.")
+def _bench() -> Function:
+    from kalscope.cli.bench.command import bench_command
+
+    return bench_command
+
 
 app = typer.Typer(
     name="kalscope",
+    cls=OfferedCommands,
     help="Kalscope, an oscilloscope for the scalar Kalman noise filter.",
     add_completion=False,
     rich_markup_mode=None,  # plain help: importing rich takes longer than all the rest
     pretty_exceptions_enable=False,
 )
-for name, command in COMMANDS.items():
-    app.command(name)(command)
 
 
 def run(argv: Sequence[str] | None = None) -> int:

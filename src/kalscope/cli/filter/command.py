@@ -116,7 +116,7 @@ def _read(source: str, options: ReadOptions, period: float | None, output: Path 
 
 def _filter_stdin(params: FilterParams | list[FilterParams], notes: list[str], options: ReadOptions) -> None:
     """Answer each line at once: the program that writes them may wait for the answer."""
-    from kalscope.cli.line_filter import LineFilter
+    from kalscope.cli.filter.line_filter import LineFilter
     from kalscope.sources.lines.line_parser import LineParser, comma_line
 
     for note in notes:

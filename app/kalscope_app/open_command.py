@@ -1,0 +1,177 @@
+"""`kalscope open`: starts and stops the dashboard."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import logging
+import secrets
+import tempfile
+import threading
+import webbrowser
+from collections.abc import Callable, Generator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kalscope.cli.console import stop_signals
+from kalscope.cli.options import SamplePeriod, reads_source
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+
+if TYPE_CHECKING:
+    from kalscope.sources.live.live_source import LiveSource
+    from kalscope_app.guard.server import GuardedServer
+    from kalscope_app.program.log_file import Log
+    from kalscope_app.session.state import State
+
+
+@reads_source
+def open_dashboard(
+    source: Annotated[
+        str, typer.Argument(help='A file, a port as "serial:PORT@BAUD", "demo", "sample:NAME", "experiment:NAME".')
+    ] = "",
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port to listen on; 0 for any free one.")] = 8080,
+    browser: Annotated[bool, typer.Option(help="Open the link in the browser.")] = True,
+    allow_host: Annotated[
+        list[str] | None, typer.Option(help="Name by which a browser may call this machine, for --host 0.0.0.0.")
+    ] = None,
+    sample_period: SamplePeriod = None,
+    reading: ReadOptions = DEFAULTS,
+    config: Annotated[Path | None, typer.Option(help="Tuning file to start from.")] = None,
+    behind: Annotated[
+        str | None, typer.Option(metavar="URL", help="https://NAME of a reverse proxy that shows the dashboard.")
+    ] = None,
+    new_link: Annotated[bool, typer.Option("--new-link", help="Make the old link of this port useless.")] = False,
+    log: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a detailed log to this file.")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log on the terminal what happens.")] = False,
+    channel: Annotated[str | None, typer.Option(help="Channel to show: its name, or its number from 1.")] = None,
+    q: Annotated[str | None, typer.Option(help="Process noise q of that channel, a variance.")] = None,
+    r: Annotated[str | None, typer.Option(help="Its measurement noise r, a variance.")] = None,
+    p0: Annotated[str | None, typer.Option(help="Its initial variance P₀, or automatic: the first sample.")] = None,
+    x0: Annotated[str | None, typer.Option(help="Its initial estimate x₀, or first; goes with --p0.")] = None,
+    gate: Annotated[str | None, typer.Option(help="Its outlier gate on v²/s, such as 9, or off.")] = None,
+    momentum: Annotated[str | None, typer.Option(help="Its momentum τ in samples, or off.")] = None,
+) -> None:
+    """Open the dashboard in a browser."""
+    from kalscope_app.guard.server import guarded_server
+    from kalscope_app.guard.token_file import kept_token
+    from kalscope_app.program.log_file import logging_to
+    from kalscope_app.session.share import apply_options
+    from kalscope_app.views.window.page_script import page_script
+
+    def token(bound_port: int) -> str:
+        return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
+
+    with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
+        state, board = first_state(source, reading, config, sample_period)
+        state = apply_options(state, channel, q, r, p0, x0, gate, momentum)
+        start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
+        start = functools.partial(start, token=token, page_script=page_script(), label="Kalscope")
+        with stop_signals() as end:
+            serve(state, board, start, end, running_log, browser=browser)
+
+
+def serve(
+    state: State,
+    board: LiveSource | None,
+    start_server: Callable[..., GuardedServer],
+    end: threading.Event,
+    log: Log,
+    *,
+    browser: bool,
+) -> None:
+    """Show `state` and its board in a dashboard until `end` is set; `start_server` lacks only `on_refused`."""
+    from kalscope_app.dashboard import Dashboard
+    from kalscope_app.guard.token_file import opening_page
+    from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
+    from kalscope_app.program.error_reporting import ErrorReporter
+    from kalscope_app.session.session import Failed
+
+    errors, opened = ErrorReporter(), contextlib.ExitStack()
+    dashboard: Dashboard | None = None
+
+    def on_refused(why: str) -> None:
+        if dashboard is not None:
+            dashboard.tell(why, failed=Failed.OPEN)
+
+    with errors.watch_threads(), callback_errors_to(functools.partial(errors.report, "callback")), opened:
+        guarded = start_server(on_refused=on_refused)
+        try:
+            log.hidden.append(guarded.token)
+            errors.watch_server(guarded.server.get_event_loop(), thread_pool(guarded.server))
+            dashboard = Dashboard(guarded.server, state, Path.cwd(), log.file, board)
+            errors.notify_with(dashboard.tell)
+            dashboard.start()
+            print(f"Kalscope: {guarded.url}", flush=True)
+            if browser:
+                webbrowser.open(opened.enter_context(opening_page(guarded.url)).as_uri())
+            while not end.wait(timeout=0.5):  # Windows wakes for Ctrl+C only between two waits
+                pass
+        finally:
+            errors.is_ending = True
+            if dashboard is not None:
+                end_within(1.0, "dashboard", dashboard.stop)
+            end_within(0.7, "server", guarded.stop)
+
+
+def end_within(seconds: float, name: str, stop: Callable[[], None]) -> None:
+    """Stop a part of the program, but wait no longer than this."""
+    thread = threading.Thread(target=stop, name=f"kalscope-end-{name}", daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if thread.is_alive():
+        logging.getLogger(__name__).info("the %s did not end within %g s and is abandoned", name, seconds)
+
+
+def first_state(
+    source: str, options: ReadOptions, config: Path | None, sample_period: float | None = None
+) -> tuple[State, LiveSource | None]:
+    """The state that is shown first, and its live board, not connected yet; None for a finished recording."""
+    from kalscope.sources.live.live_source import LiveSource
+    from kalscope.sources.port.port_spec import is_live
+    from kalscope.tuning.tuning import load_tuning
+    from kalscope_app.session.live import opened_live
+    from kalscope_app.session.live_state import BoardId
+
+    if not is_live(source):
+        return recorded_state(source, options, config, sample_period), None
+    board = LiveSource(source, options)
+    state = opened_live(BoardId(), board.spec.url, tuning=None if config is None else load_tuning(config))
+    return state.with_open(options=options), board
+
+
+def recorded_state(source: str, options: ReadOptions, config: Path | None, sample_period: float | None) -> State:
+    """A recording, with the values of the tuning file if there is one."""
+    from kalscope.catalogue import open_source
+    from kalscope.errors import BadSetting
+    from kalscope.tuning.tuning import load_tuning
+    from kalscope_app.session.opening import opened, opened_experiment, opened_with
+
+    if source.startswith("experiment:") and config is None:
+        return opened_experiment(source)
+    if config is None:
+        state = opened(open_source(source or "demo", options, sample_period=sample_period))
+        return state.with_open(options=options, typed_period=sample_period)
+    tuning = load_tuning(config)
+    spec = source or tuning.source
+    if not spec:
+        raise BadSetting(
+            f"SOURCE must be given, because {config} was made from an uploaded file (got only --config): "
+            f"kalscope open {tuning.source_name or 'FILE'} --config {config}"
+        )
+    state = opened_with(open_source(spec, options, sample_period=sample_period), tuning)
+    return state.with_open(options=options, typed_period=sample_period or state.open.typed_period)
+
+
+@contextlib.contextmanager
+def own_temporary_folder() -> Generator[None]:
+    """One folder for all temporary files, removed at the end with those of unfinished background tasks."""
+    before = tempfile.tempdir
+    with tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder:
+        tempfile.tempdir = folder
+        try:
+            yield
+        finally:
+            tempfile.tempdir = before
