@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from kalscope.common import text
 from kalscope.common.text import THIN_SPACE as THIN
-from kalscope.common.text import typed_number
+from kalscope.common.text import gate_digits, gate_text, typed_gate, typed_number
+from kalscope.errors import BadSetting
 
 YEAR = 31557600.0
 
@@ -118,3 +119,21 @@ def test_a_number_reads_back_to_its_digits(value, digits):
     written = text.number(value, digits)
     assert typed_number("q", written) == float(f"{value:.{digits - 1}e}")
     assert not re.match(r"−0(\.0*)?$", written)
+
+
+# --- the outlier gate, in σ on screen and as v²/s in the filter -------------------------------------------
+
+
+@given(st.one_of(st.integers(1, 400).map(float), st.floats(1e-3, 1e6).map(lambda x: float(f"{x:.9g}"))))
+def test_a_gate_that_is_shown_and_typed_again_is_the_same(gate):
+    assert typed_gate(gate_digits(gate)) == gate
+    assert typed_gate(f"{gate_digits(gate)} σ") == gate
+
+
+def test_a_gate_is_written_in_standard_deviations():
+    assert (gate_text(16.0), gate_digits(16.0), typed_gate("4")) == ("4 σ", "4", 16.0)
+    assert (gate_text(None), gate_digits(None), typed_gate(" Off "), typed_gate("")) == ("off", "", None, None)
+    assert typed_gate("3,5") == 12.25
+    for refused in ("0", "-4", "four", "inf"):
+        with pytest.raises(BadSetting, match="outlier gate must be"):
+            typed_gate(refused)

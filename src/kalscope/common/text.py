@@ -165,6 +165,35 @@ def typed_number(name: str, text: str) -> float:
     return value
 
 
+def gate_text(gate: float | None, digits: int = 3) -> str:
+    """An outlier gate on v²/s in standard deviations, as a user says it: "4 σ", "off"."""
+    return "off" if gate is None else f"{trimmed(math.sqrt(gate), digits)} σ"
+
+
+def gate_digits(gate: float | None) -> str:
+    """The same for a text box: "4", "" where it is off; with the digits that `typed_gate` needs to give it back."""
+    if gate is None:
+        return ""
+    sigma = math.sqrt(gate)
+    written = (f"{sigma:.{digits}g}" for digits in range(1, 18))
+    return next((text for text in written if typed_gate(text) == gate), repr(sigma))
+
+
+def typed_gate(text: str) -> float | None:
+    """The outlier gate on v²/s that a user typed in standard deviations: "4", "4 σ"; "" and "off" are None.
+
+    Raises:
+        BadSetting: it is not a number above 0.
+    """
+    plain = text.strip().removesuffix("σ").strip()
+    if plain.lower() in ("", "off"):
+        return None
+    sigma = typed_number("outlier gate", plain)
+    if sigma <= 0.0:
+        raise BadSetting(f"outlier gate must be above 0 σ, such as 4, or off (got {text[:40]!r})")
+    return float(f"{sigma * sigma:.12g}")
+
+
 def unused_name(name: str, taken: set[str], joint: str) -> str:
     """`name`, or with a joint of " " `name 2`, `name 3`, … if it is taken; taken from now on."""
     candidate, count = name, 2

@@ -1,10 +1,10 @@
 """How to correct a filter that does not fit its record: factors for q and r.
 
-The whole record is filtered again with λ changed by factors from 1/1000 to 1000; where the best λ is not among them,
-with all λ that the record can tell apart. Four corrections compete by their likelihood: q alone, r alone, both by one
-factor (which keeps the curve and corrects its variance), or each by its own. The simplest one that a likelihood-ratio
-test does not reject is advised. Structure that is then left in the residuals cannot be removed by q and r: the model
-does not describe the signal.
+The whole record is filtered again with λ changed by factors from 1/1000 to 1000; where the best λ is not among
+them, with all λ that the record can tell apart. Four corrections compete by their likelihood: q alone, r alone,
+both by one factor (which keeps the curve and corrects its variance), or each by its own. The simplest one that
+a likelihood-ratio test does not reject is advised. Structure that is then left in the residuals cannot be
+removed by q and r: the model does not describe the signal.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ CLEARLY_INSIDE = math.log(1e-5), math.log(100.0)
 """ln λ within which the near steps alone show where the best λ lies."""
 
 MAX_FACTOR, PLAINLY = 1e3, (1e-4, 100.0)
-"""Where the best λ lies at an end of the grid, any beyond fits as well: the change of λ is cut to this factor, or at
-the λ at which a filter is plainly at that end."""
+"""Where the best λ lies at an end of the grid, any beyond fits as well: the change of λ is cut to this factor,
+or at the λ at which a filter is plainly at that end."""
 
 MAX_CHANGE = 1e12
 """Largest factor of a correction."""

@@ -15,6 +15,7 @@ from kalscope.common.text import (
     decibels,
     duration,
     frequency,
+    gate_text,
     lag_in_full,
     number,
     percent,
@@ -52,7 +53,7 @@ def _pair(answer: Answer) -> Iterator[str]:
         if tau := scalar(params.momentum):
             yield f"momentum           τ = {trimmed(tau, 4)} samples{_seconds(tau, answer.sample_period)}"
         if params.gate is not None:
-            yield f"outlier gate         = {number(math.sqrt(scalar(params.gate)))} σ"
+            yield f"outlier gate         = {gate_text(scalar(params.gate))}"
         yield f"how: {answer.found.how}"
     yield ""
     yield from wrapped(answer.found.message)

@@ -10,7 +10,7 @@ from kalscope.analysis.actions import ChooseFilter
 from kalscope.cli.tune.advice import example, option_for
 from kalscope.cli.tune.answer import CHOSEN, Answer
 from kalscope.cli.tune.words import VERDICT_WORDS, WIDTH, between, wrapped
-from kalscope.common.text import decibels, duration, lag_in_full, percent, plural, squared, trimmed
+from kalscope.common.text import decibels, duration, gate_text, lag_in_full, percent, plural, squared, trimmed
 from kalscope.filtering.arrays import scalar
 from kalscope.recording import Recording
 from kalscope.sources.readers import account
@@ -52,7 +52,7 @@ def _momentum(answer: Answer) -> str:
 def _gate(answer: Answer) -> str:
     """The outlier gate, and how many samples the fit set aside as spikes."""
     gate = None if answer.found.params is None else answer.found.params.gate
-    words = "no gate" if gate is None else f"gate {trimmed(scalar(gate) ** 0.5)} σ"
+    words = "no gate" if gate is None else f"gate {gate_text(scalar(gate))}"
     aside = _aside(answer)
     return f"{words}, {plural(aside, 'spike')} set aside" if aside else words
 
