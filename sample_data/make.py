@@ -40,6 +40,19 @@ def flex_sensor() -> str:
     return _csv("time (s),flex (counts)", [f"{t:.2f},{z}" for t, z in zip(time, counts, strict=True)])
 
 
+def flex_finger() -> str:
+    """A finger bends and holds, again and again; each move takes 0.3 to 0.5 s, and no two are alike."""
+    rng = np.random.default_rng(52)
+    time = 0.02 * np.arange(1000)
+    truth = np.full(len(time), 400.0)
+    for start in np.arange(0.9, 19.5, 1.0) + rng.uniform(-0.25, 0.25, 19):
+        progress = np.clip((time - start) / rng.uniform(0.3, 0.5), 0.0, 1.0)
+        target = rng.choice(np.arange(370, 710, 20))
+        truth += (target - truth[-1]) * progress**2 * (3 - 2 * progress)
+    counts = _convert(truth + rng.normal(0.0, 18.0, len(time)), 0, 1023)
+    return _csv("time (s),flex (counts)", [f"{t:.2f},{z}" for t, z in zip(time, counts, strict=True)])
+
+
 def ldr_pwm() -> str:
     """The LED's duty cycle rises by steps from dark to bright; the reading follows from 0 to 170."""
     rng = np.random.default_rng(170)
@@ -87,6 +100,7 @@ def ultrasonic() -> str:
 
 RECORDINGS = {
     "balancing_robot": balancing_robot,
+    "flex_finger": flex_finger,
     "flex_sensor": flex_sensor,
     "hot_water": hot_water,
     "ldr_pwm": ldr_pwm,

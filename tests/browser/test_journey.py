@@ -68,5 +68,5 @@ def test_lag_under_50_ms_and_least_noise_is_found_by_reading_the_screen(screen):
     page.get_by_role("button", name="Pin this setting").click()
     screen.wait(f"() => ({FIND})('A')")
     screen.tab("Export")
-    assert page.locator("textarea").first.input_value().startswith("kalscope open sample:flex_sensor --q ")
+    assert page.locator("textarea").first.input_value().startswith("kalscope open sample:flex_finger --q ")
     screen.shot("journey-6-the-line-that-reopens-it")

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kalscope import FilterParams, kalman_filter, ratio_for, starting_params, steady_state
 from kalscope.catalogue import open_source
 from kalscope.sources.samples import list_samples, sample_data_dir
 
@@ -63,6 +64,22 @@ def test_the_resting_sensors_rest():
     x, y, z = open_source("sample:lis302dl").values.T
     assert (np.median(x), np.median(y), np.median(z)) == (2, -3, 55)
     assert np.median(open_source("sample:balancing_robot").values) == pytest.approx(338, abs=1)
+
+
+def test_a_maximum_lag_makes_the_demo_visibly_better_at_once():
+    """Within 50 ms the filtered line keeps to the moves, which it missed by far more than the noise."""
+    demo = open_source("demo")
+    z = demo.values[:, 0]
+    start = starting_params(z)
+    goal = FilterParams(start.r * ratio_for(lag_s=0.05, sample_period=demo.sample_period), start.r)
+    # Far from the line: more than two standard deviations of the noise, averaged over a tenth of a second.
+    far = [
+        np.mean(np.abs(np.convolve(z - kalman_filter(z, params).x, np.full(5, 0.2), "valid")) > 2 * 18.0)
+        for params in (start, goal)
+    ]
+    assert far[0] > 0.2
+    assert far[1] < 0.05
+    assert steady_state(goal).noise_reduction_db > 6  # and at most half of the noise is left
 
 
 def test_the_servo_sweeps_in_1_8_s():

@@ -9,8 +9,8 @@ from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.readers.recording_file import read_recording
 
-DEMO = "flex_sensor"
-"""The sample behind "demo": a clean periodic truth under a noise one can see."""
+DEMO = "flex_finger"
+"""The sample behind "demo": the lag of the first filter and the noise left by a faster one are both visible."""
 
 
 @dataclass(frozen=True)
