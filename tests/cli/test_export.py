@@ -17,7 +17,7 @@ from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, load_tuni
 from kalscope.cli import app as cli
 from kalscope.cli.export import CHOICES
 from kalscope.export.registry import TARGETS
-from kalscope.export.write import write_files
+from kalscope.export.write import existing_files, in_sketch_folder, write_files
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_q_is_carried_over_to_the_period_of_the_device(tuning_file, capfd):
     assert document["sample_period_s"] == 0.04
     assert [channel["process_noise_q"] for channel in document["channels"]] == [0.04, 4.0]
     assert [channel["measurement_noise_r"] for channel in document["channels"]] == [0.25, 2.0]
-    assert document["channels"][0]["found"] == "q times 4, found at 0.01 s; by hand"
+    assert document["channels"][0]["found"] == "at 0.01 s: by hand; q times 4"
     assert cli.run([*command, "0.01"]) == 0
     assert capfd.readouterr().out == export_tuning(load_tuning(tuning_file), "json")["kalscope_parameters.json"]
     assert cli.run([*command, "0"]) == 2
@@ -132,6 +132,36 @@ def test_files_that_are_there_stay_unless_forced(tuning_file, tmp_path, capfd):
     assert contents(out) == export_tuning(load_tuning(tuning_file), "python")
 
 
+def test_a_sketch_beside_its_folder_is_said(tmp_path, capfd):
+    path = tmp_path / "tuning.toml"
+    save_tuning(Tuning((ChannelTuning("raw", "", 0.01, 0.25),)), path)
+    for folder, notes in (("firmware", 1), ("kalscope_filter", 0)):
+        out = tmp_path / folder
+        assert cli.run(["export", str(path), "--to", "arduino", "-o", str(out)]) == 0
+        assert sorted(contents(out)) == ["KalscopeFilter.h", "kalscope_filter.ino"]
+        assert capfd.readouterr().err.count("opens a sketch only from a folder of its name") == notes
+
+
+def test_a_sketch_gets_a_folder_of_its_name_and_other_files_none():
+    tuning = Tuning((ChannelTuning("raw", "", 0.01, 0.25),))
+    sketch = export_tuning(tuning, "arduino")
+    assert in_sketch_folder(sketch) == {f"kalscope_filter/{name}": text for name, text in sketch.items()}
+    for other in (export_tuning(tuning, "c"), export_tuning(tuning, "arduino", fixed_gains=True)):
+        assert in_sketch_folder(other) == other
+
+
+def test_where_one_file_cannot_be_written_none_is(tmp_path):
+    (tmp_path / "a.txt").write_text("mine")
+    (tmp_path / "c.txt").mkdir()
+    files = {"a.txt": "new", "sub/b.txt": "new", "c.txt": "new"}
+    assert existing_files(files, tmp_path) == ["a.txt", "c.txt"]
+    with pytest.raises(OSError, match=r"c\.txt"):
+        write_files(files, tmp_path, force=True)
+    assert (tmp_path / "a.txt").read_text() == "mine"
+    assert not any((tmp_path / "sub").iterdir())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.txt", "c.txt", "sub"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -159,7 +189,7 @@ def test_a_file_that_is_no_tuning_is_refused(tmp_path, capfd):
 
 
 def test_the_help_names_every_target_that_writes():
-    refused = [name for name, entry in TARGETS.items() if entry.what.startswith("Refused")]
+    refused = [name for name, entry in TARGETS.items() if not entry.is_offered]
     assert CHOICES.split(", ") == [name for name in TARGETS if name not in refused]
     assert refused == ["simplekalmanfilter", "gyverfilters"]
 

@@ -100,13 +100,22 @@ def noisy_counts(n, seed=8):
     return np.clip(np.rint(512 + 300 * np.sin(np.arange(n) / 90) + rng.normal(0, 15, n)), 1, 1023).astype(int)
 
 
+OTHER_UNIT = (r"#ifndef KALSCOPE_UNITS_DONE\n#error .*\n#endif\n", "")
+"""What the user deletes once readSensor() returns the unit of the tuning."""
+
+
 def exported(workshop, *channels, edits=FAST):
     """The firmware of an export, with the line made faster and samples as dense as the board can filter."""
+    return workshop.sketch(saved(workshop, *channels), *edits)
+
+
+def saved(workshop, *channels):
+    """The sketch of an export, as it leaves."""
     folder = workshop.folder / f"export-{abs(hash(channels)):x}"
     folder.mkdir(exist_ok=True)
     for name, text in files(ExportJob(tuple(channels), sample_period=0.005)).items():
         (folder / name).write_text(text, encoding="ascii")
-    return workshop.sketch(folder / "kalscope_filter.ino", *edits)
+    return folder / "kalscope_filter.ino"
 
 
 class Conversation:
@@ -169,7 +178,7 @@ def test_gate_start_missing_samples_and_a_gain_that_float_cannot_settle_to_on_th
         ChannelTuning("temp ", "", 3e-15, 30.0, 1.2e-6, 0.5),
     )
     missing = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
-    firmware = exported(workshop, *channels, edits=(*FAST, missing))
+    firmware = exported(workshop, *channels, edits=(*FAST, missing, OTHER_UNIT))
     board = start_board(firmware, counts, *FLAT_OUT)
     lines = [line for line in read_lines(board.port, 1600, 1_000_000) if not line.startswith(b"#")]
     board.stop()
@@ -216,7 +225,7 @@ def test_momentum_with_gate_start_and_missing_samples_beside_a_channel_without(s
         ChannelTuning("plain", "", 0.01, 40.0, gate=9.0),
     )
     missing = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
-    board = start_board(exported(workshop, *channels, edits=(*FAST, missing)), counts, *FLAT_OUT)
+    board = start_board(exported(workshop, *channels, edits=(*FAST, missing, OTHER_UNIT)), counts, *FLAT_OUT)
     lines = [line for line in read_lines(board.port, 1100, 1_000_000) if not line.startswith(b"#")]
     board.stop()
     printed = np.array([[float(cell) for cell in line.split(b",")] for line in lines], dtype=np.float32)
@@ -240,6 +249,15 @@ def test_every_float_from_a_sixteenth_up_is_printed_so_that_it_is_read_back(star
     assert np.abs(sent[sent != 0]).min() < 1
     assert np.abs(sent).max() > 1e7
     np.testing.assert_array_equal(printed, sent)
+
+
+def test_a_sketch_for_another_unit_compiles_only_when_its_sensor_is_written(workshop):
+    sketch = saved(workshop, ChannelTuning("tilt", "g", 0.1, 4.0))
+    with pytest.raises(RuntimeError, match=r"#error .*analogRead\(\) returns counts"):
+        workshop.sketch(sketch)
+    in_g = (r"return analogRead\((.*)\);", "return analogRead(PINS[channel]) * (2.0f / 1023);")
+    assert workshop.sketch(sketch, in_g, OTHER_UNIT).flash > 0
+    assert exported(workshop, ChannelTuning("tilt", "ADC counts", 0.1, 4.0), edits=()).flash > 0
 
 
 def test_kalscope_reads_the_sketch_with_its_names(start_board, workshop):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from kalscope import BadSetting, ChannelTuning, Tuning, steady_state
+from kalscope.export.device_period import rescaled_to_period
 from kalscope.export.job import ExportJob, job_of, step_of
-from kalscope.export.registry import rescaled_to_period
 from kalscope.filtering.momentum.kernels import transition
 
 TUNING = Tuning(
@@ -50,5 +50,5 @@ def test_another_period_carries_q_and_momentum_over_and_says_so():
     )
     with_momentum, plain = rescaled_to_period(tuning, 0.04).channels
     assert (with_momentum.q, with_momentum.momentum, plain.q, plain.momentum) == (8.0, 5.0, 8.0, 0.0)
-    assert with_momentum.how == "q times 4 and momentum divided by it, found at 0.01 s; by hand"
-    assert plain.how == "q times 4, found at 0.01 s; by hand"
+    assert with_momentum.how == "at 0.01 s: by hand; q times 4 and momentum divided by it"
+    assert plain.how == "at 0.01 s: by hand; q times 4"

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning
 from kalscope.export.names import comment_text, identifier, identifiers, quoted
 from kalscope.export.registry import TARGETS
+from kalscope.export.targets.arduino import UNIT_CHECK
 
 HOSTILE = (
     "*/ #define x",
@@ -89,7 +90,11 @@ def without_c_comments(text):
 
 
 def code_of(target, name, text):
-    """What a compiler or reader sees of a file: its tokens or values without the comments."""
+    """What a compiler or reader sees of a file: its tokens or values without the comments.
+
+    Whether a sketch checks the unit follows from the unit; the check itself is one text for all.
+    """
+    text = text.replace(UNIT_CHECK, "")
     if target in C_LIKE:
         return without_c_comments(text).split()
     if name.endswith(".py"):

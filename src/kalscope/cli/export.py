@@ -9,7 +9,7 @@ import typer
 
 from kalscope.cli.options import number_option, reads_source
 from kalscope.errors import BadSetting
-from kalscope.export.write import limits_of, write_files
+from kalscope.export.write import limits_of, sketch_name, write_files
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ def export_command(
     """Export the tuned filter for the device or the program that will run it."""
     from kalscope.catalogue import open_source
     from kalscope.cli.console import say, write_output
-    from kalscope.export.registry import export_tuning, rescaled_to_period
+    from kalscope.export.device_period import rescaled_to_period
+    from kalscope.export.registry import export_tuning
     from kalscope.tuning.tuning import load_tuning
 
     if vectors is not None and output is None:
@@ -63,6 +64,9 @@ def export_command(
             say(f"note: {main}; with -o DIR also {', '.join(name for name, _ in others)}")
         return
     written = write_files(files, output, force=force)
+    sketch = sketch_name(files)
+    if sketch and output.resolve().name != sketch:
+        say(f"note: the Arduino IDE opens a sketch only from a folder of its name, as with -o {output / sketch}")
     write_output((f"{path}\n" for path in written), None)
 
 

@@ -86,7 +86,7 @@ def atomic_file(path: str | os.PathLike[str]) -> Generator[BinaryIO]:
                 yield file
     except OSError as error:
         # The caller knows this name only. A filename2 of None would be shown as "-> None".
-        if error.errno is None:
+        if error.errno is None or not _is_about(error, target):
             raise
         raise OSError(error.errno, error.strerror, os.fspath(path)) from None
 
@@ -138,6 +138,12 @@ def _replacement(target: Path, mode: int | None) -> Generator[BinaryIO]:
             temporary.unlink()
         raise
     sync_folder(target.parent)
+
+
+def _is_about(error: OSError, target: Path) -> bool:
+    """Whether the error names this file, its temporary one or none; a block may fail at another file."""
+    name = error.filename
+    return not isinstance(name, str) or Path(name) == target or Path(name).name.startswith(_prefix(target))
 
 
 def _mode(target: Path) -> int | None:

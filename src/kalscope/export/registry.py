@@ -6,16 +6,17 @@ Each module has `files(job) -> dict of file name -> text`; names are constants o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 
 from kalscope.errors import BadSetting
+from kalscope.export.device_period import rescaled_to_period
 from kalscope.export.job import ExportJob, job_of
 from kalscope.export.targets import arduino, c, fixed_gains, javascript, json_file, matlab, platformio, python, ros2
 from kalscope.export.targets.libraries import bachagas, esphome, kalmanjs
 from kalscope.export.targets.libraries.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
 from kalscope.recording import Recording
-from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
+from kalscope.tuning.tuning import Tuning
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,8 @@ class Target:
     """What it is, one sentence."""
     fixed_gains: Callable[[ExportJob], dict[str, str]] | None = None
     """Writes the settled filter instead; None = the target has no such option."""
+    is_offered: bool = True
+    """Whether a user can choose it; False: it only explains why these values would give a different filter."""
 
 
 TARGETS = MappingProxyType(
@@ -69,10 +72,16 @@ TARGETS = MappingProxyType(
             kalmanjs.files, "kalmanjs", "The constructor of kalmanjs: the same filter with the letters swapped."
         ),
         "simplekalmanfilter": Target(
-            SIMPLE_KALMAN_FILTER.files, "SimpleKalmanFilter", "Refused: SimpleKalmanFilter is a different filter."
+            SIMPLE_KALMAN_FILTER.files,
+            "SimpleKalmanFilter",
+            "SimpleKalmanFilter uses q differently, so these values would give a different filter.",
+            is_offered=False,
         ),
         "gyverfilters": Target(
-            GYVER_FILTERS.files, "GyverFilters", "Refused: GKalman of GyverFilters is a different filter."
+            GYVER_FILTERS.files,
+            "GyverFilters",
+            "GKalman of GyverFilters uses q differently, so these values would give a different filter.",
+            is_offered=False,
         ),
     }
 )
@@ -131,20 +140,3 @@ def _fixed(target: str, job: ExportJob, vectors: Recording | None) -> dict[str, 
             " which fixed gains equal only once it has settled"
         )
     return write(job)
-
-
-def rescaled_to_period(tuning: Tuning, sample_period: float) -> Tuning:
-    """The tuning for a device that samples every `sample_period` s; where q changes, `how` says from what."""
-    old, moved = tuning.sample_period, tuning.rescaled(sample_period)
-    if old is None or same_period(old, sample_period):
-        return moved
-    ratio = sample_period / old
-    channels = (
-        replace(new, how=f"q times {ratio:.4g}{_momentum(new)}, found at {old:.4g} s; {new.how}")
-        for new in moved.channels
-    )
-    return replace(moved, channels=tuple(channels))
-
-
-def _momentum(channel: ChannelTuning) -> str:
-    return " and momentum divided by it" if channel.momentum > 0.0 else ""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
+from contextlib import ExitStack
+from pathlib import Path, PurePosixPath
 
 from kalscope.errors import BadSetting
 from kalscope.tuning.tuning import Tuning
@@ -30,6 +31,7 @@ def limits_of(
         fixed_gains: Whether only the settled filter is exported: no variance can stall, and it is faster.
     """
     from kalscope.export.device_limits import FLOAT32_TARGETS, device_limits
+    from kalscope.export.targets.arduino import not_in_counts
 
     if target not in FLOAT32_TARGETS:
         return []
@@ -47,14 +49,42 @@ def limits_of(
         )
         if limit.kind == "estimate" or not fixed_gains
     ]
+    others = ", ".join(f"{one.name} in {one.unit}" for one in not_in_counts(chosen))
+    if target == "arduino" and others and not fixed_gains:
+        said.append(f"analogRead() returns counts. The sketch compiles once its readSensor() returns {others}.")
     return list(dict.fromkeys(said))
 
 
+def sketch_name(files: dict[str, str]) -> str:
+    """Name of the Arduino sketch among the files, "" where there is none.
+
+    The Arduino IDE opens a sketch only from a folder of its name.
+    """
+    return next((PurePosixPath(name).stem for name in files if name.endswith(".ino")), "")
+
+
+def in_sketch_folder(files: dict[str, str]) -> dict[str, str]:
+    """The files of an Arduino sketch below a folder of its name; other files as they are."""
+    sketch = sketch_name(files)
+    return {f"{sketch}/{name}": text for name, text in files.items()} if sketch else files
+
+
+def existing_files(files: dict[str, str], folder: Path) -> list[str]:
+    """Those of the names that are in the folder already.
+
+    Raises:
+        BadSetting: A name leads out of the folder.
+    """
+    from kalscope.common.files import check_inside
+
+    return [name for name in files if check_inside(name, folder).exists()]
+
+
 def write_files(files: dict[str, str], folder: Path, *, force: bool = False) -> list[Path]:
-    """Write the files of an export into a folder, which is made if it is missing; each whole or not at all.
+    """Write the files of an export into a folder, which is made if it is missing: all of them or none.
 
     Args:
-        files: Texts by file name, as `export_tuning` gives them.
+        files: Texts by file name, as `export_tuning` gives them; a name may begin with folders.
         folder: Where to.
         force: Replace files that are there.
 
@@ -63,15 +93,16 @@ def write_files(files: dict[str, str], folder: Path, *, force: bool = False) -> 
 
     Raises:
         BadSetting: A name leads out of the folder; or a file is there and `force` is off: none is written then.
-        OSError: The folder or a file cannot be written; files before it are.
+        OSError: The folder or a file cannot be written.
     """
-    from kalscope.common.files import check_inside, write_atomic
+    from kalscope.common.files import atomic_file, check_inside
 
     targets = {name: check_inside(name, folder) for name in files}
-    there = [name for name, path in targets.items() if path.exists()]
+    there = existing_files(files, folder)
     if there and not force:
         raise BadSetting(f"-o must be a folder without {', '.join(there)}, or give --force (got {str(folder)!r})")
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, path in targets.items():
-        write_atomic(path, files[name].encode())
+    with ExitStack() as opened:  # all are on the disk before the first takes its name
+        for name, path in targets.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            opened.enter_context(atomic_file(path)).write(files[name].encode())
     return [folder / name for name in files]

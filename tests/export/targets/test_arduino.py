@@ -7,9 +7,10 @@ import re
 import pytest
 
 from kalscope.errors import BadSetting
-from kalscope.export.job import ExportJob
+from kalscope.export.job import ExportJob, job_of
 from kalscope.export.targets.arduino import files
-from kalscope.tuning.tuning import ChannelTuning
+from kalscope.export.write import limits_of
+from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 HOSTILE = ("*/ #define x", "int", "a\nb\\", "??/", "ünïcode 😀", "n" * 300, '"); system("', "filter_h")
 
@@ -28,6 +29,21 @@ def test_a_name_from_outside_never_leaves_its_comment(name):
         ours = [line.replace(f'"{word}"', '"plain"') for line in ours]
         assert [line for line in ours if line] == [line for line in same if line]
         assert not any(line.endswith("\\") or "??/" in line for line in text.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("unit", "in_counts"),
+    [("", True), ("counts", True), ("ADC Counts", True), ("LSB", True), ("raw", True)]
+    + [(unit, False) for unit in ("g", "°C", "V", "mV", "%", "m/s²", "µT")],
+)
+def test_a_unit_that_analogread_does_not_return_stops_the_compiler_and_is_said(unit, in_counts):
+    tuning = Tuning((ChannelTuning("a", unit, 0.1, 1.0),))
+    sketch = files(job_of(tuning))["kalscope_filter.ino"]
+    assert ("#error" not in sketch) == in_counts
+    assert sketch.count("return analogRead(PINS[channel]);") == 1
+    said = " ".join(limits_of(tuning, None, "arduino"))
+    assert ("readSensor() returns" not in said) == in_counts
+    assert limits_of(tuning, None, "arduino", fixed_gains=True) == []
 
 
 def test_what_float_or_a_board_cannot_hold_is_refused():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+
 from kalscope.errors import BadSetting
 from kalscope.export.board.momentum import LAST_POWER
 from kalscope.export.float32 import Float32Params, float32_params, float32_text, without_momentum
@@ -9,6 +12,7 @@ from kalscope.export.header_text import about, about_channel, commented, fill_te
 from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text
 from kalscope.filtering.kernels import GATE_LIMIT
+from kalscope.tuning.tuning import ChannelTuning
 
 ANALOGUE_PINS = 6
 """Of an Uno: A0 … A5."""
@@ -18,6 +22,16 @@ DEFAULT_PERIOD_US = 5000
 
 MAX_PERIOD_US = 2_000_000_000
 """Half the time in which micros() comes round."""
+
+COUNTS = frozenset(("count", "counts", "lsb", "lsbs", "adc", "adu", "digit", "digits", "raw"))
+"""Units of what analogRead() returns."""
+
+UNIT_CHECK = """\
+#ifndef KALSCOPE_UNITS_DONE
+#error "analogRead() returns counts, not the unit above: change readSensor(), then delete these three lines"
+#endif
+"""
+"""Stops the compiler until the sketch reads what its filter was tuned for; a constant, no name comes in here."""
 
 
 def files(job: ExportJob) -> dict[str, str]:
@@ -33,6 +47,11 @@ def files(job: ExportJob) -> dict[str, str]:
         )
     held = [_held(job, i) for i in range(len(job.channels))]
     return {"KalscopeFilter.h": _header(job, held), "kalscope_filter.ino": _sketch(job)}
+
+
+def not_in_counts(channels: Iterable[ChannelTuning]) -> list[ChannelTuning]:
+    """The channels in a unit such as g or V, which analogRead() does not return; an unknown unit may be counts."""
+    return [one for one in channels if one.unit and COUNTS.isdisjoint(re.findall(r"[^\W\d_]+", one.unit.lower()))]
 
 
 def constants(name: str, params: Float32Params, *, momentum: bool = False) -> str:
@@ -91,6 +110,7 @@ def _sketch(job: ExportJob) -> str:
         names=", ".join(f'"{name}"' for name in names),
         filters=", ".join(f"KalscopeFilter({name})" for name in _constant_names(job)),
         units=", ".join(f"{name} in {_unit(channel.unit)}" for name, channel in job.named_channels),
+        unit_check=UNIT_CHECK if not_in_counts(job.channels) else "",
     )
 
 

@@ -23,7 +23,7 @@ KalscopeFilter filters[] = {$filters};
 const uint8_t CHANNELS = sizeof(PINS);
 
 // What the filter takes, in the unit it was tuned in: $units. NAN where there is no sample.
-float readSensor(uint8_t channel) { return analogRead(PINS[channel]); }
+${unit_check}float readSensor(uint8_t channel) { return analogRead(PINS[channel]); }
 
 // Prints as many digits as it takes to read the same float back, for values of 1/16 and more; in whole numbers.
 void printFloat(float value) {
