@@ -21,7 +21,7 @@ from kalscope_app.views.export.code import GAPS, TITLES, Choice, files_of, has_f
 @pytest.fixture
 def state():
     z = np.random.default_rng(2).normal(500.0, 3.0, (300, 2))
-    recording = Recording(np.arange(300) * 0.005, ("a", "b"), ("V", ""), z, 0.005)
+    recording = Recording(np.arange(300) * 0.005, ("a", "b"), ("counts", ""), z, 0.005)
     return set_text("q", "0.02")(opened(recording))
 
 
@@ -53,7 +53,7 @@ def test_fixed_gains_are_the_settled_filter_and_are_refused_before_a_button_is_p
 def test_another_period_of_the_device_carries_q_over(state):
     (text,) = files_of(state, Choice("json", period=" 0,02 ")).values()
     assert '"process_noise_q": 0.08' in text
-    assert "q times 4, found at 0.005 s" in text
+    assert "at 0.005 s: by hand; q times 4" in text
     with pytest.raises(BadSetting, match="period must be a number"):
         files_of(state, Choice("json", period="often"))
 
@@ -77,6 +77,15 @@ def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
     for target in ("platformio", "esphome", "bachagas"):
         assert "has no constant gain to go on with" in limits_text(small, Choice(target))
     assert limits_text(small, Choice("c")) == ""
+
+
+def test_a_unit_that_the_board_does_not_read_is_said(state):
+    recording = replace(state.recording, units=("V", ""))
+    in_volts = state.with_open(recording=recording).with_settings(
+        tunings=tuple(replace(one, unit=unit) for one, unit in zip(state.settings.tunings, ("V", ""), strict=True))
+    )
+    assert "readSensor() returns a in V" in limits_text(in_volts).replace("\\", "")
+    assert limits_text(in_volts, Choice("c")) == limits_text(in_volts, Choice("arduino", fixed_gains=True)) == ""
 
 
 def test_gaps_that_count_on_screen_are_said_not_to_count_on_a_device(state):

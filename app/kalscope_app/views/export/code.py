@@ -15,7 +15,8 @@ import viser
 from kalscope.common.files import check_inside
 from kalscope.common.text import typed_number
 from kalscope.errors import BadSetting
-from kalscope.export.registry import TARGETS, export_tuning, rescaled_to_period
+from kalscope.export.device_period import rescaled_to_period
+from kalscope.export.registry import TARGETS, export_tuning
 from kalscope.export.write import limits_of, write_files
 from kalscope.tuning.tuning import Tuning
 from kalscope_app.engine.frame import Frame
