@@ -17,7 +17,7 @@ from kalscope.sources.live.live_samples import Snapshot
 from kalscope.tuning.tuning import Tuning
 from kalscope_app.session.changes.channels import channel_named, select_channel
 from kalscope_app.session.live_state import BoardId, Deferred, Live, Sent
-from kalscope_app.session.opening import adapted, opened, reopened
+from kalscope_app.session.opening import adapted, opened
 from kalscope_app.session.state import Change, State
 
 SPANS = {
@@ -40,9 +40,6 @@ START_SAMPLES, START_SECONDS = 100, 2.0
 MIN_SAMPLES = 10
 """Fewer samples than this show nothing yet."""
 
-SAME_RATE = 0.05
-"""Share by which a measured sample period may differ from that of a tuning file before q is rescaled."""
-
 MAX_STUDIED = 100_000
 """Newest samples that the checks, spectra and maps of a live record are computed from."""
 
@@ -57,7 +54,7 @@ def opened_live(board: BoardId, title: str, before: State | None = None, tuning:
         tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
     """
     live = Live(board, deferred=None if tuning is None else Deferred(tuning))
-    return replace(opened(waiting(title), before), live=live)
+    return replace(opened(waiting(title), before).with_answers(note=""), live=live)
 
 
 def waiting(title: str) -> Recording:
@@ -81,17 +78,6 @@ def with_setting(state: State, channel: str | None, values: dict[str, float | No
     return state.with_standard_filter().with_tuning(**values, how="command line") if values else state
 
 
-def with_tuning_file(state: State, tuning: Tuning) -> State:
-    """The values of a tuning file for the channels of a board; the note says what had to be adapted.
-
-    A measured sample period is never quite the one of the file: within a few percent it is taken for the same.
-    """
-    measured, meant = state.recording.sample_period, tuning.sample_period
-    if measured and meant and abs(measured / meant - 1) <= SAME_RATE:
-        tuning = replace(tuning, sample_period=measured)
-    return adapted(state, tuning)
-
-
 def _apply_deferred(state: State) -> State:
     """The state with what the command line asked for; the note says what cannot be."""
     live = state.live
@@ -110,7 +96,7 @@ def _apply_deferred(state: State) -> State:
         return after
 
     if (tuning := deferred.tuning) is not None:
-        state = apply(lambda state: with_tuning_file(state, tuning))
+        state = apply(lambda state: adapted(state, tuning))
     if deferred.channel is not None or deferred.values:
         state = apply(lambda state: with_setting(state, deferred.channel, dict(deferred.values)))
     return state.with_answers(note=" ".join(notes)).with_reset_view()
@@ -131,14 +117,16 @@ def refreshed(state: State, snapshot: Snapshot | None) -> State:
 
 
 def _begun(state: State, snapshot: Snapshot) -> State:
-    """Starting values from the first samples; what the user has tuned already stays, by name."""
+    """Starting values from the first samples, and what stays of before."""
     recording = snapshot.recording
     lasted = float(recording.time[-1] - recording.time[0])
     settled = len(recording) >= START_SAMPLES or lasted >= START_SECONDS
     head = _part(recording, 0, START_SAMPLES)
-    same_board = state.with_open(recording=replace(state.recording, source=head.source, title=head.title))
-    fresh = reopened(head, same_board)
+    fresh = opened(head, state)
     live = replace(state.live, settled=settled) if state.live else None
+    last = state.live.snapshot if state.live else None
+    if last is not None and last.generation == snapshot.generation:  # only more samples of the same channels
+        fresh = fresh.with_answers(note=state.answers.note)
     if fresh.recording.names == state.recording.names:
         fresh = fresh.with_view(resets=state.view.resets)
     choice = state.open.board_choice

@@ -1,28 +1,84 @@
-"""How a newly opened recording begins: starting values, or those of a tuning file or of a figure."""
+"""How a newly opened recording begins: with what was tuned for its channels, else with starting values.
+
+A tuning file or a figure of a source document decide over both.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from kalscope.analysis.channel_kinds import default_channel
+from kalscope.common.text import one_line, sample_rate
 from kalscope.errors import BadSetting
 from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.papers.experiments import open_experiment
-from kalscope.recording import Recording
+from kalscope.recording import Recording, Timing
 from kalscope.tuning.choose import adapt_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.state import ChannelSettings, OpenRecording, State
 
+MAX_NAMED = 3
+"""Channels that a note names."""
+
+SAME_RATE = 0.05
+"""Share by which a board's measured sample period may differ from that of a tuning file before q is rescaled."""
+
+ChannelKey = tuple[str, str]
+"""Name and unit: what must be the same for settings to stay."""
+
 
 def opened(recording: Recording, before: State | None = None) -> State:
-    """A state that looks at a newly opened recording, every channel at its starting values."""
+    """A state that looks at a newly opened recording.
+
+    Every channel has its starting values, unless it was tuned before: what the user set for a channel of the same
+    name and unit stays, whatever was open in between. The note says so.
+    """
     starts = tuple(starting_tuning(recording, name) for name in recording.names)
     fresh = State(OpenRecording(recording, default_channel(recording)), ChannelSettings(starts, starts))
-    return fresh if before is None else replace(fresh, view=before.view).with_reset_view(window=None)
+    return fresh if before is None else _with_what_stays(fresh, before)
+
+
+def _with_what_stays(fresh: State, before: State) -> State:
+    settings, channels = before.settings, set(map(_key, fresh.settings.starts))
+    pairs = zip(settings.tunings, settings.starts, strict=True)
+    tuned = {_key(one): one for one in (*settings.elsewhere, *(now for now, start in pairs if now != start))}
+    here = set(map(_key, settings.tunings))
+    state = replace(fresh, view=before.view).with_reset_view(window=None)
+    state = state.with_settings(
+        tunings=tuple(tuned.get(_key(own), own) for own in fresh.settings.starts),
+        elsewhere=tuple(one for key, one in tuned.items() if key not in channels),
+        pins=settings.pins,
+        link=settings.link if channels <= here else fresh.settings.link,
+    )
+    if _key(before.tuning) in channels:
+        state = state.with_open(channel=before.channel)
+    return state.with_answers(note=_about_what_stays(channels, tuned, {_key(pin.tuning) for pin in settings.pins}))
+
+
+def _key(tuning: ChannelTuning) -> ChannelKey:
+    return tuning.name, tuning.unit
+
+
+def _about_what_stays(channels: set[ChannelKey], tuned: Iterable[ChannelKey], pinned: set[ChannelKey]) -> str:
+    """What stays for the channels that are open now, in a sentence; "" where nothing does."""
+    kept = [name for name, unit in tuned if (name, unit) in channels]
+    pins = sorted(name for name, _ in pinned & channels)
+    said: list[str] = []
+    if kept:
+        said.append(f"Kept for {_listed(kept)}: q, r, p0, momentum and gate (Reset gives starting values).")
+    if pins:
+        said.append(f"Pins of {_listed(pins)} stay.")
+    return " ".join((*said, "Undo returns to the former recording.")) if said else ""
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+    return ", ".join(one_line(name)[:40] for name in names[:MAX_NAMED]) + more
 
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
@@ -32,52 +88,40 @@ def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
     return ChannelTuning(name, unit, float(start.q), float(start.r), None, None, "starting values")
 
 
-def reopened(recording: Recording, before: State) -> State:
-    """A state that looks at a recording read again: what was tuned by name stays.
-
-    Of another recording pinned settings stay where name and unit of the channel agree: the next log of one sensor.
-    """
-    state = opened(recording, before)
-    old, settings = before.recording, before.settings
-    if (recording.source, recording.title) != (old.source, old.title):
-        units = dict(zip(recording.names, recording.units, strict=True))
-        pins = tuple(one for one in settings.pins if units.get(one.tuning.name) == one.tuning.unit)
-        said = "Pinned settings stay on channels of the same name and unit." if pins else ""
-        return state.with_settings(pins=pins).with_answers(note=said)
-    known = {now.name: now for now, start in zip(settings.tunings, settings.starts, strict=True) if now != start}
-    tunings = tuple(known.get(tuning.name, tuning) for tuning in state.settings.tunings)
-    channel = before.channel if before.channel in recording.names else state.channel
-    pins = tuple(variant for variant in settings.pins if variant.tuning.name in recording.names)
-    return state.with_settings(tunings=tunings, pins=pins, link=settings.link).with_open(channel=channel)
-
-
-def opened_with(recording: Recording, tuning: Tuning, before: State | None = None) -> State:
+def opened_with(recording: Recording, tuning: Tuning) -> State:
     """A state at the values of a tuning file; what had to be adapted is said in its note.
 
     Raises:
         BadSetting: none of the recording's channels is in the file.
     """
-    typed_period = None
-    if recording.sample_period is None and tuning.sample_period is not None:
-        typed_period = tuning.sample_period
-        recording = timed(recording, typed_period)
-    return adapted(opened(recording, before), tuning).with_open(typed_period=typed_period)
+    return adapted(opened(recording), tuning)
 
 
 def adapted(state: State, tuning: Tuning) -> State:
     """The state at the values of a tuning file, and at the channel that it selects.
 
+    A recording without a sample period takes that of the file.
+
     Raises:
         BadSetting: none of the recording's channels is in the file.
     """
+    period, own = tuning.sample_period, state.recording.sample_period
+    if state.live is not None and period and own and abs(own / period - 1) <= SAME_RATE:
+        tuning = replace(tuning, sample_period=own)
+    elif state.live is None and period and own is None:
+        state = with_sample_period(state, period)
     entries, notes = adapt_tuning(state.recording, tuning)
+    at = range(len(state.settings.tunings))
     tunings = tuple(
         replace(entries[own.name], name=own.name, unit=own.unit) if own.name in entries else own
         for own in state.settings.tunings
     )
+    others = state.settings.other_filters
+    other_filters = tuple(None if tunings[i].name in entries else others[i] for i in at) if others else ()
     channel = tuning.selected if tuning.selected in entries else next(iter(entries))
     note = " ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
-    return state.with_settings(tunings=tunings).with_open(channel=channel).with_answers(note=note)
+    state = state.with_settings(tunings=tunings, other_filters=other_filters).with_open(channel=channel)
+    return state.with_answers(outcome=None, method_comparison=(), note=note)
 
 
 def opened_experiment(name: str, before: State | None = None) -> State:
@@ -91,7 +135,7 @@ def opened_experiment(name: str, before: State | None = None) -> State:
     chosen = [filters[channel] for channel in recording.names]
     tunings = tuple(map(_tuning_of, state.settings.tunings, chosen))
     other = tuple(None if one.is_standard else one for one in chosen)
-    return state.with_settings(tunings=tunings, starts=tunings, other_filters=other)
+    return state.with_settings(tunings=tunings, starts=tunings, other_filters=other).with_answers(note="")
 
 
 def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
@@ -103,11 +147,29 @@ def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
     return ChannelTuning(start.name, start.unit, float(params.q), float(params.r), p0, x0, "source document")
 
 
+def with_sample_period(state: State, period: float | None) -> State:
+    """The state with another time between two samples, s; None = as the recording was read.
+
+    Raises:
+        BadSetting: it is no length of time.
+    """
+    recorded = state.open.as_read or state.recording
+    if period is None:
+        open_now = replace(state.open, recording=recorded, typed_period=None, as_read=None)
+    else:
+        open_now = replace(state.open, recording=timed(recorded, period), typed_period=period, as_read=recorded)
+    return replace(state, open=open_now).with_reset_view(window=None).with_answers(outcome=None)
+
+
 def timed(recording: Recording, sample_period: float) -> Recording:
-    """A recording without time, taken to be sampled every `sample_period` s, > 0; one with time stays as it is."""
-    if recording.sample_period is not None:
-        return recording
+    """A recording whose samples are taken to be `sample_period` s apart, > 0; stamps stay where they are."""
     if not (0.0 < sample_period < math.inf):
         raise BadSetting(f"sample period must be a finite number of seconds above 0 (got {sample_period:g})")
-    time = np.arange(len(recording)) * sample_period
-    return replace(recording, time=time, sample_period=sample_period)
+    timing = recording.report.timing or Timing("none", "none", None)
+    timing = replace(
+        timing, period=sample_period, source="option", summary=f"{sample_rate(sample_period)} as typed"
+    )
+    stamped = timing.stamps != "none"
+    time = recording.time if stamped else np.arange(len(recording)) * sample_period
+    report = replace(recording.report, timing=timing)
+    return replace(recording, time=time, sample_period=sample_period, report=report)

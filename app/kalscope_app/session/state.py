@@ -38,6 +38,8 @@ class OpenRecording:
     """What the user decided about reading the file."""
     typed_period: float | None = None
     """The sample period that the user typed, s; None = as the recording says."""
+    as_read: Recording | None = None
+    """The recording before its sample period was typed; None where it was not."""
     board_choice: str | None = ""
     """The channel said to be the board's own filtered curve; "" = by its name, None = there is none."""
 
@@ -53,7 +55,9 @@ class ChannelSettings:
     other_filters: tuple[Filter | None, ...] = ()
     """The filter that a channel runs in place of the standard one; None or absent = the standard one."""
     pins: tuple[Variant, ...] = ()
-    """Pinned settings of every channel; `State.variants` are those of the channel on screen."""
+    """Pinned settings of every channel, open or not; `State.variants` are those of the channel on screen."""
+    elsewhere: tuple[ChannelTuning, ...] = ()
+    """What was tuned for channels of other recordings; it comes back with a channel of that name and unit."""
     link: str = UNLINKED
     """Whether the other channels follow the one on screen, one of `linked_channels.LINKS`."""
 
@@ -191,7 +195,10 @@ class State:
     @property
     def variants(self) -> tuple[Variant, ...]:
         """Its pinned settings, in the order in which they were pinned."""
-        return tuple(variant for variant in self.settings.pins if variant.tuning.name == self.channel)
+        own = self.tuning
+        return tuple(
+            pin for pin in self.settings.pins if (pin.tuning.name, pin.tuning.unit) == (own.name, own.unit)
+        )
 
     @cached_property
     def filter(self) -> Filter:

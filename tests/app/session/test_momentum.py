@@ -26,7 +26,7 @@ from kalscope_app.session.changes.parameters import apply_found, reset_parameter
 from kalscope_app.session.changes.variants import pin_present, use_variant
 from kalscope_app.session.changes.view import set_velocity
 from kalscope_app.session.linked_channels import SAME_LAG, SAME_NUMBERS
-from kalscope_app.session.opening import opened, opened_with, reopened
+from kalscope_app.session.opening import opened, opened_with
 from kalscope_app.session.session import Session, redo, undo
 
 
@@ -158,7 +158,7 @@ def test_a_tuning_file_brings_the_momentum_back(state, tmp_path):
 
 def test_a_recording_read_again_keeps_the_momentum(state):
     state = with_momentum(state, 12.0)
-    assert momenta(reopened(state.recording, state)) == [12.0, 0.0]
+    assert momenta(opened(state.recording, state)) == [12.0, 0.0]
 
 
 @pytest.mark.parametrize("period", [0.02, None])

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, FilterParams, Recording
+from kalscope import BadSetting, FilterParams, Recording, read_recording
 from kalscope.common.text import typed_number
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.changes.channels import select_channel
@@ -22,8 +22,8 @@ from kalscope_app.session.changes.parameters import (
     slider_limits,
 )
 from kalscope_app.session.changes.view import follow_end, reset_view, set_window
-from kalscope_app.session.opening import opened, opened_with, reopened
-from kalscope_app.session.session import Failed, Session
+from kalscope_app.session.opening import opened, opened_with
+from kalscope_app.session.session import Failed, Session, undo
 
 
 def recording(n=1000, period=0.01, scale=1.0, names=("a", "b"), sha256="x"):
@@ -326,9 +326,26 @@ def test_a_recording_without_time_takes_the_period_that_is_typed(state):
     assert timed.recording.sample_period == 0.02
     assert timed.recording.time[:3].tolist() == [0.0, 0.02, 0.04]
     assert timed.settings.tunings == untimed.settings.tunings
-    assert set_sample_period("5")(state).recording.sample_period == 0.01
     with pytest.raises(BadSetting, match="above 0"):
         set_sample_period("0")(untimed)
+
+
+def test_the_rate_of_a_file_can_be_overruled_and_given_back(tmp_path):
+    """As `--sample-period` does: the stamps stay where they are."""
+    file = tmp_path / "log.csv"
+    file.write_text("t_s,z\n" + "".join(f"{0.01 * i:.2f},{i % 7}\n" for i in range(60)))
+    read = opened(read_recording(file))
+    typed = set_sample_period("0.02")(read)
+    as_option = read_recording(file, sample_period=0.02)
+    assert (typed.recording.sample_period, as_option.sample_period) == (0.02, 0.02)
+    assert np.array_equal(typed.recording.time, as_option.time)
+    assert typed.recording.report.timing.source == "option"
+    assert set_sample_period("")(set_sample_period("0.5")(typed)).recording is read.recording
+    session = Session(read)
+    session.request(set_sample_period("0.02"))
+    assert session.apply_due_requests()[0].recording.sample_period == 0.02
+    session.request(undo)
+    assert session.apply_due_requests()[0].recording is read.recording
 
 
 def test_a_tuning_brings_its_period_to_a_recording_without_time():
@@ -337,15 +354,3 @@ def test_a_tuning_brings_its_period_to_a_recording_without_time():
     again = opened_with(untimed.recording, tuned.as_tuning())
     assert again.recording.sample_period == 0.02
     assert (again.settings.tunings, again.answers.note) == (tuned.settings.tunings, "")
-
-
-def test_a_file_read_again_keeps_what_was_tuned_and_the_rest_gets_starting_values(state):
-    tuned = select_channel("b")(set_text("q", "7")(state))
-    values = state.recording.values.copy()
-    values[::4] = np.nan
-    again = reopened(replace(state.recording, values=values), tuned)
-    assert again.channel == "b"
-    assert again.settings.tunings[0] == tuned.settings.tunings[0]
-    assert again.settings.tunings[1] == again.settings.starts[1] != state.settings.starts[1]
-    other = replace(state.recording, source="other.csv")
-    assert reopened(other, tuned).settings.tunings == state.settings.tunings

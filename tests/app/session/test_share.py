@@ -120,8 +120,10 @@ def test_a_sample_period_that_was_typed_comes_along(reopen, tmp_path, monkeypatc
     state = set_sample_period("0.02")(opened(open_source("untimed.csv")))
     assert "--sample-period 0.02" in share_line(state).line
     assert essence(reopen(share_line(state).line)) == essence(state)
-    again = set_sample_period("5")(state)  # a recording that has a period keeps it
-    assert share_line(again) == share_line(state)
+    again = set_sample_period("5")(state)
+    assert "--sample-period 5.0" in share_line(again).line
+    assert essence(reopen(share_line(again).line)) == essence(again)
+    assert "--sample-period" not in share_line(set_sample_period("")(again)).line
 
 
 def test_an_upload_says_that_its_place_is_not_known():

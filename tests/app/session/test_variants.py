@@ -15,7 +15,7 @@ from kalscope_app.session.changes.channels import select_channel
 from kalscope_app.session.changes.parameters import set_text
 from kalscope_app.session.changes.variants import delete_variant, pin_present, rename_variant, use_variant
 from kalscope_app.session.changes.view import set_dark
-from kalscope_app.session.opening import opened, reopened
+from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.variants import DARK, LIGHT, MAX_VARIANTS, checked_name, next_name
 from kalscope_app.studies.variant_table import VariantTable
@@ -150,11 +150,11 @@ def test_each_of_them_can_be_undone_one_by_one(state):
 
 def test_variants_stay_for_channels_of_the_same_name_and_unit(state):
     tuned = pin(state, 1)
-    assert names(reopened(replace(state.recording), tuned)) == ["A"]
-    assert names(reopened(replace(state.recording, source="other.csv"), tuned)) == ["A"]
+    assert names(opened(replace(state.recording), tuned)) == ["A"]
+    assert names(opened(replace(state.recording, source="other.csv"), tuned)) == ["A"]
     for other in ({"names": ("b", "c")}, {"units": ("furlong", "furlong")}):
         changed = replace(state.recording, source="other.csv", **other)
-        assert reopened(changed, tuned).settings.pins == ()
+        assert opened(changed, tuned).variants == ()
 
 
 def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state):

@@ -14,7 +14,7 @@ from kalscope.estimation.result import Estimate
 from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope.recording import Recording
 from kalscope_app.session.changes.variants import PARAMETERS
-from kalscope_app.session.opening import timed
+from kalscope_app.session.opening import with_sample_period
 from kalscope_app.session.state import Change, Outcome, State
 
 if TYPE_CHECKING:
@@ -170,13 +170,10 @@ def set_paper_text(name: str, text: str) -> Change:
 
 
 def set_sample_period(text: str) -> Change:
-    """The time between two samples was typed, s, for a recording that does not have it."""
+    """The time between two samples was typed, s; an empty box is what the recording says."""
 
     def change(state: State) -> State:
-        recording = timed(state.recording, typed_number("sample period", text))
-        if recording is state.recording:
-            return state
-        period = recording.sample_period
-        return state.with_open(recording=recording, typed_period=period).with_reset_view(window=None)
+        period = typed_number("sample period", text) if text.strip() else None
+        return state if period == state.open.typed_period else with_sample_period(state, period)
 
     return change

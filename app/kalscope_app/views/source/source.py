@@ -23,7 +23,7 @@ from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
 from kalscope_app.session.changes.parameters import set_sample_period
-from kalscope_app.session.opening import opened_experiment, reopened
+from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
@@ -147,7 +147,7 @@ class SourceView:
                 recording = reader(options, progress=shown.report, cancelled=stop.is_set)
             self._again = (recording.source, recording.title), reader
             self._session.request(
-                lambda state: reopened(recording, state).with_open(options=options), failed=Failed.OPEN
+                lambda state: opened(recording, state).with_open(options=options), failed=Failed.OPEN
             )
 
         self._jobs.run(work, Failed.OPEN)
