@@ -46,13 +46,6 @@ def pause_before_frame(now: float, last: float) -> float:
     return max(0.0, min(MIN_INTERVAL, last + MIN_INTERVAL - now))
 
 
-def wait_for_request(next_due: float | None, *, live: bool) -> float | None:
-    """Seconds to wait for a request at most; None = until one comes."""
-    if not live:
-        return next_due
-    return LIVE_INTERVAL if next_due is None else min(next_due, LIVE_INTERVAL)
-
-
 class Engine:
     """Session -> Frame, on a thread of its own."""
 
@@ -91,7 +84,7 @@ class Engine:
         last = 0.0
         while not self._stopping.is_set():
             session = self._session
-            session.wakeup.wait(timeout=wait_for_request(session.seconds_to_next(), live=session.is_live))
+            session.wakeup.wait(timeout=LIVE_INTERVAL if session.is_live else None)
             time.sleep(pause_before_frame(time.monotonic(), last))
             self._session.wakeup.clear()
             if self._stopping.is_set():
@@ -107,7 +100,7 @@ class Engine:
             self._tell(error)
 
     def _turn(self) -> None:
-        state, serial, failures = self._session.apply_due_requests()
+        state, serial, failures = self._session.apply_requests()
         for failed, error in failures:
             if not isinstance(error, KalscopeError):
                 log.error("A request failed", exc_info=error)

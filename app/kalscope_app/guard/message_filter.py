@@ -51,7 +51,8 @@ class WidgetSync:
     """Rebroadcasts a widget's final value so that all browsers agree. Runs on the event loop.
 
     viser sends a new value to all browsers but its sender. When two users move the same slider, each may receive
-    the other's value after sending their own, and keep it: the screens then differ for good.
+    the other's value after sending their own, and keep it: the screens then differ for good. The same happens to
+    one user whose text crosses what the program writes into the box.
     """
 
     def __init__(self, shared: Channel) -> None:
@@ -64,11 +65,15 @@ class WidgetSync:
             self._due[uuid].cancel()
         self._due[uuid] = asyncio.get_running_loop().call_later(SETTLED_S, self._rebroadcast, uuid)
 
-    def _rebroadcast(self, uuid: str) -> None:
+    def _rebroadcast(self, uuid: str, sent: object = None) -> None:
+        """Send the value until it has stayed the same: a thread may have set another one meanwhile."""
         del self._due[uuid]
         widget = self._shared.widget(uuid)
-        if isinstance(widget, viser.GuiInputHandle):  # buttons have no value to agree on
-            self._shared.send(messages.GuiUpdateMessage(uuid, {"value": widget.value}))
+        if isinstance(widget, viser.GuiInputHandle) and widget.value != sent:  # buttons have none to agree on
+            value = widget.value
+            self._shared.send(messages.GuiUpdateMessage(uuid, {"value": value}))
+            again = asyncio.get_running_loop().call_later(SETTLED_S, self._rebroadcast, uuid, value)
+            self._due[uuid] = again
 
 
 class MessageFilter:
@@ -152,10 +157,11 @@ class MessageFilter:
             return None
         low, high, options = (getattr(widget, name, None) for name in ("min", "max", "options"))
         value = fitting_value(widget.value, message.updates["value"], low, high, options)
+        is_text = isinstance(widget, viser.GuiTextHandle)  # `text_boxes.js` shows what it is answered
+        if channel is self._shared and (is_text or (value is not None and len(self._rates) > 1)):
+            self._sync.changed(message.uuid)
         if value is None:
             return None
-        if channel is self._shared and len(self._rates) > 1:  # alone, a client knows its own values
-            self._sync.changed(message.uuid)
         return messages.GuiUpdateMessage(message.uuid, {"value": value})
 
 

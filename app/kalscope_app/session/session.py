@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
@@ -62,7 +62,6 @@ class Boards(Protocol):
 @dataclass(frozen=True)
 class _Request:
     serial: int
-    due: float
     key: str
     change: Change
     failed: Failed
@@ -80,23 +79,19 @@ class Session:
         self._serial = 0
         self.wakeup = threading.Event()
 
-    def request(self, change: Change, *, key: str = "", delay: float = 0.0, failed: Failed = Failed.OTHER) -> int:
+    def request(self, change: Change, *, key: str = "", failed: Failed = Failed.OTHER) -> int:
         """File a change and return its serial number; frames tell up to which serial all is in them.
 
         Args:
             change: applied later by the engine.
-            key: a later request with the same key replaces one that still waits.
-            delay: seconds to wait first, so that typing may go on.
+            key: a request replaces one with the same key that waits just before it.
             failed: the heading of a refusal.
         """
         with self._lock:
             self._serial += 1
-            now = time.monotonic()
-            if key:
-                self._waiting = [waiting for waiting in self._waiting if waiting.key != key]
-            # A later gesture ends the wait of earlier ones: what was typed belongs to what was then on screen.
-            self._waiting = [replace(waiting, due=min(waiting.due, now)) for waiting in self._waiting]
-            self._waiting.append(_Request(self._serial, now + delay, key, change, failed))
+            if key and self._waiting and self._waiting[-1].key == key:
+                self._waiting.pop()
+            self._waiting.append(_Request(self._serial, key, change, failed))
             serial = self._serial
         self.wakeup.set()
         return serial
@@ -110,31 +105,22 @@ class Session:
 
         self.request(change)
 
-    def seconds_to_next(self) -> float | None:
-        """Seconds until the next waiting change is due; None if none waits."""
-        with self._lock:
-            if not self._waiting:
-                return None
-            return max(0.0, min(waiting.due for waiting in self._waiting) - time.monotonic())
-
-    def apply_due_requests(self) -> tuple[State, int, list[tuple[Failed, Exception]]]:
-        """Apply what is due, in order; a change that fails leaves the state as it was.
+    def apply_requests(self) -> tuple[State, int, list[tuple[Failed, Exception]]]:
+        """Apply what waits, in order; a change that fails leaves the state as it was.
 
         Returns the state, the serial up to which every request was seen, and what failed and why.
         """
-        now = time.monotonic()
         with self._lock:
-            due = [waiting for waiting in self._waiting if waiting.due <= now]
-            self._waiting = [waiting for waiting in self._waiting if waiting.due > now]
-            serial = min((waiting.serial for waiting in self._waiting), default=self._serial + 1) - 1
+            waiting, self._waiting, serial = self._waiting, [], self._serial
         failures: list[tuple[Failed, Exception]] = []
         self._refresh()
-        for waiting in due:
+        now = time.monotonic()
+        for request in waiting:
             try:
-                self._apply(waiting, now)
+                self._apply(request, now)
             except Exception as error:  # whatever it was, the dashboard goes on and says so
-                failures.append((waiting.failed, error))
-        if due:  # another board may be on screen now, or no longer be paused
+                failures.append((request.failed, error))
+        if waiting:  # another board may be on screen now, or no longer be paused
             self._refresh()
         if self._boards is not None:
             self._boards.look_at(self._board)

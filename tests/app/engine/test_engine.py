@@ -110,12 +110,6 @@ def test_a_failing_view_does_not_stop_the_engine(session):
     engine.stop()
 
 
-def test_a_delayed_request_is_shown_without_another_ring(running):
-    session, screen = running
-    session.request(set_text("q", "7"), delay=0.2)
-    screen.wait(lambda: screen.frames and screen.frames[-1].state.tuning.q == 7)
-
-
 def test_drawn_indices_are_chosen_once_for_one_view(running):
     session, screen = running
     last = session.request(set_exponent("q", -1.0))

@@ -67,14 +67,14 @@ FILE = Recording(np.arange(50.0), ("z",), ("",), np.random.default_rng(0).normal
 
 def test_a_board_is_closed_once_a_file_is_on_screen_and_undo_reconnects_it(connection, board):
     session = Session(opened_live(board.id, "x"), connection)
-    session.apply_due_requests()
+    session.apply_requests()
     assert board.source.calls == ["start"]
     session.request(lambda state: opened(FILE, state))
-    session.apply_due_requests()
+    session.apply_requests()
     assert (board.source.calls[1:], connection.source) == (["close"], None)
     assert not session.connection().connected
     session.request(undo)
-    session.apply_due_requests()
+    session.apply_requests()
     assert (board.source.calls[2:], connection.source) == (["start"], board.source)
     assert session.connection().status == "status"
 
@@ -96,7 +96,7 @@ def test_another_board_is_not_closed_before_the_session_shows_it(connection, boa
     other = connection.source
     connection.look_at(board.id)
     assert (board.source.calls, other.calls, other.reconnect) == (["start", "close"], ["start"], False)
-    state = session.apply_due_requests()[0]
+    state = session.apply_requests()[0]
     assert connection.is_connected(state.live.board)
     connection.look_at(None)
     assert other.calls == ["start", "close"]
@@ -108,10 +108,10 @@ def test_a_board_is_closed_where_a_later_request_of_the_same_turn_shows_a_file(c
     connection.open(session, None, reconnect=True)
     other = connection.source
     session.request(lambda state: opened(FILE, state))
-    session.apply_due_requests()
+    session.apply_requests()
     assert (other.calls, connection.source) == (["start", "close"], None)
     session.request(undo)
-    session.apply_due_requests()
+    session.apply_requests()
     assert (other.calls[2:], connection.source) == (["start"], other)
 
 
@@ -121,16 +121,16 @@ def test_an_overtaken_request_does_not_close_the_board_that_is_awaited(connectio
     for _ in range(2):
         connection.open(SimpleNamespace(request=changes.append), None, reconnect=True)
     session.request(changes[0])
-    session.apply_due_requests()
+    session.apply_requests()
     assert connection.source.calls == ["start"]
     session.request(changes[1])
-    assert connection.is_connected(session.apply_due_requests()[0].live.board)
+    assert connection.is_connected(session.apply_requests()[0].live.board)
 
 
 def show_file(session):
     """Show a file, as the engine does: no wake-up waits afterwards."""
     session.request(lambda state: opened(FILE, state))
-    session.apply_due_requests()
+    session.apply_requests()
     session.wakeup.clear()
     assert session.connection().connected
 
@@ -156,7 +156,7 @@ def test_a_board_behind_a_file_is_closed_when_its_recording_ends(connection, boa
     show_file(session)
     recording.stop()
     assert session.wakeup.wait(PATIENCE)
-    session.apply_due_requests()
+    session.apply_requests()
     assert (board.source.calls, connection.source) == (["start", "close"], None)
 
 

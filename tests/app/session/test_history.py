@@ -145,14 +145,14 @@ def test_the_session_undoes_and_redoes_by_request(state):
     session.request(set_text("q", "1"))
     session.request(set_text("q", "2"))
     session.request(undo)
-    assert session.apply_due_requests()[0].tuning.q == 1
+    assert session.apply_requests()[0].tuning.q == 1
     assert (session.can_undo, session.can_redo) == (True, True)
     session.request(undo)
-    assert session.apply_due_requests()[0].tuning.q == state.tuning.q
+    assert session.apply_requests()[0].tuning.q == state.tuning.q
     session.request(undo)
-    assert session.apply_due_requests()[0].answers.note == "There is nothing to undo."
+    assert session.apply_requests()[0].answers.note == "There is nothing to undo."
     session.request(redo)
     session.request(redo)
     session.request(redo)
-    settled = session.apply_due_requests()[0]
+    settled = session.apply_requests()[0]
     assert (settled.tuning.q, settled.answers.note) == (2, "There is nothing to redo.")

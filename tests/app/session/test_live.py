@@ -19,7 +19,7 @@ from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.dashboard import only_grown
 from kalscope_app.engine.decimation import choose_samples
-from kalscope_app.engine.engine import LIVE_INTERVAL, Engine, wait_for_request
+from kalscope_app.engine.engine import Engine
 from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes.channels import select_channel, set_board_channel
@@ -169,18 +169,18 @@ def test_new_parameters_filter_all_that_is_kept(board):
 
 def test_undo_takes_back_the_tuning_and_leaves_the_samples(board):
     session = Session(opened_board(board.send(500), "x"), board)
-    before = session.apply_due_requests()[0].tuning.q
+    before = session.apply_requests()[0].tuning.q
     for text in ("2", "3"):
         session.request(set_text("q", text))
         board.send(100)
-        assert session.apply_due_requests()[0].tuning.q == float(text)
+        assert session.apply_requests()[0].tuning.q == float(text)
     session.request(undo)
-    state, _, failures = session.apply_due_requests()
+    state, _, failures = session.apply_requests()
     assert (state.tuning.q, len(state.recording), failures) == (2.0, 700, [])
     session.request(undo)
-    assert session.apply_due_requests()[0].tuning.q == before
+    assert session.apply_requests()[0].tuning.q == before
     session.request(redo)
-    assert session.apply_due_requests()[0].tuning.q == 2.0
+    assert session.apply_requests()[0].tuning.q == 2.0
     assert not any(len(kept.recording) > 2 for kept in session._history.past)
 
 
@@ -188,38 +188,38 @@ def test_undo_on_a_paused_screen_keeps_it_paused(board):
     session = Session(opened_board(board.send(500), "x"), board)
     session.request(set_text("q", "2"))
     session.request(set_paused(True))
-    session.apply_due_requests()
+    session.apply_requests()
     board.send(100)
     session.request(undo)
-    state = session.apply_due_requests()[0]
+    state = session.apply_requests()[0]
     assert (state.live.paused, len(state.recording)) == (True, 500)
 
 
 def test_undo_comes_back_from_another_recording_to_the_board(board):
     session = Session(opened_board(board.send(500), "x"), board)
-    session.apply_due_requests()
+    session.apply_requests()
     other = Recording(np.arange(50.0), ("z",), ("",), np.random.default_rng(0).normal(size=(50, 1)), 1.0)
     session.request(lambda state: opened(other, state))
-    assert session.apply_due_requests()[0].live is None
+    assert session.apply_requests()[0].live is None
     session.request(undo)
-    assert len(session.apply_due_requests()[0].recording) == 500
+    assert len(session.apply_requests()[0].recording) == 500
 
 
 @pytest.mark.parametrize("back", [1, 2])
 def test_later_requests_of_the_turn_that_returns_to_a_board_see_its_samples(board, back):
     session = Session(opened_board(board.send(500), "x"), board)
-    session.apply_due_requests()
+    session.apply_requests()
     session.request(set_text("q", "7"))
     other = Recording(np.arange(50.0), ("z",), ("",), np.zeros((50, 1)), 1.0)
     session.request(lambda state: opened(other, state))
-    session.apply_due_requests()
+    session.apply_requests()
     seen = []
     for _ in range(back):
         session.request(undo)
     session.with_state(seen.append)
     session.request(redo if back == 2 else undo)
     session.with_state(seen.append)
-    state, _, failures = session.apply_due_requests()
+    state, _, failures = session.apply_requests()
     assert [len(at.recording) for at in (*seen, state)] == [500] * 3
     assert (state.tuning.q == 7.0, failures) == (back == 2, [])
 
@@ -260,20 +260,6 @@ def test_the_boards_own_filter_is_drawn_and_compared():
     assert frame.board_difference == pytest.approx(0.25)
     np.testing.assert_array_equal(frame.board, board.values[:, 1][frame.drawn.indices])
     assert frame_of(set_board_channel(None)(state)).board is None
-
-
-@pytest.mark.parametrize(
-    ("next_due", "live", "wait"),
-    [
-        (None, False, None),
-        (0.2, False, 0.2),
-        (None, True, LIVE_INTERVAL),
-        (0.01, True, 0.01),
-        (1.0, True, LIVE_INTERVAL),
-    ],
-)
-def test_how_long_the_engine_waits(next_due, live, wait):
-    assert wait_for_request(next_due, live=live) == wait
 
 
 def test_the_engine_draws_what_comes_without_being_asked(board):

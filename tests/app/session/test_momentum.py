@@ -103,12 +103,12 @@ def test_undo_and_redo_take_the_momentum_back_and_forth(state):
     session = Session(state)
     for position in (1.0, 2.0, 3.0):  # one drag
         session.request(set_momentum_position(position), key="slider momentum")
-        session.apply_due_requests()
+        session.apply_requests()
     session.request(set_text("q", "7"))
     seen = []
     for step in (undo, undo, redo, redo):
         session.request(step)
-        seen.append(session.apply_due_requests()[0].tuning)
+        seen.append(session.apply_requests()[0].tuning)
     assert [tuning.momentum for tuning in seen] == [999.0, 0.0, 999.0, 999.0]
     assert seen[-1].q == 7.0
 

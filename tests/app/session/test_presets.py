@@ -85,11 +85,11 @@ def test_taking_one_is_one_step_that_undo_takes_back(state):
     for title in PRESETS:
         session.request(choose_preset(title))
         session.request(take_preset(title))
-        taken, _, failures = session.apply_due_requests()
+        taken, _, failures = session.apply_requests()
         assert failures == []
         assert (taken.tuning.p0, taken.view.preset) == (3.0, title)  # the start stays
         session.request(undo)
-        assert session.apply_due_requests()[0].tuning.q == state.tuning.q
+        assert session.apply_requests()[0].tuning.q == state.tuning.q
 
 
 def test_a_preset_ends_the_second_papers_filter_and_an_unknown_one_is_refused(state):

@@ -230,7 +230,7 @@ def test_requests_are_applied_in_order_and_the_serial_covers_them(state):
     session = Session(state)
     session.request(set_text("q", "1"))
     last = session.request(set_text("q", "2"))
-    settled, serial, failures = session.apply_due_requests()
+    settled, serial, failures = session.apply_requests()
     assert (settled.tuning.q, serial, failures) == (2.0, last, [])
 
 
@@ -238,39 +238,25 @@ def test_of_requests_with_one_key_only_the_last_is_left(state):
     session, ran = Session(state), []
     for i in range(5):
         session.request(lambda s, i=i: ran.append(i) or s, key="slider")
-    session.apply_due_requests()
+    session.apply_requests()
     assert ran == [4]
 
 
-def test_a_delayed_request_waits_and_the_serial_does_not_cover_it(state):
+def test_what_is_typed_stays_with_the_channel_that_was_on_screen(state):
     session = Session(state)
-    first = session.request(set_text("r", "5"))
-    delayed = session.request(set_text("q", "7"), delay=60.0)
-    settled, serial, _ = session.apply_due_requests()
-    assert settled.tuning.r == 5
-    assert settled.tuning.q == state.tuning.q
-    assert first <= serial < delayed
-    assert 0 < session.seconds_to_next() <= 60
-
-
-def test_a_later_request_ends_the_wait_of_what_was_typed_before(state):
-    """What is typed belongs to the channel that was on screen, and the later gesture wins."""
-    session = Session(state)
-    session.request(set_text("q", "7"), key="text q", delay=60.0)
+    session.request(set_text("q", "7"), key="text q")
     session.request(select_channel("b"))
-    settled, _, _ = session.apply_due_requests()
-    assert settled.settings.tunings[0].q == 7
-    assert settled.tuning == state.settings.tunings[1]
-    session.request(set_text("q", "9"), key="text q", delay=60.0)
-    session.request(set_exponent("q", -1.0), key="slider q")
-    assert session.apply_due_requests()[0].tuning.q == pytest.approx(0.1)
+    session.request(set_text("q", "9"), key="text q")
+    settled, serial, _ = session.apply_requests()
+    assert [tuning.q for tuning in settled.settings.tunings] == [7.0, 9.0]
+    assert serial == 3
 
 
 def test_asking_for_the_state_sees_every_earlier_request(state):
     session, seen = Session(state), []
-    session.request(set_text("q", "7"), delay=60.0)
+    session.request(set_text("q", "7"))
     session.with_state(lambda present: seen.append(present.tuning.q))
-    session.apply_due_requests()
+    session.apply_requests()
     assert seen == [7.0]
 
 
@@ -293,7 +279,7 @@ def test_a_failing_change_leaves_the_state_and_is_reported(state):
     session = Session(state)
     session.request(set_text("q", "-1"), failed=Failed.NUMBER)
     session.request(set_text("r", "5"))
-    settled, _, failures = session.apply_due_requests()
+    settled, _, failures = session.apply_requests()
     assert settled.tuning == replace(state.tuning, r=5.0, how="by hand")
     assert [(failed, str(error)[:9]) for failed, error in failures] == [(Failed.NUMBER, "q must be")]
 
@@ -311,12 +297,12 @@ def test_requests_of_many_threads_are_all_applied(state):
         thread.start()
     for thread in threads:
         thread.join()
-    _, serial, _ = session.apply_due_requests()
+    _, serial, _ = session.apply_requests()
     assert (len(hits), serial) == (1600, 1600)
 
 
 def test_nothing_waits_at_first(state):
-    assert Session(state).seconds_to_next() is None
+    assert Session(state).apply_requests() == (state, 0, [])
     assert isinstance(state.params, FilterParams)
 
 

@@ -141,10 +141,10 @@ def test_each_of_them_can_be_undone_one_by_one(state):
     session = Session(state)
     for change in (pin_present, rename_variant("A", "first"), set_text("q", "9"), delete_variant("first")):
         session.request(change)
-    seen = [names(session.apply_due_requests()[0])]
+    seen = [names(session.apply_requests()[0])]
     for step in (undo, undo, undo, undo, redo):
         session.request(step)
-        seen.append(names(session.apply_due_requests()[0]))
+        seen.append(names(session.apply_requests()[0]))
     assert seen == [[], ["first"], ["first"], ["A"], [], ["A"]]
 
 

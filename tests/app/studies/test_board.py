@@ -121,7 +121,7 @@ def test_a_command_that_fails_leaves_no_claim_of_what_the_board_uses(state, at, 
     view = BoardView(MagicMock(), session, MagicMock(), told.append, connection)
     with pytest.raises(BadDevice, match=f"the board must .* '{at} "):
         view._send(state)
-    after, _, failures = session.apply_due_requests()
+    after, _, failures = session.apply_requests()
     assert (after.sent, failures, told) == (None, [], [])
     assert compared(after) == ""
 

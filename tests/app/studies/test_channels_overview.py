@@ -94,10 +94,10 @@ def test_a_search_sets_all_that_go_together(state):
 def test_going_together_is_undone_in_one_step(state):
     session = Session(select_channel("c1")(state))
     session.request(set_link(SAME_NUMBERS))
-    together = session.apply_due_requests()[0]
+    together = session.apply_requests()[0]
     assert {tuning.q for tuning in together.settings.tunings} == {state.settings.tunings[1].q}
     session.request(undo)
-    back = session.apply_due_requests()[0]
+    back = session.apply_requests()[0]
     assert (back.settings.link, back.settings.tunings) == (UNLINKED, state.settings.tunings)
     with pytest.raises(BadSetting, match="way of tuning channels must be one of"):
         set_link("<img>")

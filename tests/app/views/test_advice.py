@@ -73,17 +73,17 @@ def test_a_button_changes_something_in_one_step_that_undo_takes_back(state, acti
     given = state.with_tuning(gate=9.0) if action == actions.SetGate(None) else state
     session, searches = Session(given), Searches(given)
     take(action, given, session, searches)
-    after = session.apply_due_requests()[0]
+    after = session.apply_requests()[0]
     if searches.requests:
         assert after is given
         assert isinstance(searches.requests[0], Request)
         return
     assert (after.settings, after.view) != (given.settings, given.view)
     take(action, given, session, searches)  # a second click on the same advice does no more
-    assert session.apply_due_requests()[0].settings == after.settings
+    assert session.apply_requests()[0].settings == after.settings
     if session.can_undo:
         session.request(undo)
-        assert session.apply_due_requests()[0].settings == given.settings
+        assert session.apply_requests()[0].settings == given.settings
     else:
         assert after.view.search_method in SEARCH_METHODS
 
@@ -92,7 +92,7 @@ def test_the_values_are_those_of_the_advice(state):
     def tuned(action):
         session = Session(state)
         take(action, state, session, Searches(state))
-        return session.apply_due_requests()[0].tuning
+        return session.apply_requests()[0].tuning
 
     scaled, ratio = tuned(actions.Scale(10.0, 0.5)), tuned(actions.SetRatio(0.2))
     assert (scaled.q, scaled.r, scaled.how) == (20.0, 2.5, "by hand")
@@ -106,7 +106,7 @@ def test_advice_on_another_recording_is_not_taken(state):
     session, searches = Session(other), Searches(other)
     for action in (actions.Scale(2.0, 2.0), actions.AllowMomentum(3.0)):
         take(action, state, session, searches)
-    assert session.apply_due_requests()[0] is other
+    assert session.apply_requests()[0] is other
     assert searches.requests == [None]
 
 

@@ -130,12 +130,12 @@ def test_applying_is_one_step_that_undo_takes_back(state):
     session = Session(state)
     found = search(state, "maximum likelihood")
     session.request(apply_found(state.recording, "a", found))
-    applied = session.apply_due_requests()[0]
+    applied = session.apply_requests()[0]
     assert applied.params == found.params
     assert applied.tuning.how == "maximum likelihood"
     assert (applied.answers.outcome.before, applied.answers.outcome.after) == (state.tuning, applied.tuning)
     session.request(undo)
-    assert session.apply_due_requests()[0].tuning == state.tuning
+    assert session.apply_requests()[0].tuning == state.tuning
 
 
 def test_an_answer_without_parameters_changes_nothing_and_is_said(state):

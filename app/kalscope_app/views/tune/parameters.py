@@ -37,7 +37,7 @@ class ParametersView:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
-        with gui.add_form(None) as form:  # all of them: viser indents what stands in a form otherwise
+        with gui.add_folder(None):
             self._paper_boxes = [
                 TypedNumber(gui, session, name, label, hint, set_paper_text) for name, label, hint in PAPER_BOXES
             ]
@@ -70,7 +70,6 @@ class ParametersView:
                 ("Undo", "Redo", "Reset"),
                 hint="Ctrl+Z; Ctrl+Shift+Z or Ctrl+Y. Reset: r = var(Δz)/2, q = r/100.",
             )
-        on_user(form.on_submit, lambda _client: self._submit())
         bind(self._filter, session, lambda name: set_variant_of_eq3(FILTERS[name]))
         bind(self._start, session, lambda choice: set_automatic_start(choice == AUTOMATIC))
         steps = {"Undo": undo, "Redo": redo, "Reset": reset_parameters}
@@ -81,11 +80,6 @@ class ParametersView:
             (gui.add_command("Redo (Ctrl+Y)", hotkey="Y", modifier="cmd/ctrl"), redo),
         ):
             on_user(command.on_trigger, lambda _client, change=change: session.request(change))
-
-    def _submit(self) -> None:
-        controls = (*self._controls, self._momentum)
-        for box in (*(control.typed for control in controls), self._x0, self._gate, *self._paper_boxes):
-            box.submit()
 
     def show(self, frame: Frame) -> None:
         """Set every control to the frame's values, except those that have changed since."""

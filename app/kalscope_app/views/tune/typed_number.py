@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import viser
@@ -15,12 +14,9 @@ from kalscope_app.session.state import Change
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import typed
 
-TYPING_PAUSE = 0.9
-"""Seconds without a key after which a typed number counts without Enter."""
-
 
 class TypedNumber:
-    """A number typed as text, so that 1e-9 works. It counts on Enter, or after a pause."""
+    """A number typed as text, so that 1e-9 works. `text_boxes.js` sends a text when it counts, not each key."""
 
     def __init__(
         self,
@@ -33,40 +29,30 @@ class TypedNumber:
     ) -> None:
         self._session, self._name, self._label, self._hint, self._change = session, name, label, hint, change
         self._text = gui.add_text(label, "", hint=hint)
-        self._written = ""
         self._value: object = self  # nothing has been shown yet
-        self._serial = 0
-        on_user(self._text.on_update, lambda _client: self._on_key())
+        self._serial, self._stale = 0, False
+        on_user(self._text.on_update, lambda _client: self._file())
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide the box."""
         self._text.visible = visible
 
-    def _on_key(self) -> None:
-        if _looks_complete(self._text.value):
-            self._file(TYPING_PAUSE)
-
-    def submit(self) -> None:
-        """Enter was pressed: request the text if it was changed; the request fails if it is no number."""
-        if self._text.value != self._written:
-            self._file(0.0)
-
-    def _file(self, delay: float) -> None:
-        text = self._text.value
-        change, key = self._change(self._name, text), f"text {self._name}"
-        self._serial = self._session.request(change, key=key, delay=delay, failed=Failed.NUMBER)
+    def _file(self) -> None:
+        """Request what was typed; the frame of it, or of its refusal, writes what the filter uses."""
+        self._stale = True  # before the request: its frame may come before its serial
+        change = self._change(self._name, self._text.value)
+        self._serial = self._session.request(change, key=f"text {self._name}", failed=Failed.NUMBER)
 
     def show(self, frame: Frame, value: float | None, missing: str) -> None:
-        """Write the frame's value, unless a newer one is being typed or the value has not changed."""
+        """Write the frame's value, unless a newer one was typed or the value has not changed."""
         if "{unit}" in self._hint:
             unit = squared(frame.state.tuning.unit)
             self._text.hint = self._hint.format(unit=unit)
             self._text.label = f"{self._label}, {unit}"
-        if frame.serial < self._serial or (value == self._value and self._serial == 0):
+        if frame.serial < self._serial or (value == self._value and not self._stale):
             return
-        self._value, self._serial = value, 0
-        self._written = missing if value is None else typed(value)
-        self._text.value = self._written
+        self._value, self._stale = value, False
+        self._text.value = missing if value is None else typed(value)
 
 
 class SliderWithText:
@@ -102,10 +88,3 @@ class SliderWithText:
         self._slider.min, self._slider.max = low, high
         if abs(self._slider.value - position) > 0.005:
             self._slider.value = round(position, 2)
-
-
-def _looks_complete(text: str) -> bool:
-    try:
-        return math.isfinite(float(text.strip().replace(",", ".")))
-    except ValueError:
-        return False

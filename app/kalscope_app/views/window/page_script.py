@@ -6,6 +6,8 @@ resized it repeats those messages with new sizes. Without the script the layout 
 
 It also lets the charts write the numbers under the mouse to six digits; uPlot itself writes three decimals, and so
 0 for whatever is below 0.0005, and marks a sample that is missing in the corner of the chart.
+
+A second script, `text_boxes.js`, decides when a typed text counts and what may be written over it.
 """
 
 from __future__ import annotations
@@ -36,10 +38,12 @@ SIZES = {
     "noMap": 120,  # px of canvas that viser keeps in any case
     "height": WINDOW_HEIGHT,
     "minHeight": CHROME_HEIGHT + 400,  # px; lower windows scroll
+    "typingPause": 900,  # ms without a key after which a complete number counts without Enter
 }
 
 
 def page_script() -> str:
     """The script for the head of the page."""
-    body = files("kalscope_app.views.window").joinpath("page_script.js").read_text("utf-8")
-    return f"{{ const sizes = {json.dumps(SIZES)};\n{body}}}"
+    folder, sizes = files("kalscope_app.views.window"), json.dumps(SIZES)
+    parts = (folder.joinpath(name).read_text("utf-8") for name in ("page_script.js", "text_boxes.js"))
+    return "".join(f"{{ const sizes = {sizes};\n{part}}}\n" for part in parts)

@@ -1,0 +1,146 @@
+"""What a box shows when it is left alone is what the filter uses, however fast it was typed."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import random
+
+import pytest
+from line_sender import line_sender
+from screen import Screen
+from waiting import wait_until
+
+from kalscope.sources.grammar.read_options import DEFAULTS
+from kalscope_app.dashboard import Dashboard
+from kalscope_app.guard.server import guarded_server
+from kalscope_app.open_command import first_state
+from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings
+from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.views.text import typed
+from kalscope_app.views.window.page_script import page_script
+
+pytestmark = pytest.mark.browser
+Q, R = "process noise q", "measurement noise r"
+DELAYS = (20, 60, 90, 130)
+"""Milliseconds between two keys."""
+
+
+@pytest.fixture
+def open_here(browser, tmp_path, monkeypatch):
+    """Open a source in a dashboard of this process, whose session can be read, with a page on it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    UserSettings(tmp_path).set_tour_seen()
+    with contextlib.ExitStack() as running:
+
+        def begin(source):
+            state, board = first_state(source, DEFAULTS, None)
+            start = guarded_server(port=0, page_script=page_script(), max_upload_bytes=2**20, on_refused=print)
+            guarded = running.enter_context(start)
+            dashboard = Dashboard(guarded.server, state, tmp_path, None, board)
+            running.callback(dashboard.stop)
+            dashboard.start()
+            return dashboard.session, running.enter_context(Screen(browser, guarded.url))
+
+        yield begin
+
+
+def tuning_of(session):
+    seen = []
+    session.with_state(lambda state: seen.append(state.tuning))
+    wait_until(lambda: seen, "the state")
+    return seen[0]
+
+
+def retype(screen, label, text, delay=0):
+    """Put the cursor into a box and type another text, key by key."""
+    screen.text_box(label).click()
+    screen.page.keyboard.press("ControlOrMeta+a")
+    screen.page.keyboard.type(text, delay=delay)
+
+
+def numbers(count):
+    """Texts as they are typed, short and long, each another value than the one before."""
+    rng = random.Random(17)
+    kinds = (
+        lambda: str(rng.randint(10, 99)),
+        lambda: f"{rng.randint(1, 9)},{rng.randint(1, 9)}",
+        lambda: f"{rng.randint(1, 9)}e-{rng.randint(1, 9)}",
+        lambda: f"0.{rng.randint(11, 99)}",
+    )
+    return [kind() for kind in itertools.islice(itertools.cycle(kinds), count)]
+
+
+def type_and_compare(session, screen, count=30):
+    """Type into q and r in turn, end it with Enter, by leaving the box, or not at all, and wait for agreement."""
+    ends = itertools.cycle(("Enter", "Tab", "Enter", "Tab", None))
+    for text, delay, label in zip(
+        numbers(count), itertools.cycle(DELAYS), itertools.cycle((Q, Q, R)), strict=False
+    ):
+        retype(screen, label, text, delay)
+        if key := next(ends):
+            screen.page.keyboard.press(key)
+        value = float(text.replace(",", "."))
+        name = "q" if label == Q else "r"
+        wait_until(lambda name=name, value=value: getattr(tuning_of(session), name) == value, f"{name} = {text}")
+        wait_until(
+            lambda label=label, value=value: screen.text_box(label).input_value() == typed(value),
+            f"{text} in its box",
+        )
+    tuning = tuning_of(session)  # and so it stays
+    assert [float(screen.text_box(label).input_value()) for label in (Q, R)] == [tuning.q, tuning.r]
+
+
+@pytest.mark.slow
+def test_every_typed_number_counts_on_a_file(open_here):
+    type_and_compare(*open_here("demo"))
+
+
+@pytest.mark.slow
+def test_every_typed_number_counts_on_a_live_board(open_here):
+    with line_sender(100.0) as board:
+        type_and_compare(*open_here(board), count=20)
+
+
+def test_what_is_being_typed_is_neither_overwritten_nor_lost(open_here):
+    session, screen = open_here("demo")
+    box = screen.text_box(Q)
+    retype(screen, Q, "1e")
+    session.request(set_text("q", "5"))  # as the end of a search would
+    session.request(set_text("r", "6"))
+    wait_until(lambda: screen.text_box(R).input_value() == "6", "the other box follows")
+    assert box.input_value() == "1e"
+    screen.page.keyboard.type("-3")
+    screen.page.keyboard.press("Enter")
+    wait_until(lambda: tuning_of(session).q == 0.001, "what was typed")
+    wait_until(lambda: box.input_value() == "0.001", "what the filter uses")
+
+
+def test_escape_brings_back_what_the_filter_uses(open_here):
+    session, screen = open_here("demo")
+    box, before = screen.text_box(Q), tuning_of(session)
+    shown = box.input_value()
+    retype(screen, Q, "77")
+    screen.page.keyboard.press("Escape")
+    wait_until(lambda: box.input_value() == shown, "the number before")
+    screen.page.keyboard.press("Tab")
+    assert tuning_of(session) == before
+
+    retype(screen, Q, "78")
+    wait_until(lambda: tuning_of(session).q == 78.0, "the pause after a complete number")
+    screen.page.keyboard.press("Escape")
+    wait_until(lambda: typed(tuning_of(session).q) == shown, "the number before in the filter")
+    wait_until(lambda: box.input_value() == shown, "and in its box")
+
+
+def test_a_text_that_is_no_number_is_refused_and_taken_away(open_here):
+    session, screen = open_here("demo")
+    box, before = screen.text_box(Q), tuning_of(session)
+    shown = box.input_value()
+    for text, refusal in (("much", "q must be a number"), ("-1", "q must be a finite variance")):
+        retype(screen, Q, text)
+        screen.page.keyboard.press("Tab")
+        screen.notification(refusal).wait_for()
+        wait_until(lambda: box.input_value() == shown, "what the filter uses")
+    assert tuning_of(session) == before
