@@ -129,11 +129,16 @@ def test_without_a_known_noise_a_wish_takes_r_from_the_likelihood() -> None:
     assert found.params.r == estimate(Z).r
 
 
-def test_the_present_r_is_kept_with_a_wish_unless_more_is_known() -> None:
-    kept = ask(Z, target={"gain": 0.2}, present_r=7.0)
-    known = ask(Z, target={"gain": 0.2}, present_r=7.0, noise=Noise(r=3.0))
-    assert [found.params.r for found in (kept, known) if found.params] == [7.0, 3.0]
-    assert "kept" in kept.message
+def test_spikes_do_not_raise_the_r_of_a_goal_and_the_answer_says_that_no_gate_is_set() -> None:
+    z = Z.copy()
+    z[20::100] += 40.0 * np.std(np.diff(Z))
+    plain, found = ask(Z, target={"gain": 0.2}), ask(z, target={"gain": 0.2})
+    assert plain.params is not None
+    assert found.params is not None
+    assert found.params.r == pytest.approx(plain.params.r, rel=0.1)
+    assert found.params.gate is None
+    assert "spikes set aside for it. No outlier gate is set" in found.message
+    assert "spike" not in plain.message
 
 
 def test_the_words_for_the_tuning_file_name_what_decided() -> None:

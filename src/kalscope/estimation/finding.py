@@ -107,8 +107,6 @@ class Request:
     """λ itself, such as 0.01; r is then estimated unless it is known."""
     noise: Noise = Noise()
     """What is known about r."""
-    present_r: float | None = None
-    """r to keep with a target where the noise is unknown; None = estimate it."""
     momentum: float | Literal["auto"] = "auto"
     """τ in sample periods, or "auto", as `estimate` takes it; "auto" is 0 with a target, and with a ratio or known
     noise it can only be 0."""
@@ -254,17 +252,26 @@ def _noise_for_target(
     asked: Request,
     progress: Progress,
 ) -> tuple[float, str]:
-    """A value for r and its origin where only λ is given: the present r, the likelihood's, or var(Δz)/2."""
+    """A value for r and its origin where only λ is given: that of the likelihood, or var(Δz)/2."""
     band = "it sets the width of the band, not the curve."
-    if asked.present_r is not None and asked.present_r > 0.0:
-        return asked.present_r, f"r is kept: {band}"
     answer = estimate(z, "ml", dt, progress, momentum=0.0, robust=asked.robust)
     if float(answer.r) > 0.0:  # valid at the edge q = 0 too
-        return float(answer.r), f"r by maximum likelihood; {band}"
+        return float(answer.r), f"r by maximum likelihood; {band}{_spikes_text(answer)}"
     r = float(starting_params(z).r)
     if not shows_no_noise(z):
         return r, f"r = var(Δz)/2, because the record allows no better estimate; {band}"
     return r, f"r = {number(r, 4)} is only a placeholder, because the record shows no noise; {band}"
+
+
+def _spikes_text(answer: Estimate) -> str:
+    """That the spikes of the record raise no r, and that the chosen filter has no gate of its own against them."""
+    spikes = 0 if answer.outliers is None else int(np.count_nonzero(answer.outliers))
+    if not spikes:
+        return ""
+    return (
+        f" {plural(spikes, 'spike')} set aside for it. No outlier gate is set: with a chosen filter it could "
+        "refuse movement."
+    )
 
 
 def shows_no_noise(z: Array) -> bool:

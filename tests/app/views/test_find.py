@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, FilterParams, Recording, compare_methods, steady_state
+from kalscope import BadSetting, FilterParams, Recording, compare_methods, estimate, open_source, steady_state
 from kalscope.analysis.actions import as_sentences
+from kalscope.cli.tune.answer import answer_for
+from kalscope.cli.tune.options import TuneOptions
+from kalscope.common.progress import Progress
 from kalscope.common.text import percent
 from kalscope.estimation.finding import Found, find_parameters
 from kalscope_app.engine.decimation import choose_samples
@@ -53,10 +56,59 @@ def search(state, way, *texts):
         ("lag in samples", "10", "lag_samples", 10.0),
     ],
 )
-def test_a_wish_is_met_exactly_and_r_is_kept(state, way, text, field, value):
+def test_a_goal_is_met_exactly_and_r_comes_from_the_recording(state, way, text, field, value):
     found = search(state, way, text)
     assert getattr(steady_state(found.params, 0.01), field) == pytest.approx(value)
-    assert found.params.r == state.params.r
+    assert found.params.r == estimate(state.z, momentum=0.0).r
+    assert search(state.with_tuning(r=7.0), way, text).params == found.params  # whatever was there before
+
+
+COMMANDS = {
+    "maximum lag": ("--lag-ms", "50"),
+    "cut-off frequency": ("--cutoff-hz", "2"),
+    "noise reduction": ("--noise-reduction-db", "12"),
+    "gain K": ("--gain", "0.1"),
+}
+
+
+@pytest.mark.parametrize("way", COMMANDS)
+@pytest.mark.parametrize(
+    "source", ["demo", "sample:ultrasonic", "walk", "spikes", "gaps", "constant", "no noise"]
+)
+def test_the_dashboard_and_the_command_line_find_the_same(way, source):
+    option, text = COMMANDS[way]
+    at = opened(same_question(source))
+    asked = TuneOptions(numbers={option: float(text)}).request(at.recording)
+    found = answer_for(at.recording, at.channel, asked, Progress(None)).found
+    assert search(at, way, text) == found
+    assert found.params is not None
+
+
+def test_what_is_known_about_the_noise_holds_for_the_next_goal_as_with_both_options(state):
+    known = search(state, "data sheet σ, fit q", "0.9")
+    told = apply_found(state.recording, "a", known)(state)
+    found = search(told, "maximum lag", "50")
+    both = TuneOptions(numbers={"--lag-ms": 50.0, "--sigma": 0.9}).request(state.recording)
+    assert found == answer_for(state.recording, "a", both, Progress(None)).found
+    assert found.params.r == pytest.approx(0.81)
+    by_hand = told.with_tuning(r=2.0)  # nobody knows where this r comes from
+    assert search(by_hand, "maximum lag", "50").params.r == estimate(state.z, momentum=0.0).r
+
+
+def same_question(source):
+    if source == "demo" or source.startswith("sample:"):
+        return open_source(source)
+    rec = recording()
+    values = rec.values.copy()
+    if source == "spikes":
+        values[50::100] += 30.0
+    elif source == "gaps":
+        values[100:140] = np.nan
+    elif source == "constant":
+        values[:] = 3.0
+    elif source == "no noise":
+        values = np.cumsum(values, axis=0)
+    return replace(rec, values=values)
 
 
 @pytest.mark.parametrize(

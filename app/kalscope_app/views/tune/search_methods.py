@@ -34,12 +34,18 @@ def _target(
 ) -> SearchMethod:
     def request(state: State, texts: list[str]) -> Request:
         allowed = texts[1].strip() if with_overshoot and len(texts) > 1 else ""
-        asked = Request(target={name: factor * typed_number(label, texts[0])}, present_r=state.tuning.r)
+        asked = Request(target={name: factor * typed_number(label, texts[0])}, noise=_known_noise(state))
         if allowed:
             return replace(asked, overshoot=typed_number("overshoot", allowed) / 100.0)
-        return replace(asked, momentum=state.tuning.momentum)
+        return replace(asked, momentum=state.tuning.momentum or "auto")
 
     return SearchMethod(request, ((label, content), *(((OVERSHOOT, ""),) if with_overshoot else ())))
+
+
+def _known_noise(state: State) -> Noise:
+    """What the last search was told about the noise, as long as its answer holds; a goal changes no sensor."""
+    found = state.answers.outcome
+    return Noise() if found is None or found.request is None else found.request.noise
 
 
 def _noise(*names: tuple[str, str, str]) -> SearchMethod:
