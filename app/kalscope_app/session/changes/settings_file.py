@@ -1,0 +1,47 @@
+"""A settings file (the tuning file) loaded in the dashboard: its q, r, p0 … become those of what is open."""
+
+from __future__ import annotations
+
+from kalscope.common.text import one_line
+from kalscope.errors import BadFile
+from kalscope.tuning.tuning import Tuning, loads
+from kalscope_app.session.opening import adapted
+from kalscope_app.session.state import Change, State
+
+ENDING = ".toml"
+"""What the name of a settings file ends with; every other file is a recording."""
+
+MAX_BYTES = 1_000_000
+"""Bytes of an uploaded settings file, at most; one of a thousand channels has 200 kB."""
+
+
+def uploaded_settings(name: str, content: bytes) -> Tuning:
+    """What an uploaded settings file holds.
+
+    Raises:
+        BadFile: it is none.
+    """
+    if len(content) > MAX_BYTES:
+        raise BadFile(f"{name!r} must be a settings file of at most 1 MB (got {len(content)} bytes)")
+    try:
+        return loads(content.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        raise BadFile(f"{name!r} must be a settings file in UTF-8 (got other bytes)") from None
+    except BadFile as error:
+        raise BadFile(f"{name!r}: {error}") from None
+
+
+def use_settings(tuning: Tuning, name: str) -> Change:
+    """The settings of a file become those of the channels of the same names; one undoable change.
+
+    Args:
+        tuning: what the file holds.
+        name: what it is called.
+    """
+
+    def change(state: State) -> State:
+        after = adapted(state, tuning)
+        note = f"Loaded {one_line(name)[:80]}. {after.answers.note}".strip()
+        return after.with_answers(note=note)
+
+    return change
