@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
+from kalscope.common.running_median import running_median
 from kalscope.errors import BadSetting
 from kalscope.estimation.likelihood.profile import differences
 from kalscope.estimation.methods import maximum_likelihood as ml
@@ -230,9 +231,7 @@ def _trimmed(first: int, last: int, count: int) -> tuple[int, int]:
 
 def _far(readings: Array, step: float) -> NDArray[np.bool_]:
     """The samples far from the running median of five: spikes."""
-    from scipy.ndimage import median_filter
-
-    away = np.abs(readings - median_filter(readings, 5, mode="nearest"))
+    away = np.abs(readings - running_median(readings, 5))
     scale = np.empty(len(readings))
     edges = [*range(0, max(len(readings) - MIN_SAMPLES, 1), MIN_SAMPLES), len(readings)]
     for a, b in itertools.pairwise(edges):

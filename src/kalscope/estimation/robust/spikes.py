@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
+from kalscope.common.running_median import running_median
 from kalscope.estimation.robust.kernels import judge_samples
 from kalscope.estimation.sensor.resolution import resolution_of
 from kalscope.filtering.kernels import GATE_LIMIT
@@ -129,11 +130,9 @@ class Start:
 
 def far_from_median(z: Array) -> Start:
     """The samples of z, shape (n,), that are far from the running median."""
-    from scipy.ndimage import median_filter
-
     present = np.isfinite(z)
     samples = z[present]
-    away = np.abs(samples - median_filter(samples, WINDOW, mode="nearest"))
+    away = np.abs(samples - running_median(samples, WINDOW))
     scale = _NORMAL * float(np.median(away))
     if scale == 0.0 and away.any():
         scale = float(np.median(away[away > 0.0]))
