@@ -49,7 +49,7 @@ class Program:
     def __init__(self, source: str) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="kalscope-bench-")
         self.folder = Path(self._folder.name)
-        UserSettings(self.folder).set_tour_seen()  # its window would cover what is measured
+        UserSettings(self.folder).keep(tour_seen=True)  # its window would cover what is measured
         self.process = subprocess.Popen(
             [PROGRAM, "open", source, "--port", "0", "--no-browser"],
             cwd=self.folder,  # recordings go there

@@ -84,12 +84,14 @@ class Dashboard:
         self._server, self._log_file = server, log_file
         self._port_jobs = Jobs(self.tell)  # a port must not wait for a long search
         self._connection = BoardConnection(self._port_jobs)
+        self._settings = UserSettings()
+        state = state.with_view(map_shown=self._settings.map_shown)
         if state.live is not None and source is not None:
             self._connection.adopt(state.live.board, source)
         self.session = Session(state, self._connection)
         self._jobs = Jobs(self.tell)
         self._panels = Panels(server)
-        self._tour = Tour(UserSettings(), self._jobs)
+        self._tour = Tour(self._settings, self._jobs)
         self._note = ""
         self._last: Frame | None = None
         self._toasts = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
@@ -99,7 +101,7 @@ class Dashboard:
         make_map, still = MapMaker(), StillStretches()
         rounds = [
             self._study(VariantTable().compute, self._variants.show_table),
-            Study(lambda state: (state, make_map(state)), self._map.show),
+            Study(lambda state: (state, make_map(state)) if state.view.map_shown else None, self._map.show),
             self._study(compared, self._board.show_check),
             self._study(lambda state: compute_checks(state, still.of), self._show_checks),
             self._study(lambda state: limits_text(state, self._code.choice), self._code.show_limits),
@@ -118,9 +120,11 @@ class Dashboard:
         gui = self._server.gui
         self._header = HeaderView(gui, self.session)
         self._verdict = VerdictView(gui, self.session)
+        self._map.build_button(gui, self._settings, self._jobs)
+        self._verdict.build_reasons(gui)
         tabs = gui.add_tab_group()
-        names = ("Check", "Compare", "Channels", "Spectrum", "Allan")
-        check, compare, channels, spectrum, allan = (self._panels.right.add_tab(name) for name in names)
+        names = ("Check", "Compare", "Channels", "Noise")
+        check, compare, channels, noise = (self._panels.right.add_tab(name) for name in names)
         with check:
             self._checks = ChecksView(gui)
         with tabs.add_tab("Tune"):
@@ -165,10 +169,8 @@ class Dashboard:
             self._alternatives = AlternativesView(gui, self.session)
         with channels:
             self._channels = ChannelsView(gui, self.session)
-        with spectrum:
-            self._spectrum = SpectrumView(gui)
-        with allan:
-            self._allan = AllanView(gui)
+        with noise:
+            self._spectrum, self._allan = SpectrumView(gui), AllanView(gui)
 
     def start(self) -> None:
         """Connect the board if there is one and show the first frame; returns when it is on its way."""

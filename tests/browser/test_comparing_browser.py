@@ -42,24 +42,22 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(screen):
     screen.wait_for_line("One-euro", found["noise"].others[7].curve)
     screen.shot("compare-all")
 
-    screen.tab("Spectrum")
+    screen.tab("Noise")
     screen.page.get_by_text("Cut-off (−3 dB): 0.796 Hz").wait_for()
     assert screen.page.evaluate(f"() => ({FIND})('removed').scales.x.distr") == 3
     ticks = screen.page.evaluate(f"() => ({FIND})('removed').axes[0]._values")
     assert {"0.5", "1", "10"} <= set(ticks)
-    screen.shot("spectrum-light")
-    screen.tab("Allan")
+    screen.shot("noise-light")
     allan = allan_deviation(z, params, demo.sample_period)
     x, y = screen.line("recording")
     assert np.allclose(x, allan.tau)
     assert np.allclose(y, allan.deviation)
-    screen.shot("allan-light")
 
     screen.tab("View")
     screen.page.get_by_text("dark theme").first.click()
     screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
     screen.page.wait_for_timeout(2500)  # the studies follow after a pause, with the colours of the dark theme
-    for name in ("Allan", "Spectrum", "Compare"):
+    for name in ("Noise", "Compare"):
         screen.tab(name)
         screen.page.wait_for_timeout(300)
         screen.shot(f"{name.lower()}-dark")

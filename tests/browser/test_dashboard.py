@@ -341,23 +341,30 @@ def test_a_record_without_visible_noise_gets_a_verdict_and_its_still_stretch_is_
     assert screen.text_box("to (").input_value() == f"{(last - 1) / 10:g}"
 
 
-BOXES = """() => [...document.querySelectorAll('.uplot, [data-dock-region], [data-dock-root] canvas')]
-    .filter(one => one.checkVisibility())
-    .map(one => Object.values(one.getBoundingClientRect().toJSON()).map(Math.round))"""
-FIRST_BOXES = f"""() => {{ const chart = ({FIND})('gain K');
-    return chart?.data[0].length > 2 && chart.width > 200 && ({BOXES})(); }}"""
+WATCH_LAYOUT = """(() => { const panels = window.panels = new Set(), charts = window.charts = new Set();
+    const boxes = (query) => JSON.stringify([...document.querySelectorAll(query)]
+        .filter(one => one.checkVisibility({ visibilityProperty: true }))
+        .map(one => Object.values(one.getBoundingClientRect().toJSON()).map(Math.round)));
+    const look = () => { panels.add(boxes('[data-dock-region]')); charts.add(boxes('.uplot'));
+        requestAnimationFrame(look); };
+    requestAnimationFrame(look); })();"""
+"""Notes, at every picture that a page draws, where its panels and its charts are."""
 
 
-def test_the_first_picture_has_the_final_layout_in_every_load(start):
+def test_every_load_has_one_layout_from_its_first_picture_on(start):
     screen = start("demo", width=1440, height=900)
-    screen.wait_for_fit()
-    final = screen.page.evaluate(BOXES)
+    screen.context.add_init_script(WATCH_LAYOUT)
+    seen = set()
     for _ in range(5):
         screen.page.reload(wait_until="commit")
-        first = screen.page.wait_for_function(FIRST_BOXES).json_value()
-        assert first == final
         screen.ready()
-        assert screen.page.evaluate(BOXES) == final
+        screen.wait_for_fit()
+        screen.page.wait_for_timeout(500)  # nothing is waited for: nothing must come
+        for name in ("panels", "charts"):
+            found = screen.page.evaluate(f"[...window.{name}].filter(one => one !== '[]')")
+            assert len(found) == 1, found
+            seen.add((name, *found))
+    assert len(seen) == 2
 
 
 def test_windows_of_several_sizes_are_filled_at_the_same_time(start, browser):

@@ -13,22 +13,22 @@ pytestmark = pytest.mark.browser
 RECORDING = "synthetic:random_walk?channels=3&n=3000&sample_period=0.01"
 SIZES = ((1920, 1080), (1600, 900), (1280, 720))
 LEFT_TABS = ("Tune", "Source", "Export", "View", "Help")
-RIGHT_TABS = ("Signal", "Check", "Compare", "Channels", "Spectrum", "Allan")
+RIGHT_TABS = ("Signal", "Check", "Compare", "Channels", "Noise")
 CLOSED_FOLDERS = {"Tune": ("Presets",), "Source": ("Live board", "Generate a signal", "Import options")}
-CHARTS = {"Signal": 3, "Check": 1, "Compare": 1, "Channels": 1, "Spectrum": 2, "Allan": 1}
+CHARTS = {"Signal": 2, "Check": 1, "Compare": 1, "Channels": 1, "Noise": 3}
 SAID = {
     "Check": "Ljung-Box over several lags",
     "Compare": "Moving average",
     "Channels": "Each channel fills its own lane",
-    "Spectrum": "Lower frequencies pass",
-    "Allan": "how much neighbouring averages differ",
+    "Noise": "how much neighbouring averages differ",
 }
 """Words that a study writes once it has its answer."""
 
 PANEL = """(side) => [...document.querySelectorAll('.mantine-ScrollArea-viewport')]
     .filter(view => view.checkVisibility() && view.clientWidth > 200)
     .sort((a, b) => a.getBoundingClientRect().left - b.getBoundingClientRect().left)
-    .at(side === 'left' ? 0 : -1)"""
+    .at(side === 'left' ? 1 : -1)"""
+"""The box that scrolls: on the left the first is the panel with its header, the second the tab."""
 
 CUT = f"""(side) => {{
     const panel = ({PANEL})(side), frame = panel.getBoundingClientRect(), cut = [];

@@ -12,6 +12,7 @@ from screen import FIND, Screen, dashboard, pixels
 from waiting import wait_until
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, starting_params
+from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.map_geometry import frame_for
 from kalscope_app.studies.tuning_map import MapMaker
@@ -43,6 +44,9 @@ class MapScreen(Screen):
         self.state = opened(open_source(source))
         self.map = MapMaker()(self.state)
         self.frame = frame_for(*SIZE, self.map.q, self.map.r)
+        if not self.page.get_by_role("button", name="Hide map").count():
+            self.page.get_by_role("button", name="Map", exact=True).click()
+        self.wait(f"() => ({CANVAS})()[2] > 200")
         self.wait_for_map()
 
     def wait_for_map(self):
@@ -191,10 +195,12 @@ def test_the_map_can_be_hidden_and_coloured_by_lag_and_looked_at_straight_again(
     screen = start("demo")
     screen.tab("View")
     wide = screen.page.evaluate(CANVAS)[2]
-    screen.page.get_by_text("tuning map", exact=True).click()
+    screen.page.get_by_role("button", name="Hide map").click()
     screen.wait(f"() => ({CANVAS})()[2] < {wide} / 2")
-    screen.pause()
-    screen.page.get_by_text("tuning map", exact=True).click()
+    screen.page.get_by_text("map coloured by").wait_for(state="detached")
+    screen.wait_for_fit()
+    screen.page.get_by_role("button", name="Map", exact=True).click()
+    screen.wait(f"() => ({CANVAS})()[2] > 200")
     screen.wait_for_map()
     by_likelihood = screen.map_picture()
     screen.choose("map coloured by", "lag")
@@ -210,6 +216,24 @@ def test_the_map_can_be_hidden_and_coloured_by_lag_and_looked_at_straight_again(
     screen.page.get_by_role("button", name=re.compile("Reset map view")).click()
     wait_until(lambda: not differ(screen.map_picture(), by_lag), "the map as before", pause=0.2)
     screen.shot("map-flat-again")
+
+
+def test_the_map_stays_as_it_was_left_and_a_narrow_window_has_none(browser, tmp_path):
+    with dashboard("demo", cwd=tmp_path) as url, Screen(browser, url, width=1280) as screen:
+        screen.wait_for_fit()
+        assert screen.page.evaluate(CANVAS)[2] < 200
+        screen.page.get_by_role("button", name="Map", exact=True).click()
+        screen.page.get_by_role("button", name="Hide map").wait_for()
+        screen.wait(f"() => ({CANVAS})()[2] > 200")
+        wait_until(lambda: UserSettings(tmp_path / "config").map_shown, "the setting in its file")
+    with dashboard("demo", cwd=tmp_path) as url, Screen(browser, url, width=1280) as screen:
+        screen.wait(f"() => ({CANVAS})()[2] > 200")
+        screen.wait_for_fit()
+        screen.page.set_viewport_size({"width": 1090, "height": 800})
+        screen.wait(f"() => ({CANVAS})()[2] < 200")
+        screen.wait_for_fit()
+        assert not screen.page.get_by_role("button", name="Hide map").is_visible()
+        screen.shot("narrow-without-map")
 
 
 def differ(one, other):

@@ -16,6 +16,9 @@ FOLDER_VARIABLE = "KALSCOPE_CONFIG_DIR"
 MAX_BYTES = 65_536
 """The part of the file that is read."""
 
+KNOWN = ("map_shown", "tour_seen")
+"""The settings that the file may hold; all others are dropped."""
+
 HEADER = "# Settings of Kalscope. This file may be deleted: the tour is then shown again.\n"
 
 
@@ -51,19 +54,30 @@ class UserSettings:
     @property
     def tour_seen(self) -> bool:
         """Whether the user asked not to see the tour again."""
-        try:
-            if not self.path.is_file():  # a pipe or a device would be read for ever
-                return False
-            with self.path.open("rb") as file:
-                return tomllib.loads(file.read(MAX_BYTES).decode()).get("tour_seen") is True
-        except (OSError, ValueError, RecursionError):
-            return False
+        return self._read().get("tour_seen") is True
 
-    def set_tour_seen(self) -> None:
-        """Do not show the tour again.
+    @property
+    def map_shown(self) -> bool:
+        """Whether the tuning map was open when it was last opened or closed."""
+        return self._read().get("map_shown") is True
+
+    def keep(self, **values: bool) -> None:
+        """Write some of the settings above, by their names; the others stay.
 
         Raises:
             OSError: the file cannot be written.
         """
+        kept = {name: value for name, value in self._read().items() if isinstance(value, bool)}
+        lines = "".join(f"{name} = {str(value).lower()}\n" for name, value in sorted({**kept, **values}.items()))
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(self.path, f"{HEADER}tour_seen = true\n".encode())
+        write_atomic(self.path, f"{HEADER}{lines}".encode())
+
+    def _read(self) -> dict[str, object]:
+        try:
+            if not self.path.is_file():  # a pipe or a device would be read for ever
+                return {}
+            with self.path.open("rb") as file:
+                found = tomllib.loads(file.read(MAX_BYTES).decode())
+        except (OSError, ValueError, RecursionError):
+            return {}
+        return {name: value for name, value in found.items() if name in KNOWN}

@@ -68,7 +68,7 @@ class View:
 
     dark: bool = False
     """Dark theme."""
-    map_shown: bool = True
+    map_shown: bool = False
     """Whether the tuning map is shown where the window is wide enough."""
     map_colour: str = "likelihood"
     """What the tuning map is coloured by, one of MAP_COLOURS."""

@@ -73,7 +73,7 @@ def log_binned(x: Array, ys: list[Array], bins: int) -> tuple[Array, ...]:
 
 @dataclass(frozen=True)
 class Allan:
-    """What the Allan tab draws."""
+    """What the Allan chart draws."""
 
     state: State
     """The choices it belongs to."""

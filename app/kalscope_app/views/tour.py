@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import viser
@@ -78,4 +79,4 @@ class Tour:
             return
         self._over = True
         if choice != LATER:
-            self._jobs.run(self._settings.set_tour_seen)
+            self._jobs.run(partial(self._settings.keep, tour_seen=True))

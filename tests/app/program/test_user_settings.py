@@ -17,7 +17,7 @@ def test_the_tour_is_seen_once_it_was_put_away(tmp_path):
     folder = tmp_path / "new" / "kalscope"
     assert not UserSettings(folder).tour_seen
     assert not folder.exists()  # asking writes nothing
-    UserSettings(folder).set_tour_seen()
+    UserSettings(folder).keep(tour_seen=True)
     assert UserSettings(folder).tour_seen
     assert [path.name for path in folder.iterdir()] == ["settings.toml"]
 
@@ -26,6 +26,17 @@ def test_the_tour_is_seen_once_it_was_put_away(tmp_path):
 def test_a_file_that_says_nothing_counts_as_not_seen(content, tmp_path):
     (tmp_path / "settings.toml").write_bytes(content)
     assert not UserSettings(tmp_path).tour_seen
+
+
+def test_one_setting_is_kept_while_another_is_written_and_unknown_ones_go(tmp_path):
+    settings = UserSettings(tmp_path)
+    (tmp_path / "settings.toml").write_text('tour_seen = true\nother = true\nmap_shown = "yes"\n')
+    assert (settings.tour_seen, settings.map_shown) == (True, False)
+    settings.keep(map_shown=True)
+    assert (settings.tour_seen, settings.map_shown) == (True, True)
+    assert "other" not in settings.path.read_text()
+    settings.keep(map_shown=False)
+    assert (settings.tour_seen, settings.map_shown) == (True, False)
 
 
 FOLDERS = {config_folder: ("XDG_CONFIG_HOME", ".config"), state_folder: ("XDG_STATE_HOME", ".local/state")}
@@ -58,7 +69,7 @@ def test_without_a_home_folder_nothing_is_remembered_and_nothing_breaks(monkeypa
 def test_a_folder_that_cannot_be_made_is_an_error_of_the_system(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="file"):
-        UserSettings(tmp_path / "file" / "kalscope").set_tour_seen()
+        UserSettings(tmp_path / "file" / "kalscope").keep(tour_seen=True)
 
 
 def test_the_tour_has_at_most_five_short_steps():

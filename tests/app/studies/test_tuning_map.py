@@ -181,13 +181,13 @@ def test_a_colour_that_cannot_be_shown_is_refused(recording, colour):
 
 
 def test_what_is_seen_stays_over_a_new_recording_and_over_undo():
-    state = set_map_shown(False)(set_map_colour("RMSE")(opened(known())))
+    state = set_map_shown(True)(set_map_colour("RMSE")(opened(known())))
     after = opened(walk(), state)
-    assert (after.view.map_shown, after.view.map_colour) == (False, "RMSE")
+    assert (after.view.map_shown, after.view.map_colour) == (True, "RMSE")
     assert MapMaker()(after).colour == "likelihood"  # no truth there
     history = record(History(), set_map_colour("lag")(state), set_point(0.0, 0.0)(state), "", 0.0)
     _, back = step_back(history, state)
-    assert (back.view.map_shown, back.view.map_colour) == (False, "RMSE")
+    assert (back.view.map_shown, back.view.map_colour) == (True, "RMSE")
 
 
 @pytest.mark.parametrize(("key", "entries"), [(HELD + "map 1", 1), ("q", 2)])

@@ -173,6 +173,7 @@ class Widget:
 def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_done(state):
     session = Session(state)
     view, checks = VerdictView(Widgets(), session), compute_checks(state)
+    view.build_reasons(Widgets())
     advice = (Advice("spikes: 3", actions.SetGate(4.0)), Advice("too few", actions.RecordLonger(20)))
     bad = Judgement("spikes", "Spikes mislead the fit.", advice, word="spikes", tone="bad")
     view.show_checks(replace(checks, judgement=bad))
@@ -192,10 +193,11 @@ def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_don
 def test_a_click_on_the_word_shows_the_reasons_and_another_hides_them(state):
     session = Session(state)
     view = VerdictView(Widgets(), session)
+    view.build_reasons(Widgets())
     for shown in (True, False):
         with pytest.raises(StopIteration):  # it ends at once, without an event loop
             view._word.clicked(SimpleNamespace(client=object())).send(None)
-        state, _, failures = session.apply_due_requests()
+        state, _, failures = session.apply_requests()
         assert (state.view.why_shown, failures) == (shown, [])
         view.show(SimpleNamespace(state=state))
         assert view._why.visible is shown

@@ -26,13 +26,14 @@ FITS = """() => { const box = (one) => one.getBoundingClientRect(), map = box(do
     const [left, right] = ['left', 'right'].map(edge => box(document.querySelector(`[data-dock-region=${edge}]`)));
     const pane = [...document.querySelectorAll('[data-dock-region=right] .mantine-ScrollArea-viewport')]
         .find(view => view.checkVisibility());
-    const chart = box(pane.querySelector('.uplot')), near = (a, b) => Math.abs(a - b) < 12;
-    return near(left.width, 345) && near(left.right, map.left) && near(map.right, right.left)
-        && near(right.right, innerWidth) && near(chart.width, right.width - 20)
-        && near(map.width, Math.min(innerHeight / 2, Math.max(340, 0.38 * (innerWidth - 355))))
+    const charts = [...pane.querySelectorAll('.uplot')].map(box), near = (a, b) => Math.abs(a - b) < 12;
+    const open = near(map.right, right.left) && near(left.right, map.left)
+        && near(map.width, Math.min(innerHeight / 2, Math.max(300, 0.38 * (innerWidth - 355))));
+    return near(left.width, 345) && (open || near(left.right, right.left)) && near(right.right, innerWidth)
+        && charts.length > 1 && charts.every(chart => near(chart.width, right.width - 20))
         && pane.scrollHeight <= pane.clientHeight
-        && pane.clientHeight - (box(pane.querySelectorAll('.uplot')[2]).bottom - box(pane).top) < 40; }"""
-"""Whether both panels, the map between them and the three charts of the Signal tab fill a wide window."""
+        && pane.clientHeight - (charts.at(-1).bottom - box(pane).top) < 40; }"""
+"""Whether both panels, an open map between them and the charts of the Signal tab fill the window."""
 
 
 SAY_NO_CANVAS = """() => {
@@ -51,7 +52,7 @@ def dashboard(*arguments, cwd, first_run=False):
     """The link of `kalscope open` in a process of its own, which must end in order when the block does."""
     settings = UserSettings(Path(cwd) / "config")
     if not first_run:
-        settings.set_tour_seen()
+        settings.keep(tour_seen=True)
     env = {FOLDER_VARIABLE: str(settings.path.parent)}
     with running(Path(cwd), "open", *map(str, arguments), source=None, env=env) as (program, url):
         yield url
@@ -84,7 +85,7 @@ class Screen:
 
     def ready(self):
         """Charts are drawn, the browser is known to the server, and viser's own notice is closed."""
-        self.wait(f"() => ({FIND})('filtered') && ({FIND})('innovation') && ({FIND})('gain K')")
+        self.wait(f"() => ({FIND})('filtered') && ({FIND})('innovation')")
         notice = self.page.locator(".mantine-Notification-root", has_text="Software WebGL")
         notice.locator("button").click()
         notice.wait_for(state="detached")

@@ -51,17 +51,14 @@ class Chart:
     def __init__(self, gui: viser.GuiApi, share: float, *, sync: str | None = None) -> None:
         """Args: the share of the window's height for charts; the name under which charts share their zoom."""
         zeros = np.zeros(2)
-        # uPlot passes over `share`: it is for the page script, which fits the height to the window.
-        cursor: dict[str, Any] = {"drag": {"x": True, "y": False}, "share": share}
-        if sync is not None:
-            cursor["sync"] = {"key": sync}
+        self._share, self._sync = share, sync
         self._handle = gui.add_uplot(
             (np.array([0.0, 1.0]), zeros),
             ({"label": "x"}, {"label": "y"}),
             scales={"x": {"time": False}},
             padding=(10, 24, 0, 0),  # without it viser rebuilds the chart whenever its width changes
             height=height_of(share),
-            cursor=cursor,  # pyright: ignore[reportArgumentType]
+            cursor=self._cursor(),
         )
         self._layout: object = None
         self._view: object = None
@@ -100,6 +97,18 @@ class Chart:
             self._handle.axes = layout.axes
         self._handle.data = data
         self._handle.visible = True
+
+    def _cursor(self) -> Any:
+        """How the mouse works; `share` is no word of uPlot but of the page script, which fits the height by it."""
+        cursor: dict[str, Any] = {"drag": {"x": True, "y": False}, "share": self._share}
+        return cursor if self._sync is None else {**cursor, "sync": {"key": self._sync}}
+
+    def set_height(self, share: float, pixels: int) -> None:
+        """Take another share of the height, which rebuilds the chart, and so many pixels of a common window."""
+        self._handle.height = pixels
+        if share != self._share:
+            self._share = share
+            self._handle.cursor = self._cursor()
 
     def hide(self) -> None:
         """Take the chart off the screen: where there is no answer, an old curve would be taken for it."""

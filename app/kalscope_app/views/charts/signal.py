@@ -19,11 +19,11 @@ from kalscope_app.views.text import escape_markdown
 from kalscope_app.views.window.css import HEADING
 from kalscope_app.views.window.layout import height_of
 
-LIVE_CONTROLS_HEIGHT = 44
-"""Height in px that the controls of a live record take from the chart below them."""
+LIVE_CONTROLS_HEIGHT = 64
+"""Height in px that the controls of a live record, and its second line of heading, take from the chart below."""
 
-SHARES = (0.57, 0.235, 0.195)
-"""Of the height for charts: signal, innovation, gain."""
+SHARES: dict[int, tuple[float, ...]] = {3: (0.57, 0.235, 0.195), 2: (0.7, 0.3)}
+"""Of the height for so many charts: signal, innovation, and gain or velocity where one is drawn."""
 
 MAX_LABEL_LETTERS = 14
 """Letters that fit beside the innovation at 720 px of height."""
@@ -34,29 +34,37 @@ class SignalView:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._heading = gui.add_markdown("")
-        self.signal = Chart(gui, SHARES[0], sync="kalscope-time")
-        self.innovation = Chart(gui, SHARES[1], sync="kalscope-time")
-        self.gain = Chart(gui, SHARES[2])
-        self.velocity = Chart(gui, SHARES[2], sync="kalscope-time")
+        self.signal, self.innovation = (Chart(gui, share, sync="kalscope-time") for share in SHARES[2])
+        self.gain = Chart(gui, SHARES[3][2])
+        self.velocity = Chart(gui, SHARES[3][2], sync="kalscope-time")
+        self.gain.hide()
         self.velocity.hide()
 
     def show(self, frame: Frame) -> None:
         """Draw the frame."""
         palette = DARK if frame.state.view.dark else LIGHT
-        heading = HEADING + heading_of(frame)
-        height = height_of(SHARES[0]) - (LIVE_CONTROLS_HEIGHT if frame.state.live is not None else 0)
-        self.signal.handle.height = height
+        live, with_velocity = frame.state.live is not None, frame.velocity is not None
+        heading = (HEADING if live else "") + heading_of(frame)
+        self._share_height(3 if with_velocity or frame.state.view.gain_shown else 2, live=live)
         if self._heading.content != heading:
             self._heading.content = heading
         clock = time_axis(frame)
         self._show_signal(frame, palette, clock)
         self._show_innovation(frame, palette, clock)
-        if frame.velocity is None or frame.velocity_spread is None:
+        if frame.velocity is not None and frame.velocity_spread is not None:
+            self._show_velocity(frame, palette, clock, frame.velocity, frame.velocity_spread)
+        else:
             self.velocity.hide()
+        if frame.state.view.gain_shown and not with_velocity:
             self._show_gain(frame, palette)
         else:
             self.gain.hide()
-            self._show_velocity(frame, palette, clock, frame.velocity, frame.velocity_spread)
+
+    def _share_height(self, charts: int, *, live: bool) -> None:
+        """Give so many charts their heights; with two, they take that of the third."""
+        for chart, share in zip((self.signal, self.innovation), SHARES[charts], strict=False):
+            taken = LIVE_CONTROLS_HEIGHT if live and chart is self.signal else 0
+            chart.set_height(share, height_of(share, charts) - taken)
 
     def _show_signal(self, frame: Frame, palette: Palette, clock: Scale) -> None:
         shown, state = frame.drawn, frame.state

@@ -1,4 +1,4 @@
-"""The tabs Spectrum and Allan: densities with the filter's response, and the Allan deviation beside the model's."""
+"""The Noise tab: densities with the filter's response, and the Allan deviation beside the model's."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class SpectrumView:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._text = gui.add_markdown("")
-        self._density = Chart(gui, 0.61, sync="kalscope-frequency")
-        self._response = Chart(gui, 0.36, sync="kalscope-frequency")
+        self._density = Chart(gui, 0.37, sync="kalscope-frequency")
+        self._response = Chart(gui, 0.22, sync="kalscope-frequency")
         self._note = gui.add_markdown("")
 
     def show(self, spectra: Spectra | None) -> None:
@@ -85,7 +85,7 @@ class AllanView:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._text = gui.add_markdown("")
-        self._chart = Chart(gui, 0.93)
+        self._chart = Chart(gui, 0.35)
         self._note = gui.add_markdown("")
 
     def show(self, allan: Allan | None) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -11,6 +12,8 @@ import numpy as np
 import viser
 
 from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.changes.parameters import set_point
 from kalscope_app.session.changes.view import set_map_colour, set_map_shown
 from kalscope_app.session.session import Session
@@ -44,6 +47,8 @@ SIZE = (400.0, 800.0)
 
 MIN_SHAPE = 0.2
 """Width : height of a canvas that shows the map at least: viser keeps a strip of canvas where there is none."""
+
+SHOW, HIDE = "Map", "Hide map"
 
 SIDE = 400.0
 """Width of the invisible plane that takes every drag, so that none turns the view."""
@@ -84,20 +89,25 @@ class TuningMapView:
         self._glass.on_drag("left")(self._on_drag)
         self._glass.on_click(self._on_click)
 
+    def build_button(self, gui: viser.GuiApi, settings: UserSettings, jobs: Jobs) -> None:
+        """The button of the header; what it does is remembered for the next start."""
+        self._shown = gui.add_button(SHOW, hint="The map of q and r beside the charts: click or drag in it.")
+
+        def toggle() -> None:
+            shown = self._shown.label == SHOW
+            self._session.request(set_map_shown(shown))
+            jobs.run(partial(settings.keep, map_shown=shown))
+
+        on_user(self._shown.on_click, lambda _client: toggle())
+
     def build_controls(self, gui: viser.GuiApi) -> None:
-        """The controls of the View tab."""
-        self._shown = gui.add_checkbox(
-            "tuning map",
-            True,
-            hint="The map of q and r between the panels, if the window is wide enough.",
-        )
+        """The controls of the View tab, for an open map."""
         self._colour = gui.add_dropdown(
             "map coloured by", MAP_COLOURS, hint="How well each pair explains the recording, its error, or its lag."
         )
-        flat = gui.add_button("Reset map view", hint="Undo turning, moving and zooming the map.")
-        bind(self._shown, self._session, set_map_shown)
+        self._flat = gui.add_button("Reset map view", hint="Undo turning, moving and zooming the map.")
         bind(self._colour, self._session, set_map_colour)
-        on_user(flat.on_click, self._look_straight)
+        on_user(self._flat.on_click, self._look_straight)
 
     # What the user does.
 
@@ -134,7 +144,8 @@ class TuningMapView:
     def follow(self, frame: Frame) -> None:
         """Move the mark, at a limited rate; `show` puts it in its final place once the values stay."""
         self._state, now = frame.state, time.monotonic()
-        self._shown.value = frame.state.view.map_shown
+        shown = self._colour.visible = self._flat.visible = frame.state.view.map_shown
+        self._shown.label = HIDE if shown else SHOW
         if now - self._moved >= PACE:
             self._place(frame.state)
 
@@ -146,8 +157,10 @@ class TuningMapView:
             self._moved = time.monotonic()
         self._ring.visible = visible
 
-    def show(self, answer: tuple[State, TuningMap]) -> None:
-        """Draw the map of a state whose values have stopped changing."""
+    def show(self, answer: tuple[State, TuningMap] | None) -> None:
+        """Draw the map of a state whose values have stopped changing; None: it is closed."""
+        if answer is None:
+            return
         with self._lock:
             self._state, self._map = answer
             self._draw(answer[0])

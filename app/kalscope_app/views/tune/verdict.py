@@ -29,10 +29,13 @@ class VerdictView:
         self._shown = False
         gui.add_html(VERDICT)
         self._word = gui.add_button("…", hint="Whether the filter fits the recording. Click for the reasons.")
+        on_user(self._word.on_click, lambda _client: session.request(set_why_shown(not self._shown)))
+
+    def build_reasons(self, gui: viser.GuiApi) -> None:
+        """What the word hides: apart from it, so that another button may stand beside the word."""
         with gui.add_folder(None, visible=False) as self._why:
             self._headline = gui.add_markdown("")
             self._advice = [AdviceRow(gui) for _ in range(MAX_ADVICE)]
-        on_user(self._word.on_click, lambda _client: session.request(set_why_shown(not self._shown)))
 
     def connect(self, session: Session, find: FindView) -> None:
         """Let the buttons act: change the session, or search."""

@@ -41,21 +41,36 @@ th:not(:empty) { padding-bottom: 0.15em; }
   --button-bg: var(--mantine-primary-color-filled) !important;
 }
 .mantine-ScrollArea-scrollbar[data-orientation="vertical"] { width: 6px; }
+.uplot:has(> .u-wrap[style*="width: 0px"]) { width: 100%; visibility: hidden; }
+.kalscope-no-map [data-dock-region="right"] { box-sizing: content-box; padding-left: 116px; }
+.kalscope-no-map [data-dock-region="right"] > div { margin-left: -116px; }
+.kalscope-no-map [data-dock-region="right"] > div > div:has([data-dock-column]) { width: 100% !important; }
 div:has(> .kalscope-header) + div { padding-bottom: 3px !important; }
 div:has(> .kalscope-verdict) + div button {
   height: 28px; color: var(--button-bg); background: color-mix(in srgb, var(--button-bg) 12%, transparent);
   border: 1px solid color-mix(in srgb, var(--button-bg) 45%, transparent); }
 [data-mantine-color-scheme="dark"] div:has(> .kalscope-verdict) + div button {
   color: color-mix(in srgb, var(--button-bg) 45%, white); }
+div:has(> div > .kalscope-header) { display: grid; grid-template-columns: 1fr auto; }
+div:has(> div > .kalscope-header) > div { grid-column: 1 / -1; }
+div:has(> div > .kalscope-header) > div:has(> .kalscope-verdict) + div {
+  grid-column: 1; margin-right: 0 !important;
+}
+div:has(> div > .kalscope-header) > div:has(> .kalscope-verdict) + div + div { grid-column: 2; }
+div:has(> .kalscope-verdict) + div + div button { height: 28px; }
+@media (max-width: 1099.98px) { div:has(> .kalscope-verdict) + div + div { display: none; } }
 @media (min-width: 36.01em) {
   .mantine-ScrollArea-viewport:has(.kalscope-header) div:has(div .kalscope-header) { height: 100%; }
-  div:has(> div > .kalscope-header) { display: flex; flex-direction: column; box-sizing: border-box; }
-  div:has(> [data-dock-area]) { flex: 1 1 0; min-height: 0; }
+  div:has(> div > .kalscope-header) { box-sizing: border-box; grid-template-rows: repeat(19, auto) minmax(0, 1fr); }
+  div:has(> [data-dock-area]) { grid-row: 20; min-height: 0; }
   [data-dock-area], [data-dock-area] div:has(.mantine-ScrollArea-root) { height: 100%; min-height: 0 !important; }
 }
 </style>"""
 """viser's markdown has no padding in its tables, centres their heads, sets paragraphs without any space, and
 lets a long path run out of its panel; on a phone a wide table would make all of its panel move sideways.
+
+A chart does not know its width when it is made: it is hidden until it does, and as high as it will be. Without the
+map the chart panel covers the strip of canvas that viser keeps.
 
 The last rules hold the header in sight: every box around it, and around the tab below it, is as high as its panel
 allows, so that only the tab scrolls. The verdict is a word in its colour, not a filled button."""

@@ -12,19 +12,22 @@ LEFT_WIDTH = 345
 RIGHT_WIDTH = 679
 """Width of the chart panel beside the tuning map in a window 1440 px wide, px."""
 
-RIGHT_WIDTH_WITHOUT_MAP = 975
-"""The same without the map, px."""
+RIGHT_WIDTH_WITHOUT_MAP = 965
+"""The same without the map, px: viser keeps a strip of its canvas, which the page covers."""
 
 WINDOW_HEIGHT = 900
 """Height of the window that all heights below hold for, px."""
 
-CHROME_HEIGHT = 258
-"""Height of everything around the three charts of the Signal tab: tab bar, heading, range, legends, gaps; px."""
+CHROME_HEIGHT = 162
+"""Height of everything above and below the charts of the Signal tab: tab bar, range, heading; px."""
+
+FRAME_HEIGHT = 26
+"""Height of what surrounds each chart: its legend and the gap below it, px."""
 
 
-def height_of(share: float) -> int:
-    """Height of a chart that takes this share of what a window has for charts, px."""
-    return round(share * (WINDOW_HEIGHT - CHROME_HEIGHT))
+def height_of(share: float, charts: int = 3) -> int:
+    """Height of one of so many charts that takes this share of what a window has for them, px."""
+    return round(share * (WINDOW_HEIGHT - CHROME_HEIGHT - charts * FRAME_HEIGHT))
 
 
 def gutter(*, dark: bool) -> NDArray[np.uint8]:
@@ -44,14 +47,14 @@ class Panels:
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
         self._dark: bool | None = None
-        self._map_shown = True
+        self._map_shown = False
         self.set_theme(dark=False)
         server.gui.main_panel.dock_left()
         server.gui.main_panel.set_width(LEFT_WIDTH)
         self.right = server.gui.add_panel()
         self.charts = self.right.add_tab("Signal")
         self.right.dock_right()
-        self.right.set_width(RIGHT_WIDTH)
+        self.right.set_width(RIGHT_WIDTH_WITHOUT_MAP)
         self.right.expand()
 
     def set_theme(self, *, dark: bool) -> None:

@@ -11,7 +11,8 @@ let send = () => {};
 const rightWidth = () => {
   const free = innerWidth - sizes.left;
   const map = Math.round(Math.min(sizes.mapShape * innerHeight, Math.max(sizes.minMap, sizes.mapShare * free)));
-  const shown = rightPanel.width === sizes.withMap && free >= 2 * sizes.minMap;
+  const shown = rightPanel.width === sizes.withMap && innerWidth >= sizes.mapFrom;
+  document.documentElement.classList.toggle("kalscope-no-map", !shown);
   return Math.max(300, free - (shown ? map : sizes.noMap));
 };
 
@@ -33,15 +34,16 @@ const tellPhone = (uuid) =>
 const fit = (message) => {
   const { type, uuid, props, updates } = message;
   (props ?? updates)?.series?.forEach?.((series) => (series.value = written));
-  if (type === "GuiUplotMessage") props.cursor = { ...props.cursor, dataIdx: notInGaps };
+  const cursor = (props ?? updates)?.cursor;
+  if (cursor) cursor.dataIdx = notInGaps;
   if (type === "GuiSetPanelWidthMessage" && [sizes.withMap, sizes.withoutMap].includes(message.width)) {
     rightPanel = { ...message };
     message.width = rightWidth();
-  } else if (type === "GuiUplotMessage" && props.cursor?.share) {
-    charts.set(uuid, { height: props.height, share: props.cursor.share });
+  } else if (type === "GuiUplotMessage" && cursor?.share) {
+    charts.set(uuid, { height: props.height, share: cursor.share });
     props.height = chartHeight(charts.get(uuid));
   } else if (type === "GuiUpdateMessage" && charts.has(uuid) && updates.height) {
-    charts.get(uuid).height = updates.height;
+    Object.assign(charts.get(uuid), { height: updates.height, share: cursor?.share ?? charts.get(uuid).share });
     updates.height = chartHeight(charts.get(uuid));
   } else if (type === "GuiCheckboxMessage" && props.label === sizes.phone) {
     phoneCheckboxes.add(uuid);

@@ -32,12 +32,13 @@ SIZES = {
     "left": LEFT_WIDTH + 10,  # px, with the edges that viser adds to both panels
     "withMap": RIGHT_WIDTH,
     "withoutMap": RIGHT_WIDTH_WITHOUT_MAP,
-    "minMap": 340,  # px; there is no map where the charts would be narrower than this
+    "mapFrom": 1100,  # px; a narrower window has no map
+    "minMap": 300,  # px
     "mapShare": 0.38,  # of the width beside the control panel, at most
     "mapShape": 0.5,  # width : height at most
     "noMap": 120,  # px of canvas that viser keeps in any case
     "height": WINDOW_HEIGHT,
-    "minHeight": CHROME_HEIGHT + 400,  # px; lower windows scroll
+    "minHeight": CHROME_HEIGHT + 480,  # px; lower windows scroll
     "typingPause": 900,  # ms without a key after which a complete number counts without Enter
 }
 
