@@ -94,5 +94,5 @@ def test_nothing_is_no_source(spec):
 
 @pytest.mark.parametrize("spec", [r"C:\x.csv", "C:/x.csv", "none.csv", "a:b.csv"])
 def test_all_else_is_a_path(spec):
-    with pytest.raises(BadFile, match="must exist"):
+    with pytest.raises(BadFile, match="file not found"):
         open_source(spec)

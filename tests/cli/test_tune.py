@@ -177,7 +177,7 @@ def test_the_details_say_q_r_and_why(capsys: Captured) -> None:
     assert "q = 1\u202f469 (1e8 m3)²" in out
     assert "r = 15\u202f100 (1e8 m3)²" in out
     assert "how: maximum likelihood" in out
-    assert "lag on a ramp    2.74 years (2.74 samples)" in out
+    assert "lag (delay)      2.74 years (2.74 samples)" in out
     assert "The record allows (95 %): q/r 0.0137 to 0.557" in out
     assert "Compare estimators" in out
     assert "judged on the second: NIS" in out
@@ -247,7 +247,7 @@ def test_momentum_is_found_and_its_gain_and_cost_are_told(moving: Path, capsys: 
     assert run(["tune", str(moving), "--details"]) == 0
     out = capsys.readouterr().out
     assert "momentum           τ = " in out
-    assert "  beyond a step    " in out
+    assert "  overshoot (step) " in out
     assert "all of them look for a signal without momentum" in out
     assert "error of predicting unseen samples is" in " ".join(out.split())
     said = tuned(capsys, str(moving))
@@ -320,7 +320,7 @@ def test_json_of_all_channels_is_one_object(log: Path, capsys: Captured) -> None
 def test_a_filter_too_quick_for_a_cutoff_has_none(log: Path, capsys: Captured) -> None:
     assert tuned(capsys, str(log), "--gain", "0.95")["steady"]["cutoff_hz"] is None
     assert run(["tune", str(log), "--gain", "0.95", "--details"]) == 0
-    assert "−3 dB cut-off    none" in capsys.readouterr().out
+    assert "cut-off (−3 dB)  none" in capsys.readouterr().out
 
 
 # ---- what the user knows and wishes
@@ -363,7 +363,7 @@ def test_an_overshoot_is_met_together_with_the_lag_and_saved(
     assert run(["tune", *asked, "--details"]) == 0
     out = capsys.readouterr().out
     assert "momentum           τ = " in out
-    assert "beyond a step    8.0 %" in out
+    assert "overshoot (step) 8.0 %" in out
     assert "Your choice" not in out
 
 
@@ -742,6 +742,6 @@ def test_a_reading_that_failed_is_named_before_a_sensor_that_is_stuck(lost: Path
     assert run(["tune", str(lost)]) == 0
     out = capsys.readouterr().out
     assert out.startswith("lost.csv: 60 rows, 1 channel, 1.00 Hz; 257 lines rejected: another number of fields\n")
-    assert out.index("81 % of the lines were rejected") < out.index("Next: mend the reading first")
+    assert out.index("81 % of the lines were rejected") < out.index("Next: fix how the file is read first")
     assert run(["tune", str(lost), "-o", str(lost.with_name("t.toml"))]) == 2
     assert "kalscope: 81 % of the lines were rejected, the first is line 62" in capsys.readouterr().err

@@ -26,9 +26,9 @@ def export_command(
     target: Annotated[str, typer.Option("--to", metavar="TARGET", help=f"One of {CHOICES}.")],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Folder to write to; else the main file on stdout."),
+        typer.Option("-o", "--output", metavar="DIR", help="Folder to write to; default: the main file on stdout."),
     ] = None,
-    channel: Annotated[str | None, typer.Option(metavar="NAME", help="Else all channels.")] = None,
+    channel: Annotated[str | None, typer.Option(metavar="NAME", help="Default: all channels.")] = None,
     vectors: Annotated[
         str | None, typer.Option(metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered.")
     ] = None,

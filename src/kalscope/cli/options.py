@@ -85,9 +85,9 @@ def text_option(name: str, text: str) -> Any:
 
 def read_options(
     delimiter: Annotated[
-        str | None, text_option("MARK", "comma, semicolon, tab, bar or space; else detected.")
+        str | None, text_option("MARK", "comma, semicolon, tab, bar or space; default: detected.")
     ] = None,
-    decimal: Annotated[str | None, text_option("MARK", "Decimal mark: point or comma; else detected.")] = None,
+    decimal: Annotated[str | None, text_option("MARK", "Decimal mark: point or comma; default: detected.")] = None,
     header_row: Annotated[
         str | None, text_option("N", "Line with the names, counted from 1; 0: there is none.")
     ] = None,
@@ -101,12 +101,12 @@ def read_options(
         str | None, text_option("UNIT", "Unit of a numeric time column: s, ms, us, ns, min, h, day, year.")
     ] = None,
     time_format: Annotated[
-        str | None, text_option("FORMAT", 'How a stamp is written, such as "%d.%m.%Y %H:%M:%S".')
+        str | None, text_option("FORMAT", 'How a time stamp is written, such as "%d.%m.%Y %H:%M:%S".')
     ] = None,
     day_first: Annotated[
         bool | None, typer.Option("--day-first/--month-first", help="03/04/2025: 3 April, or March 4.")
     ] = None,
-    rate: Annotated[str | None, text_option("HZ", "Sample rate, in place of that of the stamps.")] = None,
+    rate: Annotated[str | None, text_option("HZ", "Sample rate; replaces that of the time stamps.")] = None,
     missing: Annotated[
         list[str] | None, text_option("VALUE", 'A value that means "no sample", such as -200; may be repeated.')
     ] = None,

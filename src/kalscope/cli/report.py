@@ -24,14 +24,16 @@ def report_command(
         Path, typer.Option("-o", "--output", metavar="FILE", help="Write to this file: .html or .png.")
     ],
     channel: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Else the one that was on the screen.")
+        str | None, typer.Option(metavar="NAME", help="Default: the one that was on screen.")
     ] = None,
     momentum: Annotated[
         float | None, number_option("In sample periods, in place of that of --config; q and r stay.", number)
     ] = None,
     overshoot: Annotated[
         float | None,
-        number_option("Allowed percent beyond a step: gives momentum and q, at the lag of --config.", percentage),
+        number_option(
+            "Allowed overshoot of a step, percent: sets momentum and q at the lag of --config.", percentage
+        ),
     ] = None,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,

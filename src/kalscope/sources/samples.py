@@ -31,7 +31,7 @@ def sample_data_dir() -> Path:
     for folder in (package / "sample_data", package.parents[1] / "sample_data"):
         if folder.is_dir():
             return folder
-    raise BadFile(f"sample_data must be installed with kalscope (got nothing beside {package})")
+    raise BadFile(f"the sample recordings are not installed: no folder sample_data beside {package}")
 
 
 def list_samples() -> list[Sample]:

@@ -85,7 +85,7 @@ def read_text(path: str | os.PathLike[str]) -> str:
             data = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or error
-        raise BadFile(f"a tuning file must be readable (got: {reason})") from None
+        raise BadFile(f"cannot read the tuning file: {reason}") from None
     if len(data) > MAX_BYTES:
         raise BadFile(f"a tuning file must hold at most {MAX_BYTES} bytes (got more)")
     try:

@@ -224,5 +224,5 @@ def test_nothing_is_written_outside_the_folder_or_under_an_odd_name(shared, gues
         guest.read_until(lambda: re.search(f"{heading}|Something went wrong", "".join(guest.notices)))
         told = "".join(guest.notices)
         assert heading in told, (i, path)
-        assert "must be connected" not in told, (i, path)
+        assert "is not connected" not in told, (i, path)
     assert files_around(folder.parent) == before

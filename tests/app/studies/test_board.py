@@ -155,5 +155,5 @@ def test_a_live_board_is_no_file_to_filter(state):
 
 def test_sending_without_a_connected_board_is_refused():
     view = BoardView(MagicMock(), MagicMock(), MagicMock(), MagicMock(), BoardConnection(MagicMock()))
-    with pytest.raises(BadSetting, match="must be connected"):
+    with pytest.raises(BadSetting, match="no board is connected"):
         view._send(SimpleNamespace(live=None))

@@ -71,7 +71,7 @@ def test_only_the_named_parquet_file_is_read(tmp_path, name):
 def test_a_damaged_parquet_file_is_refused(tmp_path):
     path = tmp_path / "log.parquet"
     path.write_bytes(b"PAR1" + bytes(200) + b"PAR1")
-    with pytest.raises(BadFile, match="must be a Parquet file that is whole"):
+    with pytest.raises(BadFile, match="cannot be read as a Parquet file"):
         read_recording(path)
 
 

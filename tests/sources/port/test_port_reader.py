@@ -255,7 +255,7 @@ def test_the_words_of_both_causes_name_both(tmp_path):
         (FileNotFoundError(errno.ENOENT, "No such file"), "is not plugged in"),
         (PermissionError(errno.EACCES, "Permission denied"), "dialout"),
         (OSError(errno.EBUSY, "Device or resource busy"), "in use by another program"),
-        (ValueError("Invalid baud rate: 3"), "takes 115200 baud"),
+        (ValueError("Invalid baud rate: 3"), "opened at 115200 baud"),
     ],
 )
 def test_a_port_that_does_not_open_says_what_to_do(error, words):
@@ -264,7 +264,7 @@ def test_a_port_that_does_not_open_says_what_to_do(error, words):
 
 def test_a_file_is_no_port(tmp_path):
     (tmp_path / "log.csv").write_text("1\n")
-    with pytest.raises(BadDevice, match="must be a serial port"):
+    with pytest.raises(BadDevice, match="cannot be opened at"):
         SerialPort(PortSpec("x"), str(tmp_path / "log.csv"))
 
 

@@ -353,7 +353,7 @@ def test_a_recording_is_never_overwritten_and_a_free_name_is_proposed(tmp_path):
 
 def test_rejects_of_another_recording_are_not_mixed_with_ours(tmp_path):
     (tmp_path / "run.rejects").write_text("theirs")
-    with pytest.raises(BadFile, match="taken"):
+    with pytest.raises(BadFile, match="exists already"):
         new_recorder(tmp_path / "run.csv")
     with pytest.raises(BadFile, match=r"\.rejects"):
         new_recorder(tmp_path / "other.rejects")
@@ -372,7 +372,7 @@ def test_a_part_never_takes_the_name_of_another_file(tmp_path):
 @pytest.mark.parametrize("name", ["file/run.csv", "missing/run.csv", "nul\0.csv"])
 def test_where_no_file_can_be_written_that_is_said_at_once(tmp_path, name):
     (tmp_path / "file").write_text("")
-    with pytest.raises(BadFile, match="where a file can be written"):
+    with pytest.raises(BadFile, match="cannot write the recording"):
         new_recorder(tmp_path / name)
 
 
@@ -577,7 +577,7 @@ def test_a_recording_that_is_deleted_under_way_is_said_so(tmp_path):
         if recorder.error:
             break
         time.sleep(0.005)
-    assert recorder.error == "run.csv was deleted while it is recorded"
+    assert recorder.error == "run.csv was deleted while recording"
     recorder.close()
 
 
@@ -592,7 +592,7 @@ def test_less_than_five_minutes_of_room_is_a_warning(tmp_path, monkeypatch):
     room[0] = 100_000  # at some 1 kB/s
     clock.now += 1.0
     hand_over(recorder, b"1,2\n", at=clock.now)
-    assert recorder.warning.startswith("the disk has room for 1.")
+    assert recorder.warning.startswith("the disk has space left for 1.")
     recorder.close()
 
 
@@ -713,7 +713,7 @@ def test_a_recording_in_progress_cannot_be_resumed_by_another(tmp_path):
 
 
 def test_only_a_recording_can_be_resumed(tmp_path):
-    with pytest.raises(BadFile, match="must exist"):
+    with pytest.raises(BadFile, match=r"there is no recording .* to resume"):
         Recorder(tmp_path / "none.csv", source="test", started=0.0, wall=0.0, resume=True)
     (tmp_path / "mine.csv").write_text("time,a\n1,2")
     with pytest.raises(BadFile, match="must begin with"):

@@ -149,7 +149,7 @@ def test_where_the_tail_cannot_be_kept_nothing_is_cut(tmp_path, recorded):
     path = tmp_path / "run.csv"
     path.write_bytes(recorded[:-5])
     (tmp_path / "run.torn").mkdir()
-    with pytest.raises(BadFile, match="repaired"):
+    with pytest.raises(BadFile, match="cannot repair"):
         repair(path)
     assert path.read_bytes() == recorded[:-5]
 

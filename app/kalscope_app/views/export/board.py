@@ -49,7 +49,7 @@ class BoardView:
     def _send(self, state: State) -> None:
         source = self._connection.source
         if source is None or state.live is None or not self._connection.is_connected(state.live.board):
-            raise BadSetting("a board must be connected before values are sent to it (got none)")
+            raise BadSetting("no board is connected: connect one in the Source tab first")
         self._session.request(set_sent(None))  # of three values some may arrive and some not
         sent = send_setting(state, source)
         self._session.request(set_sent(sent))

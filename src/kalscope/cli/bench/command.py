@@ -53,7 +53,7 @@ def bench_command(
     as_json: Annotated[bool, typer.Option("--json", help="Print the rows as JSON.")] = False,
     samples: Annotated[
         int | None,
-        typer.Option(metavar="N", parser=sample_count, help="Length of the long record; else 10 million."),
+        typer.Option(metavar="N", parser=sample_count, help="Length of the long record; default: 10 million."),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Less work and fewer turns, rougher figures.")] = False,
 ) -> None:

@@ -171,7 +171,9 @@ def demo_board_command(
             "--socket", metavar="PORT", help="A socket on 127.0.0.1 instead of a pseudo-terminal; 0 = any free one."
         ),
     ] = None,
-    rate: Annotated[float | None, number_option("Lines per second; else as SOURCE was sampled.", number)] = None,
+    rate: Annotated[
+        float | None, number_option("Lines per second; default: as SOURCE was sampled.", number)
+    ] = None,
     form: Annotated[
         str,
         typer.Option("--format", metavar="FORMAT", help="labels (name:value,…) or csv (a header, then values)."),

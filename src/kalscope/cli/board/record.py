@@ -29,7 +29,9 @@ POLL_INTERVAL_S = 0.1
 def record_command(
     port: Annotated[
         str,
-        typer.Argument(metavar="PORT", help='"/dev/ttyACM0", "COM3@9600", "socket://host:port"; 115200 baud else.'),
+        typer.Argument(
+            metavar="PORT", help='"/dev/ttyACM0", "COM3@9600", "socket://host:port"; default 115200 baud.'
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.csv", help="A new file to record into.")],
     seconds: Annotated[float | None, number_option("Stop after this many seconds.")] = None,
@@ -38,7 +40,8 @@ def record_command(
         bool, typer.Option("--resume", help="Continue FILE.csv, a recording that ended or that a crash cut short.")
     ] = False,
     no_reconnect: Annotated[
-        bool, typer.Option("--no-reconnect", help="Stop when the board disconnects, status 2; else wait for it.")
+        bool,
+        typer.Option("--no-reconnect", help="Stop with status 2 when the board disconnects; default: wait for it."),
     ] = False,
     no_reset: Annotated[
         bool, typer.Option("--no-reset", help="Keep DTR and RTS low, so that an Arduino does not restart.")
@@ -65,7 +68,7 @@ def record_command(
     with suppress(OSError):  # the terminal may be gone: the recording is whole all the same
         print(summary(recorder), flush=True)
     if disconnected:
-        raise BadDevice(f"{spec.text} must stay connected with --no-reconnect (got: {disconnected})")
+        raise BadDevice(f"recording ended, because {spec.text} disconnected ({disconnected})")
     if recorder.counts.unwritable:
         raise typer.Exit(CHECK_FAILED)
 

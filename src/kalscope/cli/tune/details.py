@@ -74,12 +74,12 @@ def _meaning(answer: Answer) -> Iterator[str]:
 
 def _steady_lines(steady: SteadyState, params: FilterParams, period: float | None) -> Iterator[str]:
     yield f"  gain             {number(scalar(steady.gain))}"
-    yield f"  lag on a ramp    {lag_in_full(scalar(steady.lag_samples), period)}"
+    yield f"  lag (delay)      {lag_in_full(scalar(steady.lag_samples), period)}"
     if overshoot := scalar(steady.overshoot):
-        yield f"  beyond a step    {percent(overshoot)}"
+        yield f"  overshoot (step) {percent(overshoot)}"
     yield f"  noise reduction  {decibels(scalar(steady.noise_reduction_db))}"
-    yield f"  −3 dB cut-off    {_cutoff(params, period)}"
-    yield f"  step to 1 %      {lag_in_full(scalar(steady.settle_samples), period)}"
+    yield f"  cut-off (−3 dB)  {_cutoff(params, period)}"
+    yield f"  settling to 1 %  {lag_in_full(scalar(steady.settle_samples), period)}"
 
 
 def _cutoff(params: FilterParams, period: float | None) -> str:

@@ -81,14 +81,15 @@ def tune_options(
     method: Annotated[
         str | None, typer.Option(metavar="NAME", help="ml (default), em, moments, als or allan.")
     ] = None,
-    lag_ms: Annotated[float | None, number_option("Wanted: lag behind a ramp, ms.")] = None,
-    cutoff_hz: Annotated[float | None, number_option("Wanted: −3 dB frequency, Hz.")] = None,
-    noise_reduction_db: Annotated[float | None, number_option("Wanted: white noise less, dB.")] = None,
-    gain: Annotated[float | None, number_option("Wanted: steady gain, 0 to 1.")] = None,
+    lag_ms: Annotated[float | None, number_option("Target: largest lag behind a slope, ms.")] = None,
+    cutoff_hz: Annotated[float | None, number_option("Target: −3 dB frequency, Hz.")] = None,
+    noise_reduction_db: Annotated[float | None, number_option("Target: reduction of white noise, dB.")] = None,
+    gain: Annotated[float | None, number_option("Target: steady gain, 0 to 1.")] = None,
     overshoot: Annotated[
-        float | None, number_option("Allowed with one of these: percent beyond a step; gives momentum.", percentage)
+        float | None,
+        number_option("With one of these: allowed overshoot of a step, percent; sets momentum.", percentage),
     ] = None,
-    ratio: Annotated[float | None, number_option("Wanted: q/r, such as 0.01; r is estimated.")] = None,
+    ratio: Annotated[float | None, number_option("Target: q/r, such as 0.01; r is estimated.")] = None,
     still: Annotated[
         str | None,
         typer.Option(
@@ -107,12 +108,14 @@ def tune_options(
         ),
     ] = None,
     gate: Annotated[
-        float | None, number_option('Outlier gate on v²/s, such as 16, or "off"; else as found.', number_or("off"))
+        float | None,
+        number_option('Outlier gate on v²/s, such as 16, or "off"; default: as found.', number_or("off")),
     ] = None,
     robust: Annotated[
         bool | None,
         typer.Option(
-            "--robust/--no-robust", help="Set spikes aside before the fit, or never; else where there are any."
+            "--robust/--no-robust",
+            help="Always or never set spikes aside before the fit; default: where there are any.",
         ),
     ] = None,
 ) -> TuneOptions:

@@ -87,7 +87,7 @@ def _allowed(answer: Answer) -> str:
 def _next(answer: Answer, recording: Recording) -> Iterator[str]:
     """What to do, most urgent first: with a pair at least that it can be kept, without one a filter to choose."""
     if answer.found.params is None and account.warnings(recording):
-        yield "Next: mend the reading first; the rest holds for the samples that could be read"
+        yield "Next: fix how the file is read first; the rest holds for the samples that could be read"
     advice = answer.judgement.advice
     for one in advice:
         option = option_for(one.action, answer, recording)

@@ -123,7 +123,7 @@ def read_container(
         raise
     except Exception as error:  # a damaged file may raise anything in a library
         said = one_line(str(error))[:120] or type(error).__name__
-        raise BadFile(f"{name} must be {container.kind} that is whole (got: {said})") from None
+        raise BadFile(f"{name} cannot be read as {container.kind}: {said}") from None
 
 
 def storage_of(path: Path) -> Path:

@@ -56,9 +56,7 @@ class CommandChannel:
     def _reply(self, timeout: float) -> tuple[str, ...]:
         with self._replied:
             if not self._replied.wait_for(lambda: bool(self._replies), timeout):
-                raise BadDevice(
-                    f"the board must answer with a line that begins with # (got nothing in {timeout:g} s)"
-                )
+                raise BadDevice(f"the board did not answer within {timeout:g} s: is the exported sketch on it?")
             known = 0
             while len(self._replies) > known:
                 known = len(self._replies)

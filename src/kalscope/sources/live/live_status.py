@@ -83,9 +83,9 @@ def hint_of(state: PortState, spec: PortSpec, *, noise: bool, accepted: int, rec
     if state.reason:
         return state.reason
     if noise:
-        return f"wrong baud rate? What comes is no text ({spec.baud} baud is set)"
+        return f"the data are not text: is {spec.baud} the right baud rate?"
     if state.word == "connected" and received > _MIN_LINES_JUDGED and not accepted:
-        return "lines come, but none holds numbers"
+        return "lines arrive, but none has numbers"
     return ""
 
 

@@ -126,7 +126,7 @@ def open_failure_reason(spec: PortSpec, device: str, error: BaseException) -> st
         return _refusal_reason(device)
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
         return f"port {device} is in use by another program{_held_by(device)}"
-    return f"port {device} must be a serial port that takes {spec.baud} baud (got {_short(text)})"
+    return f"port {device} cannot be opened at {spec.baud} baud ({_short(text)})"
 
 
 def _refusal_reason(device: str) -> str:

@@ -131,11 +131,11 @@ class PortReader:
         with self._write_lock:
             port = self._port
             if port is None:
-                raise BadDevice(f"port {self._state.device} must be connected (got {self._state.word})")
+                raise BadDevice(f"port {self._state.device} is not connected ({self._state.word})")
             try:
                 port.write(data)
             except DISCONNECT_ERRORS as error:
-                raise BadDevice(f"port {self._state.device} must take what is sent (got {error})") from error
+                raise BadDevice(f"cannot write to port {self._state.device} ({error})") from error
 
     def release(self, received: BytesReceived) -> None:
         """Note that these bytes no longer occupy the queue."""
@@ -173,7 +173,7 @@ class PortReader:
         port = self._open_port(self.spec, device)
         if stop.is_set():  # closed, or started again, in the meantime
             port.close()
-            raise BadDevice(f"port {device} must be wanted (got a connection after it was given up)")
+            raise BadDevice(f"port {device} was closed before it had opened")
         if not self.spec.is_url and not self._serial_number:
             real = os.path.realpath(device)
             found = [info for info in list_ports() if info.device in (device, real)]

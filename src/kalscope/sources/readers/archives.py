@@ -51,7 +51,7 @@ def _gunzip(file: BinaryIO, name: str) -> Iterator[bytes]:
             while piece := stream.read(_CHUNK):
                 yield piece
     except (OSError, EOFError, zlib.error) as error:
-        raise BadFile(f"{name} must be a whole gzip archive (got: {error})") from None
+        raise BadFile(f"{name} cannot be read as a gzip archive: {error}") from None
 
 
 def _unzstandard(file: BinaryIO, name: str) -> Iterator[bytes]:
@@ -70,6 +70,6 @@ def _unzstandard(file: BinaryIO, name: str) -> Iterator[bytes]:
                 if packed:  # archives may be joined
                     frame = zstandard.ZstdDecompressor().decompressobj()
     except zstandard.ZstdError as error:
-        raise BadFile(f"{name} must be a whole Zstandard archive (got: {error})") from None
+        raise BadFile(f"{name} cannot be read as a Zstandard archive: {error}") from None
     if not frame.eof:
-        raise BadFile(f"{name} must be a whole Zstandard archive (got one that is cut short)")
+        raise BadFile(f"{name} cannot be read as a Zstandard archive: it is cut short")

@@ -85,17 +85,17 @@ def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
         try:
             raw = _open_raw(path, Path(folder) / "content", beside, left, progress)
         except FileNotFoundError:
-            raise BadFile(f"file must exist (got {str(path)!r})") from None
+            raise BadFile(f"file not found: {str(path)!r}") from None
         except (OSError, ValueError) as error:  # ValueError: a NUL in the name
             if isinstance(error, BadFile):
                 raise
             reason = getattr(error, "strerror", None) or error
-            raise BadFile(f"file must be readable (got {str(path)!r}: {reason})") from None
+            raise BadFile(f"cannot read {str(path)!r}: {reason}") from None
         try:
             yield raw
         except OSError as error:  # a drive that was pulled out
             reason = error.strerror or error
-            raise BadFile(f"file must stay readable while it is read (got {str(path)!r}: {reason})") from None
+            raise BadFile(f"reading {str(path)!r} failed midway: {reason}") from None
 
 
 def _open_raw(path: Path, target: Path, beside: Executor, left: Event, progress: Progress) -> RawFile:

@@ -158,7 +158,7 @@ class AppendFile:
             try:
                 _fdatasync(self._fd)
                 gone = os.fstat(self._fd).st_nlink == 0
-                self.sync_error = f"{self.path.name} was deleted while it is recorded" if gone else ""
+                self.sync_error = f"{self.path.name} was deleted while recording" if gone else ""
             except OSError as error:
                 self._dirty = True  # sync once more
                 self.sync_error = f"the disk did not confirm what was written ({error.strerror or error})"
@@ -222,7 +222,9 @@ class AppendFile:
         full = error.errno in _FULL
         self._kind = "disk full" if full else "write error"
         reason = _FULL[error.errno] if full and error.errno else error.strerror or str(error)
-        self.error = f"{reason}: {self.path.name} waits for room" if full else f"{self.path.name}: {reason}"
+        self.error = (
+            f"{reason}: lines for {self.path.name} wait in memory" if full else f"{self.path.name}: {reason}"
+        )
         self._retry_at = now + RETRY_S
 
 

@@ -63,16 +63,13 @@ def check_free(path: Path) -> None:
 
 def taken(path: Path) -> BadFile:
     """The error of a name that is taken."""
-    return BadFile(
-        f"a recording must have a name that is free, such as {free_path(path).name!r} (got {path.name!r}, which is"
-        " taken)"
-    )
+    return BadFile(f"{path.name!r} exists already: choose another name, such as {free_path(path).name!r}")
 
 
 def unwritable(path: Path, error: Exception) -> BadFile:
     """The error of a file that cannot be created or opened."""
     reason = getattr(error, "strerror", None) or str(error)
-    return BadFile(f"a recording must go where a file can be written (got {str(path)!r}: {reason})")
+    return BadFile(f"cannot write the recording {str(path)!r}: {reason}")
 
 
 def continues_line(before: Path) -> str:
@@ -87,7 +84,7 @@ def existing_parts(path: Path) -> list[Path]:
         BadFile: not even the first does, or one cannot be read.
     """
     if not path.is_file():
-        raise BadFile(f"a recording to resume must exist (got {str(path)!r})")
+        raise BadFile(f"there is no recording {str(path)!r} to resume")
     parts = [path]
     for n in count(2):
         part = part_path(path, n)

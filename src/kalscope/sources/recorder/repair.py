@@ -73,7 +73,7 @@ def repair(path: Path) -> RepairReport:
             os.fsync(file.fileno())
             return RepairReport(kept, size - kept, torn)
     except OSError as error:
-        raise BadFile(f"{path.name} must be a recording that can be repaired (got: {error.strerror})") from None
+        raise BadFile(f"cannot repair the recording {path.name}: {error.strerror}") from None
 
 
 def read_ends(path: Path) -> RecordingEnds:
