@@ -329,9 +329,9 @@ def test_the_rate_of_a_file_can_be_overruled_and_given_back(tmp_path):
     assert set_sample_period("")(set_sample_period("0.5")(typed)).recording is read.recording
     session = Session(read)
     session.request(set_sample_period("0.02"))
-    assert session.apply_due_requests()[0].recording.sample_period == 0.02
+    assert session.apply_requests()[0].recording.sample_period == 0.02
     session.request(undo)
-    assert session.apply_due_requests()[0].recording is read.recording
+    assert session.apply_requests()[0].recording is read.recording
 
 
 def test_a_tuning_brings_its_period_to_a_recording_without_time():

@@ -37,11 +37,11 @@ def test_a_file_that_was_saved_comes_back_and_can_be_undone(state, file):
     content, expected = file
     session = Session(state)
     session.request(use_settings(uploaded_settings("mine.toml", content), "mine.toml"))
-    loaded = session.apply_due_requests()[0]
+    loaded = session.apply_requests()[0]
     assert loaded.settings.tunings == expected
     assert loaded.answers.note == "Loaded mine.toml."
     session.request(undo)
-    assert session.apply_due_requests()[0].settings == state.settings
+    assert session.apply_requests()[0].settings == state.settings
 
 
 def test_it_leaves_the_filter_of_a_paper(state, file):

@@ -95,9 +95,9 @@ def test_from_a_file_to_a_board_and_to_its_recording(tuned):
 def test_undo_goes_back_to_the_former_recording(tuned):
     session = Session(tuned)
     session.request(lambda state: opened(recording("second.csv"), state))
-    assert session.apply_due_requests()[0].recording.title == "second.csv"
+    assert session.apply_requests()[0].recording.title == "second.csv"
     session.request(undo)
-    back = session.apply_due_requests()[0]
+    back = session.apply_requests()[0]
     assert (back.recording, back.settings) == (tuned.recording, tuned.settings)
 
 
