@@ -12,7 +12,8 @@ import pytest
 from kalscope import FilterParams, diagnose_held_out, estimate, kalman_filter
 from kalscope.analysis import actions
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.analysis.judgement import HEADLINES, WORDS, advice_words, judge, needs_noise
+from kalscope.analysis.headlines import HEADLINES, WORDS
+from kalscope.analysis.judgement import advice_words, judge, needs_noise
 from kalscope.estimation.finding import Request
 
 N = 2000
@@ -135,7 +136,7 @@ def test_the_judgement_does_not_depend_on_the_unit():
 
 
 def test_every_status_has_its_words():
-    said = {"fits", "too_few", "no_pair"}
+    said = {"fits", "too_few", "no_pair", "band", "as_chosen"}
     assert set(HEADLINES) | said == set(get_args(actions.Status))
     assert set(WORDS) == set(get_args(actions.Status))
     assert all(0 < len(word) <= 16 for word, _ in WORDS.values())
@@ -186,8 +187,11 @@ def test_other_methods_are_quoted_only_where_the_residuals_fit():
 def test_what_was_chosen_is_not_undone():
     found = residuals(walk(), FilterParams(1.0, 1.0))
     one = judge(found, request=Request(target={"lag_s": 0.05}))
-    assert one.advice[0].text.startswith("by the record a lag of 50 ms is too fast: q/r about 70 × smaller")
-    assert one.advice[0].action is None
+    assert (one.status, one.word, one.tone, one.advice) == ("as_chosen", "as chosen", "note", ())
+    assert one.headline == (
+        "You chose a lag of 50 ms. The best statistical fit would smooth more (q about 70 × smaller), so noise "
+        "that it would remove stays."
+    )
 
 
 def test_a_filter_that_starts_from_a_spike_is_not_called_a_change_of_the_noise():

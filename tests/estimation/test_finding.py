@@ -148,7 +148,7 @@ def test_the_words_for_the_tuning_file_name_what_decided() -> None:
     assert how() == "maximum likelihood"
     assert how(target={"lag_s": 0.1}) == "a lag of 100 ms"
     assert how(target={"cutoff_hz": 2.5}, noise=Noise(sigma=1.0)) == (
-        "its −3 dB cut-off at 2.5 Hz, r from the data sheet"
+        "a −3 dB cut-off at 2.5 Hz, r from the data sheet"
     )
     assert how(noise=Noise(still=(0, 60))) == "r from a still stretch, q by maximum likelihood"
     assert how(ratio=0.01) == "q/r = 0.01, r by maximum likelihood"

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.analysis.fit.goal import request_in
 from kalscope.analysis.judgement import Judgement, judge, needs_noise
 from kalscope.common.array import Array
 from kalscope.estimation.agreement.words import disagreement
@@ -76,7 +77,7 @@ def _of_filter(
         held_out,
         estimate,
         disagreement(answers.method_comparison, tuning.momentum) if answers.method_comparison else "",
-        request=None if outcome is None else outcome.request,  # which a gate or a start leaves true
+        request=request_in(tuning.how, tuning.r) if outcome is None else outcome.request,
         still=still(state) if needs_noise(estimate) else None,
         unit=state.recording.units[state.index],
     )

@@ -21,7 +21,7 @@ Status = Literal[
     "too_slow",
     "too_fast",
     "band",
-    "edge",
+    "as_chosen",
     "structure",
     "changes",
     "steps",
@@ -31,11 +31,11 @@ Status = Literal[
     "no_pair",
 ]
 """What is said first: "fits"; "rounded", more coarsely than the noise; "vague", the record leaves q/r open;
-"too_few" or "constant", nothing to judge; "start", the given x0 is off; "spikes", isolated ones; "bursts", too many
-to be outliers; "too_slow" or "too_fast"; "band", q and r wrong by one factor; "edge", q = 0 or r = 0 does not fit;
-"structure", the model does not describe the signal; "changes", its errors change during the record; "steps", it
-jumps; "gate", the gate refuses too much; "shape", its errors are not normal; "methods_differ"; "no_pair",
-there is no q and r to judge."""
+"too_few" or "constant", nothing to judge; "start", the given x0 is off; "spikes", isolated ones; "bursts", too
+many to be outliers; "too_slow" or "too_fast"; "band", q and r wrong by one factor; "as_chosen", the best fit is
+another filter than the chosen one; "structure", the model does not describe the signal; "changes", its errors
+change during the record; "steps", it jumps; "gate", the gate refuses too much; "shape", its errors are not
+normal; "methods_differ"; "no_pair", there is no q and r to judge."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class Scale:
     """Multiply q and r."""
 
     q_factor: float
-    """Factor for q, 0.001 … 1000; 1 = keep."""
+    """Factor for q, 1e-12 … 1e12; 1 = keep."""
     r_factor: float
-    """Factor for r, 0.001 … 1000; 1 = keep."""
+    """Factor for r, 1e-12 … 1e12; 1 = keep."""
 
 
 @dataclass(frozen=True)

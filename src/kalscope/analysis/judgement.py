@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
-from typing import Literal
 
-import numpy as np
-
-from kalscope.analysis.actions import (
-    Advice,
-    ChooseFilter,
-    EstimateAgain,
-    GiveNoise,
-    RecordLonger,
-    Status,
-    UseStillStretch,
-)
+from kalscope.analysis.actions import Advice, ChooseFilter, GiveNoise, Status, UseStillStretch, as_sentences
 from kalscope.analysis.diagnostics import Diagnostics
-from kalscope.analysis.fit.correction import MIN_FACTOR, MIN_SAMPLES
+from kalscope.analysis.fit.correction import MIN_SAMPLES
 from kalscope.analysis.fit.findings import Findings
-from kalscope.analysis.fit.words import CHOOSE, NO_FAULT, Finding, Known, findings_in_words
-from kalscope.analysis.residual_tests import dot
+from kalscope.analysis.fit.goal import Choice, Finding
+from kalscope.analysis.fit.words import CHOOSE, NO_FAULT, Known, findings_in_words
+from kalscope.analysis.headlines import HEADLINES, NO_PAIR, NO_PAIR_HEADLINES, WORDS, Tone
+from kalscope.analysis.held_out import halves_differ, held_out_clause, small_misfit
 from kalscope.common.text import count, number
 from kalscope.estimation.finding import Request
 from kalscope.estimation.result import Estimate
@@ -33,58 +23,6 @@ MAX_ADVICE = 2
 FEW = 100
 """Residuals below which only gross misfits show."""
 
-CERTAIN = 4.0
-"""Standard errors by which the second half must differ before it is said."""
-
-BLOCKS = 16
-"""Blocks of the second half from whose scatter the standard error of its mean v²/s comes."""
-
-Tone = Literal["good", "note", "bad"]
-"""How a judgement sounds: nothing to correct; something to know; something that should be corrected."""
-
-WORDS: dict[Status, tuple[str, Tone]] = {
-    "fits": ("fits", "good"),
-    "rounded": ("coarse steps", "note"),
-    "vague": ("any ratio fits", "note"),
-    "too_few": ("too few samples", "note"),
-    "constant": ("constant signal", "note"),
-    "start": ("wrong start", "bad"),
-    "spikes": ("spikes", "bad"),
-    "bursts": ("noise bursts", "note"),
-    "too_slow": ("too slow", "bad"),
-    "too_fast": ("too fast", "bad"),
-    "band": ("wrong band", "bad"),
-    "edge": ("variance is 0", "bad"),
-    "structure": ("model misfit", "note"),
-    "changes": ("noise changes", "note"),
-    "steps": ("signal steps", "note"),
-    "gate": ("gate too narrow", "bad"),
-    "shape": ("unusual noise", "note"),
-    "methods_differ": ("methods differ", "note"),
-    "no_pair": ("no result", "bad"),
-}
-"""One or two plain words for each status, and their tone."""
-
-HEADLINES: dict[Status, str] = {
-    "start": "The filter starts too far from the signal.",
-    "spikes": "The record has spikes, which the filter takes for signal.",
-    "bursts": "Large errors are too many, or too close together, for single outliers.",
-    "too_slow": "The filter is too slow for this record.",
-    "too_fast": "The filter is too fast for this record: it lets through noise that could be removed.",
-    "band": "q and r are wrong by one factor: the band is wrong, but no other ratio fits better.",
-    "edge": "With a variance of 0 this filter does not fit the record.",
-    "structure": "The record holds more than the model describes.",
-    "changes": "The record changes as it goes on: one pair cannot fit all of it.",
-    "gate": "The outlier gate refuses more than single outliers.",
-    "shape": "The errors of the filter are far from normally distributed.",
-    "steps": "The signal steps: no q both follows the steps and smooths well between them.",
-    "constant": "The signal is constant: there is nothing to judge the filter by.",
-    "rounded": "The readings are rounded more coarsely than their noise, or held.",
-    "vague": "The filter fits, and so does any other q/r: the record cannot tell them apart.",
-    "methods_differ": "Predictions one sample ahead fit, but other methods of estimation contradict the model.",
-}
-"""What each status says of the record; the others hold a number or quote the estimate."""
-
 ROUNDED: Finding = ("rounded", Advice("for a smaller r, let the sensor give finer steps"))
 """All that is said where r is a floor that the residuals need not reach."""
 
@@ -93,28 +31,6 @@ FIRST_IS_SPIKE: Finding = (
     Advice("leave the first sample out of the record: it is a spike, and the filter takes it for the signal"),
 )
 """All that is said where the filter has to find its way back from a spike: its residuals show mostly that."""
-
-NO_PAIR_HEADLINES = {
-    "no_noise": "No noise can be identified: every change looks like movement.",
-    "no_movement": "No movement can be identified: a constant plus noise explains this record best.",
-}
-"""Headlines of verdicts whose message begins with something else, such as spikes."""
-
-NO_PAIR: dict[str, tuple[Advice, ...]] = {
-    "no_noise": (
-        Advice("take r from a still stretch or the data sheet", GiveNoise()),
-        Advice("choose the lag or the cut-off that you can accept", ChooseFilter()),
-    ),
-    "no_movement": (
-        Advice("keep this r and choose the lag or the cut-off that you can accept", ChooseFilter()),
-        Advice("record while the signal moves", RecordLonger(0)),
-    ),
-    "too_few": (Advice("record longer", RecordLonger(8)),),
-    "constant": (Advice("record while the signal moves, or take r from the data sheet", GiveNoise()),),
-    "irregular": (Advice("estimate by maximum likelihood, which takes irregular sampling", EstimateAgain()),),
-    "too_many_outliers": (Advice("choose the lag or the cut-off that you can accept", ChooseFilter()),),
-}
-"""What to do where the estimate gives no pair, by its verdict."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +46,7 @@ class Judgement:
     held_out: str = ""
     """What the second half says of a pair that has not seen it, one clause; "" where that was not possible."""
     word: str = ""
-    """The judgement in one or two words, such as "fits", "too slow", "as chosen"; `judge` always gives it."""
+    """The judgement in one to three words, such as "fits", "too slow", "as chosen"; `judge` always gives it."""
     tone: Tone = "note"
     """"good", nothing to correct; "note", something to know; "bad", something that should be corrected."""
 
@@ -158,8 +74,6 @@ def judge(
         unit: of the record, "" where unknown; the step of a sensor that rounds is named in it.
     """
     one = _judged(residuals, held_out, estimate, disagreement, request)
-    word, tone = WORDS[one.status]
-    one = replace(one, word=word, tone=tone)
     if one.status == "rounded" and estimate is not None and _noise_is_below_step(estimate):
         one = replace(one, headline=below_step(float(estimate.resolution), unit))
     return one if still is None else replace(one, advice=tuple(_from_still(advice, still) for advice in one.advice))
@@ -192,12 +106,12 @@ def _judged(
     """The judgement of a record in which no still stretch is known."""
     if residuals is None:
         return _without_pair(estimate)
-    chosen = "" if request is None else request.goal
+    choice = Choice.of(request)
     known = Known(
-        estimated=estimate is not None and not chosen,
+        estimated=estimate is not None and not choice.goal,
         robust=estimate is not None and getattr(estimate, "outliers", None) is not None,
         momentum_searched=request is not None and request.checked_momentum() is None,
-        chosen=chosen,
+        choice=choice,
     )
     if held_out is not None and held_out.n < MIN_SAMPLES:
         held_out = None
@@ -206,37 +120,70 @@ def _judged(
         said = [FIRST_IS_SPIKE]
     else:
         said = [ROUNDED] if rounded else findings_in_words(residuals.findings, known)
-    halves = "" if held_out is None else _held_out_clause(held_out)
+    halves = "" if held_out is None else held_out_clause(held_out)
     if not said:
-        said = _beyond_residuals(held_out, estimate, disagreement)
-    advice = tuple(advice for _, advice in said[:MAX_ADVICE])
-    status = said[0][0] if said else "fits"
-    return Judgement(status, _headline(status, residuals.findings), advice, halves)
+        said = _beyond_residuals(held_out, estimate, "" if choice.goal else disagreement)
+    if not said:
+        return _without_misfit(residuals, held_out, choice, halves)
+    status, first = said[0]
+    headline = as_sentences(first.text) if status == "as_chosen" else _headline(status, residuals.findings, choice)
+    advice = tuple(advice for _, advice in said if as_sentences(advice.text) != headline)[:MAX_ADVICE]
+    word, tone = WORDS[status]
+    return Judgement(
+        status, headline, advice, halves, _band_word(residuals.findings) if status == "band" else word, tone
+    )
+
+
+def _without_misfit(residuals: Diagnostics, held_out: Diagnostics | None, choice: Choice, halves: str) -> Judgement:
+    """A filter that nothing speaks against that is worth a change."""
+    n, refused = residuals.findings.n, residuals.findings.refused
+    misfit = small_misfit(residuals, held_out)
+    if n < FEW:
+        headline = (
+            f"Nothing in the {count(n)} residuals speaks against the filter, but so few show only gross misfits."
+        )
+    elif misfit:
+        headline = f"The filter nearly fits: {misfit}, more than chance and too little to correct."
+    else:
+        without = f", {count(refused)} more refused by the gate" if refused else ""
+        headline = f"The filter fits: no misfit worth correcting in {count(n)} residuals{without}."
+    word, tone = WORDS["fits"]
+    return Judgement("fits", f"{_chosen(choice)}{headline}", (), halves, "nearly fits" if misfit else word, tone)
+
+
+def _chosen(choice: Choice) -> str:
+    return f"You chose {choice.goal}. " if choice.goal else ""
+
+
+def _band_word(found: Findings) -> str:
+    return _by_factor(found, "band too narrow", "band too wide")
+
+
+def _by_factor(found: Findings, narrow: str, wide: str) -> str:
+    return narrow if found.correction.r_factor > 1.0 else wide
 
 
 def advice_words(judgement: Judgement) -> str:
-    """The advice as clauses without capitals, or that there is nothing to advise."""
-    return ". ".join(advice.text for advice in judgement.advice) or NO_FAULT
+    """The advice as clauses without capitals; where there is none, that there is no misfit, or the headline."""
+    said = ". ".join(advice.text for advice in judgement.advice)
+    return said or (NO_FAULT if judgement.status == "fits" else judgement.headline.rstrip("."))
 
 
-def _headline(status: Status, found: Findings) -> str:
-    n = found.n
+def _headline(status: Status, found: Findings, choice: Choice) -> str:
     if status == "too_few":
-        return f"Too few samples to judge the filter: {count(n)} were scored, {MIN_SAMPLES} are needed."
-    if status != "fits":
-        return HEADLINES[status]
-    if n < FEW:
-        return f"Nothing in the {count(n)} residuals speaks against the filter, but so few show only gross misfits."
-    without = f", {count(found.refused)} more refused by the gate" if found.refused else ""
-    return f"The filter fits: no misfit worth correcting in {count(n)} residuals{without}."
+        return f"Too few samples to judge the filter: {count(found.n)} were scored, {MIN_SAMPLES} are needed."
+    if status == "band":
+        is_wrong, errors = _band_word(found).replace("band", "band is"), _by_factor(found, "smaller", "larger")
+        return f"The ± {is_wrong}: it promises {errors} errors. No other q/r fits clearly better."
+    return f"{_chosen(choice) if WORDS[status][1] == 'note' else ''}{HEADLINES[status]}"
 
 
 def _without_pair(estimate: Estimate | None) -> Judgement:
     if estimate is None:
-        return Judgement("no_pair", "There is no q and r to judge.")
+        return Judgement("no_pair", "There is no q and r to judge.", (), "", *WORDS["no_pair"])
     verdict = str(estimate.verdict)
     headline = NO_PAIR_HEADLINES.get(verdict) or f"{str(estimate.message).split('. ', 1)[0].rstrip('.')}."
-    return Judgement("no_pair", headline, NO_PAIR.get(verdict, ()))
+    return Judgement("no_pair", headline, NO_PAIR.get(verdict, ()), "", *WORDS["no_pair"])
 
 
 def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None, disagreement: str) -> list[Finding]:
@@ -244,7 +191,7 @@ def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None, d
     verdict = "" if estimate is None else str(estimate.verdict)
     if verdict == "flat":
         return [("vague", Advice("take r from a still stretch or the data sheet, or record longer", GiveNoise()))]
-    if held_out is not None and _differs(held_out):
+    if held_out is not None and halves_differ(held_out):
         size = f"{number(held_out.nis)} × what q and r predict, those of the first {number(held_out.nis_before)} ×"
         text = f"the squared errors of the second half are {size}: the noise or the movement changes"
         return [("changes", Advice(text))]
@@ -252,34 +199,3 @@ def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None, d
         reason = f"{disagreement[0].lower()}{disagreement[1:].rstrip('.')}"
         return [("methods_differ", Advice(f"{CHOOSE}: {reason}", ChooseFilter()))]
     return []
-
-
-def _held_out_clause(held_out: Diagnostics) -> str:
-    """The size of the errors of the second half, without a verdict on it that the whole record could contradict."""
-    if held_out.nis_low <= held_out.nis <= held_out.nis_high:
-        return "squared errors are as large as q and r predict"
-    size = f"squared errors are {number(held_out.nis)} × what q and r predict"
-    if _differs(held_out):
-        return f"{size}, on the first half {number(held_out.nis_before)} ×: the halves differ"
-    if 1.0 / MIN_FACTOR < held_out.nis < MIN_FACTOR:
-        return f"{size}, too little to matter"
-    return f"{size}, {'as on the first half' if _is_alike(held_out) else 'but they scatter too much to tell why'}"
-
-
-def _is_alike(held_out: Diagnostics) -> bool:
-    """Whether the mean v²/s of both halves is the same within a factor that matters; both may be 0."""
-    return held_out.nis_before / MIN_FACTOR <= held_out.nis <= held_out.nis_before * MIN_FACTOR
-
-
-def _differs(held_out: Diagnostics) -> bool:
-    """Whether the mean v²/s of the halves differs by a factor that matters and by more than its own scatter.
-
-    The scatter is that of blocks, so heavy tails and changes within the half widen it; √2 because that of the first
-    half is as uncertain.
-    """
-    e = held_out.e[np.isfinite(held_out.e)]
-    if len(e) < 4 * BLOCKS or _is_alike(held_out):
-        return False
-    means = np.array([dot(part, part) / len(part) for part in np.array_split(e, BLOCKS)])
-    error = math.sqrt(2.0 * float(means.var(ddof=1)) / BLOCKS)
-    return abs(held_out.nis - held_out.nis_before) > CERTAIN * error

@@ -289,7 +289,7 @@ def _target_text(name: str, value: float, overshoot: float | None) -> str:
     words = {
         "lag_s": f"a lag of {value * 1e3:.4g} ms",
         "lag_samples": f"a lag of {value:.4g} samples",
-        "cutoff_hz": f"its −3 dB cut-off at {value:.4g} Hz",
+        "cutoff_hz": f"a −3 dB cut-off at {value:.4g} Hz",
         "noise_reduction_db": f"{value:.4g} dB less noise",
         "gain": f"the gain {value:.4g}",
     }[name]

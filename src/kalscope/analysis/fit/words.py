@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from kalscope.analysis.actions import (
     Advice,
@@ -15,14 +15,14 @@ from kalscope.analysis.actions import (
     SetGate,
     SetRatio,
     SetSpikesAside,
-    Status,
     UnsetStart,
 )
-from kalscope.analysis.fit.correction import MIN_FACTOR, MIN_SAMPLES, Correction
+from kalscope.analysis.fit.correction import MIN_FACTOR, MIN_SAMPLES
 from kalscope.analysis.fit.findings import MAX_UNCHANGED, Findings
+from kalscope.analysis.fit.goal import Choice, Finding, times, with_choice
 from kalscope.analysis.fit.spikes import MAX_OUTLIERS, MAX_REFUSED
 from kalscope.analysis.residual_tests import SPIKE
-from kalscope.common.text import count, number, percent, trimmed
+from kalscope.common.text import count, number, percent
 from kalscope.filtering.kernels import GATE_LIMIT
 
 NO_FAULT = "no misfit worth correcting"
@@ -39,7 +39,9 @@ GREAT_CHANGE = 4.0
 NARROW = 0.75
 """σ of the residuals by that of q and r below which a gate of 4 σ is too wide; a gate 1/0.75 × as wide is, too."""
 
-Finding = tuple[Status, Advice]
+
+MUCH_TOO_WIDE = 0.3
+"""σ of the residuals by that of q and r below which a wrong size comes before spikes."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,8 @@ class Known:
     """Whether that estimate set spikes aside."""
     momentum_searched: bool = False
     """Whether it looked for momentum."""
-    chosen: str = ""
-    """What the user asked of the filter, such as "a lag of 50 ms"; "" = nothing."""
+    choice: Choice = field(default_factory=Choice)
+    """What the user decided about it."""
 
 
 def findings_in_words(found: Findings, known: Known) -> list[Finding]:
@@ -72,14 +74,16 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
     factors = (found.correction.q_factor, found.correction.r_factor)
     off = max(max(factor, 1.0 / factor) for factor in factors)
     mixed = known.estimated and found.change > off  # its parts ask for different pairs
-    size = None if fitted_again or lost or mixed else _size(found.correction, known)
+    size = None if fitted_again or lost or mixed else _size(found)
     said = [_start(found), _refused_share(found)]
+    said += [size] if found.scale < MUCH_TOO_WIDE else []  # a gate would refuse nothing
     said += [change] if found.change > max(off, GREAT_CHANGE) else [spikes, _jumps(found)]
     said += [change] if off < found.change <= GREAT_CHANGE else []
-    said += [_edge(found), size, _structure(found, known)]
+    said += [_edge(found), None if found.scale < MUCH_TOO_WIDE else size, _structure(found, known)]
     said += [change] if found.change <= off else []
     said.append(_refused_runs(found, known))
     there = [finding for finding in said if finding is not None]
+    there = with_choice(there, known.choice) if known.choice else there
     shape = _shape(found, known)
     return there if there or shape is None else [shape]
 
@@ -94,7 +98,7 @@ def _rounded(found: Findings, known: Known) -> list[Finding]:
     text = f"{percent(found.unchanged)} of the readings equal the one before: they are rounded more coarsely than "
     advice = Advice(f"{text}their noise, or held, and tests of the residuals cannot judge the filter")
     factor = found.correction.r_factor
-    size = _size(found.correction, known) if not 1.0 / FAR < factor < FAR else None
+    size = _size(found) if not 1.0 / FAR < factor < FAR else None
     return [*([size] if size is not None and not known.estimated else []), ("rounded", advice)]
 
 
@@ -142,12 +146,19 @@ def _spikes(found: Findings, known: Known) -> Finding | None:
         return None if explained else _passing(found, seen)
     if known.estimated:
         return "spikes", Advice(f"{seen}, and the fit took them for noise: set them aside", SetSpikesAside())
-    return "spikes", Advice(f"{seen}: switch the outlier gate on", SetGate(SPIKE))
+    wide = found.scale > 1.0 / NARROW  # a gate of 4 σ would refuse what such a filter has not followed
+    sigma, at = (_wide(found), f" at {_wide(found):g} σ") if wide else (SPIKE, "")
+    return "spikes", Advice(f"{seen}: switch the outlier gate on{at}", SetGate(sigma))
 
 
 def _passing(found: Findings, seen: str) -> Finding:
-    sigma = max(float(trimmed(SPIKE * found.scale, 2)), 1.0)
+    sigma = _wide(found)
     return "spikes", Advice(f"{seen} pass the outlier gate: narrow it to {sigma:g} σ", SetGate(sigma))
+
+
+def _wide(found: Findings) -> float:
+    """The gate that refuses spikes and nothing else of these residuals, in σ of what q and r promise."""
+    return max(float(f"{SPIKE * found.scale:.2g}"), 1.0)
 
 
 def _edge(found: Findings) -> Finding | None:
@@ -155,44 +166,35 @@ def _edge(found: Findings) -> Finding | None:
     if best is None or found.momentum:
         return None
     if found.ratio < 1.0:
-        what = "q = 0" if found.ratio == 0.0 else "so small a q"
-        return "edge", Advice(
-            f"{what} cannot follow this signal: q about {number(best, 1)} × r fits best", SetRatio(best)
-        )
-    what = "r = 0" if math.isinf(found.ratio) else "so small an r"
-    return "edge", Advice(
-        f"{what} lets all noise through: r about {number(1.0 / best, 1)} × q fits best", SetRatio(best)
-    )
+        text = f"q = 0 cannot follow this signal: q about {number(best, 1)} × r fits best"
+        return "too_slow", Advice(text, SetRatio(best))
+    text = f"r = 0 lets all noise through: r about {number(1.0 / best, 1)} × q fits best"
+    return "too_fast", Advice(text, SetRatio(best))
 
 
-def _size(correction: Correction, known: Known) -> Finding | None:
-    q, r = correction.q_factor, correction.r_factor
+def _size(found: Findings) -> Finding | None:
+    q, r = found.correction.q_factor, found.correction.r_factor
     q_off, r_off, ratio_off = (abs(math.log(f)) >= math.log(MIN_FACTOR) for f in (q, r, q / r))
     scale = Scale(q, r)
     if q_off and r_off and not ratio_off:
         size = "small" if r > 1.0 else "large"
-        text = f"q and r are both too {size} by about {_times(r)}: this changes the band, not the curve"
+        names = "r is" if found.ratio == 0.0 else "q is" if math.isinf(found.ratio) else "q and r are both"
+        text = f"{names} too {size} by about {times(r)}: this changes the band, not the curve"
         return "band", Advice(text, scale)
     if not (q_off or r_off):
         return None
     status = "too_slow" if q > r else "too_fast"
     pace = status.replace("_", " ")
-    if known.chosen:
-        lost = "movement that is faster than this is smoothed away" if q > r else "noise that could go stays"
-        text = f"by the record {known.chosen} is {pace}: q/r about {_times(q / r)} "
-        return status, Advice(
-            f"{text}{'larger' if q > r else 'smaller'} fits best, so {lost}"
-        )  # the user's choice: it stays
     change_q, change_r = ("raise" if f > 1.0 else "lower" for f in (q, r))
     if q_off and r_off:
-        text = f"{pace}: {change_q} q about {_times(q)} and {change_r} r about {_times(r)}"
+        text = f"{pace}: {change_q} q about {times(q)} and {change_r} r about {times(r)}"
         if change_q == change_r:
-            text += f", so that q/r becomes about {_times(q / r)} {'larger' if q > r else 'smaller'}"
+            text += f", so that q/r becomes about {times(q / r)} {'larger' if q > r else 'smaller'}"
         return status, Advice(text, scale)
     if q_off:
-        return status, Advice(f"{pace}: {change_q} q about {_times(q)}", scale)
+        return status, Advice(f"{pace}: {change_q} q about {times(q)}", scale)
     band = "narrow" if r > 1.0 else "wide"
-    text = f"the band is too {band} and the filter {pace}: {change_r} r about {_times(r)}"
+    text = f"the band is too {band} and the filter {pace}: {change_r} r about {times(r)}"
     return status, Advice(text, scale)
 
 
@@ -256,11 +258,3 @@ def _jumps(found: Findings) -> Finding | None:
         "q that follows it lets more noise through between the steps"
     )
     return "steps", Advice(text, SetGate(None) if found.refused else None)
-
-
-def _times(factor: float) -> str:
-    """A factor in words: "1.6 ×", "4 ×", "1000 × or more"; of a decrease, the divisor."""
-    size = factor if factor > 1.0 else 1.0 / factor
-    if size >= 900.0:
-        return "1000 × or more"
-    return f"{number(size, 2 if size < 3.0 else 1)} ×"

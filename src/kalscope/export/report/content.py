@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from kalscope.analysis.actions import as_sentences
 from kalscope.analysis.alternatives.comparison import Comparison, compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
+from kalscope.analysis.fit.goal import request_in
 from kalscope.analysis.judgement import Judgement, advice_words, judge
 from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel
@@ -126,7 +127,7 @@ def make_report(
             _filters(found),
         ),
         texts=(
-            ("Does the filter fit?", _fits(judge(checks))),
+            ("Does the filter fit?", _fits(judge(checks, request=request_in(own.how, own.r)))),
             ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
         ),
         command=_command(recording, config, options),
