@@ -37,10 +37,11 @@ from kalscope_app.views.charts.range_control import WindowView
 from kalscope_app.views.charts.signal import SignalView
 from kalscope_app.views.charts.spectra import AllanView, SpectrumView
 from kalscope_app.views.export.board import BoardView, compared
-from kalscope_app.views.export.code import CodeView, limits_text
-from kalscope_app.views.export.export import ExportView
+from kalscope_app.views.export.choice import device_notes
+from kalscope_app.views.export.code import CodeView
+from kalscope_app.views.export.command_line import CommandLineView
 from kalscope_app.views.export.report import ReportView
-from kalscope_app.views.export.share import ShareView
+from kalscope_app.views.export.tuning_file import TuningFileView
 from kalscope_app.views.help import HelpView
 from kalscope_app.views.map.view import TuningMapView
 from kalscope_app.views.source.live import LiveView
@@ -104,7 +105,7 @@ class Dashboard:
             Study(lambda state: (state, make_map(state)) if state.view.map_shown else None, self._map.show),
             self._study(compared, self._board.show_check),
             self._study(lambda state: compute_checks(state, still.of), self._show_checks),
-            self._study(lambda state: limits_text(state, self._code.choice), self._code.show_limits),
+            self._study(lambda state: device_notes(state, self._code.choice), self._code.show_notes),
             self._study(Overviews().compute, self._channels.show_overview),
             self._study(compute_spectra, self._spectrum.show),
             self._study(compute_allan, self._allan.show),
@@ -142,11 +143,11 @@ class Dashboard:
             self._live = LiveView(gui, self.session, self._port_jobs, self._connection, recording)
             self._source.build_rest(gui)
         with tabs.add_tab("Export"):
-            self._export = ExportView(gui, self.session, self._jobs, self.tell, folder)
-            self._board = BoardView(gui, self.session, self._jobs, self.tell, self._connection)
-            self._share = ShareView(gui)
             self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
-            self._report = ReportView(gui, self.session, self._jobs)
+            self._board = BoardView(gui, self.session, self._jobs, self.tell, self._connection)
+            self._tuning_file = TuningFileView(gui, self.session, self._jobs, self.tell, folder)
+            ReportView(gui, self.session, self._jobs)
+            self._command_line = CommandLineView(gui)
         with tabs.add_tab("View"):
             self._dark = gui.add_checkbox("dark theme", False, hint="In every browser that shows this session.")
             bind(self._dark, self.session, set_dark)
@@ -205,7 +206,7 @@ class Dashboard:
                 view.show(frame)
             if self._last is None or not only_grown(self._last, frame):
                 chosen = self.parameters, self._variants, self._channels
-                for view in (*chosen, self._export, self._share, self._code, self._board):
+                for view in (*chosen, self._code, self._board, self._command_line):
                     view.show(frame)
         self._last = frame
         self._phones.show(frame)
@@ -256,6 +257,7 @@ class Dashboard:
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A new browser: its own upload button, its view of the map, and the tour."""
         self._source.add_upload(client)
+        self._tuning_file.add_upload(client)
         self._phones.attach(client)
         self._map.attach(client)
         self._tour.attach(client)

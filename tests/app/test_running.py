@@ -102,8 +102,9 @@ def test_a_log_that_cannot_be_written_is_refused_in_one_line(tmp_path):
 
 RAISING = """
 import threading
-from kalscope_app.views.export import export
+from kalscope_app.views.export import report
 from kalscope_app.views.export.code import CodeView
+from kalscope_app.views.export.tuning_file import TuningFileView
 from kalscope_app.views.map.view import TuningMapView
 from kalscope_app.views.source.source import SourceView
 
@@ -122,9 +123,9 @@ def in_a_thread(self, client):
 async def in_the_scene(self, event):
     raise LookupError("no such node")
 
-export.ExportView._ask_to_save = on_the_loop
+TuningFileView._ask_to_save = on_the_loop
 SourceView._upload = in_the_pool
-export._send = raising
+report.filtered_csv = raising
 CodeView._save = in_a_thread
 TuningMapView._on_click = in_the_scene
 """

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, steady_state
-from kalscope.estimation.finding import Request, find_parameters
+from kalscope.estimation.finding import Noise, Request, find_parameters
 from kalscope.export.device_period import meeting_goal, rescaled_to_period
 
 Z = np.random.default_rng(1).normal(0.0, 3.0, 500).cumsum()
@@ -38,7 +38,7 @@ GOALS = ({"lag_s": 0.05}, {"lag_samples": 8.0}, {"cutoff_hz": 3.0}, {"noise_redu
 @pytest.mark.parametrize("target", GOALS, ids=lambda target: next(iter(target)))
 @pytest.mark.parametrize("period", [0.001, 0.01, 0.02])
 def test_a_goal_is_met_at_the_period_of_the_device_and_r_stays(target, period):
-    request = Request(target=target, present_r=4.0)
+    request = Request(target=target, noise=Noise(r=4.0))
     tuning = tuned(request)
     met = meeting_goal(tuning, "a", request, period)
     assert measured(met, target, period) == pytest.approx(next(iter(target.values())), rel=1e-6)
@@ -48,14 +48,14 @@ def test_a_goal_is_met_at_the_period_of_the_device_and_r_stays(target, period):
 
 
 def test_a_goal_with_overshoot_is_met_too():
-    request = Request(target={"lag_s": 0.05}, overshoot=0.1, present_r=4.0)
+    request = Request(target={"lag_s": 0.05}, overshoot=0.1, noise=Noise(r=4.0))
     met = meeting_goal(tuned(request), "a", request, 0.01).channel("a")
     steady = steady_state(met.params, 0.01)
     assert (steady.lag_s, steady.overshoot) == (pytest.approx(0.05, rel=1e-6), pytest.approx(0.1, rel=1e-3))
 
 
 def test_what_cannot_be_met_is_refused():
-    request = Request(target={"lag_s": 0.05}, present_r=4.0)
+    request = Request(target={"lag_s": 0.05}, noise=Noise(r=4.0))
     with pytest.raises(BadSetting, match="goal must be a lag"):
         meeting_goal(tuned(request), "a", Request(), 0.01)
     with pytest.raises(BadSetting, match="channel must be one of a, b"):
@@ -68,7 +68,7 @@ LAGS = re.compile(r"(?:at ([\d.e-]+) s: )?a lag of ([\d.e-]+) ms|lag behind a ra
 @pytest.mark.parametrize("period", [0.001, 0.005, 0.01, 0.1])
 @pytest.mark.parametrize("meets", [False, True])
 def test_no_header_states_two_lags_for_one_period(period, meets):
-    request = Request(target={"lag_s": 0.05}, present_r=4.0)
+    request = Request(target={"lag_s": 0.05}, noise=Noise(r=4.0))
     tuning = tuned(request)
     moved = meeting_goal(tuning, "a", request, period) if meets else rescaled_to_period(tuning, period)
     text = export_tuning(moved, "c", channel="a")["kalscope_filter.c"]

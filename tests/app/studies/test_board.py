@@ -21,7 +21,7 @@ from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.views.export.board import BoardView, compared, values
-from kalscope_app.views.export.export import how_to_use
+from kalscope_app.views.export.command_line import with_tuning_file
 
 ROWS = 400
 
@@ -149,8 +149,10 @@ def test_a_board_with_other_values_is_said_to_differ(state):
 
 def test_a_live_board_is_no_file_to_filter(state):
     live = state.with_open(recording=replace(state.recording, source="serial:/dev/ttyACM0@115200"))
-    assert "`kalscope` `filter` `FILE` `--config` `tuning.toml` `-o` `out.csv`" in how_to_use(live)
-    assert "`kalscope` `filter` `serial:/dev/ttyACM0@115200` `--config`" in how_to_use(replace(live, live=None))
+    assert "`kalscope` `filter` `FILE` `--config` `tuning.toml` `-o` `out.csv`" in with_tuning_file(live)
+    assert "`kalscope` `filter` `serial:/dev/ttyACM0@115200` `--config`" in with_tuning_file(
+        replace(live, live=None)
+    )
 
 
 def test_sending_without_a_connected_board_is_refused():

@@ -10,12 +10,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, Recording, export_tuning
+from kalscope import BadSetting, Recording, export_tuning, steady_state
+from kalscope.estimation.finding import Noise, Request, find_parameters
 from kalscope.export.registry import TARGETS
-from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.session.changes.parameters import apply_found, set_text
 from kalscope_app.session.history import History, record, step_back
 from kalscope_app.session.opening import opened, opened_experiment
-from kalscope_app.views.export.code import GAPS, TITLES, Choice, files_of, has_fixed_gains, limits_text, packed
+from kalscope_app.views.export.choice import (
+    GAPS,
+    TITLES,
+    Choice,
+    DeviceNotes,
+    device_notes,
+    device_tuning,
+    files_of,
+    goal_of,
+    has_fixed_gains,
+    limits_text,
+    packed,
+    toggled,
+)
 
 
 @pytest.fixture
@@ -30,7 +44,7 @@ def undated(files):
     return {name: re.sub(r"\d{4}-\d\d-\d\dT[\d:]+Z", "", text) for name, text in files.items()}
 
 
-@pytest.mark.parametrize("target", [name for name in TITLES.values() if "filter" not in name])
+@pytest.mark.parametrize("target", list(TITLES.values()))
 def test_the_files_are_those_of_the_setting_on_screen(state, target):
     one, both = (export_tuning(state.as_tuning(), target, channel=name) for name in ("a", None))
     assert undated(files_of(state, Choice(target))) == undated(one)
@@ -46,8 +60,8 @@ def test_fixed_gains_are_the_settled_filter_and_are_refused_before_a_button_is_p
     assert "outlier gate of a must be off" in limits_text(gated, choice).replace("\\", "")
     assert limits_text(gated, Choice("c")) == ""
     slow = Choice("arduino", period="0.00002")
-    assert "an Uno needs" in limits_text(state, slow)
-    assert "an Uno needs" not in limits_text(state, replace(slow, fixed_gains=True))
+    assert "An Uno needs" in limits_text(state, slow)
+    assert "An Uno needs" not in limits_text(state, replace(slow, fixed_gains=True))
 
 
 def test_another_period_of_the_device_carries_q_over(state):
@@ -68,8 +82,8 @@ def test_the_second_papers_filter_is_refused_wherever_it_would_leave():
 
 def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
     assert limits_text(state) == ""
-    assert "an Uno needs 232 µs" in limits_text(state, Choice(period="0.0001"))
-    assert "an Uno needs 464 µs" in limits_text(state, Choice(period="0.0001", all_channels=True))
+    assert "An Uno needs 232 µs" in limits_text(state, Choice(period="0.0001"))
+    assert "An Uno needs 464 µs" in limits_text(state, Choice(period="0.0001", all_channels=True))
     assert limits_text(state, Choice("python", period="0.0001")) == ""
     assert "period must be a number" in limits_text(state, Choice(period="often"))
     small = set_text("q", "1e-12")(state)
@@ -100,8 +114,83 @@ def test_one_file_is_sent_as_it_is_and_several_as_a_zip(state):
     files = files_of(state, Choice(), vectors=True)
     name, content = packed("arduino", files)
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        assert {one: archive.read(one).decode() for one in archive.namelist()} == files
-    assert name == "kalscope-arduino.zip"
+        found = {one: archive.read(one).decode() for one in archive.namelist()}
+    assert found == {f"kalscope_filter/{one}": text for one, text in files.items()}, "as the Arduino IDE opens it"
+    assert name == "kalscope_filter.zip"
+    assert packed("ros2", {"a": "", "b": ""})[0] == "kalscope-ros2.zip"
+
+
+def found_at(state, **target):
+    """The state after a search for a goal."""
+    request = Request(target=target, noise=Noise(r=state.tuning.r))
+    answer = find_parameters(state.z, request, sample_period=state.recording.sample_period)
+    return apply_found(state.recording, state.channel, answer)(state)
+
+
+def lag_in_code(state, choice):
+    """Both lags that the exported header states, ms: as asked for where it says for this period, and settled."""
+    text = files_of(state, choice)["kalscope_filter.c"]
+    asked = re.search(r"found: (?:at (\S+) s: )?a lag of (\S+) ms", text)
+    settled = float(re.search(r"lag behind a ramp .* = (\S+) s", text)[1]) * 1e3
+    return (asked[1], float(asked[2])), settled
+
+
+def test_the_lag_at_the_period_of_the_device_is_shown_and_the_goal_can_be_met_there(state):
+    found = found_at(state, lag_s=0.05)
+    assert device_notes(found, Choice()).lag == "Lag **50 ms** at 5 ms per sample, as recorded."
+    assert device_notes(found, Choice()).offer == ""
+    choice = Choice("c", period="0.01")
+    notes = device_notes(found, choice)
+    assert re.fullmatch(r"Lag \*\*(6\d|7\d)[.\d]* ms\*\* at 10 ms per sample; 50 ms as recorded\.", notes.lag)
+    assert notes.offer == "Meet 50 ms at this period"
+    asked, settled = lag_in_code(found, choice)
+    assert asked == ("0.005", 50.0)
+    assert settled > 60.0
+    met = toggled(choice, found)
+    assert device_notes(found, met).lag == "Lag **50 ms** at 10 ms per sample; 50 ms as recorded."
+    assert device_notes(found, met).offer == "Keep q/r as recorded"
+    asked, settled = lag_in_code(found, met)
+    assert asked == ("0.01", 50.0)
+    assert settled == pytest.approx(50.0, rel=1e-3)
+    assert toggled(met, found) == choice
+    assert "r = " in files_of(found, met)["kalscope_filter.c"]
+
+
+def test_a_goal_that_is_left_is_no_longer_met(state):
+    found = found_at(state, lag_s=0.05)
+    met = toggled(Choice("c", period="0.01"), found)
+    changed = set_text("q", "0.7")(found)
+    assert goal_of(changed) is None
+    assert device_notes(changed, met).offer == ""
+    assert undated(files_of(changed, met)) == undated(files_of(changed, Choice("c", period="0.01")))
+
+
+@pytest.mark.parametrize(
+    ("target", "offer"),
+    [
+        ({"noise_reduction_db": 10.0}, "Meet −10.0 dB at this period"),
+        ({"cutoff_hz": 5.0}, "Meet 5.00 Hz at this period"),
+        ({"lag_samples": 8.0}, "Meet 8 samples at this period"),
+        ({"gain": 0.25}, "Meet gain 0.250 at this period"),
+    ],
+)
+def test_every_goal_is_offered_and_met(state, target, offer):
+    found = found_at(state, **target)
+    choice = Choice("json", period="0.02")
+    assert device_notes(found, choice).offer == offer
+    met = device_tuning(found, toggled(choice, found))
+    steady = steady_state(met.channel("a").params, 0.02)
+    ((name, wanted),) = target.items()
+    assert float(getattr(steady, name)) == pytest.approx(wanted, rel=1e-6)
+
+
+def test_without_a_goal_or_a_period_nothing_is_offered(state):
+    assert device_notes(state, Choice(period="0.01")).offer == ""
+    assert "as recorded" in device_notes(state, Choice(period="0.01")).lag
+    assert device_notes(state, Choice(period="often")).lag == ""
+    untimed = state.with_open(recording=replace(state.recording, sample_period=None))
+    assert device_notes(untimed) == DeviceNotes("", "", "")
+    assert device_notes(opened_experiment("generalized_figure_8")).lag == ""
 
 
 def test_undo_brings_no_earlier_sending_back(state):

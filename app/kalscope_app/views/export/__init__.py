@@ -1,1 +1,1 @@
-"""The Export tab: settings file, code, report."""
+"""The Export tab: code, tuning file, report, command line."""

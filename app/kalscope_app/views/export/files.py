@@ -1,13 +1,15 @@
-"""Dialogs in one browser: files to read and copy, and why an export failed."""
+"""Dialogs in one browser: files to read and copy, what would be overwritten, and why an export failed."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import viser
 
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.window.css import PRIMARY
 
 WIDE = """<style>
 .mantine-Modal-content:has(.kalscope-files) { flex: 0 0 min(72rem, 94vw); max-width: 94vw; }
@@ -38,6 +40,24 @@ def show_refusal(client: viser.ClientHandle, message: str) -> None:
     with client.gui.add_modal("Cannot export") as window:
         client.gui.add_markdown(escape_markdown(f"{message[:1].upper()}{message[1:]}.", 2000))
         _add_close(client, window)
+
+
+def ask_to_overwrite(
+    client: viser.ClientHandle, folder: str, names: Iterable[str], overwrite: Callable[[], object]
+) -> None:
+    """Ask in one browser whether the files that are there may be overwritten."""
+    with client.gui.add_modal("Overwrite files?") as window:
+        there = ", ".join(escape_markdown(name, 80) for name in names)
+        client.gui.add_markdown(f"These files exist in **{escape_markdown(folder, 200)}**: {there}. Overwrite?")
+        yes = client.gui.add_button("Overwrite", color=PRIMARY)
+        no = client.gui.add_button("Choose another folder", hint="Saves nothing.")
+
+    def accept() -> None:
+        window.close()
+        overwrite()
+
+    on_user(yes.on_click, lambda _client: accept())
+    on_user(no.on_click, lambda _client: window.close())
 
 
 def _add_close(client: viser.ClientHandle, window: Any) -> None:

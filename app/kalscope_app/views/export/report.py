@@ -1,39 +1,62 @@
-"""The buttons that make a one-page report for the lab book, HTML or PNG, from the state on screen."""
+"""The one-page report for the lab book, HTML or PNG, and the filtered signal as CSV."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import viser
 
 from kalscope.errors import BadSetting
-from kalscope.export.report.content import make_report
+from kalscope.export.filtered_csv import filtered_csv
+from kalscope.export.report.content import Report, make_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import as_png
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.session import Failed, Session
+from kalscope_app.session.share import share_line
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
 
+PAGE = "One page on this channel: chart, parameters, tests, pinned settings, and how to reopen it."
+
 
 class ReportView:
-    """Two buttons in the Export tab; the page is made as a job."""
+    """Three buttons in the Export tab; what they send is made as a job."""
 
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
-        hint = "One page on this channel: chart, parameters, resulting filter, tests, and how to reopen it."
-        with gui.add_folder("Report"):
-            html = gui.add_button("Download report (HTML)", hint=f"{hint} Prints on one sheet.")
-            png = gui.add_button("Download report (PNG)", hint=hint)
-        for button, name in ((html, "report.html"), (png, "report.png")):
+        def add(label: str, hint: str, name: str, make: Callable[[State], bytes]) -> None:
+            def send(state: State, client: viser.ClientHandle) -> None:
+                client.send_file_download(name, make(state), save_immediately=True)
+
             on_user(
-                button.on_click,
-                lambda client, name=name: jobs.run_with_state(
-                    session, lambda state: _send(state, client, name), Failed.SAVE
-                ),
+                gui.add_button(label, hint=hint).on_click,
+                lambda client: jobs.run_with_state(session, lambda state: send(state, client), Failed.SAVE),
             )
 
+        with gui.add_folder("Report and data"):
+            add("Download report (HTML)", f"{PAGE} Prints on one sheet.", "report.html", html_report)
+            add("Download report (PNG)", PAGE, "report.png", png_report)
+            add("Download filtered CSV", "Time, raw, filtered and variance of every channel.", "filtered.csv", csv)
 
-def _send(state: State, client: viser.ClientHandle, name: str) -> None:
+
+def html_report(state: State) -> bytes:
+    """The page as HTML."""
+    return as_html(_report(state)).encode()
+
+
+def png_report(state: State) -> bytes:
+    """The page as a picture."""
+    return as_png(_report(state))
+
+
+def csv(state: State) -> bytes:
+    """The filtered signal of every channel."""
+    state.require_standard_filter(state.recording.names)
+    return filtered_csv(state.recording, state.as_tuning()).encode()
+
+
+def _report(state: State) -> Report:
     if not state.filter.is_standard:
         raise BadSetting("a report needs the Kalman filter with q and r (got the Khan et al. filter)")
-    report = make_report(state.recording, state.as_tuning(), state.channel)
-    content = as_png(report) if name.endswith(".png") else as_html(report).encode()
-    client.send_file_download(name, content, save_immediately=True)
+    pins = [(variant.name, variant.tuning) for variant in state.variants]
+    return make_report(state.recording, state.as_tuning(), state.channel, command=share_line(state).line, pins=pins)

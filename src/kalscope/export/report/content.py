@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,52 +12,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.analysis.actions import as_sentences
-from kalscope.analysis.alternatives.comparison import Comparison, compare_alternatives
+from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.analysis.fit.goal import request_in
 from kalscope.analysis.judgement import Judgement, advice_words, judge
 from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel
 from kalscope.common.text import (
-    correlation,
     count,
-    decibels,
-    frequency,
-    lag_in_full,
     number,
-    p_value,
-    percent,
     sample_rate,
-    squared,
-    trimmed,
 )
 from kalscope.common.version import program
 from kalscope.errors import BadSetting
+from kalscope.export.report.tables import (
+    ReportTable,
+    Rows,
+    meaning,
+    parameters,
+    pinned_settings,
+    residual_tests,
+    rmse,
+    simpler_filters,
+)
 from kalscope.filtering.batch import FilterResult, kalman_filter
-from kalscope.filtering.steady_state import SteadyState, steady_state
+from kalscope.filtering.steady_state import steady_state
 from kalscope.recording import Recording
 from kalscope.sources.readers.account import summary, warnings
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-
-Rows = tuple[tuple[str, ...], ...]
 
 MAX_DRAWN_POINTS = 1500
 """Points of a curve, approximately."""
 
 MAX_DETAIL_SAMPLES = 240
 """Samples of the detail; a recording of fewer has none."""
-
-
-@dataclass(frozen=True)
-class ReportTable:
-    """Rows of cells."""
-
-    heading: str
-    """Above it."""
-    rows: Rows
-    """Equally long rows, the name first; none = the table is left out."""
-    columns: tuple[str, ...] = ()
-    """What stands above the columns; () = names and values, which need no words."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +59,7 @@ class Report:
     charts: tuple[Panel, ...]
     """The whole recording, then a detail where that helps."""
     tables: tuple[ReportTable, ...]
-    """Parameters, what they do, tests, simpler filters."""
+    """Parameters, what they do, tests, simpler filters, pinned settings."""
     texts: tuple[tuple[str, str], ...]
     """Headings with a few sentences: does it fit, is there a simpler filter."""
     command: str
@@ -89,6 +76,8 @@ def make_report(
     config: str = "tuning.toml",
     options: Sequence[str] = (),
     now: datetime | None = None,
+    command: str = "",
+    pins: Sequence[tuple[str, ChannelTuning]] = (),
 ) -> Report:
     """The report on one channel.
 
@@ -99,6 +88,8 @@ def make_report(
         config: name of the tuning file in the command.
         options: more words of the command, where the filter is not that of the file.
         now: time to print; None = now. Everything else is the same in every run.
+        command: what reopens this state; "" = with the tuning file `config`.
+        pins: names and settings of the channel to stand beside the present one.
 
     Raises:
         BadSetting: the recording or the tuning has no such channel.
@@ -116,21 +107,23 @@ def make_report(
     found = compare_alternatives(z, own.params, dt=dt, truth=truth)
     judged = diagnose(result)
     checks = judged if isinstance(judged, Diagnostics) else judged[0]
+    error = "" if truth is None else f"{number(rmse(result.x, truth))} {own.unit}".strip()
     return Report(
         title=f"{recording.title or recording.source or 'Recording'}: {name}",
         subtitle=_subtitle(recording, z),
         charts=_charts(recording, own, z, result, truth),
         tables=(
-            ReportTable("Parameters", _parameters(own, recording.sample_period)),
-            ReportTable("Resulting filter", _meaning(steady, result, recording.sample_period)),
-            ReportTable("Residuals", _tests(checks)),
-            _filters(found),
+            ReportTable("Parameters", parameters(own, recording.sample_period)),
+            ReportTable("Resulting filter", meaning(steady, result, recording.sample_period, error)),
+            ReportTable("Residuals", residual_tests(checks)),
+            simpler_filters(found),
+            pinned_settings(own, pins, z, dt, truth, recording.sample_period),
         ),
         texts=(
             ("Does the filter fit?", _fits(judge(checks, request=request_in(own.how, own.r)))),
             ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
         ),
-        command=_command(recording, config, options),
+        command=command or _command(recording, config, options),
         origin=_origin(recording, tuning, now),
     )
 
@@ -148,66 +141,6 @@ def _subtitle(recording: Recording, z: Array) -> str:
     if missing:
         parts.append(f"{count(missing)} missing")
     return ", ".join(parts)
-
-
-def _parameters(own: ChannelTuning, period: float | None) -> Rows:
-    unit = squared(own.unit)
-    rows = [
-        ("process noise q", f"{trimmed(own.q, 4)} {unit} per sample"),
-        ("measurement noise r", f"{trimmed(own.r, 4)} {unit}"),
-        ("initial variance p0", "automatic (diffuse)" if own.p0 is None else f"{trimmed(own.p0, 4)} {unit}"),
-        ("initial estimate x0", "first sample" if own.x0 is None else f"{trimmed(own.x0, 4)} {own.unit}".strip()),
-    ]
-    if own.momentum > 0.0:
-        rows.insert(2, ("momentum τ", lag_in_full(own.momentum, period)))
-    if own.gate is not None:
-        rows.append(("outlier gate on v²/s", trimmed(own.gate)))
-    return (*rows, ("found", own.how))
-
-
-def _meaning(steady: SteadyState, result: FilterResult, period: float | None) -> Rows:
-    lag, settle = float(steady.lag_samples), float(steady.settle_samples)
-    rows = [
-        ("lag", lag_in_full(lag, period)),
-        ("noise reduction", decibels(float(steady.noise_reduction_db))),
-        ("gain K", number(float(steady.gain))),
-        ("settling time (to 1 %)", lag_in_full(settle, period)),
-        ("log-likelihood", f"{number(float(result.loglik), 6)} of {count(int(result.m))} samples"),
-    ]
-    if steady.velocity_gain:
-        rows.insert(2, ("overshoot on a step", percent(float(steady.overshoot))))
-    if steady.cutoff_hz is not None and math.isfinite(float(steady.cutoff_hz)):
-        rows.insert(2, ("cut-off (−3 dB)", frequency(float(steady.cutoff_hz))))
-    return tuple(rows)
-
-
-def _tests(d: Diagnostics) -> Rows:
-    return (
-        ("mean NIS", f"{number(d.nis)}, expected: {number(d.nis_low)} to {number(d.nis_high)}"),
-        ("lag-1 autocorrelation", f"{correlation(d.r1)}, expected: within ±{correlation(d.r1_bound)}"),
-        ("Ljung-Box test", f"{p_value(d.ljung_box_p)}, expected: above 0.05"),
-        (
-            "beyond 4 σ",
-            f"{count(d.spikes)}, {count(d.jumps)} of them jumps; expected {number(d.spikes_expected, 2)}",
-        ),
-        ("last third over first third", f"variance × {number(d.variance_ratio)}, {p_value(d.variance_ratio_p)}"),
-    )
-
-
-def _filters(found: Comparison) -> ReportTable:
-    """Beside each other; with their overshoot where the present one overshoots."""
-    rows: list[tuple[str, ...]] = []
-    beyond = found.present.overshoot > 0.0
-    for one in (found.present, *found.others):
-        error = one.prediction if one.rmse is None else one.rmse
-        decibel = "–" if math.isnan(one.noise_reduction_db) else decibels(one.noise_reduction_db)
-        overshoot = "–" if math.isnan(one.overshoot) else percent(one.overshoot)
-        last = "–" if error is None else number(error)
-        rows.append((one.name, number(one.lag_samples), decibel, *((overshoot,) if beyond else ()), last))
-    error = "next sample" if found.present.rmse is None else "RMSE"
-    heading = "Simpler filters, at this lag"
-    columns = ("", "lag", "dB", *(("overshoot",) if beyond else ()), error)
-    return ReportTable(heading, tuple(rows) if found.others else (), columns)
 
 
 def _command(recording: Recording, config: str, options: Sequence[str]) -> str:

@@ -10,7 +10,8 @@ import math
 
 from kalscope.common.charts import COLOURS, LEFT, add_legend, blank_axes, draw_panel, drawing
 from kalscope.common.text import one_line
-from kalscope.export.report.content import Report, ReportTable
+from kalscope.export.report.content import Report
+from kalscope.export.report.tables import ReportTable
 
 SIZE = (1654, 2339)
 """Width and height of A4 at 200 dots an inch, px."""
@@ -21,7 +22,7 @@ MARGIN = 90
 WIDTH = SIZE[0] - 2 * MARGIN
 """Between the margins, px."""
 
-NAMES = {2: 0.42, 4: 0.48, 5: 0.325}
+NAMES = {2: 0.42, 4: 0.48, 5: 0.325, 6: 0.2}
 """Part of a table that its first column takes, by the number of columns."""
 
 DOTS_PER_INCH = 110
@@ -86,7 +87,7 @@ class _Sheet:
     def _tables(self, tables: list[ReportTable]) -> None:
         """Two beside each other."""
         width = WIDTH / 2 - 30.0
-        for pair in (tables[:2], tables[2:4]):
+        for pair in (tables[:2], tables[2:4], tables[4:6]):
             top, ends = self._y, [self._y]
             for table, x in zip(pair, (MARGIN, MARGIN + width + 60.0), strict=False):
                 self._y = top

@@ -1,0 +1,200 @@
+"""What the user chose to export, what becomes of it on the device, and the files that hold it. Pure."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kalscope.common.text import decibels, duration, frequency, lag_text, number, plural, typed_number
+from kalscope.errors import BadSetting
+from kalscope.estimation.finding import Request
+from kalscope.export.device_period import meeting_goal, rescaled_to_period
+from kalscope.export.registry import TARGETS, export_tuning
+from kalscope.export.write import in_sketch_folder, limits_of, sketch_name
+from kalscope.filtering.steady_state import steady_state
+from kalscope.tuning.tuning import Tuning, same_period
+from kalscope_app.session.state import State
+from kalscope_app.views.text import escape_markdown
+
+TITLES = {target.title: name for name, target in TARGETS.items() if target.is_offered}
+"""Targets by the words on screen."""
+
+UNEVEN = 0.5
+"""Periods by which a time step must differ from one before a device would show it."""
+
+MET = 1e-3
+"""A goal that is missed by a smaller share is met."""
+
+GAPS = (
+    "On screen, gaps in time count. The code and the test vectors take one period per sample: pass a NaN to the "
+    "device's filter for each missing sample."
+)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the user chose to export."""
+
+    target: str = "arduino"
+    """A name of `TARGETS`."""
+    all_channels: bool = False
+    """Not only the channel on screen."""
+    period: str = ""
+    """Sample period of the device as it was typed, s; empty = that of the recording."""
+    fixed_gains: bool = False
+    """Only the settled filter, where the target has that choice."""
+    goal: Request | None = None
+    """What the channel on screen must meet at that period too, while that is its goal; None = q is converted."""
+
+
+@dataclass(frozen=True)
+class DeviceNotes:
+    """What stands below the choice."""
+
+    lag: str
+    """The lag at the period of the device, markdown; "" where it is not known."""
+    offer: str
+    """Label of the button that meets the goal there, or gives that up; "" = no button."""
+    limits: str
+    """What will differ from the screen, markdown; "" where nothing does."""
+
+
+def has_fixed_gains(target: str | None) -> bool:
+    """Whether the settled filter alone can be exported to a target."""
+    return target is not None and target in TARGETS and TARGETS[target].fixed_gains is not None
+
+
+def device_notes(state: State, choice: Choice = Choice()) -> DeviceNotes:
+    """What becomes of the filter on screen at this choice. A study."""
+    lag = offer = ""
+    if state.filter.is_standard:
+        with suppress(BadSetting):  # the limits say why
+            lag, offer = _lag_notes(state, choice)
+    return DeviceNotes(lag, offer, limits_text(state, choice))
+
+
+def _lag_notes(state: State, choice: Choice) -> tuple[str, str]:
+    tuning, here, goal = device_tuning(state, choice), state.recording.sample_period, goal_of(state)
+    period = tuning.sample_period
+    if period is None:
+        return "", ""
+    lag = _measured(tuning, state.channel, "lag_s")[1]
+    if not choice.period.strip() or here is None or same_period(period, here):
+        return f"Lag **{lag}** at {duration(period)} per sample, as recorded.", ""
+    recorded = _measured(state.as_tuning(), state.channel, "lag_s")[1]
+    text = f"Lag **{lag}** at {duration(period)} per sample; {recorded} as recorded."
+    if goal is None:
+        return text, ""
+    ((name, wanted),) = goal.target.items()
+    value, words = _measured(tuning, state.channel, name)
+    if name != "lag_s":
+        text += f" {GOALS[name].format(words)}"
+    if choice.goal == goal:
+        return text, "Keep q/r as recorded"
+    missed = abs(value - wanted) > MET * abs(wanted)
+    return text, f"Meet {_in_words(name, wanted)} at this period" if missed else ""
+
+
+GOALS = {"lag_samples": "{}.", "cutoff_hz": "Cut-off {}.", "noise_reduction_db": "Noise {}.", "gain": "{}."}
+"""How the value of a goal stands beside the lag."""
+
+
+def _measured(tuning: Tuning, channel: str, name: str) -> tuple[float, str]:
+    """What a filter has of a goal, as a number and in words."""
+    steady = steady_state(tuning.channel(channel).params, tuning.sample_period)
+    if name == "lag_s":
+        samples = float(steady.lag_samples)
+        return samples * (tuning.sample_period or 1.0), lag_text(samples, tuning.sample_period)
+    value = float(getattr(steady, name))
+    return value, _in_words(name, value)
+
+
+def _in_words(name: str, value: float) -> str:
+    return {
+        "lag_s": duration(value),
+        "lag_samples": plural(value, "sample"),
+        "cutoff_hz": frequency(value),
+        "noise_reduction_db": decibels(-value),
+        "gain": f"gain {number(value)}",
+    }[name]
+
+
+def goal_of(state: State) -> Request | None:
+    """The goal that the filter on screen was found for; None where there is none any more."""
+    outcome = state.answers.outcome
+    if outcome is None or outcome.after is None or outcome.request is None:
+        return None
+    return outcome.request if outcome.request.target else None
+
+
+def limits_text(state: State, choice: Choice = Choice()) -> str:
+    """What will differ from the screen, as markdown; "" where nothing does."""
+    if not state.filter.is_standard:
+        return "There is no code for the Khan et al. filter: choose *Kalman filter* in the Tune tab."
+
+    def level(name: str) -> float:
+        z = state.recording.channel(name)
+        return float(np.abs(z[np.isfinite(z)]).max(initial=0.0)) or 1.0
+
+    try:
+        files_of(state, choice)  # what would be refused is said before a button is pressed
+        tuning = device_tuning(state, choice)
+        limits = limits_of(tuning, None, choice.target, level, fixed_gains=choice.fixed_gains)
+    except BadSetting as error:
+        return f"Cannot export: {escape_markdown(str(error), 400)}"
+    lines = [escape_markdown(f"{limit[:1].upper()}{limit[1:]}", 400) for limit in limits]
+    if state.dt is not None and np.any(np.abs(state.dt - 1.0) > UNEVEN):
+        lines.append(GAPS)
+    return "\n".join(f"- {line}" for line in lines)
+
+
+def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str, str]:
+    """The files of a choice for what is on screen, by name; with the test vectors if asked for.
+
+    Raises:
+        BadSetting: As `export_tuning`, and where a channel has the Khan et al. filter.
+    """
+    recording = state.recording if vectors else None
+    return export_tuning(
+        device_tuning(state, choice), choice.target, vectors=recording, fixed_gains=choice.fixed_gains
+    )
+
+
+def device_tuning(state: State, choice: Choice) -> Tuning:
+    """The tuning of the device: the chosen channels, at its period.
+
+    Raises:
+        BadSetting: The period is none, or a channel has the Khan et al. filter.
+    """
+    state.require_standard_filter(state.recording.names if choice.all_channels else [state.channel])
+    tuning = state.as_tuning().only(None if choice.all_channels else state.channel)
+    if not choice.period.strip():
+        return tuning
+    period = typed_number("period", choice.period)
+    if choice.goal is not None and choice.goal == goal_of(state):
+        return meeting_goal(tuning, state.channel, choice.goal, period)
+    return rescaled_to_period(tuning, period)
+
+
+def toggled(choice: Choice, state: State) -> Choice:
+    """The choice after a click on the button that meets the goal, or gives that up."""
+    goal = goal_of(state)
+    return replace(choice, goal=None if choice.goal == goal else goal)
+
+
+def packed(target: str, files: dict[str, str]) -> tuple[str, bytes]:
+    """Name and bytes of one download: one file as it is, several as a zip, a sketch in a folder of its name."""
+    if len(files) == 1:
+        name, text = next(iter(files.items()))
+        return name, text.encode()
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in in_sketch_folder(files).items():
+            archive.writestr(zipfile.ZipInfo(name, (2000, 1, 1, 0, 0, 0)), text)
+    title = sketch_name(files) or f"kalscope-{re.sub(r'[^a-z0-9]+', '-', target)}"
+    return f"{title}.zip", buffer.getvalue()
