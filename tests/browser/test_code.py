@@ -8,9 +8,10 @@ import zipfile
 import numpy as np
 import pytest
 from screen import Screen, dashboard
+from waiting import wait_until
 
 from kalscope.export.registry import export_tuning
-from kalscope.tuning.tuning import load_tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
 
 pytestmark = pytest.mark.browser
 
@@ -68,24 +69,86 @@ def test_the_code_that_is_looked_at_is_the_code_that_is_saved_and_downloaded(scr
     screen.type("folder", "firmware")
     button(screen, "Save to the folder").click()
     screen.notification("KalscopeFilter.h").wait_for()
-    saved = {path.name: without_date(path.read_text()) for path in (tmp_path / "firmware").iterdir()}
-    assert saved == expected
-    button(screen, "Save to the folder").click()
-    screen.notification("the folder must not hold these files yet").wait_for()
+    sketch = tmp_path / "firmware" / "kalscope_filter"
+    assert {path.name: without_date(path.read_text()) for path in sketch.iterdir()} == expected
     with screen.page.expect_download() as download:
         button(screen, "Download").click()
-    assert download.value.suggested_filename == "kalscope-arduino.zip"
+    assert download.value.suggested_filename == "kalscope_filter.zip"
     with zipfile.ZipFile(io.BytesIO(download.value.path().read_bytes())) as archive:
-        assert {name: without_date(archive.read(name).decode()) for name in archive.namelist()} == expected
+        found = {name: without_date(archive.read(name).decode()) for name in archive.namelist()}
+    assert found == {f"kalscope_filter/{name}": lines for name, lines in expected.items()}
 
 
-def test_a_library_that_is_another_filter_is_refused_in_a_window_that_waits(screen):
-    screen.choose("target", "SimpleKalmanFilter")
-    screen.page.get_by_text("Refused: SimpleKalmanFilter is a different filter.").wait_for()
+def test_a_second_save_asks_before_it_overwrites(screen, tmp_path):
     button(screen, "Save to the folder").click()
-    screen.page.get_by_role("dialog").get_by_text("its q multiplies the size of the last step").wait_for()
+    screen.notification("Saved KalscopeFilter.h, kalscope_filter.ino in export/kalscope_filter").wait_for()
+    header = tmp_path / "export" / "kalscope_filter" / "KalscopeFilter.h"
+    whole = without_date(header.read_text())
+    header.write_text("mine")
+    button(screen, "Save to the folder").click()
+    screen.page.get_by_role("dialog").get_by_text("These files exist in export").wait_for()
+    screen.shot("code-overwrite")
+    button(screen, "Choose another folder").click()
+    screen.page.get_by_role("dialog").wait_for(state="detached")
+    assert header.read_text() == "mine"
+    button(screen, "Save to the folder").click()
+    button(screen, "Overwrite").click()
+    screen.page.get_by_role("dialog").wait_for(state="detached")
+    wait_until(lambda: without_date(header.read_text()) == whole)
+
+
+def test_the_goal_is_met_at_the_period_of_the_device(screen, tmp_path):
+    screen.tab("Tune")
+    screen.choose("tune for", "maximum lag")
+    screen.type("lag (ms)", "50")
+    button(screen, "Find and apply").click()
+    screen.page.get_by_text("has a lag of 50 ms").wait_for()
+    screen.tab("Export")
+    screen.type("device sample period (s)", "0.01")
+    screen.page.get_by_text("50 ms as recorded").wait_for()
+    button(screen, "Meet 50 ms at this period").click()
+    screen.page.get_by_text("Lag 50 ms at 10 ms per sample").wait_for()
+    screen.shot("code-goal")
+    button(screen, "Save to the folder").click()
+    screen.notification("Saved").wait_for()
+    header = (tmp_path / "export" / "kalscope_filter" / "KalscopeFilter.h").read_text()
+    assert "found: at 0.01 s: a lag of 50 ms" in header
+    assert "samples = 0.05 s" in header
+
+
+def test_a_tuning_file_is_loaded_by_name_and_by_upload_and_can_be_undone(screen, tmp_path):
+    screen.tab("Tune")
+    start = screen.text_box("process noise q").input_value()
+    channels = (ChannelTuning(HOSTILE, "", 0.25, 4.0), ChannelTuning("volts", "", 1e-4, 2e-4))
+    save_tuning(Tuning(channels, sample_period=0.01), tmp_path / "mine.toml")
+    screen.tab("Export")
+    screen.type("tuning file", "mine.toml")
+    button(screen, "Load tuning file").click()
+    screen.notification("Q was multiplied by 0.5").wait_for()
+    screen.tab("Tune")
+    wait_until(lambda: screen.text_box("process noise q").input_value() == "0.125")
+    button(screen, "Undo").click()
+    wait_until(lambda: screen.text_box("process noise q").input_value() == start)
+    screen.tab("Export")
+    with screen.page.expect_file_chooser() as chooser:
+        screen.page.get_by_role("button", name="Upload tuning file").click()
+    chooser.value.set_files(tmp_path / "mine.toml")
+    screen.tab("Tune")
+    wait_until(lambda: screen.text_box("process noise q").input_value() == "0.125")
+    screen.tab("Export")
+    screen.type("tuning file", "log.toml")
+    button(screen, "Load tuning file").click()
+    screen.notification("Cannot open file").wait_for()
+
+
+def test_a_refusal_stays_in_a_window_until_it_is_closed(screen):
+    screen.choose("target", "JSON")
+    screen.type("device sample period (s)", "often")
+    button(screen, "Preview code").click()
+    screen.page.get_by_role("dialog").get_by_text("Period must be a number").wait_for()
     screen.shot("code-refused")
     close_window(screen)
+    screen.type("device sample period (s)", "")
     screen.choose("target", "Python")
     button(screen, "Preview code").click()
     screen.page.get_by_role("tab", name="with_kalscope.py").wait_for()

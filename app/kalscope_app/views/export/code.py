@@ -128,7 +128,8 @@ class CodeView:
 
     def _write(self, files: dict[str, str], folder: Path, *, force: bool = False) -> None:
         written = write_files(files, folder, force=force)
-        self._tell(f"Saved {', '.join(path.name for path in written)} in {written[0].parent}", good=True)
+        place = written[0].parent.relative_to(self._folder.resolve()).as_posix()
+        self._tell(f"Saved {', '.join(path.name for path in written)} in {place}", good=True)
 
     def _with_files(
         self,
