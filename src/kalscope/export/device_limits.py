@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, cast
 
@@ -13,6 +15,7 @@ from kalscope.errors import BadSetting
 from kalscope.export.float32 import STALLING_GAIN, float32_params
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
+from kalscope.tuning.tuning import ChannelTuning
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,9 @@ UNO_READ_US = 112
 
 FLOAT32_TARGETS = {"arduino": True, "platformio": False, "esphome": False, "bachagas": False}
 """Targets that compute in float32, at least on an AVR board; and whether they go on with a constant gain."""
+
+COUNTS = frozenset(("count", "counts", "lsb", "lsbs", "adc", "adu", "digit", "digits", "raw"))
+"""Units of what analogRead() returns."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,11 @@ def device_limits(
     if found == [None]:
         found = [_gain(params, constant_gain=constant_gain), _estimate(params, level)]
     return tuple(limit for limit in (*found, _time(params, sample_period, channels)) if limit is not None)
+
+
+def not_in_counts(channels: Iterable[ChannelTuning]) -> list[ChannelTuning]:
+    """The channels in a unit such as g or V, which analogRead() does not return; an unknown unit may be counts."""
+    return [one for one in channels if one.unit and COUNTS.isdisjoint(re.findall(r"[^\W\d_]+", one.unit.lower()))]
 
 
 def _refused(params: FilterParams) -> DeviceLimit | None:

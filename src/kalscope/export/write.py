@@ -30,8 +30,7 @@ def limits_of(
         level: Largest size of the signal of a channel, unit, by its name.
         fixed_gains: Whether only the settled filter is exported: no variance can stall, and it is faster.
     """
-    from kalscope.export.device_limits import FLOAT32_TARGETS, device_limits
-    from kalscope.export.targets.arduino import not_in_counts
+    from kalscope.export.device_limits import FLOAT32_TARGETS, device_limits, not_in_counts
 
     if target not in FLOAT32_TARGETS:
         return []

@@ -79,7 +79,7 @@ def test_momentum_and_its_overshoot_stand_on_the_page():
     steady = steady_state(FilterParams(0.0025, 1.0, momentum=24.0), 0.01)
     for words in ("momentum τ", "240 ms (24 samples)", "overshoot on a step", percent(float(steady.overshoot))):
         assert words in text
-    *_, table = make_report(rec, tuned(rec, momentum=24.0)).tables
+    *_, table, _ = make_report(rec, tuned(rec, momentum=24.0)).tables
     shares = {name: overshoot for name, _, _, overshoot, _ in table.rows}
     assert table.columns[3] == "overshoot"
     assert shares["Kalman (present)"] == percent(float(steady.overshoot))
@@ -108,6 +108,43 @@ def test_the_command_is_one_word_for_the_shell_whatever_the_name():
     rec = recording(source="it's; rm -rf $HOME.csv")
     words = shlex.split(make_report(rec, tuned(rec), config="my tuning.toml").command)
     assert words == ["kalscope", "open", rec.source, "--config", "my tuning.toml"]
+
+
+def test_the_command_of_the_dashboard_stands_in_place_of_a_file_that_was_never_saved():
+    rec = recording()
+    text = " ".join(Page(as_html(make_report(rec, tuned(rec), command="kalscope open log.csv --q 0.0025"))).text)
+    assert "kalscope open log.csv --q 0.0025" in text
+    assert "tuning.toml" not in text
+
+
+@pytest.mark.parametrize("knows_truth", [True, False])
+def test_pinned_settings_stand_beside_the_present_one(knows_truth):
+    rec = recording()
+    z = rec.channel("ax")
+    truth = np.cumsum(np.full((len(z), 1), 0.01), axis=0)
+    rec = replace(rec, truth=truth if knows_truth else None)
+    pins = [
+        ("A", ChannelTuning("ax", "g", 0.04, 1.0)),
+        (HOSTILE, ChannelTuning("ax", "g", 0.01, 1.0, momentum=9.0)),
+    ]
+    report = make_report(rec, tuned(rec), pins=pins, now=NOON)
+    table = report.tables[-1]
+    assert [row[0] for row in table.rows] == ["current", "A", f"{HOSTILE}, τ 9.00"]
+    for row, one in zip(table.rows, (tuned(rec).channels[0], *(one for _, one in pins)), strict=True):
+        result, steady = kalman_filter(z, one.params), steady_state(one.params, 0.01)
+        error = np.sqrt(np.mean((result.x - truth[:, 0]) ** 2))
+        last = number(error) if knows_truth else number(float(result.loglik), 6)
+        assert row[1:3] == (number(one.q), number(one.r))
+        assert row[4:] == (decibels(-float(steady.noise_reduction_db)), last)
+    assert table.columns[-1] == ("RMSE" if knows_truth else "log-likelihood")
+    rows = dict(report.tables[1].rows)
+    assert ("RMSE to the truth" in rows) == knows_truth
+    if knows_truth:
+        assert rows["RMSE to the truth"] == f"{table.rows[0][-1]} g"
+    page = Page(as_html(report))
+    assert page.tags.isdisjoint({"script", "img"})
+    assert as_png(report).startswith(b"\x89PNG")
+    assert make_report(rec, tuned(rec), now=NOON).tables[-1].rows == ()
 
 
 def test_only_the_date_differs_between_two_runs():

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
-
 from kalscope.errors import BadSetting
 from kalscope.export.board.momentum import LAST_POWER
+from kalscope.export.device_limits import not_in_counts
 from kalscope.export.float32 import Float32Params, float32_params, float32_text, without_momentum
 from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text
 from kalscope.filtering.kernels import GATE_LIMIT
-from kalscope.tuning.tuning import ChannelTuning
 
 ANALOGUE_PINS = 6
 """Of an Uno: A0 … A5."""
@@ -22,9 +19,6 @@ DEFAULT_PERIOD_US = 5000
 
 MAX_PERIOD_US = 2_000_000_000
 """Half the time in which micros() comes round."""
-
-COUNTS = frozenset(("count", "counts", "lsb", "lsbs", "adc", "adu", "digit", "digits", "raw"))
-"""Units of what analogRead() returns."""
 
 UNIT_CHECK = """\
 #ifndef KALSCOPE_UNITS_DONE
@@ -47,11 +41,6 @@ def files(job: ExportJob) -> dict[str, str]:
         )
     held = [_held(job, i) for i in range(len(job.channels))]
     return {"KalscopeFilter.h": _header(job, held), "kalscope_filter.ino": _sketch(job)}
-
-
-def not_in_counts(channels: Iterable[ChannelTuning]) -> list[ChannelTuning]:
-    """The channels in a unit such as g or V, which analogRead() does not return; an unknown unit may be counts."""
-    return [one for one in channels if one.unit and COUNTS.isdisjoint(re.findall(r"[^\W\d_]+", one.unit.lower()))]
 
 
 def constants(name: str, params: Float32Params, *, momentum: bool = False) -> str:
