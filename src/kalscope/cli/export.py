@@ -42,8 +42,8 @@ def export_command(
     """Export the tuned filter for the device or the program that will run it."""
     from kalscope.catalogue import open_source
     from kalscope.cli.console import say, write_output
-    from kalscope.export.device_period import rescaled_to_period
     from kalscope.export.registry import export_tuning
+    from kalscope.tuning.device_period import rescaled_to_period
     from kalscope.tuning.tuning import load_tuning
 
     if vectors is not None and output is None:

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from kalscope.errors import BadSetting
-from kalscope.export.device_period import rescaled_to_period
 from kalscope.export.job import ExportJob, job_of
 from kalscope.export.targets import arduino, c, fixed_gains, javascript, json_file, matlab, platformio, python, ros2
 from kalscope.export.targets.libraries import bachagas, esphome, kalmanjs
 from kalscope.export.targets.libraries.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
 from kalscope.recording import Recording
+from kalscope.tuning.device_period import rescaled_to_period
 from kalscope.tuning.tuning import Tuning
 
 

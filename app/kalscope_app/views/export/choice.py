@@ -13,10 +13,10 @@ import numpy as np
 from kalscope.common.text import decibels, duration, frequency, lag_text, number, plural, typed_number
 from kalscope.errors import BadSetting
 from kalscope.estimation.finding import Request
-from kalscope.export.device_period import meeting_goal, rescaled_to_period
 from kalscope.export.registry import TARGETS, export_tuning
 from kalscope.export.write import in_sketch_folder, limits_of, sketch_name
 from kalscope.filtering.steady_state import steady_state
+from kalscope.tuning.device_period import meeting_goal, rescaled_to_period
 from kalscope.tuning.tuning import Tuning, same_period
 from kalscope_app.session.state import State
 from kalscope_app.views.text import escape_markdown
