@@ -17,6 +17,13 @@ MAX_POINTS = 4000
 """Points that a line is drawn with, at most."""
 
 
+DENSE = 2000
+"""Samples in the window from which a raw line is drawn as a band: about two to each pixel of a wide chart."""
+
+REACH = 2
+"""Drawn points to each side whose lowest and highest value the band holds: about one pixel."""
+
+
 @dataclass(frozen=True)
 class DrawnSamples:
     """Which samples of a recording are drawn; chosen on the raw signal, so that tuning changes only y."""
@@ -37,6 +44,8 @@ class DrawnSamples:
     """Missing samples of the channel, drawn or not."""
     time_range: tuple[float, float]
     """First and last moment of the recording, s."""
+    band: tuple[Array, Array] | None = None
+    """Lowest and highest measurement about each moment, unit, two of shape (m,); None where a line can be read."""
 
     @property
     def decimated(self) -> bool:
@@ -80,7 +89,20 @@ def choose_samples(
         truth=None if truth is None else truth[at],
         missing=facts.missing,
         time_range=(float(clock[0]), float(clock[-1])),
+        band=band_around(z[first:last], at - first) if last - first > DENSE and not facts.missing else None,
     )
+
+
+def band_around(z: Array, at: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Lowest and highest value of z, shape (n,), about each of the samples `at`, ascending, shape (m,); no NaN."""
+    ends = np.zeros(REACH, dtype=np.intp), np.full(REACH, len(at) - 1)
+    near = np.concatenate((ends[0], np.arange(len(at)), ends[1]))
+    starts = np.concatenate(([0], at[1:]))  # every sample belongs to a drawn one, those before the first to that
+    low, high = (
+        np.lib.stride_tricks.sliding_window_view(extreme.reduceat(z, starts)[near], 2 * REACH + 1)
+        for extreme in (np.minimum, np.maximum)
+    )
+    return low.min(axis=1), high.max(axis=1)
 
 
 def choose_indices(z: Array, truth: Array | None = None, limit: int = MAX_POINTS) -> NDArray[np.intp]:

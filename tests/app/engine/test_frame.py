@@ -121,3 +121,30 @@ def test_the_gain_axis_rests_on_round_lengths(start_up, n, last):
     axis = gain_axis(start_up, n)
     assert (axis[0], axis[-1]) == (0, last)
     assert len(axis) <= 500
+
+
+def test_a_dense_line_is_a_band_that_holds_every_sample_about_it():
+    rng = np.random.default_rng(5)
+    for n in (2001, 3999, 50_000):
+        z = rng.normal(size=n)
+        rec = Recording(np.arange(n) * 0.01, ("z",), ("V",), z[:, None], 0.01)
+        shown = choose_samples(rec, "z", None)
+        low, high = shown.band
+        assert (low <= shown.raw).all()
+        assert (shown.raw <= high).all()
+        assert (low.min(), high.max()) == (z.min(), z.max())
+        for place in rng.integers(0, len(shown.indices) - 1, 50):  # every sample, drawn or not, lies in the band
+            first, last = shown.indices[place], shown.indices[place + 1]
+            between = z[first:last]
+            assert low[place] <= between.min() <= between.max() <= high[place]
+
+
+def test_a_line_that_can_be_read_or_has_gaps_is_no_band():
+    few = choose_samples(recording(2000), "z", None)
+    assert few.band is None
+    z = np.random.default_rng(5).normal(size=5000)
+    z[7] = np.nan
+    gap = choose_samples(Recording(np.arange(5000) * 0.01, ("z",), ("V",), z[:, None], 0.01), "z", None)
+    assert gap.band is None
+    window = choose_samples(recording(50_000), "z", (10.0, 12.0))
+    assert window.band is None

@@ -12,7 +12,18 @@ from kalscope.common.text import count, number
 from kalscope.sources.readers.account import warnings
 from kalscope_app.engine.frame import Frame
 from kalscope_app.views.charts.chart import Chart, ChartLayout
-from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, Palette, axes, gappy, line, rings, short
+from kalscope_app.views.charts.style import (
+    DARK,
+    LIGHT,
+    ChartLine,
+    Palette,
+    axes,
+    gappy,
+    line,
+    raw_lines,
+    rings,
+    short,
+)
 from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
 from kalscope_app.views.scales import Scale, scale_for
 from kalscope_app.views.text import escape_markdown
@@ -69,7 +80,7 @@ class SignalView:
     def _show_signal(self, frame: Frame, palette: Palette, clock: Scale) -> None:
         shown, state = frame.drawn, frame.state
         scale = scale_for(shown.raw, state.tuning.unit)
-        raw = gappy("raw", shown.raw, palette.raw)
+        raw = raw_lines(shown, palette)
         # Only the measurements and the truth decide the y range: a wild start may leave the picture.
         lines: list[ChartLine] = [
             *raw,
@@ -89,9 +100,10 @@ class SignalView:
         if frame.set_aside is not None and state.set_aside is not None:
             name = f"set aside ({count(int(state.set_aside.sum()))})"
             lines.append(ChartLine(frame.set_aside, rings(name, palette.innovation, 9), gaps=True))
-        band = {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band}
+        bands = ({"series": (2, 1), "fill": palette.raw_band},) if shown.band is not None else ()
+        bands = (*bands, {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band})
         label = scale.label(short(state.channel, 30))
-        self._draw(self.signal, frame, clock, scale, lines, label, band)
+        self._draw(self.signal, frame, clock, scale, lines, label, *bands)
 
     def _show_innovation(self, frame: Frame, palette: Palette, clock: Scale) -> None:
         v, spread = without_start(frame)
@@ -123,12 +135,12 @@ class SignalView:
         scale: Scale,
         lines: list[ChartLine],
         label: str,
-        band: object,
+        *bands: object,
     ) -> None:
         series = ({"label": time_label(clock, before_now=follows(frame))}, *(one.style for one in lines))
         gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
-        space = 22 if chart is self.signal else 15  # with fewer ticks a low chart has a 0 and no other number
-        layout = ChartLayout(series, axes(label, space), (band,), gaps)
+        space = 30 if chart is self.signal else 15  # with fewer ticks a low chart has a 0 and no other number
+        layout = ChartLayout(series, axes(label, space), bands, gaps)
         ys = [one.y * scale.factor for one in lines]
         x, reach = time_points(frame)
         ends = None if reach is None else (reach[0] * clock.factor, reach[1] * clock.factor)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.common.array import Array
+from kalscope_app.engine.decimation import DrawnSamples
 
 
 @dataclass(frozen=True)
@@ -14,6 +15,7 @@ class Palette:
     """Colours of one theme; hues from the colour-blind-safe set of the Arduino plotter."""
 
     raw: str
+    raw_band: str
     filtered: str
     truth: str
     innovation: str
@@ -27,6 +29,7 @@ class Palette:
 
 LIGHT = Palette(
     raw="#a9b4be",
+    raw_band="rgba(169, 180, 190, 0.34)",
     filtered="#D55E00",
     truth="#0072B2",
     innovation="#009E73",
@@ -41,6 +44,7 @@ LIGHT = Palette(
 
 DARK = Palette(
     raw="#6f7f8d",
+    raw_band="rgba(111, 127, 141, 0.34)",
     filtered="#ff8a3d",
     truth="#56B4E9",
     innovation="#2fc99b",
@@ -73,6 +77,14 @@ def gappy(label: str, y: Array, colour: str, quiet: int = 0) -> tuple[ChartLine,
     if not np.isnan(y[quiet:]).any():
         return (ChartLine(y, line(label, colour)),)
     return ChartLine(y, dots(label, colour, 3), gaps=True), ChartLine(y, line(f"last {label}"))
+
+
+def raw_lines(shown: DrawnSamples, palette: Palette) -> tuple[ChartLine, ...]:
+    """The measurements: a line, points where some are missing, or the edges of a band where they are dense."""
+    if shown.band is None:
+        return gappy("raw", shown.raw, palette.raw)
+    low, high = shown.band
+    return ChartLine(low, line("raw min", palette.raw, 0.5)), ChartLine(high, line("raw max", palette.raw, 0.5))
 
 
 def short(name: str, limit: int) -> str:
