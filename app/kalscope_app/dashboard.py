@@ -140,7 +140,9 @@ class Dashboard:
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
             recording = BoardRecording(self._connection, folder, self.tell, self.session.wakeup.set)
-            self._live = LiveView(gui, self.session, self._port_jobs, self._connection, recording)
+            self._live = LiveView(
+                gui, self.session, self._port_jobs, self._connection, recording, self._source.open_spec
+            )
             self._source.build_rest(gui)
         with tabs.add_tab("Export"):
             self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)

@@ -17,7 +17,7 @@ from kalscope.estimation.finding import Noise, Request, find_parameters
 from kalscope.estimation.methods.still_stretch import find_still_stretch
 from kalscope.papers.experiments import list_experiments, open_experiment
 from kalscope_app.views.charts.style import DARK, LIGHT
-from kalscope_app.views.source.source import experiment_label
+from kalscope_app.views.source.samples import experiment_label
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo").values[:, 0]
@@ -138,12 +138,12 @@ def test_the_last_value_of_a_drag_wins(start):
 def test_another_sample_another_channel_and_the_generator(start):
     screen = start("demo")
     screen.tab("Source")
-    screen.choose("sample recording", "Nile at Aswan")
+    screen.choose("sample", "Nile at Aswan")
     nile = open_source("sample:nile").values[:, 0]
     screen.wait_for_line("filtered", filtered(nile))
     assert screen.range("x") == pytest.approx((1871, 1970))
     screen.shot("nile")
-    screen.choose("sample recording", "Resting LIS302DL accelerometer")
+    screen.choose("sample", "Resting LIS302DL accelerometer (re-creation)")
     axes = open_source("sample:lis302dl")
     screen.wait_for_line("raw", axes.values[:, 0])
     screen.tab("Tune")
@@ -410,7 +410,7 @@ def test_a_figure_of_a_source_document_opens_with_one_choice(start):
     screen.tab("Source")
     for name in ("generalized_figure_7", "noise_reducer_figure_6", "lis302dl_r_32"):
         experiment = next(one for one in list_experiments() if one.name == name)
-        screen.choose("experiment", experiment_label(experiment))
+        screen.choose("paper figure (re-creation)", experiment_label(experiment))
         recording, filters = open_experiment(name)
         channel = recording.names[0]
         screen.wait_for_line("filtered", filters[channel].run(recording.channel(channel)).x)

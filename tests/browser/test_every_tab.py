@@ -14,7 +14,7 @@ RECORDING = "synthetic:random_walk?channels=3&n=3000&sample_period=0.01"
 SIZES = ((1920, 1080), (1600, 900), (1280, 720))
 LEFT_TABS = ("Tune", "Source", "Export", "View", "Help")
 RIGHT_TABS = ("Signal", "Check", "Compare", "Channels", "Noise")
-CLOSED_FOLDERS = {"Tune": ("Presets",), "Source": ("Live board", "Generate a signal", "Import options")}
+CLOSED_FOLDERS = {"Tune": ("Presets",), "Source": ("Advanced", "Generate a signal", "Import options")}
 CHARTS = {"Signal": 2, "Check": 1, "Compare": 1, "Channels": 1, "Noise": 3}
 SAID = {
     "Check": "Ljung-Box over several lags",

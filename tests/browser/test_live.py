@@ -83,7 +83,6 @@ def test_a_board_that_goes_and_comes_back_is_waited_for(open_live, start_board, 
     start_board(stream_sketch, np.arange(1024))
     screen.page.get_by_text("connected", exact=True).first.wait_for()
     screen.tab("Source")
-    screen.page.get_by_text("Live board").click()
     screen.page.get_by_text("reconnects: 1").wait_for()
     screen.shot("live-board-folder")
 

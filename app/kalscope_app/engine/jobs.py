@@ -24,6 +24,8 @@ class Jobs:
         """Args: shows a sentence, or an exception that was logged; `good`: no refusal, `failed`: its heading."""
         self._tell = tell
         self._waiting: queue.SimpleQueue[tuple[Callable[[], None], Failed]] = queue.SimpleQueue()
+        self._idle: Callable[[], None] | None = None
+        self._every: float | None = None
         # A daemon, unlike the threads of a pool: a job that hangs does not keep the program from ending.
         threading.Thread(target=self._run, name="kalscope-jobs", daemon=True).start()
 
@@ -40,9 +42,32 @@ class Jobs:
         """Queue `work` on the state, once every earlier request is in it."""
         session.with_state(lambda state: self.run(lambda: work(state), failed))
 
+    def when_idle(self, work: Callable[[], None], every: float) -> None:
+        """Do `work` again and again, every so many seconds in which nothing else waits; a failure ends that."""
+        self._idle, self._every = work, every
+        self._waiting.put((work, Failed.OTHER))  # ends the wait that had no end
+
+    def _next(self) -> tuple[Callable[[], None], Failed] | None:
+        try:
+            return self._waiting.get(timeout=self._every)
+        except queue.Empty:
+            return None
+
+    def _do_idle(self) -> None:
+        try:
+            if self._idle is not None:
+                self._idle()
+        except Exception:
+            log.exception("Idle work failed and is not tried again")
+            self._idle = self._every = None
+
     def _run(self) -> None:
         while True:
-            work, failed = self._waiting.get()
+            following = self._next()
+            if following is None:
+                self._do_idle()
+                continue
+            work, failed = following
             try:
                 work()
             except Cancelled as error:

@@ -36,6 +36,8 @@ class BoardRecording:
         self._connection, self._folder, self._tell, self._wake = connection, folder, tell, wake
         self.name = first_free(folder / "recording.csv").name
         """Name of a file that does not exist yet."""
+        self.last: Path | None = None
+        """The file that was recorded last."""
         self.on_change: Callable[[RecordingStatus | None], None] = lambda _status: None
         """Called with the status of the recording that runs, or with None when it has ended or `name` changed."""
 
@@ -79,6 +81,7 @@ class BoardRecording:
             pause.wait(CHECK_EVERY)
         done = recorder.close()  # waits until the file is closed
         self._tell(f"Recorded {recorder.path.name}: {account(done)}", good=not recorder.error, failed=Failed.RECORD)
+        self.last = recorder.path
         self._propose(recorder.path)
         self._wake()  # a board behind a file is closed once it is no longer recorded
 

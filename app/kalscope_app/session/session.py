@@ -27,6 +27,8 @@ class Failed(StrEnum):
     RECORD = "Cannot record"
     NUMBER = "Not a valid number"
     FIND = "Cannot find q and r"
+    GENERATE = "Cannot generate signal"
+    REPRODUCE = "Cannot compute page"
     SAVE = "Cannot save"
     EXPORT = "Cannot export"
     SEND = "Cannot send to the board"

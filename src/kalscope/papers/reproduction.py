@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Any
@@ -43,19 +44,25 @@ class Reproduction:
         return json.dumps(self.results, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def reproduce(quick: bool = False, progress: OnProgress | None = None) -> Reproduction:
+def reproduce(
+    quick: bool = False, progress: OnProgress | None = None, cancelled: Callable[[], bool] | None = None
+) -> Reproduction:
     """Reproduce the documents' figures and tables.
 
     Args:
         quick: fewer random draws, inside the same tolerances.
         progress: called with the fraction done, 0 … 1, and what is being done; None = not reported.
+        cancelled: asked now and then whether to stop; None = never.
 
     Returns:
         The page, the numbers and the checks; numbers outside their tolerance are in `failed`, not raised.
+
+    Raises:
+        Cancelled: `cancelled()` was true.
     """
     effort = QUICK if quick else FULL
 
-    whole = Progress(progress)
+    whole = Progress(progress, cancelled)
     chapters = (
         noise_reducer_page.chapter(effort, whole.part(0.0, 0.7)),
         generalized_page.chapter(whole.part(0.7, 0.8)),

@@ -23,6 +23,8 @@ class Sample:
     """Heading of its note."""
     summary: str
     """First line of its note below the heading."""
+    made: str
+    """"re-creation" of an experiment, "simulated", or "" where its numbers were published."""
 
 
 def sample_data_dir() -> Path:
@@ -45,7 +47,9 @@ def _describe(path: Path) -> Sample:
     lines = note.read_text(encoding="utf-8").splitlines() if note.is_file() else []
     said = [line.strip() for line in lines if line.strip()]
     title = said[0].lstrip("# ") if said else path.stem
-    return Sample(path.stem, title, said[1] if len(said) > 1 else "")
+    text = " ".join(said)
+    made = "re-creation" if "**re-creation" in text else "simulated" if "make.py" in text else ""
+    return Sample(path.stem, title, said[1] if len(said) > 1 else "", made)
 
 
 def open_sample(name: str, sample_period: float | None = None) -> Recording:

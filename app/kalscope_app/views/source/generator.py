@@ -7,6 +7,7 @@ from collections.abc import Callable
 import viser
 
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
+from kalscope_app.session.session import Failed
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.text import typed
 
@@ -30,7 +31,7 @@ SETTINGS = {
 class GeneratorForm:
     """The settings of a synthetic signal and the button that generates it."""
 
-    def __init__(self, gui: viser.GuiApi, open_spec: Callable[[str], None]) -> None:
+    def __init__(self, gui: viser.GuiApi, open_spec: Callable[[str, Failed], None]) -> None:
         self._open_spec = open_spec
         defaults = SignalSettings()
         self._shape = gui.add_dropdown(
@@ -54,4 +55,4 @@ class GeneratorForm:
 
     def _generate(self) -> None:
         query = "&".join(f"{name}={text.value.strip()}" for name, text in self._texts.items())
-        self._open_spec(f"synthetic:{self._shape.value}?noise={self._noise.value}&{query}")
+        self._open_spec(f"synthetic:{self._shape.value}?noise={self._noise.value}&{query}", Failed.GENERATE)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import viser
 
 from kalscope.common.text import count, duration, number
@@ -22,6 +24,9 @@ NO_CURVE = "–"
 BAUD_RATES = (9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000, 921600, 1000000, 2000000)
 OTHER_RATE = "another"
 
+PORTS_INTERVAL = 2.0
+"""Seconds between two looks at the ports of the system."""
+
 
 class LiveView:
     """The folder "Live board" of the Source tab. Ports are opened and closed as jobs."""
@@ -33,35 +38,34 @@ class LiveView:
         jobs: Jobs,
         connection: BoardConnection,
         recording: BoardRecording,
+        open_spec: Callable[[str, Failed], None],
     ) -> None:
-        """Args: the usual; the connection's own jobs; the connection; its recording."""
+        """Args: the usual; the connection's own jobs; the connection; its recording; opens the file at a path."""
         self._session, self._jobs, self._connection = session, jobs, connection
         self._devices: dict[str, str] = {}
-        with gui.add_folder("Live board", expand_by_default=False):
+        with gui.add_folder("Live board"):
             self._add_port(gui)
             self._connect = gui.add_button("Connect", hint="Opens the port and shows what the board sends.")
             self._disconnect = gui.add_button(
                 "Disconnect", visible=False, hint="Frees the port, for the Arduino IDE or another program."
             )
             self._status = gui.add_markdown("", visible=False)
-            self._board = gui.add_dropdown(
-                "board's filtered channel",
-                list[str]([NO_CURVE]),
-                hint="The channel in which the board sends its own filtered value.",
-            )
-            self._recording = RecordingView(gui, jobs, recording)
+            self._recording = RecordingView(gui, jobs, recording, open_spec)
+            self._add_options(gui)
         on_user(self._connect.on_click, lambda _client: self._on_connect())
         on_user(self._disconnect.on_click, lambda _client: jobs.run(self._on_disconnect))
         bind(self._board, session, lambda name: set_board_channel(None if name == NO_CURVE else name))
         self._list_ports()
         if connection.source is not None:
             self._name(connection.source.spec)
+        jobs.when_idle(self._list_ports, PORTS_INTERVAL)
 
     def _add_port(self, gui: viser.GuiApi) -> None:
-        self._port = gui.add_dropdown("port", list[str]([TYPED]), hint="Where the Arduino is plugged in.")
-        refresh = gui.add_button("Refresh ports", hint="After plugging a board in.")
+        self._port = gui.add_dropdown(
+            "port", list[str]([TYPED]), hint="A board that is plugged in now appears here by itself."
+        )
         self._typed = gui.add_text(
-            "port or address", "", hint="Such as /dev/ttyACM0, COM3, socket://host:port or rfc2217://host:port."
+            "address", "", hint="Such as /dev/ttyACM0, COM3, socket://host:port or rfc2217://host:port."
         )
         self._baud = gui.add_dropdown(
             "baud rate",
@@ -70,19 +74,28 @@ class LiveView:
             hint="As in the sketch: Serial.begin().",
         )
         self._rate = gui.add_text("rate", "", hint="Any other baud rate.", visible=False)
-        self._reconnect = gui.add_checkbox(
-            "reconnect automatically", True, hint="After unplugging. Off: the port stays free, for flashing."
-        )
-        self._reset = gui.add_checkbox(
-            "reset the board on connecting", True, hint="DTR: most boards restart, and some send only then."
-        )
-        on_user(refresh.on_click, lambda _client: self._jobs.run(self._list_ports))
         on_user(self._port.on_update, lambda _client: self._show_typed())
         on_user(self._baud.on_update, lambda _client: self._show_typed())
 
+    def _add_options(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("Advanced", expand_by_default=False):
+            self._reconnect = gui.add_checkbox(
+                "reconnect automatically", True, hint="After unplugging. Off: the port stays free, for flashing."
+            )
+            self._reset = gui.add_checkbox(
+                "reset the board on connecting", True, hint="DTR: most boards restart, and some send only then."
+            )
+            self._board = gui.add_dropdown(
+                "board's filtered channel",
+                list[str]([NO_CURVE]),
+                hint="The channel in which the board sends its own filtered value.",
+            )
+
     def _show_typed(self) -> None:
-        self._typed.visible = self._port.value == TYPED
-        self._rate.visible = self._baud.value == OTHER_RATE
+        away = not self._connect.visible  # a port is open
+        self._port.visible = self._baud.visible = not away
+        self._typed.visible = self._port.value == TYPED and not away
+        self._rate.visible = self._baud.value == OTHER_RATE and not away
 
     def _name(self, spec: PortSpec) -> None:
         """Show the port that the command line named."""
@@ -93,10 +106,13 @@ class LiveView:
         self._show_typed()
 
     def _list_ports(self) -> None:
-        self._devices = {f"{port.device} {port.description}".strip(): port.device for port in list_ports()}
-        ports = tuple(self._devices)
-        self._port.options = (*ports, TYPED)
-        self._port.value = ports[0] if ports else TYPED
+        """Offer the ports that the system lists now."""
+        devices = {f"{port.device} {port.description}".strip(): port.device for port in list_ports()}
+        if devices == self._devices:
+            return
+        value = port_to_show(self._port.value, self._typed.value, tuple(self._devices), tuple(devices))
+        self._devices = devices
+        offer(self._port, (*devices, TYPED), value)
         self._show_typed()  # else it would be typed in vain
 
     def _on_connect(self) -> None:
@@ -117,10 +133,26 @@ class LiveView:
         """Show how the connection is and what can be done."""
         connection = frame.connection
         self._connect.visible, self._disconnect.visible = not connection.connected, connection.connected
-        self._recording.show(connection)
+        self._show_typed()
+        self._recording.show(connection, frame.state.recording.source)
         text = "" if connection.status is None else status_text(connection.status)
         self._status.content, self._status.visible = text, bool(text)
         offer(self._board, (NO_CURVE, *frame.state.recording.names), frame.state.board or NO_CURVE)
+
+
+def port_to_show(shown: str, typed: str, before: tuple[str, ...], now: tuple[str, ...]) -> str:
+    """Which port of a new list to show: the one that was just plugged in, unless an address is being typed.
+
+    Args:
+        shown: the one on screen, or TYPED.
+        typed: the address beside it.
+        before: the list until now.
+        now: the new list.
+    """
+    if shown == TYPED and typed.strip():
+        return shown
+    rest = shown if shown in now else next(iter(now), TYPED)
+    return next((port for port in now if port not in before), rest) if before else rest
 
 
 def status_text(status: LiveStatus) -> str:

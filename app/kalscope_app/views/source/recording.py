@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import viser
@@ -19,7 +20,10 @@ from kalscope_app.views.text import escape_markdown
 class RecordingView:
     """The last part of the folder "Live board". Starting and stopping are jobs."""
 
-    def __init__(self, gui: viser.GuiApi, jobs: Jobs, recording: BoardRecording) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, jobs: Jobs, recording: BoardRecording, open_spec: Callable[[str, Failed], None]
+    ) -> None:
+        """Args: the usual; the recording; opens the file at a path."""
         self._board_recording = recording
         self._text = gui.add_markdown("")
         self._name = gui.add_text(
@@ -32,6 +36,10 @@ class RecordingView:
             lambda _client: jobs.run(partial(recording.start, self._name.value.strip()), Failed.RECORD),
         )
         on_user(self._stop.on_click, lambda _client: jobs.run(recording.stop, Failed.RECORD))
+        self._open = gui.add_button(
+            "Open the recording", visible=False, hint="In place of the board; q, r, p0 and pins stay."
+        )
+        on_user(self._open.on_click, lambda _client: open_spec(str(recording.last), Failed.OPEN))
         recording.on_change = self._on_change
 
     def _on_change(self, status: RecordingStatus | None) -> None:
@@ -40,10 +48,13 @@ class RecordingView:
         if status is None:
             self._name.value = self._board_recording.name
 
-    def show(self, connection: ConnectionState) -> None:
-        """Offer what can be done now."""
-        self._name.visible, self._stop.visible = not connection.recording, connection.recording
-        self._record.visible = connection.connected and not connection.recording
+    def show(self, connection: ConnectionState, source: str) -> None:
+        """Offer what can be done now; `source` is what is on screen."""
+        ready = connection.connected and not connection.recording
+        self._name.visible = self._record.visible = ready
+        self._stop.visible = connection.recording
+        last = self._board_recording.last
+        self._open.visible = last is not None and not connection.recording and str(last) != source
 
 
 def recording_text(recording: RecordingStatus | None) -> str:

@@ -1,4 +1,4 @@
-"""The source of the signal: a sample recording, a file or the generator; and how it was read."""
+"""The source of the signal: a file, uploaded or by its path; the generator; and how the file was read."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import viser
 
 from kalscope.catalogue import open_source
-from kalscope.papers.experiments import list_experiments
+from kalscope.common.text import duration
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
-from kalscope.sources.samples import list_samples
+from kalscope.tuning.tuning import Tuning, load_tuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
 from kalscope_app.session.changes.parameters import set_sample_period
-from kalscope_app.session.opening import opened, opened_experiment
+from kalscope_app.session.changes.settings_file import ENDING, uploaded_settings, use_settings
+from kalscope_app.session.opening import opened, with_sample_period
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
@@ -31,14 +32,15 @@ from kalscope_app.views.slow_job import SlowJobProgress
 from kalscope_app.views.source.generator import GeneratorForm
 from kalscope_app.views.source.import_summary import import_summary
 from kalscope_app.views.source.reading_form import ReadingForm
-
-if TYPE_CHECKING:
-    from kalscope.papers.parts import Experiment
-
-MINE = "–"
+from kalscope_app.views.source.samples import SamplesView
+from kalscope_app.views.text import typed
+from kalscope_app.views.window.css import PRIMARY
 
 Reader = Callable[..., Recording]
 """Reads the present file: options, then progress and cancelled by name."""
+
+UPLOAD_ORDER = -1.0
+"""Every browser gets an upload button of its own, above what is there already."""
 
 
 class SourceView:
@@ -49,52 +51,37 @@ class SourceView:
         self._stop = threading.Event()
         self._building = threading.Lock()
         self._again: tuple[tuple[str, str], Reader] = (("", ""), open_source)
-        self._samples = {sample.title: sample for sample in list_samples()}
-        self._sample = gui.add_dropdown(
-            "sample recording", (MINE, *self._samples), hint="Recordings that come with Kalscope."
-        )
-        self._experiments = {experiment_label(e): e.name for e in list_experiments()}
-        self._experiment = gui.add_dropdown(
-            "experiment", (MINE, *self._experiments), hint="Figures of the three source documents."
-        )
-        with gui.add_folder("Your own file") as self._own:
+        with gui.add_folder("Your file") as self._own:
             with gui.add_form(None) as path_form:
                 self._path = gui.add_text(
                     "path",
                     "",
-                    hint="A log or measurement file on this computer, of any size; press Enter to open it.",
+                    hint="A log of any size on this computer, or a settings file (.toml); press Enter to open it.",
                 )
             self._open = gui.add_button("Open this path", hint="Open the file at this path.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button(
                 "Cancel", visible=False, hint="Stop reading; the current recording stays open."
             )
-            with gui.add_form(None) as form:
-                self._period = gui.add_text(
-                    "sample period (s)",
-                    "",
-                    hint="Time between two samples, for a file without a time column; press Enter.",
-                )
         self._report: viser.GuiMarkdownHandle | None = None
         self._described: Recording | None = None
-        on_user(self._sample.on_update, lambda _client: self._open_sample())
-        on_user(self._experiment.on_update, lambda _client: self._open_experiment())
+        self._written = ""
         for subscribe in (self._open.on_click, path_form.on_submit):
-            on_user(subscribe, lambda _client: self._open_spec(self._path.value.strip()))
+            on_user(subscribe, lambda _client: self.open_spec(self._path.value.strip()))
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
-        on_user(
-            form.on_submit,
-            lambda _client: session.request(set_sample_period(self._period.value), failed=Failed.NUMBER),
-        )
 
     def build_rest(self, gui: viser.GuiApi) -> None:
-        """The lower part: the generator, the import summary and the import options."""
+        """The lower part: samples and papers, the generator, the import summary and the import options."""
+        self._samples = SamplesView(gui, self._session, self._jobs, self.open_spec)
         with gui.add_folder("Generate a signal", expand_by_default=False):
-            self._generator = GeneratorForm(gui, self._open_spec)
+            self._generator = GeneratorForm(gui, self.open_spec)
         with gui.add_folder("Import summary"):
+            with gui.add_form(None) as form:
+                self._period = gui.add_text("sample period (s)", "", hint="Time between two samples; press Enter.")
             report = gui.add_markdown("")
             with gui.add_folder("Import options", expand_by_default=False):
                 self._reading = ReadingForm(gui, self._read_again)
+        on_user(form.on_submit, lambda _client: self._set_period())
         self._report = report  # last: a frame may come at any time
 
     def add_upload(self, client: viser.ClientHandle) -> None:
@@ -103,7 +90,9 @@ class SourceView:
             button = client.gui.add_upload_button(
                 "Upload a file …",
                 mime_type="*/*",
-                hint="A log or measurement file of up to 64 MB; larger ones by their path.",
+                color=PRIMARY,
+                order=UPLOAD_ORDER,
+                hint="A log or settings file (.toml) of up to 64 MB; larger ones by their path.",
             )
 
         def take(_event: viser.GuiEvent[Any]) -> None:
@@ -112,21 +101,24 @@ class SourceView:
 
         button.on_upload(take)
 
-    def _open_sample(self) -> None:
-        sample = self._samples.get(self._sample.value)
-        if sample is not None:
-            self._open_spec(f"sample:{sample.name}")
-
-    def _open_experiment(self) -> None:
-        name = self._experiments.get(self._experiment.value)
-        if name is not None:
-            self._session.request(lambda state: opened_experiment(name, state), failed=Failed.OPEN)
-
-    def _open_spec(self, spec: str) -> None:
-        self._read(partial(open_source, spec), ReadOptions())
+    def open_spec(self, spec: str, failed: Failed = Failed.OPEN) -> None:
+        """Open what is named as on the command line; a settings file is loaded onto what is open."""
+        if spec.lower().endswith(ENDING):
+            self._load(Path(spec).name, partial(load_tuning, spec))
+        else:
+            self._read(partial(open_source, spec), ReadOptions(), failed=failed)
 
     def _upload(self, name: str, content: bytes) -> None:
-        self._read(partial(read_upload, name, content), ReadOptions())
+        if name.lower().endswith(ENDING):
+            self._load(name, partial(uploaded_settings, name, content))
+        else:
+            self._read(partial(read_upload, name, content), ReadOptions())
+
+    def _load(self, name: str, read: Callable[[], Tuning]) -> None:
+        def work() -> None:
+            self._session.request(use_settings(read(), name), failed=Failed.OPEN)
+
+        self._jobs.run(work, Failed.OPEN)
 
     def _read_again(self, options: ReadOptions) -> None:
         """Read the same file again, with other options or because it has changed."""
@@ -135,46 +127,50 @@ class SourceView:
             recording = state.recording
             (source, title), reader = self._again
             same = (recording.source, recording.title) == (source, title)
-            self._read(reader if same else partial(open_source, recording.source), options)
+            period = state.open.typed_period if options.rate is None else None
+            self._read(reader if same else partial(open_source, recording.source), options, period)
 
         self._session.with_state(read)
 
-    def _read(self, reader: Reader, options: ReadOptions) -> None:
+    def _read(
+        self, reader: Reader, options: ReadOptions, period: float | None = None, failed: Failed = Failed.OPEN
+    ) -> None:
+        """Read as a job, then show it; `period` is the sample period that the user typed for this file, s."""
         stop = self._stop = threading.Event()
 
         def work() -> None:
             with SlowJobProgress(self._progress, self._cancel) as shown:
                 recording = reader(options, progress=shown.report, cancelled=stop.is_set)
             self._again = (recording.source, recording.title), reader
-            self._session.request(
-                lambda state: opened(recording, state).with_open(options=options), failed=Failed.OPEN
-            )
 
-        self._jobs.run(work, Failed.OPEN)
+            def show(state: State) -> State:
+                after = opened(recording, state).with_open(options=options)
+                return after if period is None else with_sample_period(after, period)
+
+            self._session.request(show, failed=failed)
+
+        self._jobs.run(work, failed)
+
+    def _set_period(self) -> None:
+        if self._period.value.strip() != self._written:
+            self._session.request(set_sample_period(self._period.value), failed=Failed.NUMBER)
 
     def show(self, frame: Frame) -> None:
-        """Show which sample or experiment is open, and the import summary."""
+        """Show which sample or figure is open, and the import summary."""
         recording = frame.state.recording
-        sample, experiment = (recording.source.removeprefix(kind) for kind in ("sample:", "experiment:"))
-        self._sample.value = next((title for title, one in self._samples.items() if one.name == sample), MINE)
-        self._experiment.value = next(
-            (title for title, name in self._experiments.items() if name == experiment), MINE
-        )
-        self._period.visible = not recording.sample_period or bool(self._period.value)
-        if self._report is not None and recording is not self._described:  # once a recording, not once a frame
-            self._described = recording
-            self._report.content = import_summary(recording)
-            self._reading.show(frame.state.open.options)
-
-
-AUTHORS = {"noise_reducer": "Ma'arif 2019", "generalized": "Khan", "lis302dl": "interactive matter 2009"}
-"""Source documents, by what their experiments' names begin with."""
-
-
-def experiment_label(experiment: Experiment) -> str:
-    """Author and figure, short enough for a menu."""
-    author = next(words for start, words in AUTHORS.items() if experiment.name.startswith(start))
-    return f"{author}: {experiment.title.removeprefix('LIS302DL: ')}"
+        if self._report is None:
+            return
+        self._samples.show(frame)
+        if recording is self._described:  # once a recording, not once a frame
+            return
+        self._described = recording
+        self._report.content = import_summary(recording)
+        self._reading.show(frame.state.open.options)
+        own = (frame.state.open.as_read or recording).sample_period
+        self._written = "" if recording.sample_period is None else typed(recording.sample_period)
+        self._period.value, self._period.visible = self._written, frame.state.live is None
+        recorded = f"as recorded: {duration(own)}" if own else "not recorded"
+        self._period.hint = f"Time between two samples, {recorded}. Press Enter; empty is as recorded."
 
 
 def read_upload(

@@ -1,0 +1,73 @@
+"""The Source tab without a browser: which port it shows, what it calls a re-creation, the page of the papers."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+
+import pytest
+from waiting import PATIENCE
+
+from kalscope.errors import Cancelled
+from kalscope.papers.experiments import list_experiments
+from kalscope.papers.reproduction import reproduce
+from kalscope.sources.samples import list_samples
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.views.source.live import TYPED, port_to_show
+from kalscope_app.views.source.samples import experiment_label, sample_label, table_1
+
+
+@pytest.mark.parametrize(
+    ("shown", "typed", "before", "now", "expected"),
+    [
+        (TYPED, "", (), (), TYPED),
+        (TYPED, "", (), ("A", "B"), "A"),
+        (TYPED, "socket://x:1", (), ("A",), TYPED),
+        (TYPED, "socket://x:1", ("A",), ("A", "B"), TYPED),
+        ("A", "", ("A",), ("A", "B"), "B"),
+        ("B", "", ("A", "B"), ("A",), "A"),
+        ("B", "", ("A", "B"), ("B",), "B"),
+        ("A", "", ("A",), (), TYPED),
+    ],
+)
+def test_the_port_that_was_just_plugged_in_is_shown_unless_an_address_is_typed(shown, typed, before, now, expected):
+    assert port_to_show(shown, typed, before, now) == expected
+
+
+def test_the_menus_say_what_was_not_measured():
+    labels = {sample.name: sample_label(sample.title, sample.made) for sample in list_samples()}
+    assert labels["nile"] == "Nile at Aswan"
+    assert labels["lis302dl"] == "Resting LIS302DL accelerometer (re-creation)"
+    assert labels["ultrasonic"].endswith("(simulated)")
+    assert [name for name, label in labels.items() if not label.endswith(")")] == ["nile"]
+    figures = [experiment_label(one) for one in list_experiments()]
+    assert len(set(figures)) == len(figures)
+
+
+def test_the_papers_page_begins_with_table_1():
+    row = {"r": 1.0, "q": 0.1, "printed": 26.0677, "simulated": 26.4718, "theoretical": 26.3975}
+    page = SimpleNamespace(results={"noise_reducer": {"table_1": [row]}}, checks=[1] * 42, failed=[1])
+    assert "| 1 | 0.1 | 26.0677 | 26.4718 | 26.3975 |" in table_1(page)
+    assert "41 of 42 reproduced numbers" in table_1(page)
+
+
+def test_the_papers_page_can_be_cancelled():
+    with pytest.raises(Cancelled):
+        reproduce(quick=True, cancelled=lambda: True)
+
+
+def test_idle_work_is_repeated_between_jobs_and_ends_with_its_failure():
+    turns, told, done, failed = [], [], threading.Event(), threading.Event()
+    jobs = Jobs(lambda *said, **_more: told.append(said))
+
+    def work():
+        turns.append(len(turns))
+        if len(turns) == 3:
+            failed.set()
+            raise OSError("no ports")
+
+    jobs.when_idle(work, 0.001)
+    assert failed.wait(PATIENCE)
+    jobs.run(done.set)
+    assert done.wait(PATIENCE)
+    assert (turns, told) == ([0, 1, 2], [])
