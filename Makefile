@@ -9,7 +9,7 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
   && command -v avr-gcc >/dev/null 2>&1 && test -d /usr/share/arduino/hardware/arduino/avr \
   && test -e /usr/include/simavr/sim_avr.h
 
-.PHONY: run test test-fast check format bench soak system can-test clean
+.PHONY: run test coverage test-fast check format bench soak system can-test clean
 
 run: .venv/run.stamp
 	$(BIN)/kalscope
@@ -23,10 +23,12 @@ export PYTHONDONTWRITEBYTECODE :=
 WORKERS ?= 4
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-# Branch coverage of the tests' own processes; make test COVERAGE= leaves it out, which takes less time.
-COVERAGE ?= --cov --cov-report=term
 test: can-test .venv/test.stamp
 	$(PYTEST) $(COVERAGE)
+
+# The same with the branch coverage of the tests' own processes, which takes a seventh more work.
+coverage: COVERAGE := --cov --cov-report=term
+coverage: test
 
 # What answers in seconds, for the minute between two edits: no browser, no board, no process, no long law.
 test-fast: .venv/test.stamp
