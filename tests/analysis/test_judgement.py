@@ -263,8 +263,9 @@ def taken(z, params, action):
     match action:
         case actions.Scale(q_factor, r_factor):
             return replace(params, q=params.q * q_factor, r=params.r * r_factor)
-        case actions.SetRatio(ratio):
-            return replace(params, q=ratio * (params.r or params.q), r=params.r or params.q)
+        case actions.SetRatio(ratio, factor):
+            r = factor * (params.r or params.q / ratio)
+            return replace(params, q=ratio * r, r=r)
         case actions.SetGate(sigma):
             return replace(params, gate=None if sigma is None else sigma**2)
         case actions.UnsetStart():

@@ -16,7 +16,7 @@ def test_advice_is_taken_by_its_button_and_spikes_are_marked(start):
     first, best = starting_params(z), estimate(z)
     screen = start(SPIKY)
     screen.page.get_by_role("button", name="spikes").click()  # the verdict; the reasons stay open
-    spikes = screen.page.get_by_text("The record has spikes, which the filter takes for signal.").first
+    spikes = screen.page.get_by_text("The record has spikes: single readings far from those around them.").first
     spikes.wait_for()
     screen.page.get_by_role("button", name="Switch the gate on (4 σ)").click()
     spikes.wait_for(state="detached")  # after it the sentence is another one

@@ -54,6 +54,8 @@ class SetRatio:
 
     ratio: float
     """λ, above 0 and finite."""
+    factor: float = 1.0
+    """Multiply by it the variance that is not 0, 1e-12 … 1e12; the other one follows by λ."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.common.progress import Progress
-from kalscope.common.text import count, number, plural
+from kalscope.common.text import count, number, plural, trimmed
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import checked_momentum, estimate
 from kalscope.estimation.known import (
@@ -120,7 +120,7 @@ class Request:
         """What was chosen and fixes λ, such as "a lag of 50 ms"; "" = nothing: λ is estimated."""
         if self.target:
             return _target_text(*next(iter(self.target.items())), self.overshoot)
-        return "" if self.ratio is None else f"q/r = {number(self.ratio, 4)}"
+        return "" if self.ratio is None else f"q/r = {trimmed(self.ratio, 4)}"
 
     def checked_momentum(self) -> float | None:
         """τ, None = to be found.

@@ -32,9 +32,9 @@ def _applied(action: actions.Action, state: State, judged: State) -> State:
     match action:
         case actions.Scale(q_factor, r_factor):
             state = state.with_tuning(q=_rounded(q * q_factor), r=_rounded(r * r_factor), how="by hand")
-        case actions.SetRatio(ratio):
-            q, r = (_rounded(ratio * r), r) if r > 0.0 else (q, _rounded(q / ratio))
-            state = state.with_tuning(q=q, r=r, how="by hand")
+        case actions.SetRatio(ratio, factor):
+            r = r * factor if r > 0.0 else q * factor / ratio
+            state = state.with_tuning(q=_rounded(ratio * r), r=_rounded(r), how="by hand")
         case actions.SetGate(sigma):
             state = state.with_tuning(gate=None if sigma is None else sigma * sigma)
         case actions.UnsetStart():

@@ -63,6 +63,8 @@ class Correction:
     """Multiply r by it, 1e-12 … 1e12; 1 = keep."""
     instead_of_edge: float | None = None
     """λ that fits far better than the filter's q = 0 or r = 0; None where neither is 0, or where that fits."""
+    edge_factor: float = 1.0
+    """Multiply by it the variance that is not 0, together with `instead_of_edge`."""
     e: Array | None = None
     """Standardised innovations of the best fit, shape (n,), NaN where none; None where no fit was found."""
 
@@ -224,10 +226,11 @@ def _from_edge(record: Record, scale: Correction) -> Correction:
     profile = Profile.of(record, np.arange(lowest, HIGHEST + GRID_STEP, GRID_STEP))
     if profile.is_constant:
         return Correction(1e-3, 1e-3) if record.moves else Correction()
-    log_best, free, _ = _best(record, profile)
+    log_best, free, size = _best(record, profile)
     left = record.residuals(math.exp(log_best))
     if free > _at_edge(record, profile.m) + LR_LIMIT[0]:
-        return Correction(instead_of_edge=math.exp(log_best), e=left)
+        factor = size if record.ratio == 0.0 else size * math.exp(log_best)  # the record is in units of √r or of √q
+        return Correction(instead_of_edge=math.exp(log_best), edge_factor=_bounded(factor)[0], e=left)
     return Correction(scale.q_factor, scale.r_factor, e=left)
 
 

@@ -11,6 +11,7 @@ from kalscope.analysis.fit.correction import Correction, find_correction, find_s
 from kalscope.analysis.fit.record import Record
 from kalscope.analysis.fit.spikes import CLEAR, MAX_OUTLIERS, Spikes, burst_of
 from kalscope.analysis.fit.structure import Structure, find_change, find_shape, find_structure, with_momentum
+from kalscope.analysis.residual_tests import SPIKE
 from kalscope.common.array import Array
 
 Columns = tuple[Array, ...]
@@ -31,7 +32,7 @@ class Findings:
     n: int
     """Scored residuals."""
     constant: bool = False
-    """Whether all residuals are 0: the signal does not move."""
+    """Whether the signal does not move: all residuals are 0, or they only show a given start."""
     ratio: float = 1.0
     """λ of the filter."""
     momentum: bool = False
@@ -90,6 +91,11 @@ def find_misfits(
     steps = not lone_ones and spikes.too_many(n)
     outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * n else spikes.off[:0]
     record = Record.of(columns, seen, seen[outliers])
+    if not record.moves and not len(outliers):  # what is left is the way from a given x0
+        start = abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0
+        return Findings(
+            n, constant=True, momentum=momentum, start=start, refused=refused, refused_in_a_row=in_a_row
+        )
     if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are no outliers
         record, outliers = Record.of(columns, seen, seen[:0]), outliers[:0]
     correction = find_scale(e, outliers) if momentum else find_correction(record, e, outliers)

@@ -62,9 +62,9 @@ class Record:
 
     @property
     def moves(self) -> bool:
-        """Whether z has two different values."""
+        """Whether z has two values that differ by more than the filter's rounding."""
         z = self.z[np.isfinite(self.z)]
-        return len(z) > 0 and bool(np.any(z != z[0]))
+        return len(z) > 0 and float(np.ptp(z)) > 1e-13 * float(np.abs(z).max())
 
     @property
     def unchanged(self) -> float:

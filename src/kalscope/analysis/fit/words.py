@@ -64,7 +64,12 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
         few = f"too few samples to judge ({found.n} scored, {MIN_SAMPLES} needed)"
         return [("too_few", Advice(few, RecordLonger(MIN_SAMPLES)))]
     if found.constant:
-        return [("constant", Advice("the signal is constant: there is nothing to judge the filter by"))]
+        start = _start(found)
+        return (
+            [start]
+            if start
+            else [("constant", Advice("the signal is constant: there is nothing to judge the filter by"))]
+        )
     if found.unchanged > MAX_UNCHANGED:
         return _rounded(found, known)
     spikes, change = _spikes(found, known), _change(found)
@@ -165,11 +170,14 @@ def _edge(found: Findings) -> Finding | None:
     best = found.correction.instead_of_edge
     if best is None or found.momentum:
         return None
+    action = SetRatio(best, found.correction.edge_factor)
     if found.ratio < 1.0:
-        text = f"q = 0 cannot follow this signal: q about {number(best, 1)} × r fits best"
-        return "too_slow", Advice(text, SetRatio(best))
-    text = f"r = 0 lets all noise through: r about {number(1.0 / best, 1)} × q fits best"
-    return "too_fast", Advice(text, SetRatio(best))
+        return "too_slow", Advice(
+            f"q = 0 cannot follow this signal: q about {number(best, 1)} × r fits best", action
+        )
+    return "too_fast", Advice(
+        f"r = 0 lets all noise through: r about {number(1.0 / best, 1)} × q fits best", action
+    )
 
 
 def _size(found: Findings) -> Finding | None:

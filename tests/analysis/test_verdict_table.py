@@ -1,0 +1,271 @@
+"""The verdict table: over a hundred filters on known records, and laws that hold for each row's words.
+
+`python tests/support/oracles/verdict_states.py` prints the rows.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from verdict_states import SIGNALS, STATES, VerdictState, row_of
+
+from kalscope import FilterParams, kalman_filter
+from kalscope.analysis import actions
+from kalscope.analysis.diagnostics import Diagnostics, diagnose
+from kalscope.analysis.fit.goal import Choice, request_in
+from kalscope.analysis.judgement import judge
+from kalscope.common.text import number
+from kalscope.estimation.finding import Noise, Request, find_parameters
+
+row = cache(row_of)
+CHANCE = 3.29
+"""Standard errors: once in a thousand."""
+
+
+def random_states(count, seed=11):
+    """Filters from one end of the sliders to the other, on every record."""
+    g = np.random.default_rng(seed)
+    states = []
+    for name in g.choice(list(SIGNALS), count):
+        q, r = (float(10.0 ** g.uniform(low, high)) for low, high in ((-8, 3), (-5, 4)))
+        more = [{}, {"gate": 9.0}, {"gate": 16.0}, {"p0": 1e-6, "x0": 0.0}, {"momentum": 20.0}][int(g.integers(5))]
+        states.append(VerdictState(str(name), FilterParams(q, r, **more)))
+    return states
+
+
+ALL = [*STATES, *random_states(60)]
+every_state = pytest.mark.parametrize("state", ALL, ids=[one.name() for one in ALL])
+
+
+def worse(before, after):
+    """By how many standard errors the mean of `after` exceeds that of `before`; their difference goes by blocks."""
+    difference = after - before
+    difference = difference[np.isfinite(difference)]
+    means = np.array([part.mean() for part in np.array_split(difference, 16)])
+    error = means.std(ddof=1) / 4.0
+    return 0.0 if error == 0.0 else float(means.mean() / error)
+
+
+def second_half(z, params):
+    """Squared prediction errors, and −2 log-likelihood of each, in the half that is not the first."""
+    result = kalman_filter(z, params)
+    v, s = (column[len(z) // 2 :] for column in (result.innovation, result.s))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return v**2, v**2 / s + np.log(s)
+
+
+def scaled(params, q=1.0, r=1.0):
+    return replace(params, q=float(params.q) * q, r=float(params.r) * r)
+
+
+# --- what is called a fit -------------------------------------------------------------------------------
+
+
+@every_state
+def test_no_friendly_word_where_a_test_fails_beyond_chance(state):
+    one = row(state)
+    if one.said.tone != "good":
+        return
+    for d in (one.whole, one.half):
+        off = abs(d.nis - 1.0) / math.sqrt(2.0 / d.n)
+        assert off < CHANCE or (one.said.word == "nearly fits" and 1 / 1.5 < d.nis < 1.5)
+    d = one.whole
+    if one.said.word == "fits":
+        assert abs(d.r1) < CHANCE / math.sqrt(d.n)
+        assert min(d.ljung_box_p, d.slow_p, d.variance_ratio_p) > 1e-3
+    else:
+        assert abs(d.r1) < 0.2
+        assert d.slow_share < 0.1
+    assert one.said.advice == ()
+
+
+@every_state
+def test_what_is_bad_can_be_mended_by_a_button_and_what_is_good_needs_none(state):
+    said = row(state).said
+    mended = [advice.action for advice in said.advice if advice.action is not None]
+    assert (said.tone == "bad") <= bool(mended)
+    assert (said.tone == "good") <= (not mended)
+    assert said.headline[0].isupper()
+    assert said.headline.endswith(".")
+    assert len(said.word) <= 16
+
+
+def test_a_number_stands_where_the_filter_nearly_fits():
+    one = row(VerdictState("white", FilterParams(0.0, 1.3)))
+    assert one.said.word == "nearly fits"
+    assert f"{number(one.whole.nis)} × what q and r predict" in one.said.headline
+
+
+# --- too slow, too fast ---------------------------------------------------------------------------------
+
+
+@every_state
+def test_too_slow_and_too_fast_are_not_contradicted_by_the_half_that_was_not_fitted(state):
+    one = row(state)
+    if one.said.status not in ("too_slow", "too_fast") or float(state.params.momentum):
+        return
+    free = replace(state.params, gate=None)
+    factor = 1.5 if one.said.status == "too_slow" else 1 / 1.5
+    by_q = scaled(free, q=factor) if float(free.q) else replace(free, q=1e-6 * float(free.r))
+    by_r = scaled(free, r=1.0 / factor) if float(free.r) else replace(free, r=1e-6 * float(free.q))
+    for moved in (by_q, by_r):
+        assert worse(second_half(state.z, free)[0], second_half(state.z, moved)[0]) < CHANCE
+
+
+@every_state
+def test_the_advised_q_and_r_predict_the_second_half_no_worse(state):
+    for advice in row(state).said.advice:
+        action = advice.action
+        if isinstance(action, actions.Scale):
+            advised = scaled(state.params, action.q_factor, action.r_factor)
+        elif isinstance(action, actions.SetRatio):
+            r = action.factor * (float(state.params.r) or float(state.params.q) / action.ratio)
+            advised = replace(state.params, q=action.ratio * r, r=r)
+        else:
+            continue
+        before, after = (replace(one, gate=None) for one in (state.params, advised))
+        assert worse(second_half(state.z, before)[1], second_half(state.z, after)[1]) < CHANCE
+        words = advice.text
+        for name, factor in (("q", action.q_factor), ("r", action.r_factor)) if "_factor" in repr(action) else ():
+            assert (f"raise {name} " in words) <= (factor > 1.0)
+            assert (f"lower {name} " in words) <= (factor < 1.0)
+
+
+@every_state
+def test_a_band_that_is_too_narrow_has_large_errors_and_a_wide_one_small_errors(state):
+    one = row(state)
+    if one.said.status == "band":
+        assert one.said.word == ("band too narrow" if one.whole.nis > 1.0 else "band too wide")
+        assert abs(math.log(one.whole.nis)) > math.log(1.4)
+
+
+# --- a goal ---------------------------------------------------------------------------------------------
+
+GOALS = [
+    Request(target={"lag_s": 0.02}),
+    Request(target={"lag_s": 2.0}),
+    Request(target={"lag_samples": 10.0}),
+    Request(target={"cutoff_hz": 0.5}),
+    Request(target={"noise_reduction_db": 12.0}),
+    Request(target={"gain": 0.9}),
+    Request(ratio=0.01),
+    Request(target={"lag_s": 0.2}, overshoot=0.05),
+]
+MOVING = ["white", "walk", "noisy ramp", "sine", "slow sine", "steps", "spikes", "coloured", "hum", "gaps"]
+
+
+@cache
+def chosen(name, at):
+    """A record, the filter that a goal gives, and what is said of it."""
+    z, request = SIGNALS[name], GOALS[at]
+    found = find_parameters(z, request, sample_period=0.01)
+    whole = diagnose(kalman_filter(z, found.params))
+    assert isinstance(whole, Diagnostics)
+    return z, found.params, judge(whole, None, found.estimate, request=request)
+
+
+@pytest.mark.parametrize("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
+@pytest.mark.parametrize("name", MOVING)
+def test_a_goal_is_never_called_a_mistake_and_no_advice_undoes_it(name, at):
+    _, params, said = chosen(name, at)
+    assert said.status not in ("too_slow", "too_fast", "methods_differ")
+    ratio = float(params.q) / float(params.r)
+    for advice in said.advice:
+        match advice.action:
+            case None | actions.SetGate() | actions.UnsetStart():
+                pass
+            case actions.Scale(q_factor, r_factor):
+                assert ratio * q_factor / r_factor == pytest.approx(ratio, rel=0.5)
+            case other:
+                raise AssertionError(other)
+    goal = GOALS[at].goal
+    if said.status == "as_chosen":
+        assert said.headline.startswith(f"You chose {goal}. The best statistical fit would ")
+        assert (said.word, said.tone) == ("as chosen", "note")
+    elif said.tone != "bad":
+        assert said.headline.startswith(f"You chose {goal}. ")
+
+
+@pytest.mark.parametrize("at", range(len(GOALS) - 1), ids=[one.goal for one in GOALS[:-1]])
+@pytest.mark.parametrize("name", MOVING)
+def test_the_best_fit_lies_where_the_words_say(name, at):
+    """The oracle: the likelihood with the best r over a fine grid of q/r, by the filter itself."""
+    z, params, said = chosen(name, at)
+    texts = [text for text in (said.headline, *(one.text for one in said.advice)) if "would follow" in text]
+    texts += [text for text in (said.headline, *(one.text for one in said.advice)) if "would smooth" in text]
+    if name in ("spikes", "steps"):  # a plain likelihood is not what judges them
+        return
+    own = float(params.q) / float(params.r)
+    factors = np.geomspace(1e-4, 1e4, 65)
+    best = factors[int(np.argmax([concentrated(z, own * factor) for factor in factors]))]
+    if not texts:
+        assert concentrated(z, own * best) - concentrated(z, own) < 8.0 or 0.5 < best < 2.0
+        return
+    assert ("follow faster" in texts[0]) == (best > 1.0)
+    if "more than 1000" not in texts[0] and 1e-3 < best < 1e3:
+        size = float(texts[0].split("about ")[1].split(" ×")[0].replace("\u202f", ""))
+        assert size == pytest.approx(max(best, 1.0 / best), rel=0.5)
+
+
+def concentrated(z, ratio):
+    result = kalman_filter(z, FilterParams(ratio, 1.0))
+    seen = np.isfinite(result.innovation)
+    seen &= result.k > 0.0
+    v, s = result.innovation[seen], result.s[seen]
+    return -0.5 * (len(v) * math.log(float(np.mean(v**2 / s))) + float(np.log(s).sum()))
+
+
+def test_the_words_for_a_lag_in_both_directions_and_for_what_it_costs():
+    slow = chosen("walk", 1)[2].headline
+    fast = chosen("walk", 0)[2].headline
+    assert slow.startswith("You chose a lag of 2000 ms. The best statistical fit would follow faster (q about ")
+    assert slow.endswith(" × larger), so movement faster than 2000 ms is smoothed away.")
+    assert fast.startswith("You chose a lag of 20 ms. The best statistical fit would smooth more (q about ")
+    assert fast.endswith(" × smaller), so noise that it would remove stays.")
+    above = chosen("sine", 3)[2].headline
+    assert above.endswith("so movement above 0.5 Hz is smoothed away.")
+    fits = chosen("walk", 6)[2]
+    assert fits.headline.startswith("You chose q/r = 0.01. The filter fits: ")
+    assert (fits.word, fits.tone) == ("fits", "good")
+
+
+def test_spikes_of_a_chosen_filter_come_first_and_their_gate_leaves_the_movement():
+    z, params, said = chosen("spikes", 1)  # a lag of 2 s
+    assert (said.status, said.tone) == ("spikes", "bad")
+    assert said.advice[1].text.startswith(
+        "you chose a lag of 2000 ms. the best statistical fit would follow faster"
+    )
+    gated = replace(params, gate=said.advice[0].action.sigma ** 2)
+    after = diagnose(kalman_filter(z, gated))
+    then = judge(after, request=GOALS[1])
+    assert after.findings.refused <= 30  # ten spikes, three readings each at most, and no movement
+    assert then.status == "as_chosen"
+
+
+@pytest.mark.parametrize(("r", "words"), [(100.0, "smaller"), (0.01, "larger")])
+def test_an_r_that_was_given_stays_and_its_advice_says_what_it_relies_on(r, words):
+    z = SIGNALS["walk"]
+    request = Request(noise=Noise(sigma=math.sqrt(r)))
+    found = find_parameters(z, request)
+    said = judge(diagnose(kalman_filter(z, found.params)), None, found.estimate, request=request)
+    assert said.status == "as_chosen"
+    assert said.headline.startswith("You gave r from the data sheet. The best statistical fit has an r about ")
+    assert said.headline.endswith(f"{words}: keep yours if you trust the data sheet.")
+    assert not any(isinstance(one.action, actions.Scale | actions.SetRatio) for one in said.advice)
+
+
+@pytest.mark.parametrize("request_", GOALS[:-1], ids=[one.goal for one in GOALS[:-1]])
+def test_a_tuning_file_names_the_goal_that_its_verdict_keeps(request_):
+    assert request_in(request_.goal, 1.0) == request_
+    known = request_in(f"{request_.goal}, r from a still stretch", 4.0)
+    assert (known.goal, known.noise) == (request_.goal, Noise(r=4.0))
+
+
+def test_a_tuning_that_was_not_chosen_names_no_goal():
+    for how in ("by hand", "maximum likelihood", "preset 1", "", "q times 2, found at 1 s; a lag of 5 ms"):
+        assert request_in(how, 1.0) is None
+        assert not Choice.of(request_in(how, 1.0))
