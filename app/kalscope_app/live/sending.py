@@ -44,8 +44,8 @@ def board_filter(names: tuple[str, ...], channel: str, filters: int = 0) -> Boar
         at = names.index(channel)
         return BoardFilter(None if filters == 1 else at // 2 + 1, names[at + 1])
     raise BadSetting(
-        "the board must run the exported sketch, which sends raw,filtered or NAME,NAME_filtered: flash it first "
-        f"(got {', '.join(names)[:100]} with {channel[:40]} on screen)"
+        f"this board cannot be tuned: it sends no filtered column for {channel[:40]} "
+        f"(only {', '.join(names)[:100]}). Flash the exported sketch first"
     )
 
 
@@ -80,10 +80,13 @@ def _answers(source: LiveSource, line: str) -> list[BoardAnswer]:
     replies = source.send(line)
     for reply in replies:
         if is_refusal(reply):
-            raise BadDevice(f"the board must take {line!r} (got {reply[:100]!r})")
+            raise BadDevice(f"the board did not take {line!r}: it answered {reply[:100]!r}")
     answers = [answer for answer in map(read_answer, replies) if answer is not None]
     if not answers:
-        raise BadDevice(f"the board must answer {line!r} with the values it uses (got {replies[0][:100]!r})")
+        raise BadDevice(
+            f"the board did not answer {line!r} with its values, but {replies[0][:100]!r}. "
+            "Flash the exported sketch first"
+        )
     return answers
 
 

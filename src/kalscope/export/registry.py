@@ -40,15 +40,15 @@ TARGETS = MappingProxyType(
         "arduino": Target(
             arduino.files,
             "Arduino sketch",
-            "A C++ header without allocation (float32) and a sketch that uses it.",
+            "A sketch for the Arduino IDE and its C++ header (float32).",
             fixed_gains.arduino_files,
         ),
-        "c": Target(c.files, "C99", "The filter in C99, double or float by a macro.", fixed_gains.c_files),
+        "c": Target(c.files, "C99", "The filter in C99, in double or float.", fixed_gains.c_files),
         "python": Target(
-            python.files, "Python", "A small Python class without dependencies, and the call of Kalscope."
+            python.files, "Python", "A small Python class without dependencies, and the same with Kalscope."
         ),
         "matlab": Target(
-            matlab.files, "MATLAB, Octave", "A script for MATLAB and Octave in the style of the first paper."
+            matlab.files, "MATLAB, Octave", "A script for MATLAB and Octave, in the letters of Ma'arif 2019."
         ),
         "javascript": Target(
             javascript.files, "JavaScript", "An ES module with a small class without dependencies."
@@ -58,18 +58,18 @@ TARGETS = MappingProxyType(
         "platformio": Target(
             platformio.files,
             "PlatformIO flags",
-            "Compiler flags for PlatformIO, in a file that extra_configs includes.",
+            "Compiler flags for PlatformIO, in a file for extra_configs.",
         ),
         "esphome": Target(
             esphome.files,
             "ESPHome sensor",
-            "A kalman_combinator sensor of ESPHome: standard deviations, per second.",
+            "A Kalman combination sensor of ESPHome, in standard deviations per second.",
         ),
         "bachagas": Target(
             bachagas.files, "bachagas/Kalman.h", "The constructor of bachagas/Kalman.h, which has the same formula."
         ),
         "kalmanjs": Target(
-            kalmanjs.files, "kalmanjs", "The constructor of kalmanjs: the same filter with the letters swapped."
+            kalmanjs.files, "kalmanjs", "The constructor of kalmanjs: the same filter, its letters Q and R swapped."
         ),
         "simplekalmanfilter": Target(
             SIMPLE_KALMAN_FILTER.files,

@@ -67,6 +67,11 @@ class Report:
     origin: Rows
     """File, SHA-256, versions, date."""
 
+    @property
+    def table_columns(self) -> tuple[tuple[ReportTable, ...], ...]:
+        """The tables that have rows, as they stand in the left and in the right column of the page."""
+        return tuple(tuple(one for one in self.tables[side::2] if one.rows) for side in (0, 1))
+
 
 def make_report(
     recording: Recording,

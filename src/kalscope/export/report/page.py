@@ -12,11 +12,12 @@ from kalscope.export.report.content import Report
 
 def as_html(report: Report) -> str:
     """The page as text; every word from outside is escaped, and the page may load and run nothing."""
-    height = 205 if len(report.charts) > 1 else 330
+    height = (205 if len(report.charts) > 1 else 330) - 6 * len(report.tables[-1].rows)  # the pins need the space
     tables = "".join(
-        f"<div><h2>{escape(one.heading)}</h2>{table(one.columns, one.rows)}</div>"
-        for one in report.tables
-        if one.rows
+        "<div>"
+        + "".join(f"<h2>{escape(one.heading)}</h2>{table(one.columns, one.rows)}" for one in column)
+        + "</div>"
+        for column in report.table_columns
     )
     texts = "".join(f"<h2>{escape(head)}</h2><p>{escape(text)}</p>" for head, text in report.texts)
     body = (

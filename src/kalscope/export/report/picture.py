@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 
 from kalscope.common.charts import COLOURS, LEFT, add_legend, blank_axes, draw_panel, drawing
 from kalscope.common.text import one_line
@@ -55,14 +56,14 @@ class _Sheet:
         left = MARGIN + LEFT
         add_legend(self._figure, report.charts, (left / SIZE[0], 1.0 - self._y / SIZE[1]))
         self._y += 62
-        height = 520.0 if len(report.charts) == 1 else 290.0
+        height = (520.0 if len(report.charts) == 1 else 290.0) - 8.0 * len(report.tables[-1].rows)  # for the pins
         for panel in report.charts:
             bottom, width = SIZE[1] - self._y - height, SIZE[0] - MARGIN - left
             bounds = (left / SIZE[0], bottom / SIZE[1], width / SIZE[0], height / SIZE[1])
             draw_panel(self._figure.add_axes(bounds), panel)
             self._y += height + 118
         self._y -= 30
-        self._tables([table for table in report.tables if table.rows])
+        self._tables(report.table_columns)
         for head, text in (*report.texts, ("Reopen this session", report.command)):
             self._line(head, 25)
             self._paragraph(text, 22)
@@ -84,16 +85,17 @@ class _Sheet:
             self._y += round(1.3 * size)
         self._y += 14
 
-    def _tables(self, tables: list[ReportTable]) -> None:
-        """Two beside each other."""
+    def _tables(self, columns: Sequence[Sequence[ReportTable]]) -> None:
+        """Two columns of tables beside each other."""
         width = WIDTH / 2 - 30.0
-        for pair in (tables[:2], tables[2:4], tables[4:6]):
-            top, ends = self._y, [self._y]
-            for table, x in zip(pair, (MARGIN, MARGIN + width + 60.0), strict=False):
-                self._y = top
+        top, ends = self._y, [self._y]
+        for tables, x in zip(columns, (MARGIN, MARGIN + width + 60.0), strict=True):
+            self._y = top
+            for table in tables:
                 self._table(table, x, width)
-                ends.append(self._y)
-            self._y = max(ends) + 16
+                self._y += 16
+            ends.append(self._y)
+        self._y = max(ends)
 
     def _table(self, table: ReportTable, x: float, width: float) -> None:
         """The first column takes its part of the width, the others share the rest."""
