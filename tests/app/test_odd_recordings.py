@@ -120,7 +120,7 @@ class Bench:
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, guarded_server(port=0) as guarded:
-        patch.setattr(studies, "IDLE_DELAY", 0.0)
+        patch.setattr(studies, "idle_delay", lambda _: 0.0)
         patch.setattr(map_view, "SIZE", (200.0, 400.0))  # a quarter of the pixels to draw and to pack
         dashboard = Dashboard(guarded.server, opened(RECORDINGS["truth"]), tmp_path_factory.mktemp("out"))
         dashboard.start()

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import FilterResult, denoise
+from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
+from kalscope.filtering.pieces import RunningFilter, filter_at, picked
 from kalscope.filtering.protocol import Filter, StandardFilter
-from kalscope.filtering.running import RunningFilter
 from kalscope_app.engine.cache import Cache
 from kalscope_app.engine.decimation import DrawnSamples
 from kalscope_app.session.state import State
 
 MAX_KEPT = 1_000_000
-"""Samples of a finished recording up to which a run is kept: it takes 40 bytes a sample."""
+"""Samples of a finished recording up to which a whole run is kept: it takes 40 bytes a sample."""
+
+
+@dataclass(frozen=True)
+class DrawnRun:
+    """What a chart needs of a run."""
+
+    at: FilterResult
+    """The run at the samples drawn; its sums are of all samples."""
+    gain: Callable[[int], Array]
+    """The gain of so many first samples."""
+    whole: FilterResult | None
+    """All of the run; None where only the drawn samples were kept."""
 
 
 @dataclass
@@ -30,6 +43,7 @@ class FilterRuns:
 
     def __init__(self) -> None:
         self._whole = Cache[FilterResult]()
+        self._drawn = Cache[DrawnRun]()
         self._live = Cache[_LiveRun]()
 
     def begin(self, state: State) -> None:
@@ -46,6 +60,15 @@ class FilterRuns:
             return used.run(state.z, state.dt)
         return self._whole.get(used, lambda: used.run(state.z, state.dt))
 
+    def drawn(self, state: State, drawn: DrawnSamples) -> DrawnRun:
+        """The filter of the State at the samples drawn; of a finished recording no others are kept."""
+        used = state.filter
+        if state.live is None and state.board is None and isinstance(used, StandardFilter):
+            self._drawn.begin(state.record_key, state.channel, state.recording.gaps, drawn)
+            return self._drawn.get(used, lambda: _at_drawn(state, used, drawn))
+        whole = self.of(state, used)
+        return DrawnRun(picked(whole, drawn.indices), lambda size: whole.k[:size], whole)
+
     def _continued(self, state: State, used: StandardFilter) -> FilterResult:
         z, n = state.z, len(state.recording)
         snapshot = state.live.snapshot if state.live else None
@@ -57,6 +80,15 @@ class FilterRuns:
         run.first = first
         run.running.extend(z[len(run.running) :])
         return run.running.result
+
+
+def _at_drawn(state: State, used: StandardFilter, drawn: DrawnSamples) -> DrawnRun:
+    z, dt, params = state.z, state.dt, used.params
+
+    def gain(size: int) -> Array:
+        return kalman_filter(z[:size], params, None if dt is None else dt[:size]).k
+
+    return DrawnRun(filter_at(z, params, drawn.indices, dt), gain, None)
 
 
 class VariantCurves:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,30 +99,30 @@ def compute_frame(
     recording = state.recording
     runs = runs or FilterRuns()
     runs.begin(state)
-    result = runs.of(state, state.filter)
-    steady = state.filter.settled(result, recording.sample_period)
-    at = drawn.indices
-    start_up = samples_to_settle(result, float(steady.gain))
+    run = runs.drawn(state, drawn)
+    result, at = run.at, drawn.indices
+    steady = state.filter.settled(run.whole or result, recording.sample_period)
+    start_up = samples_to_settle(run.gain, len(recording), float(steady.gain))
     gain_samples = gain_axis(start_up, len(recording))
     board = None if state.board is None else recording.channel(state.board)
-    velocity, velocity_spread = _velocity(state, result, drawn)
+    velocity, velocity_spread = _velocity(state, result)
     aside = state.set_aside
     return Frame(
         state=state,
         serial=serial,
         drawn=drawn,
         steady=steady,
-        filtered=result.x[at],
-        spread=2.0 * np.sqrt(result.p[at]),
+        filtered=result.x,
+        spread=2.0 * np.sqrt(result.p),
         smoothed=_smoothed(state, drawn) if state.view.smoother and state.filter.is_standard else None,
         rejected=int(result.rejected),
-        innovation=result.innovation[at],
-        innovation_spread=2.0 * np.sqrt(result.s[at]),
+        innovation=result.innovation,
+        innovation_spread=2.0 * np.sqrt(result.s),
         start_up=start_up,
-        gain=result.k[gain_samples],
+        gain=run.gain(int(gain_samples[-1]) + 1)[gain_samples],
         gain_samples=gain_samples.astype(np.float64),
         board=None if board is None else board[at],
-        board_difference=math.nan if board is None else _largest_difference(board, result.x, drawn),
+        board_difference=_largest_difference(board, run.whole, drawn),
         connection=connection,
         velocity=velocity,
         velocity_spread=velocity_spread,
@@ -141,26 +142,34 @@ def _smoothed(state: State, drawn: DrawnSamples) -> Array:
     return smooth(z, state.params, None if dt is None else dt[first:last]).x[drawn.indices - first]
 
 
-def _velocity(state: State, result: FilterResult, drawn: DrawnSamples) -> tuple[Array | None, Array | None]:
+def _velocity(state: State, result: FilterResult) -> tuple[Array | None, Array | None]:
     """The velocity and its 2·√variance at the drawn samples, where they are wanted and the filter has them."""
     if not state.view.velocity or result.velocity is None or result.velocity_p is None:
         return None, None
     rate = 1.0 / (state.recording.sample_period or 1.0)
-    return rate * result.velocity[drawn.indices], 2.0 * rate * np.sqrt(result.velocity_p[drawn.indices])
+    return rate * result.velocity, 2.0 * rate * np.sqrt(result.velocity_p)
 
 
-def _largest_difference(board: Array, x: Array, drawn: DrawnSamples) -> float:
+def _largest_difference(board: Array | None, run: FilterResult | None, drawn: DrawnSamples) -> float:
     """Largest |board − x| in the window; NaN where the board has sent nothing there."""
-    difference = np.abs(board[drawn.first : drawn.last] - x[drawn.first : drawn.last])
+    if board is None or run is None:
+        return math.nan
+    difference = np.abs(board[drawn.first : drawn.last] - run.x[drawn.first : drawn.last])
     finite = difference[np.isfinite(difference)]
     return float(finite.max()) if len(finite) else math.nan
 
 
-def samples_to_settle(result: FilterResult, settled_gain: float) -> int:
-    """Samples until the gain first comes within 1 % of the settled gain; the whole record if it never does."""
-    n, size = len(result.k), 1024
+def samples_to_settle(gain: Callable[[int], Array], n: int, settled_gain: float) -> int:
+    """Samples until the gain first comes within 1 % of the settled gain; the whole record if it never does.
+
+    Args:
+        gain: the gain of so many first samples.
+        n: samples of the record.
+        settled_gain: where the gain goes.
+    """
+    size = 1024
     while True:  # look at a short beginning first: a million samples settle as early as a thousand do
-        close = np.abs(result.k[:size] - settled_gain) <= 0.01 * settled_gain
+        close = np.abs(gain(size) - settled_gain) <= 0.01 * settled_gain
         if close.any():
             return int(np.argmax(close))
         if size >= n:

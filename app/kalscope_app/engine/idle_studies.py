@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,9 +17,24 @@ from typing import Any
 from kalscope_app.session.state import State
 
 IDLE_DELAY = 0.2
-"""Seconds without a new state after which the studies are computed."""
+"""Seconds without a new state after which the studies are computed, at least."""
+
+MAX_IDLE_DELAY = 1.0
+"""And at most."""
 
 log = logging.getLogger(__name__)
+
+
+def idle_delay(longest: float) -> float:
+    """Seconds without a new state to wait for before a round of studies.
+
+    A study that has begun is not interrupted: of a long record it would slow down the next key press of a user who
+    steps through values.
+
+    Args:
+        longest: seconds that the longest study of the last round took.
+    """
+    return min(max(IDLE_DELAY, longest), MAX_IDLE_DELAY)
 
 
 @dataclass(frozen=True)
@@ -39,6 +55,7 @@ class Studies:
         self._studies = tuple(studies)
         self._tell = tell
         self._state: State | None = None
+        self._longest = 0.0
         self._news = threading.Event()
         threading.Thread(target=self._run, name="kalscope-studies", daemon=True).start()
 
@@ -52,16 +69,22 @@ class Studies:
         while True:
             self._news.wait()
             self._news.clear()
-            if self._news.wait(timeout=IDLE_DELAY):
+            if self._news.wait(timeout=idle_delay(self._longest)):
                 continue
             if self._state is not None:
                 self._round(self._state)
 
     def _round(self, state: State) -> None:
+        took = [0.0]
         for study in self._studies:
             if state is not self._state:
-                return
+                break
+            start = time.monotonic()
             self._one(study, state)
+            took.append(time.monotonic() - start)
+        else:
+            self._longest = 0.0  # a whole round: a shorter record may be open by now
+        self._longest = max(self._longest, *took)
 
     def _one(self, study: Study, state: State) -> None:
         try:
