@@ -1,4 +1,4 @@
-"""A settings file loaded onto what is open: an undoable change, refused in words where it does not fit."""
+"""A tuning file loaded onto what is open: an undoable change, refused in words where it does not fit."""
 
 from __future__ import annotations
 

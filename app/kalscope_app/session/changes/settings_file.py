@@ -1,4 +1,4 @@
-"""A settings file (the tuning file) loaded in the dashboard: its q, r, p0 … become those of what is open."""
+"""A tuning file loaded in the dashboard: its q, r, p0 … become those of what is open."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from kalscope_app.session.opening import adapted
 from kalscope_app.session.state import Change, State
 
 ENDING = ".toml"
-"""What the name of a settings file ends with; every other file is a recording."""
+"""What the name of a tuning file ends with; every other file is a recording."""
 
 MAX_BYTES = 1_000_000
-"""Bytes of an uploaded settings file, at most; one of a thousand channels has 200 kB."""
+"""Bytes of an uploaded tuning file, at most; one of a thousand channels has 200 kB."""
 
 
 def uploaded_settings(name: str, content: bytes) -> Tuning:
-    """What an uploaded settings file holds.
+    """What an uploaded tuning file holds.
 
     Raises:
         BadFile: it is none.
     """
     if len(content) > MAX_BYTES:
-        raise BadFile(f"{name!r} must be a settings file of at most 1 MB (got {len(content)} bytes)")
+        raise BadFile(f"{name!r} must be a tuning file of at most 1 MB (got {len(content)} bytes)")
     try:
         return loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
-        raise BadFile(f"{name!r} must be a settings file in UTF-8 (got other bytes)") from None
+        raise BadFile(f"{name!r} must be a tuning file in UTF-8 (got other bytes)") from None
     except BadFile as error:
         raise BadFile(f"{name!r}: {error}") from None
 
 
 def use_settings(tuning: Tuning, name: str) -> Change:
-    """The settings of a file become those of the channels of the same names; one undoable change.
+    """The values of a file become those of the channels of the same names; one undoable change.
 
     Args:
         tuning: what the file holds.

@@ -56,7 +56,7 @@ class SourceView:
                 self._path = gui.add_text(
                     "path",
                     "",
-                    hint="A log of any size on this computer, or a settings file (.toml); press Enter to open it.",
+                    hint="A log of any size on this computer, or a tuning file (.toml); press Enter to open it.",
                 )
             self._open = gui.add_button("Open this path", hint="Open the file at this path.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
@@ -92,7 +92,7 @@ class SourceView:
                 mime_type="*/*",
                 color=PRIMARY,
                 order=UPLOAD_ORDER,
-                hint="A log or settings file (.toml) of up to 64 MB; larger ones by their path.",
+                hint="A log or tuning file (.toml) of up to 64 MB; larger ones by their path.",
             )
 
         def take(_event: viser.GuiEvent[Any]) -> None:
@@ -102,7 +102,7 @@ class SourceView:
         button.on_upload(take)
 
     def open_spec(self, spec: str, failed: Failed = Failed.OPEN) -> None:
-        """Open what is named as on the command line; a settings file is loaded onto what is open."""
+        """Open what is named as on the command line; a tuning file is loaded onto what is open."""
         if spec.lower().endswith(ENDING):
             self._load(Path(spec).name, partial(load_tuning, spec))
         else:
