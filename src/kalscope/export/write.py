@@ -48,9 +48,9 @@ def limits_of(
         )
         if limit.kind == "estimate" or not fixed_gains
     ]
-    others = ", ".join(f"{one.name} in {one.unit}" for one in not_in_counts(chosen))
+    others = " and ".join(f"{one.name} is in {one.unit}" for one in not_in_counts(chosen))
     if target == "arduino" and others and not fixed_gains:
-        said.append(f"analogRead() returns counts. The sketch compiles once its readSensor() returns {others}.")
+        said.append(f"the sketch reads counts, but {others}: it compiles once you have written readSensor().")
     return list(dict.fromkeys(said))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 import re
 import zipfile
@@ -14,8 +15,10 @@ from kalscope import BadSetting, Recording, export_tuning, steady_state
 from kalscope.estimation.finding import Noise, Request, find_parameters
 from kalscope.export.registry import TARGETS
 from kalscope_app.session.changes.parameters import apply_found, set_text
+from kalscope_app.session.changes.variants import pin_present
 from kalscope_app.session.history import History, record, step_back
 from kalscope_app.session.opening import opened, opened_experiment
+from kalscope_app.session.share import share_line
 from kalscope_app.views.export.choice import (
     GAPS,
     TITLES,
@@ -30,6 +33,7 @@ from kalscope_app.views.export.choice import (
     packed,
     toggled,
 )
+from kalscope_app.views.export.report import html_report, png_report
 
 
 @pytest.fixture
@@ -98,7 +102,7 @@ def test_a_unit_that_the_board_does_not_read_is_said(state):
     in_volts = state.with_open(recording=recording).with_settings(
         tunings=tuple(replace(one, unit=unit) for one, unit in zip(state.settings.tunings, ("V", ""), strict=True))
     )
-    assert "readSensor() returns a in V" in limits_text(in_volts).replace("\\", "")
+    assert "The sketch reads counts, but a is in V:" in limits_text(in_volts).replace("\\", "")
     assert limits_text(in_volts, Choice("c")) == limits_text(in_volts, Choice("arduino", fixed_gains=True)) == ""
 
 
@@ -148,7 +152,7 @@ def test_the_lag_at_the_period_of_the_device_is_shown_and_the_goal_can_be_met_th
     assert settled > 60.0
     met = toggled(choice, found)
     assert device_notes(found, met).lag == "Lag **50 ms** at 10 ms per sample; 50 ms as recorded."
-    assert device_notes(found, met).offer == "Keep q/r as recorded"
+    assert device_notes(found, met).offer == "Use q as tuned"
     asked, settled = lag_in_code(found, met)
     assert asked == ("0.01", 50.0)
     assert settled == pytest.approx(50.0, rel=1e-3)
@@ -191,6 +195,17 @@ def test_without_a_goal_or_a_period_nothing_is_offered(state):
     untimed = state.with_open(recording=replace(state.recording, sample_period=None))
     assert device_notes(untimed) == DeviceNotes("", "", "")
     assert device_notes(opened_experiment("generalized_figure_8")).lag == ""
+
+
+def test_the_report_of_the_dashboard_reopens_without_a_file_and_has_the_pins(state):
+    pinned = pin_present(state)
+    text = html_report(set_text("q", "0.5")(pinned)).decode()
+    assert html.escape(share_line(set_text("q", "0.5")(pinned)).line) in text
+    assert "tuning.toml" not in text
+    assert "<td>A</td><td>0.0200</td>" in text
+    assert "Pinned settings" not in html_report(state).decode()
+    with pytest.raises(BadSetting, match="needs the Kalman filter"):
+        png_report(opened_experiment("generalized_figure_8"))
 
 
 def test_undo_brings_no_earlier_sending_back(state):

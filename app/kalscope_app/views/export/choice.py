@@ -95,7 +95,7 @@ def _lag_notes(state: State, choice: Choice) -> tuple[str, str]:
     if name != "lag_s":
         text += f" {GOALS[name].format(words)}"
     if choice.goal == goal:
-        return text, "Keep q/r as recorded"
+        return text, "Use q as tuned"
     missed = abs(value - wanted) > MET * abs(wanted)
     return text, f"Meet {_in_words(name, wanted)} at this period" if missed else ""
 
@@ -150,7 +150,7 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
     lines = [escape_markdown(f"{limit[:1].upper()}{limit[1:]}", 400) for limit in limits]
     if state.dt is not None and np.any(np.abs(state.dt - 1.0) > UNEVEN):
         lines.append(GAPS)
-    return "\n".join(f"- {line}" for line in lines)
+    return "\n".join(f"- {line}" for line in lines) if len(lines) > 1 else "".join(lines)
 
 
 def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str, str]:
