@@ -27,7 +27,7 @@ HARMLESS = "'unsafe-eval' is not an allowed source"
 """viser's page starts a sorter for Gaussian splats by eval. Kalscope draws no splats."""
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def dashboard() -> Iterator[SimpleNamespace]:
     """A guarded server with a number to set and an upload button, and what came of them."""
     changed, refused = queue.Queue(), queue.Queue()
@@ -38,13 +38,25 @@ def dashboard() -> Iterator[SimpleNamespace]:
         yield SimpleNamespace(running=running, changed=changed, refused=refused)
 
 
-@pytest.fixture
-def visitor(browser: Browser) -> Iterator[BrowserContext]:
+def new_context(browser: Browser) -> BrowserContext:
     context = browser.new_context(color_scheme="light")
     context.set_default_timeout(1000 * PATIENCE)
     context.add_init_script(NO_CANVAS)
-    yield context
-    context.close()
+    return context
+
+
+@pytest.fixture
+def visitor(browser: Browser) -> Iterator[BrowserContext]:
+    """A browser that has not been here before."""
+    with new_context(browser) as context:
+        yield context
+
+
+@pytest.fixture(scope="module")
+def user(browser: Browser, dashboard: SimpleNamespace) -> Iterator[Page]:
+    """The page of a user who is in. No test leaves it: to load it is most of the work of these tests."""
+    with new_context(browser) as context:
+        yield log_in(context, dashboard.running)
 
 
 @pytest.fixture
@@ -109,33 +121,33 @@ def test_the_link_opens_a_live_dashboard_without_complaint(dashboard, visitor, t
     assert [text for text in complaints if HARMLESS not in text] == []
 
 
-def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites(dashboard, visitor):
-    page = log_in(visitor, dashboard.running)
-    (cookie,) = visitor.cookies()
+def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites(dashboard, user):
+    (cookie,) = user.context.cookies()
     assert cookie.get("name") == f"kalscope_{dashboard.running.port}"
     assert cookie.get("httpOnly") is True
     assert cookie.get("sameSite") == "Strict"
-    assert page.evaluate("document.cookie") == ""
+    assert user.evaluate("document.cookie") == ""
 
 
-def test_another_server_of_this_machine_is_not_handed_the_cookie(dashboard, visitor, hostile):
+def test_another_server_of_this_machine_is_not_handed_the_cookie(dashboard, user, hostile):
     """Browsers do not keep cookies of one port from another: its path does."""
-    page = log_in(visitor, dashboard.running)
+    page = user.context.new_page()
     hostile.pages["/"] = "<img src='/d/'><script>fetch('/x/y/', {credentials: 'include'})</script>hello"
     page.goto(f"http://127.0.0.1:{hostile.port}/")
     page.get_by_text("hello").wait_for()
     page.goto(home(dashboard.running))
     page.get_by_text(LABEL).wait_for()
+    page.close()
     assert hostile.cookies == []
 
 
-def test_a_reload_and_the_address_without_the_token_keep_the_user_in(dashboard, visitor):
-    page = log_in(visitor, dashboard.running)
-    page.reload()
-    page.get_by_text(LABEL).wait_for()
-    second_tab = visitor.new_page()
+def test_a_reload_and_the_address_without_the_token_keep_the_user_in(dashboard, user):
+    second_tab = user.context.new_page()
     second_tab.goto(home(dashboard.running))
     second_tab.get_by_text(LABEL).wait_for()
+    second_tab.reload()
+    second_tab.get_by_text(LABEL).wait_for()
+    second_tab.close()
 
 
 def test_the_link_works_from_another_sites_page(dashboard, visitor, hostile):
@@ -160,15 +172,14 @@ def test_a_page_without_the_token_says_what_to_do(dashboard, visitor, browser, t
     assert page.evaluate(background) != light
 
 
-def test_a_refused_upload_leaves_the_button_usable(dashboard, visitor, tmp_path):
-    page = log_in(visitor, dashboard.running)
+def test_a_refused_upload_leaves_the_button_usable(dashboard, user, tmp_path):
     large = tmp_path / "large.csv"
     large.write_bytes(b"1\n" * 2**20)
-    page.locator("input[type=file]").set_input_files(large)
+    user.locator("input[type=file]").set_input_files(large)
     assert "up to 1 MiB" in dashboard.refused.get(timeout=PATIENCE)
-    button = page.get_by_role("button", name="Upload a recording")
-    page.wait_for_function("button => !button.disabled", arg=button.element_handle())
-    page.get_by_text("large.csv").wait_for(state="detached")  # its notice would claim success
+    button = user.get_by_role("button", name="Upload a recording")
+    user.wait_for_function("button => !button.disabled", arg=button.element_handle())
+    user.get_by_text("large.csv").wait_for(state="detached")  # its notice would claim success
 
 
 @pytest.fixture
@@ -202,12 +213,13 @@ def test_without_webgl_a_plain_page_says_so_and_how_to_switch_it_on(dashboard, c
 @pytest.mark.parametrize(
     "query", ["websocket=ws://127.0.0.1:{port}/", "playbackPath=http://127.0.0.1:{port}/x.viser"]
 )
-def test_a_link_that_loads_foreign_code_is_refused(dashboard, visitor, hostile, query):
-    page = log_in(visitor, dashboard.running)
+def test_a_link_that_loads_foreign_code_is_refused(dashboard, user, hostile, query):
+    page = user.context.new_page()
     answer = page.goto(f"{home(dashboard.running)}?{query.format(port=hostile.port)}")
     assert answer is not None
     assert answer.status == 403
     assert page.get_by_role("heading").inner_text() == "Open the link printed in the terminal"
+    page.close()
 
 
 def test_a_foreign_name_for_this_machine_is_refused(dashboard, visitor):
@@ -231,19 +243,19 @@ def test_a_rebound_name_reaches_neither_page_nor_socket(dashboard, chromium_with
     assert opening_a_socket(page, dashboard.running, "evil.example") == "refused"
 
 
-def test_an_iframe_on_a_hostile_page_stays_empty(dashboard, visitor, hostile):
-    log_in(visitor, dashboard.running)
+def test_an_iframe_on_a_hostile_page_stays_empty(dashboard, user, hostile):
     hostile.pages["/frame"] = (
         f'<iframe id="ours" src="{home(dashboard.running)}"></iframe><iframe id="own" src="/inner"></iframe>'
     )
     hostile.pages["/inner"] = "<p>a frame that may be shown</p>"
-    page = visitor.new_page()
+    page = user.context.new_page()
     with page.expect_console_message(lambda message: "frame-ancestors" in message.text):
         page.goto(f"http://127.0.0.1:{hostile.port}/frame")
     page.frame_locator("#own").get_by_text("a frame that may be shown").wait_for()
     framed = page.locator("#ours").element_handle().content_frame()
     assert framed is not None
     assert framed.url.startswith("chrome-error:")
+    page.close()
 
 
 def opening_a_socket(page: Page, running: GuardedServer, name: str = "127.0.0.1") -> str:
@@ -258,36 +270,38 @@ def opening_a_socket(page: Page, running: GuardedServer, name: str = "127.0.0.1"
     )
 
 
-def test_a_hostile_page_opens_no_socket_though_the_user_is_in(dashboard, visitor, hostile):
-    own = log_in(visitor, dashboard.running)
-    page = visitor.new_page()
+def test_a_hostile_page_opens_no_socket_though_the_user_is_in(dashboard, user, hostile):
+    page = user.context.new_page()
     page.goto(f"http://127.0.0.1:{hostile.port}/")
     assert opening_a_socket(page, dashboard.running) == "refused"
-    assert opening_a_socket(own, dashboard.running) == "opened"
+    assert opening_a_socket(user, dashboard.running) == "opened"
+    page.close()
 
 
 MARKUP = {
-    "handler in html": ("add_html", "<img src=x onerror=\"document.title='taken'\">"),
+    "handler in html": ("add_html", "<img src=x onerror=\"document.title='taken'\">", "inline event handler"),
     "script in a frame in markdown": (
         "add_markdown",
         "<iframe srcdoc=\"<script>parent.document.title='taken'</script>\"></iframe>",
+        "inline script",
     ),
 }
 
 
-@pytest.mark.parametrize(("kind", "markup"), MARKUP.values(), ids=MARKUP.keys())
-def test_markup_in_a_text_runs_no_script(dashboard, visitor, kind, markup):
+@pytest.mark.parametrize(("kind", "markup", "what"), MARKUP.values(), ids=MARKUP.keys())
+def test_markup_in_a_text_runs_no_script(dashboard, user, kind, markup, what):
     """A second line: names from files are escaped before they are shown."""
-    page = log_in(visitor, dashboard.running)
-    with page.expect_console_message(lambda message: "violates the following" in message.text):
-        getattr(dashboard.running.server.gui, kind)(markup)
-    assert page.title() == "Kalscope"
+    with user.expect_console_message(
+        lambda message: what in message.text and "violates the following" in message.text
+    ):
+        text = getattr(dashboard.running.server.gui, kind)(markup)
+    assert user.title() == "Kalscope"
+    text.remove()
 
 
-def test_a_page_cannot_connect_elsewhere(dashboard, visitor, hostile):
-    page = log_in(visitor, dashboard.running)
-    with page.expect_console_message(lambda message: "connect-src" in message.text):
-        outcome = page.evaluate(
+def test_a_page_cannot_connect_elsewhere(dashboard, user, hostile):
+    with user.expect_console_message(lambda message: "connect-src" in message.text):
+        outcome = user.evaluate(
             "url => fetch(url, {mode: 'no-cors'}).then(() => 'sent', () => 'blocked')",
             f"http://127.0.0.1:{hostile.port}/stolen",
         )
