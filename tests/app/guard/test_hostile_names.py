@@ -122,7 +122,7 @@ def test_labels_that_a_board_sends_are_shown_as_text(guest):
     lines += [b"# <img src=x onerror=alert(3)>\n", b"<iframe srcdoc='x'>:1,2\n"]
     with talking(lines) as address:
         guest.set(guest.find("port"), "Other address …")
-        guest.set(guest.find("port or address"), address)
+        guest.set(guest.find("address"), address)
         guest.set(guest.find("Connect"), True)
         board = guest.find("board's filtered channel")
         guest.read_until(lambda: any("onerror" in option for option in guest.options[board]))
