@@ -6,22 +6,27 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
-from verdict_states import SIGNALS, STATES, VerdictState, row_of
+from verdict_states import SIGNALS, STATES, VerdictState, row_of, white
 
-from kalscope import FilterParams, kalman_filter
+from kalscope import FilterParams, estimate, kalman_filter, read_recording, steady_state
 from kalscope.analysis import actions
+from kalscope.analysis.channel_kinds import default_channel
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.analysis.fit.goal import Choice, request_in
 from kalscope.analysis.judgement import judge
-from kalscope.common.text import number
+from kalscope.common.text import decibels, number
 from kalscope.estimation.finding import Noise, Request, find_parameters
 
 row = cache(row_of)
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+
 CHANCE = 3.29
 """Standard errors: once in a thousand."""
 
@@ -184,7 +189,8 @@ def test_a_goal_is_never_called_a_mistake_and_no_advice_undoes_it(name, at):
                 raise AssertionError(other)
     goal = GOALS[at].goal
     if said.status == "as_chosen":
-        assert said.headline.startswith(f"You chose {goal}. The best statistical fit would ")
+        best_fit = "Its residuals stay correlated" if "overshoot" in goal else "The best statistical fit would "
+        assert said.headline.startswith(f"You chose {goal}. {best_fit}")
         assert (said.word, said.tone) == ("as chosen", "note")
     elif said.tone != "bad":
         assert said.headline.startswith(f"You chose {goal}. ")
@@ -269,3 +275,48 @@ def test_a_tuning_that_was_not_chosen_names_no_goal():
     for how in ("by hand", "maximum likelihood", "preset 1", "", "q times 2, found at 1 s; a lag of 5 ms"):
         assert request_in(how, 1.0) is None
         assert not Choice.of(request_in(how, 1.0))
+
+
+# --- the best fit ---------------------------------------------------------------------------------------
+
+
+def best_fit(z):
+    found = estimate(z)
+    if found.params is None:
+        return found, judge(None, estimate=found, request=Request())
+    residuals = diagnose(kalman_filter(z, found.params), fitted=True)
+    return found, judge(residuals, None, found, request=Request())
+
+
+def assert_says_what_to_do(found, said):
+    removed = 0.0 if found.params is None else float(steady_state(found.params).noise_reduction_db)
+    if said.tone == "good":
+        assert removed >= 3.0
+    elif said.status not in ("start", "constant", "too_few"):
+        assert any(advice.action is not None for advice in said.advice), said
+    assert said.headline
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+def test_a_best_fit_that_may_look_worse_says_what_to_do(name):
+    assert_says_what_to_do(*best_fit(SIGNALS[name]))
+
+
+def test_a_best_fit_that_follows_everything_says_how_little_it_removes():
+    found, said = best_fit(np.cumsum(np.random.default_rng(4).normal(size=2000)) + 0.5 * white(2000))
+    assert (said.status, said.word, said.tone) == ("weak", "hardly filters", "note")
+    removed = decibels(float(steady_state(found.params).noise_reduction_db))
+    assert said.advice[0].action == actions.ChooseFilter()
+    assert said.advice[0].text.endswith(f": the best statistical fit removes only {removed} of the noise")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", ["nile", "putty_pressure", "sea_surface_temp", "ppg_arduino", "hcsr04_short"])
+def test_a_best_fit_of_a_real_record_that_may_look_worse_says_what_to_do(place):
+    paths = sorted(path for path in (SHARED / place).glob("*") if path.suffix in (".csv", ".log"))
+    if not paths:
+        pytest.skip("the recordings of real sensors are not here")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        recording = read_recording(paths[0])
+    assert_says_what_to_do(*best_fit(recording.channel(default_channel(recording))))

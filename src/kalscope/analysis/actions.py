@@ -13,6 +13,7 @@ Status = Literal[
     "fits",
     "rounded",
     "vague",
+    "weak",
     "too_few",
     "constant",
     "start",
@@ -31,11 +32,11 @@ Status = Literal[
     "no_pair",
 ]
 """What is said first: "fits"; "rounded", more coarsely than the noise; "vague", the record leaves q/r open;
-"too_few" or "constant", nothing to judge; "start", the given x0 is off; "spikes", isolated ones; "bursts", too
-many to be outliers; "too_slow" or "too_fast"; "band", q and r wrong by one factor; "as_chosen", the best fit is
-another filter than the chosen one; "structure", the model does not describe the signal; "changes", its errors
-change during the record; "steps", it jumps; "gate", the gate refuses too much; "shape", its errors are not
-normal; "methods_differ"; "no_pair", there is no q and r to judge."""
+"weak", the best fit hardly filters; "too_few" or "constant", nothing to judge; "start", the given x0 is off;
+"spikes", isolated ones; "bursts", too many to be outliers; "too_slow" or "too_fast"; "band", q and r wrong by
+one factor; "as_chosen", the best fit is another filter than the chosen one; "structure", the model does not
+describe the signal; "changes", its errors change during the record; "steps", it jumps; "gate", the gate refuses
+too much; "shape", its errors are not normal; "methods_differ"; "no_pair", there is no q and r to judge."""
 
 
 @dataclass(frozen=True)

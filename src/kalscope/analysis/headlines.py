@@ -13,6 +13,7 @@ WORDS: dict[Status, tuple[str, Tone]] = {
     "fits": ("fits", "good"),
     "rounded": ("coarse steps", "note"),
     "vague": ("any ratio fits", "note"),
+    "weak": ("hardly filters", "note"),
     "too_few": ("too few samples", "note"),
     "constant": ("constant signal", "note"),
     "start": ("wrong start", "bad"),
@@ -46,6 +47,7 @@ HEADLINES: dict[Status, str] = {
     "constant": "The signal is constant: there is nothing to judge the filter by.",
     "rounded": "The readings are rounded more coarsely than their noise, or held.",
     "vague": "The filter fits, and so does any other q/r: the record cannot tell them apart.",
+    "weak": "The filter fits, but by this model nearly every change in the record is movement.",
     "methods_differ": "Predictions one sample ahead fit, but other methods of estimation contradict the model.",
 }
 """What each status says of the record; the others hold a number or quote the estimate."""

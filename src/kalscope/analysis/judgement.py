@@ -12,10 +12,15 @@ from kalscope.analysis.fit.goal import Choice, Finding
 from kalscope.analysis.fit.words import CHOOSE, NO_FAULT, Known, findings_in_words
 from kalscope.analysis.headlines import HEADLINES, NO_PAIR, NO_PAIR_HEADLINES, WORDS, Tone
 from kalscope.analysis.held_out import halves_differ, held_out_clause, small_misfit
-from kalscope.common.text import count, number
+from kalscope.common.text import count, decibels, number
 from kalscope.estimation.finding import Request
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict_text import below_step
+from kalscope.filtering.arrays import scalar
+from kalscope.filtering.steady_state import steady_state
+
+HARDLY_DB = 3.0
+"""Noise reduction below which a filtered curve looks like the raw one, dB."""
 
 MAX_ADVICE = 2
 """Pieces of advice at a time: the first may make the later ones unnecessary."""
@@ -123,15 +128,32 @@ def _judged(
     halves = "" if held_out is None else held_out_clause(held_out)
     if not said:
         said = _beyond_residuals(held_out, estimate, "" if choice.goal else disagreement)
+    if known.estimated and estimate is not None:
+        said = _with_next_step(said, estimate)
     if not said:
         return _without_misfit(residuals, held_out, choice, halves)
     status, first = said[0]
     headline = as_sentences(first.text) if status == "as_chosen" else _headline(status, residuals.findings, choice)
-    advice = tuple(advice for _, advice in said if as_sentences(advice.text) != headline)[:MAX_ADVICE]
+    advice = tuple(advice for _, advice in said if as_sentences(advice.text) not in headline)[:MAX_ADVICE]
     word, tone = WORDS[status]
     return Judgement(
         status, headline, advice, halves, _band_word(residuals.findings) if status == "band" else word, tone
     )
+
+
+def _with_next_step(said: list[Finding], estimate: Estimate) -> list[Finding]:
+    """The findings on the best fit, which end with something to do where it may look worse than what was before."""
+    told = any(advice.action is not None or status in ("start", "constant") for status, advice in said)
+    if estimate.params is None or told:
+        return said
+    removed = scalar(steady_state(estimate.params).noise_reduction_db)
+    reason = (
+        f": the best statistical fit removes only {decibels(removed)} of the noise" if removed < HARDLY_DB else ""
+    )
+    if not said and not reason:
+        return said
+    step: Finding = (said[0][0] if said else "weak", Advice(f"{CHOOSE}{reason}", ChooseFilter()))
+    return [*said[: MAX_ADVICE - 1], step]
 
 
 def _without_misfit(residuals: Diagnostics, held_out: Diagnostics | None, choice: Choice, halves: str) -> Judgement:
@@ -183,7 +205,7 @@ def _without_pair(estimate: Estimate | None) -> Judgement:
         return Judgement("no_pair", "There is no q and r to judge.", (), "", *WORDS["no_pair"])
     verdict = str(estimate.verdict)
     headline = NO_PAIR_HEADLINES.get(verdict) or f"{str(estimate.message).split('. ', 1)[0].rstrip('.')}."
-    return Judgement("no_pair", headline, NO_PAIR.get(verdict, ()), "", *WORDS["no_pair"])
+    return Judgement("no_pair", headline, NO_PAIR.get(verdict, NO_PAIR["no_noise"][1:]), "", *WORDS["no_pair"])
 
 
 def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None, disagreement: str) -> list[Finding]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from kalscope.analysis import actions
+from kalscope.analysis.fit.goal import request_in
 from kalscope_app.session.changes.parameters import set_automatic_start
 from kalscope_app.session.state import Change, State
 
@@ -31,7 +32,11 @@ def _applied(action: actions.Action, state: State, judged: State) -> State:
     q, r = judged.tuning.q, judged.tuning.r
     match action:
         case actions.Scale(q_factor, r_factor):
-            state = state.with_tuning(q=_rounded(q * q_factor), r=_rounded(r * r_factor), how="by hand")
+            chosen = (
+                q_factor == r_factor and request_in(judged.tuning.how, r) is not None
+            )  # q/r stays, and so does a goal
+            how = judged.tuning.how if chosen else "by hand"
+            state = state.with_tuning(q=_rounded(q * q_factor), r=_rounded(r * r_factor), how=how)
         case actions.SetRatio(ratio, factor):
             r = r * factor if r > 0.0 else q * factor / ratio
             state = state.with_tuning(q=_rounded(ratio * r), r=_rounded(r), how="by hand")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from kalscope.analysis import actions
@@ -53,20 +54,22 @@ def take(action: actions.Action, state: State, session: Session, find: FindView)
         session: where the change is filed.
         find: runs a search where one is needed.
     """
-    request = request_of(action)
+    request = request_of(action, state)
     if request is None:
         session.request(change_for(action, state))
     else:
         find.search(lambda present: request if is_same_signal(present, state) else None)
 
 
-def request_of(action: actions.Action) -> Request | None:
-    """The search that an action asks for; None where it asks for none."""
+def request_of(action: actions.Action, state: State) -> Request | None:
+    """The search that an action asks for about `state`; None where it asks for none."""
     match action:
         case actions.UseStillStretch(first, last):
             return Request(noise=Noise(still=(first, last)))
         case actions.SetSpikesAside():
-            return Request(robust=True)
+            outcome = state.answers.outcome
+            before = Request() if outcome is None or outcome.request is None else outcome.request
+            return replace(before, robust=True)  # what was known about the noise still is
         case actions.AllowMomentum() | actions.EstimateAgain():
             return Request()
         case _:

@@ -99,6 +99,9 @@ def with_choice(said: list[Finding], choice: Choice) -> list[Finding]:
     for status, advice in said:
         if isinstance(advice.action, Scale) and _ends(advice.action, choice):
             costs.append(("as_chosen", Advice(_costs(choice, advice.action))))
+        elif choice.goal and status == "structure" and isinstance(advice.action, EstimateAgain):  # with momentum
+            text = "its residuals stay correlated, so the best statistical fit is another filter"
+            costs.append(("as_chosen", Advice(f"you chose {choice.goal}. {text}")))
         elif not (choice.goal and status in ("too_slow", "too_fast")):  # less than a factor worth a change
             rest.append((status, _harmless(advice, choice)))
     mended = [one for one in rest if isinstance(one[1].action, KEEPING)]

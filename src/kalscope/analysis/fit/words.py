@@ -211,8 +211,9 @@ def _structure(found: Findings, known: Known) -> Finding | None:
     if left is None:
         return None
     if left.low_share:
-        text = f"low frequencies hold {percent(left.low_share)} of the residual power: the signal has "
-        text += "a trend or waves that the model lacks"
+        text = f"low frequencies hold {percent(left.low_share)} of the residual power: "
+        text += "the filter is too slow, or " if found.momentum and not known.estimated else ""
+        text += "the signal has a trend or waves that the model lacks"
     elif found.momentum and known.estimated:
         text = (
             "residuals stay correlated: the signal has hum, trend, steps or coloured noise that a random walk with "
