@@ -305,7 +305,7 @@ def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
 
     screen.tab("View")
     screen.page.get_by_text("show smoother (offline bound)").click()
-    screen.wait(f"() => ({FIND})('best offline')")
+    screen.wait(f"() => ({FIND})('smoother')")
     screen.tab("Check")
     screen.page.get_by_role("button", name="Run five methods").click()
     screen.page.get_by_role("cell", name="Allan variance").wait_for()

@@ -34,7 +34,7 @@ class Jobs:
         if self._waiting.qsize() < MAX_WAITING:
             self._waiting.put((work, failed))
         else:
-            self._tell("Too much is waiting already. Try again when what runs has ended.", failed=failed)
+            self._tell("Too many tasks are waiting. Try again when the running one has finished.", failed=failed)
 
     def run_with_state(
         self, session: Session, work: Callable[[State], None], failed: Failed = Failed.OTHER

@@ -131,7 +131,7 @@ class MessageFilter:
             return
         try:
             if channel is self._shared and not self._rates[client_id].allows(time.monotonic()):
-                raise Misbehaviour("more messages than a hand can make")
+                raise Misbehaviour("more messages than a user can cause")
             check_fields(message)
             await stock(client_id, message)
         except Misbehaviour as error:

@@ -101,11 +101,11 @@ def check_fields(message: object) -> None:
     try:
         msgspec.convert(vars(message), kind, builtin_types=(bytes,))
     except (msgspec.ValidationError, OverflowError) as error:
-        raise Misbehaviour(f"an impossible {kind.__name__}: {error}") from None
+        raise Misbehaviour(f"an invalid {kind.__name__}: {error}") from None
     for name, value in vars(message).items():
         limit = MAX_SCREEN if name in ("image_width", "image_height") else MAX_INTEGER
         if not _is_possible(value, limit):
-            raise Misbehaviour(f"{kind.__name__} with an impossible {name}")
+            raise Misbehaviour(f"{kind.__name__} with an invalid {name}")
 
 
 def _is_possible(value: object, max_integer: int) -> bool:

@@ -158,7 +158,7 @@ def _refusal_of_sender(policy: Policy, head: RequestHead) -> Refuse | None:
             "If it should be, start it with --allow-host and the name that you typed.",
         )
     if not origin_allowed(policy.origin_of(head.hosts[0]), head.origins, required=head.is_upgrade):
-        return Refuse(403, "The page that asked is not Kalscope's own.")
+        return Refuse(403, "The request came from a page that is not Kalscope's.")
     if not all(text.isascii() for text in (head.target, *head.cookies)) or not head.target.startswith("/"):
         return NOT_UNDERSTOOD
     return None
@@ -190,9 +190,9 @@ def _answer_to_query(policy: Policy, head: RequestHead, path: str, query: str) -
     """Decide on a target with a query: only the printed link has one, and only for a page."""
     match = _TOKEN_QUERY.fullmatch(query)
     if match is None or path != "/" or head.is_upgrade:
-        return Refuse(403, "Kalscope accepts no parameter in its address but the token of its own link.")
+        return Refuse(403, "Kalscope accepts no parameter in its address except the token of its link.")
     if not hmac.compare_digest(match[1], policy.token):
-        return Refuse(403, "This link is not, or no longer, the right one.")
+        return Refuse(403, "This link is wrong, or no longer valid.")
     # Strict: no page of another site can make the browser send it. A path without its last "/" holds for both.
     secure = "; Secure" if policy.is_behind(head.hosts[0]) else ""
     return SetCookie(

@@ -53,7 +53,7 @@ class BoardRecording:
             raise BadSetting(f"the recording must be named like recording.csv (got {name!r:.200})")
         source = self._connection.source
         if source is None:
-            raise BadSetting("a board must be connected before its lines are recorded (got none)")
+            raise BadSetting("no board is connected: connect one in the Source tab first")
         try:
             recorder = source.record(path)
         except BadFile:

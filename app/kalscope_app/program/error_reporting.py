@@ -102,7 +102,7 @@ class ErrorReporter:
 def sentence_for(error: BaseException, log_file: Path | None) -> str:
     """The notification for an error: what happened, that the dashboard keeps running, and what to do."""
     if isinstance(error, MemoryError):
-        return "That needs more memory than this computer has. Nothing was changed; a shorter file may fit."
+        return "This needs more memory than the computer has. Nothing was changed. Try a shorter file."
     what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     details = f"Details are in {log_file}." if log_file else "Start Kalscope with --log FILE to keep the details."
     return (

@@ -7,7 +7,7 @@ from dataclasses import replace
 from kalscope.filtering.params import MAX_VARIANCE
 from kalscope.tuning.tuning import ChannelTuning
 
-UNLINKED, SAME_NUMBERS, SAME_LAG = "this channel alone", "all: same q and r", "all: same lag, by own noise"
+UNLINKED, SAME_NUMBERS, SAME_LAG = "this channel alone", "all: same q and r", "all: same lag, own noise"
 
 LINKS: tuple[str, ...] = (UNLINKED, SAME_NUMBERS, SAME_LAG)
 """How channels go together, in the words on screen. Axes of one sensor share their numbers; a pressure and a

@@ -34,7 +34,7 @@ LAGS = (
         10.0,
         "For a first look at any sensor: about a fifth of the noise stays, and changes stay visible.",
     ),
-    ("fast", 2.0, "For what a controller acts on: it hardly trails, and nearly half of the noise stays."),
+    ("fast", 2.0, "For what a controller acts on: it hardly lags, and nearly half of the noise stays."),
 )
 """Name, lag in samples and reason of the presets by lag."""
 
@@ -42,28 +42,28 @@ OVERSHOOT = 0.1
 """Share of a step by which the preset with momentum overshoots."""
 
 FOLLOWS_RAMPS = (
-    "For what keeps its direction, such as an arm that bends or a pulse: as calm as *balanced*, with a lag of 5.7 "
-    "samples in place of 10. A step overshoots by a tenth."
+    "For what keeps its direction, such as an arm that bends or a pulse: as smooth as *balanced*, with a lag of "
+    "5.7 samples instead of 10. A step overshoots by a tenth."
 )
 """Why there is a preset with momentum."""
 
 PAPER_1 = {
     3: "More process noise than sensor noise: the output is almost the raw signal.",
-    4: "Q as large as R: the noise goes down to two thirds, and hardly any lag comes.",
-    5: "R/Q = 10: visibly calmer, still fast.",
-    6: "R/Q = 100, the ratio that the paper recommends: calm, and about ten samples late.",
+    4: "Q as large as R: the noise falls to two thirds, with hardly any lag.",
+    5: "R/Q = 10: visibly smoother, still fast.",
+    6: "R/Q = 100, the ratio that the paper recommends: smooth, and about ten samples late.",
     7: "R/Q = 100 again: the curve of R = 1, Q = 0.01, because only the ratio shapes it; the band is wider.",
-    8: "R/Q = 1000: very calm; the paper finds that too much of the signal is lost.",
+    8: "R/Q = 1000: very smooth; the paper finds that too much of the signal is lost.",
 }
 """Why, by the figure of the first paper."""
 
 PAPER_3 = {
-    "q_128": "The document's first try: fast, and the noise of the board passes.",
+    "q_128": "The document's first try: fast, but the noise passes.",
     "q_4": "Its second try: some of the noise is gone.",
-    "q_0125": "Its third try: calm, and still quick enough for a hand that tilts a board.",
-    "r_1": "With the last q, little trust in the noise: quicker, and rougher.",
-    "r_4": "With the last q, a noise of two counts: its middle way.",
-    "r_32": "With the last q, a noise of nearly six counts: calmest, and late.",
+    "q_0125": "Its third try: smooth, and still quick enough for a hand that tilts a board.",
+    "r_1": "With the last q and a small r: quicker, but rougher.",
+    "r_4": "With the last q and a noise of two counts: a compromise.",
+    "r_32": "With the last q and a noise of nearly six counts: smoothest, but late.",
 }
 """Why, by the picture of the third document."""
 

@@ -270,8 +270,8 @@ class State:
         other = [name for name in names if not self.filter_of(self.recording.index(name)).is_standard]
         if other:
             raise BadSetting(
-                "what is exported must be the filter with q and r: choose it under Tune first (got the Khan et al."
-                f" filter on {', '.join(other)[:100]})"
+                f"the Khan et al. filter on {', '.join(other)[:100]} cannot be exported:"
+                " choose the Kalman filter in the Tune tab first"
             )
 
     def as_tuning(self) -> Tuning:

@@ -15,7 +15,7 @@ MAX_VARIANTS = 8
 MAX_NAME_LENGTH = 20
 """Letters of a name that fit into a legend."""
 
-DRAWN_NAMES = frozenset({"now", "raw", "filtered", "truth", "best offline", "board's own", "−2√p", "+2√p"})
+DRAWN_NAMES = frozenset({"now", "raw", "filtered", "truth", "smoother", "board's filter", "−2√p", "+2√p"})
 """What the chart and the table call their own lines."""
 
 RGB = tuple[int, int, int]
@@ -59,7 +59,7 @@ def next_name(taken: Iterable[str]) -> str:
     for letter in string.ascii_uppercase:
         if letter not in used:
             return letter
-    raise BadSetting("a letter from A to Z must be free for another variant (got none)")
+    raise BadSetting("all letters from A to Z name pinned settings: delete one first")
 
 
 def pinned(tuning: ChannelTuning, variants: tuple[Variant, ...]) -> Variant:
@@ -85,9 +85,9 @@ def checked_name(name: str, others: Iterable[str]) -> str:
     """
     bare = " ".join(name.split())
     if not bare or len(bare) > MAX_NAME_LENGTH or not bare.isprintable():
-        raise BadSetting(f"a variant's name must have 1 to {MAX_NAME_LENGTH} letters (got {name[:40]!r})")
+        raise BadSetting(f"the name must have 1 to {MAX_NAME_LENGTH} letters (got {name[:40]!r})")
     if bare in DRAWN_NAMES:
-        raise BadSetting(f"a variant's name must not be one of the chart's own lines (got {bare!r})")
+        raise BadSetting(f"the name must differ from those of the lines in the chart (got {bare!r})")
     if bare in set(others):
-        raise BadSetting(f"a variant's name must be a new one (got {bare!r}, which another has)")
+        raise BadSetting(f"the name must be new (got {bare!r}, which another pinned setting has)")
     return bare

@@ -60,8 +60,6 @@ def momentum_profile(
         progress(i / (POINTS + 1), "likelihood over the momentum")
         best = estimate(z, "ml", dt=dt, momentum=tau, cancelled=cancelled)
         if best.verdict in ("too_few", "constant", "bad_unit"):
-            raise BadSetting(
-                f"a momentum profile needs samples in which q and r can be found (got: {best.message})"
-            )
+            raise BadSetting(f"there is no momentum profile, because q and r cannot be found: {best.message}")
         found.append(float(best.loglik))
     return MomentumProfile(state, momentum, np.array(found[1:]), found[0])

@@ -166,15 +166,15 @@ def _message(size: Array, deviation: Array, spread: Array, best: float, least: f
     if len(size) < 2:
         return "The recording is too short for an Allan deviation."
     if math.isinf(best):
-        model = "With q = 0 the model never drifts, so longer averaging would always help."
+        model = "With q = 0 the model never drifts, so longer averaging always helps."
     elif best <= 1.5:
         model = (
-            "By the model averaging does not help at all: the signal changes more between samples than its noise."
+            "By the model, averaging does not help at all: the signal changes more between samples than its noise."
         )
     else:
         longest = lag_in_full(best, period)
         model = (
-            f"By the model averaging longer than {longest} does not help: {number(least)} is the lowest deviation."
+            f"By the model, averaging longer than {longest} does not help: {number(least)} is the lowest deviation."
         )
     at = first_minimum(deviation, spread)
     if not deviation.any():

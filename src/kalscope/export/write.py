@@ -99,7 +99,9 @@ def write_files(files: dict[str, str], folder: Path, *, force: bool = False) -> 
     targets = {name: check_inside(name, folder) for name in files}
     there = existing_files(files, folder)
     if there and not force:
-        raise BadSetting(f"-o must be a folder without {', '.join(there)}, or give --force (got {str(folder)!r})")
+        raise BadSetting(
+            f"{str(folder)!r} already holds {', '.join(there)}: overwrite with --force, or choose another folder"
+        )
     with ExitStack() as opened:  # all are on the disk before the first takes its name
         for name, path in targets.items():
             path.parent.mkdir(parents=True, exist_ok=True)

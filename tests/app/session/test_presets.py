@@ -41,7 +41,7 @@ def test_the_preset_with_momentum_is_as_calm_as_balanced_and_does_what_it_says(s
     assert taken.tuning.momentum > 0.0
     assert float(steady.noise_reduction_db) == pytest.approx(float(reference.noise_reduction_db), abs=0.01)
     assert float(steady.overshoot) == pytest.approx(0.1, abs=1e-3)
-    assert f"a lag of {float(steady.lag_samples):.1f} samples in place of 10" in PRESETS[ramps].why
+    assert f"a lag of {float(steady.lag_samples):.1f} samples instead of 10" in PRESETS[ramps].why
     assert "| overshoot | 0 % | **10 %** |" in preset_text(state, ramps, steady_state(state.params))
     assert take_preset(balanced)(taken).tuning.momentum == 0.0
 

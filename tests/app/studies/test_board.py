@@ -128,7 +128,7 @@ def test_a_command_that_fails_leaves_no_claim_of_what_the_board_uses(state, at, 
 
 def test_the_second_papers_filter_is_not_sent():
     board = Board()
-    with pytest.raises(BadSetting, match="must be the filter with q and r"):
+    with pytest.raises(BadSetting, match="cannot be exported"):
         send_setting(opened_experiment("generalized_figure_8"), board)
     assert board.asked == []
 

@@ -81,5 +81,5 @@ def test_it_can_be_cancelled_and_refuses_what_says_nothing():
     with pytest.raises(Cancelled):
         momentum_profile(state, lambda _share, _text: None, lambda: True)
     flat = replace(recording(), values=np.ones((1500, 2)))
-    with pytest.raises(BadSetting, match="a momentum profile needs"):
+    with pytest.raises(BadSetting, match="there is no momentum profile"):
         profile_of(opened(flat))

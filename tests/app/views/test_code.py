@@ -78,7 +78,7 @@ def test_another_period_of_the_device_carries_q_over(state):
 
 def test_the_second_papers_filter_is_refused_wherever_it_would_leave():
     state = opened_experiment("generalized_figure_8")
-    with pytest.raises(BadSetting, match="must be the filter with q and r"):
+    with pytest.raises(BadSetting, match="cannot be exported"):
         files_of(state, Choice())
     assert "Khan et al. filter" in limits_text(state)
     assert files_of(state.with_filter(None), Choice())

@@ -56,7 +56,7 @@ def copy_setting(to: str) -> Change:
         filters = tuple(None if i in chosen else one for i, one in enumerate(settings.other_filters))
         where = f"{len(chosen)} channels" if len(chosen) > 1 else "one channel"
         same = tunings == settings.tunings
-        note = "" if same else f"The setting of {state.channel} is now that of {where} more."
+        note = "" if same else f"The setting of {state.channel} was copied to {where}."
         return state.with_settings(tunings=tunings, other_filters=filters).with_answers(note=note)
 
     return change

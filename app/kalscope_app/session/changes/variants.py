@@ -15,10 +15,10 @@ PARAMETERS = ("q", "r", "momentum", "p0", "x0", "gate")
 def pin_present(state: State) -> State:
     """Keep the present setting of the channel on screen as a variant, under the first free letter."""
     if not state.filter.is_standard:
-        raise BadSetting("a setting must be one of q and r to be pinned (got the Khan et al. filter)")
+        raise BadSetting("the Khan et al. filter has no q and r, so it cannot be pinned")
     same = next((one for one in state.variants if one.tuning.params == state.params), None)
     if same is not None:
-        raise BadSetting(f"a setting must differ from those that are pinned (got that of {same.name})")
+        raise BadSetting(f"this setting is pinned already, as {same.name}")
     pin = pinned(state.tuning, state.variants)
     return state.with_settings(pins=(*state.settings.pins, pin)).with_answers(note="")
 

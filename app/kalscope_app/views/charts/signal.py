@@ -94,9 +94,9 @@ class SignalView:
         if shown.truth is not None:
             lines.append(ChartLine(shown.truth, {**line("truth", palette.truth, 1.5), "dash": (6, 4)}))
         if frame.smoothed is not None:
-            lines.append(ChartLine(frame.smoothed, line("best offline", palette.smoothed, 1.5)))
+            lines.append(ChartLine(frame.smoothed, line("smoother", palette.smoothed, 1.5)))
         if frame.board is not None:
-            lines.append(ChartLine(frame.board, {**line("board's own", palette.board, 1.5), "dash": (3, 3)}))
+            lines.append(ChartLine(frame.board, {**line("board's filter", palette.board, 1.5), "dash": (3, 3)}))
         if frame.set_aside is not None and state.set_aside is not None:
             name = f"set aside ({count(int(state.set_aside.sum()))})"
             lines.append(ChartLine(frame.set_aside, rings(name, palette.innovation, 9), gaps=True))
@@ -188,7 +188,7 @@ def heading_of(frame: Frame) -> str:
         plotted, all_samples = count(len(shown.indices)), count(shown.last - shown.first)
         parts.append(f"plotting {plotted} of {all_samples} samples; statistics use all")
     if math.isfinite(frame.board_difference):
-        parts.append(f"the board's own filter differs by up to {number(frame.board_difference)}")
+        parts.append(f"the board's filter differs by up to {number(frame.board_difference)}")
     if frame.status is not None:
         parts.append(f"**{escape_markdown(frame.status.word, 120)}**")
         parts += [escape_markdown(frame.status.hint, 160)] if frame.status.hint else []

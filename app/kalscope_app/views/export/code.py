@@ -33,8 +33,7 @@ from kalscope_app.views.window.css import PRIMARY
 THIS, ALL = "this channel", "all channels"
 
 TARGET_HINT = (
-    "Where the filter will run. SimpleKalmanFilter and GyverFilters are not here: they use q differently, so these "
-    "values would give a different filter. Take the Arduino sketch."
+    "Where the filter will run. SimpleKalmanFilter and GyverFilters use q differently: take the Arduino sketch."
 )
 
 

@@ -120,7 +120,7 @@ def verdict(
     """
     judged = [(d, name) for d, name in zip(found, names, strict=True) if not math.isnan(d.ratio)]
     if not judged:
-        return "This stretch has nothing to judge the filters by: no errors differ from 0."
+        return "The filters cannot be compared on this stretch: all errors are 0."
     if all(math.isinf(d.high) for d, _ in judged):
         return _no_verdict(lag, samples)
     better = sorted((d.ratio, name, d) for d, name in judged if d.better)

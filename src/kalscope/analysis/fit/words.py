@@ -247,7 +247,7 @@ def _shape(found: Findings, known: Known) -> Finding | None:
     text = (
         f"the residuals are far from a normal distribution ({size}): if two kinds of readings are mixed, such as "
     )
-    return "shape", Advice(f"{text}echoes and misses, part them before the filter")
+    return "shape", Advice(f"{text}echoes and misses, separate them before the filter")
 
 
 def _change(found: Findings) -> Finding | None:
