@@ -48,10 +48,17 @@ def _finite(y: Array) -> Array:
 class Chart:
     """One uPlot chart that keeps its zoom while data change, and is rebuilt only when its lines do."""
 
-    def __init__(self, gui: viser.GuiApi, share: float, *, sync: str | None = None) -> None:
-        """Args: the share of the window's height for charts; the name under which charts share their zoom."""
+    def __init__(self, gui: viser.GuiApi, share: float, *, sync: str | None = None, window: bool = False) -> None:
+        """Make a chart.
+
+        Args:
+            gui: where it stands.
+            share: of the window's height for charts.
+            sync: the name under which charts share their zoom.
+            window: whether a zoom chooses the window of the recording.
+        """
         zeros = np.zeros(2)
-        self._share, self._sync = share, sync
+        self._share, self._sync, self._window = share, sync, window
         self._handle = gui.add_uplot(
             (np.array([0.0, 1.0]), zeros),
             ({"label": "x"}, {"label": "y"}),
@@ -99,8 +106,8 @@ class Chart:
         self._handle.visible = True
 
     def _cursor(self) -> Any:
-        """How the mouse works; `share` is no word of uPlot but of the page script, which fits the height by it."""
-        cursor: dict[str, Any] = {"drag": {"x": True, "y": False}, "share": self._share}
+        """How the mouse works; `share` and `window` are no words of uPlot but of the page script."""
+        cursor: dict[str, Any] = {"drag": {"x": True, "y": False}, "share": self._share, "window": self._window}
         return cursor if self._sync is None else {**cursor, "sync": {"key": self._sync}}
 
     def set_height(self, share: float, pixels: int) -> None:

@@ -13,7 +13,12 @@ from kalscope_app.session.live import SPANS, follow, live_window, set_paused, se
 from kalscope_app.session.live_state import Live
 from kalscope_app.session.session import Session
 from kalscope_app.views.binding import bind, on_user
-from kalscope_app.views.scales import Scale, range_text, time_scale_for
+from kalscope_app.views.charts.time_axis import time_points
+from kalscope_app.views.scales import Scale, time_scale_for
+from kalscope_app.views.window.page_script import ZOOM_SLIDER
+
+WINDOW = (0.0, 1.0)
+"""The present window in shares of itself. A double click asks for more: it means the whole recording."""
 
 
 class WindowView:
@@ -30,6 +35,11 @@ class WindowView:
             marks=(),
             hint="The part of the recording that is plotted. Drag in a chart to zoom in; double-click to zoom out.",
         )
+        # Only the page script changes it: shares of the window that a drag over a chart begins and ends at.
+        self._zoom = gui.add_multi_slider(
+            ZOOM_SLIDER, min=-1.0, max=2.0, step=1e-6, initial_value=WINDOW, marks=(), visible=False, hint="Hidden."
+        )
+        self._drawn = (0.0, 1.0)
         self._buttons = gui.add_button_group(
             "", ("Reset view", "Follow end"), hint="All of the recording, or its end."
         )
@@ -47,6 +57,7 @@ class WindowView:
         self._scale = Scale(1.0, "s")
         changes = {"Reset view": reset_view, "Follow end": follow_end, "Live": follow, "Pause": set_paused(True)}
         on_user(self._range.on_update, lambda _client: self._file())
+        on_user(self._zoom.on_update, lambda _client: self._file_zoom())
         for buttons in (self._buttons, self._live):
             on_user(buttons.on_click, lambda _client, pressed=buttons: session.request(changes[pressed.value]))
         bind(self._span, session, set_span)
@@ -54,6 +65,13 @@ class WindowView:
     def _file(self) -> None:
         first, last = (float(end) / self._scale.factor for end in self._range.value)
         self._serial = self._session.request(set_window(first, last), key="view")
+
+    def _file_zoom(self) -> None:
+        ends, (first, last) = self._zoom.value, self._drawn
+        self._zoom.value = WINDOW  # the same shares must count again
+        low, high = (first + share * (last - first) for share in ends)
+        zoomed = 0.0 <= ends[0] < ends[1] <= 1.0
+        self._serial = self._session.request(set_window(low, high) if zoomed else reset_view, key="view")
 
     def _show_live(self, live: Live | None) -> None:
         self._live.visible = self._span.visible = live is not None
@@ -65,6 +83,7 @@ class WindowView:
     def show(self, frame: Frame) -> None:
         """Follow the frame unless the range has moved since."""
         self._show_live(frame.state.live)
+        self._drawn = drawn_window(frame)
         recording = frame.state.recording
         if moves_too_often(frame, time.monotonic() - self._moved_at):
             return
@@ -77,9 +96,17 @@ class WindowView:
             return
         window = live_window(frame.state) or (begin, end)
         value = tuple(min(max(moment * self._scale.factor, low), high) for moment in window)
-        self._range.label = f"{range_text(*value)} {self._scale.unit}"
         self._range.min, self._range.max, self._range.step = low, high, (high - low) / 1000.0
         self._range.value = value
+
+
+def drawn_window(frame: Frame) -> tuple[float, float]:
+    """The first and the last moment of the time axis, s, as the recording counts them."""
+    time, reach = time_points(frame)
+    if reach is None:
+        return (float(time[0]), float(time[-1])) if len(time) else (0.0, 1.0)
+    newest = float(frame.state.recording.time[-1])
+    return newest + reach[0], newest + reach[1]
 
 
 def moves_too_often(frame: Frame, seconds: float) -> bool:

@@ -25,7 +25,7 @@ from kalscope_app.views.charts.style import (
     short,
 )
 from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
-from kalscope_app.views.scales import Scale, scale_for
+from kalscope_app.views.scales import Scale, range_text, scale_for
 from kalscope_app.views.text import escape_markdown
 from kalscope_app.views.window.css import HEADING
 from kalscope_app.views.window.layout import height_of
@@ -45,9 +45,9 @@ class SignalView:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._heading = gui.add_markdown("")
-        self.signal, self.innovation = (Chart(gui, share, sync="kalscope-time") for share in SHARES[2])
+        self.signal, self.innovation = (Chart(gui, share, sync="kalscope-time", window=True) for share in SHARES[2])
         self.gain = Chart(gui, SHARES[3][2])
-        self.velocity = Chart(gui, SHARES[3][2], sync="kalscope-time")
+        self.velocity = Chart(gui, SHARES[3][2], sync="kalscope-time", window=True)
         self.gain.hide()
         self.velocity.hide()
 
@@ -179,7 +179,8 @@ def heading_of(frame: Frame) -> str:
     """Size, what is not drawn, and how the board is; one line of markdown."""
     record, shown = frame.state.recording, frame.drawn
     waits = frame.state.live is not None and frame.state.live.snapshot is None
-    parts = ["no sample yet" if waits else f"{count(len(record))} samples"]
+    parts = [] if frame.state.live is not None else [window_text(frame)]
+    parts.append("no sample yet" if waits else f"{count(len(record))} samples")
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
     if frame.state.live is None and warnings(record):
@@ -201,6 +202,13 @@ def heading_of(frame: Frame) -> str:
     if starts_wild(frame):
         parts.append("innovation axis clipped at start-up")
     return " · ".join(parts)
+
+
+def window_text(frame: Frame) -> str:
+    """From when to when the charts show the recording: 0 to 36 s."""
+    clock, (time, _) = time_axis(frame), time_points(frame)
+    ends = (float(time[0]) * clock.factor, float(time[-1]) * clock.factor) if len(time) else (0.0, 0.0)
+    return f"{range_text(*ends)} {clock.unit}"
 
 
 def without_start(frame: Frame) -> tuple[Array, Array]:

@@ -4,6 +4,8 @@
 const phone = matchMedia(sizes.phoneWidth);
 const charts = new Map(); // uuid -> height and share of the window, as sent by the server
 const phoneCheckboxes = new Set();
+const windows = new WeakSet(); // the parts of charts that show the window of the recording
+let zoom = ""; // the hidden widget that asks for another window
 let rightPanel = null; // the last message with its width
 let deliver = () => {};
 let send = () => {};
@@ -28,6 +30,21 @@ const written = (_chart, value) => {
 
 const notInGaps = (chart, line, index) => (Number.isNaN(chart.data[line][index]) ? null : index);
 
+// A drag over a chart of the recording magnifies it at once, and then asks the server for that window.
+const dragged = (chart, target, handle, onlyTarget = true) => {
+  windows.add(chart.over);
+  return (event) => {
+    if (event.button !== 0 || (onlyTarget && event.target !== target)) return;
+    const { left, width } = chart.select;
+    const all = chart.over.clientWidth;
+    handle(event);
+    if (width > 0) askForWindow([left / all, (left + width) / all]);
+  };
+};
+
+const askForWindow = (value) =>
+  zoom && send({ type: "send", message: { type: "GuiUpdateMessage", uuid: zoom, updates: { value } } });
+
 const tellPhone = (uuid) =>
   send({ type: "send", message: { type: "GuiUpdateMessage", uuid, updates: { value: phone.matches } } });
 
@@ -36,6 +53,8 @@ const fit = (message) => {
   (props ?? updates)?.series?.forEach?.((series) => (series.value = written));
   const cursor = (props ?? updates)?.cursor;
   if (cursor) cursor.dataIdx = notInGaps;
+  if (cursor?.window) cursor.bind = { mouseup: dragged };
+  if (type === "GuiMultiSliderMessage" && props.label === sizes.zoom) zoom = uuid;
   if (type === "GuiSetPanelWidthMessage" && [sizes.withMap, sizes.withoutMap].includes(message.width)) {
     rightPanel = { ...message };
     message.width = rightWidth();
@@ -79,4 +98,5 @@ window.Worker = class extends Worker {
 };
 
 addEventListener("resize", fitAgain);
+addEventListener("dblclick", ({ target }) => windows.has(target) && askForWindow([-1, 2]), true);
 phone.addEventListener("change", () => phoneCheckboxes.forEach(tellPhone));

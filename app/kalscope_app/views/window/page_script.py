@@ -26,8 +26,12 @@ from kalscope_app.views.window.layout import (
 PHONE_CHECKBOX = "phone"
 """Label of the hidden checkbox with which a page reports whether it is on a phone."""
 
+ZOOM_SLIDER = "zoom"
+"""Label of the hidden slider with which a page asks for the part of the window that was dragged over."""
+
 SIZES = {
     "phone": PHONE_CHECKBOX,
+    "zoom": ZOOM_SLIDER,
     "phoneWidth": "(max-width: 36em)",  # viser then shows one sheet instead of panels
     "left": LEFT_WIDTH + 10,  # px, with the edges that viser adds to both panels
     "withMap": RIGHT_WIDTH,
@@ -46,5 +50,5 @@ SIZES = {
 def page_script() -> str:
     """The script for the head of the page."""
     folder, sizes = files("kalscope_app.views.window"), json.dumps(SIZES)
-    parts = (folder.joinpath(name).read_text("utf-8") for name in ("page_script.js", "text_boxes.js"))
+    parts = (folder.joinpath(f"{name}.js").read_text("utf-8") for name in ("page_script", "text_boxes", "keyboard"))
     return "".join(f"{{ const sizes = {sizes};\n{part}}}\n" for part in parts)

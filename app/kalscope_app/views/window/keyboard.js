@@ -1,0 +1,29 @@
+// Makes what viser leaves to the mouse work by keys and for screen readers: the headings of folders are buttons, and
+// the thumbs of sliders bear the names of their rows; see page_script.py.
+
+const HEADING = ".mantine-Paper-root[data-with-border] > .mantine-Paper-root:first-child[style*="pointer"]:has(> svg)";
+
+const label = () => {
+  for (const heading of document.querySelectorAll(HEADING)) {
+    heading.tabIndex = 0;
+    heading.role = "button";
+    heading.ariaExpanded = String(!!heading.querySelector(".tabler-icon-chevron-up"));
+  }
+  for (const row of document.querySelectorAll("label[for]")) {
+    const thumbs = document.getElementById(row.htmlFor)?.querySelectorAll("[role=slider]") ?? [];
+    for (const thumb of thumbs) if (thumb.ariaLabel !== row.textContent) thumb.ariaLabel = row.textContent;
+  }
+};
+
+addEventListener("keydown", (event) => {
+  if ((event.key === "Enter" || event.key === " ") && event.target.matches?.(HEADING)) {
+    event.preventDefault();
+    event.target.click();
+  }
+});
+
+let waiting = 0;
+const onChange = () => (waiting ||= setTimeout(() => ((waiting = 0), label()), 200));
+addEventListener("DOMContentLoaded", () =>
+  new MutationObserver(onChange).observe(document.body, { childList: true, subtree: true }),
+);
