@@ -77,9 +77,12 @@ def test_the_dashboard_and_the_command_line_find_the_same(way, source):
     option, text = COMMANDS[way]
     at = opened(same_question(source))
     asked = TuneOptions(numbers={option: float(text)}).request(at.recording)
-    found = answer_for(at.recording, at.channel, asked, Progress(None)).found
-    assert search(at, way, text) == found
-    assert found.params is not None
+    answer = answer_for(at.recording, at.channel, asked, Progress(None))
+    assert search(at, way, text) == answer.found
+    assert answer.found.params is not None
+    tuned = compute_checks(apply_found(at.recording, at.channel, answer.found)(at)).judgement
+    said = answer.judgement
+    assert (tuned.word, tuned.headline, tuned.advice) == (said.word, said.headline, said.advice)
 
 
 def test_what_is_known_about_the_noise_holds_for_the_next_goal_as_with_both_options(state):

@@ -68,8 +68,8 @@ def _meaning(answer: Answer) -> Iterator[str]:
         yield "What this filter does"
         yield from _steady_lines(answer.steady, answer.found.params, answer.sample_period)
     yield from wrapped(f"The record allows (95 %): {_interval(answer)}.")
-    if answer.verdict == CHOSEN and answer.found.params is not None and not scalar(answer.found.params.momentum):
-        yield from wrapped(_choice(answer, scalar(answer.found.params.ratio)))
+    if answer.judgement.status == "as_chosen":
+        yield from wrapped(answer.judgement.headline)
 
 
 def _steady_lines(steady: SteadyState, params: FilterParams, period: float | None) -> Iterator[str]:
@@ -100,15 +100,6 @@ def _interval(answer: Answer) -> str:
     period = answer.sample_period
     seconds = "" if period is None else f" ({between(short * period, long * period, words=duration)})"
     return f"q/r {between(low, high)}, gain {gain}, lag {lag} samples{seconds}"
-
-
-def _choice(answer: Answer, ratio: float) -> str:
-    low, high = (scalar(end) for end in answer.range.ratio_interval)
-    if ratio < low:
-        return "Your choice smooths more than that: real movement that is faster than the lag is smoothed away."
-    if ratio > high:
-        return "Your choice smooths less than that: some noise that could be removed stays."
-    return "Your choice lies within."
 
 
 def _opinions(answer: Answer) -> Iterator[str]:
