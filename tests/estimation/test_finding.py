@@ -137,7 +137,7 @@ def test_spikes_do_not_raise_the_r_of_a_goal_and_the_answer_says_that_no_gate_is
     assert found.params is not None
     assert found.params.r == pytest.approx(plain.params.r, rel=0.1)
     assert found.params.gate is None
-    assert "spikes set aside for it. No outlier gate is set" in found.message
+    assert "spikes set aside for it. A goal sets no outlier gate" in found.message
     assert "spike" not in plain.message
 
 
