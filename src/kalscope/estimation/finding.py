@@ -269,8 +269,8 @@ def _spikes_text(answer: Estimate) -> str:
     if not spikes:
         return ""
     return (
-        f" {plural(spikes, 'spike')} set aside for it. A goal sets no outlier gate, because with a chosen filter it "
-        "could refuse movement."
+        f" {plural(spikes, 'spike')} set aside for it. A goal sets no outlier gate, because with a chosen filter "
+        "it could refuse movement."
     )
 
 
