@@ -1,7 +1,7 @@
 // Makes what viser leaves to the mouse work by keys and for screen readers: the headings of folders are buttons, and
 // the thumbs of sliders bear the names of their rows; see page_script.py.
 
-const HEADING = ".mantine-Paper-root[data-with-border] > .mantine-Paper-root:first-child[style*="pointer"]:has(> svg)";
+const HEADING = '.mantine-Paper-root[data-with-border] > .mantine-Paper-root[style*="pointer"]:has(> svg)';
 
 const label = () => {
   for (const heading of document.querySelectorAll(HEADING)) {
