@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -44,14 +44,14 @@ FILTERED = "chart.data[chart.series.findIndex(series => series.label === 'filter
 
 
 class Program:
-    """`kalscope open SOURCE` in a process of its own; use it in a `with`."""
+    """`kalscope open SOURCE`, or a program with the same arguments, in a process of its own; use it in a `with`."""
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, program: Sequence[str | Path] = (PROGRAM, "open")) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="kalscope-bench-")
         self.folder = Path(self._folder.name)
         UserSettings(self.folder).keep(tour_seen=True)  # its window would cover what is measured
         self.process = subprocess.Popen(
-            [PROGRAM, "open", source, "--port", "0", "--no-browser"],
+            [*program, source, "--port", "0", "--no-browser"],
             cwd=self.folder,  # recordings go there
             env={**os.environ, FOLDER_VARIABLE: self._folder.name},
             stdout=subprocess.PIPE,

@@ -22,8 +22,8 @@ def _open() -> Function:
 
 
 MIN_NEW_OBJECTS = 50_000
-"""New objects after which Python looks for garbage, in place of 700: almost all of them stay, and the search for the
-few others takes a seventh of the time in which `kalscope tune` answers."""
+"""New objects after which Python looks for garbage, in place of 700: almost all of them stay, and looking for the
+others takes a seventh of the time in which `kalscope tune` answers."""
 
 
 def main() -> None:
