@@ -19,7 +19,7 @@ from kalscope import FilterParams, estimate, kalman_filter, read_recording, stea
 from kalscope.analysis import actions
 from kalscope.analysis.channel_kinds import default_channel
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.analysis.fit.goal import Choice, request_in
+from kalscope.analysis.fit.goal import Choice, request_in, still_met
 from kalscope.analysis.judgement import judge
 from kalscope.common.text import decibels, number
 from kalscope.estimation.finding import Noise, Request, find_parameters
@@ -269,6 +269,18 @@ def test_a_tuning_file_names_the_goal_that_its_verdict_keeps(request_):
     assert request_in(request_.goal, 1.0) == request_
     known = request_in(f"{request_.goal}, r from a still stretch", 4.0)
     assert (known.goal, known.noise) == (request_.goal, Noise(r=4.0))
+
+
+@pytest.mark.parametrize("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
+def test_a_goal_that_another_sample_period_breaks_is_not_claimed(at):
+    _, params, _ = chosen("walk", at)
+    asked = GOALS[at]
+    assert still_met(asked, params, 0.01) == asked
+    in_seconds = bool({"lag_s", "cutoff_hz"} & set(asked.target))
+    assert still_met(asked, params, 0.02) == (None if in_seconds else asked)
+    known = replace(asked, noise=Noise(r=1.0))
+    if in_seconds:
+        assert still_met(known, params, 0.02) == Request(noise=Noise(r=1.0))
 
 
 def test_a_tuning_that_was_not_chosen_names_no_goal():

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
-from kalscope.analysis.fit.goal import request_in
+from kalscope.analysis.fit.goal import request_in, still_met
 from kalscope.analysis.judgement import Judgement, judge, needs_noise
 from kalscope.common.array import Array
 from kalscope.estimation.agreement.words import disagreement
@@ -72,12 +72,13 @@ def _of_filter(
     answers, tuning = state.answers, state.tuning
     outcome = answers.outcome if answers.outcome and answers.outcome.after is not None else None
     estimate = outcome.estimate if outcome is not None and outcome.after == tuning else None
+    asked = request_in(tuning.how, tuning.r) if outcome is None else outcome.request
     return judge(
         whole,
         held_out,
         estimate,
         disagreement(answers.method_comparison, tuning.momentum) if answers.method_comparison else "",
-        request=request_in(tuning.how, tuning.r) if outcome is None else outcome.request,
+        request=still_met(asked, state.params, state.recording.sample_period),
         still=still(state) if needs_noise(estimate) else None,
         unit=state.recording.units[state.index],
     )

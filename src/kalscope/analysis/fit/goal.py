@@ -22,6 +22,9 @@ from kalscope.analysis.actions import (
 from kalscope.analysis.fit.correction import MIN_FACTOR
 from kalscope.common.text import number
 from kalscope.estimation.finding import Noise, Request
+from kalscope.filtering.arrays import scalar
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import steady_state
 
 Finding = tuple[Status, Advice]
 """What was found, and what is said about it."""
@@ -42,6 +45,9 @@ HOW = (
     (re.compile(f"the gain {NUMBER}"), "gain", 1.0),
 )
 """How a tuning says that a target was chosen, the target, and its unit."""
+
+ROUNDING = 1e-3
+"""Relative difference that four digits in a tuning file, and three of a rounded q, may make."""
 
 TRUSTED = {"from a still stretch": "that stretch", "from the data sheet": "the data sheet"}
 """What a given r relies on, by where it comes from."""
@@ -90,6 +96,17 @@ def request_in(how: str, r: float) -> Request | None:
     if found := re.match(f"q/r = {NUMBER}", how):
         return Request(ratio=float(found[1]), noise=noise)
     return Request(noise=noise) if noise != Noise() else None
+
+
+def still_met(request: Request | None, params: FilterParams, sample_period: float | None) -> Request | None:
+    """The request with its goal only where the filter meets it: another sample period changes a lag in ms."""
+    if request is None or not request.target:
+        return request
+    name, value = next(iter(request.target.items()))
+    now = scalar(getattr(steady_state(params, sample_period), name))
+    if math.isclose(now, value, rel_tol=ROUNDING):
+        return request
+    return None if request.noise == Noise() else Request(noise=request.noise)
 
 
 def with_choice(said: list[Finding], choice: Choice) -> list[Finding]:

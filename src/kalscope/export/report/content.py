@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kalscope.analysis.actions import as_sentences
 from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.analysis.fit.goal import request_in
+from kalscope.analysis.fit.goal import request_in, still_met
 from kalscope.analysis.judgement import Judgement, advice_words, judge
 from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel
@@ -111,6 +111,7 @@ def make_report(
     steady = steady_state(own.params, recording.sample_period)
     found = compare_alternatives(z, own.params, dt=dt, truth=truth)
     judged = diagnose(result)
+    asked = request_in(own.how, own.r)
     checks = judged if isinstance(judged, Diagnostics) else judged[0]
     error = "" if truth is None else f"{number(rmse(result.x, truth))} {own.unit}".strip()
     return Report(
@@ -125,7 +126,10 @@ def make_report(
             pinned_settings(own, pins, z, dt, truth, recording.sample_period),
         ),
         texts=(
-            ("Does the filter fit?", _fits(judge(checks, request=request_in(own.how, own.r)))),
+            (
+                "Does the filter fit?",
+                _fits(judge(checks, request=still_met(asked, own.params, recording.sample_period))),
+            ),
             ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
         ),
         command=command or _command(recording, config, options),
