@@ -16,6 +16,7 @@ from kalscope_app.session.opening import opened_experiment
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.slow_job import SlowJobProgress
+from kalscope_app.views.window.css import PRIMARY
 
 if TYPE_CHECKING:
     from kalscope.papers.parts import Experiment
@@ -106,7 +107,9 @@ def show_page(client: viser.ClientHandle, page: Reproduction) -> None:
     """A window with Table 1, and the whole page to take along."""
     with client.gui.add_modal("Ma'arif 2019, Table 1") as window:
         client.gui.add_markdown(table_1(page))
-        download = client.gui.add_button("Download the whole page (HTML)", hint="All figures and tables; one file.")
+        download = client.gui.add_button(
+            "Download the whole page (HTML)", color=PRIMARY, hint="All figures and tables; one file."
+        )
         close = client.gui.add_button("Close")
 
     def send(client: viser.ClientHandle) -> None:
