@@ -48,11 +48,14 @@ from kalscope_app.views.source.live import LiveView
 from kalscope_app.views.source.source import SourceView
 from kalscope_app.views.tour import Tour
 from kalscope_app.views.tune.checks import ChecksView
-from kalscope_app.views.tune.find import FindView
+from kalscope_app.views.tune.goal.estimators import EstimatorsView
+from kalscope_app.views.tune.goal.goal import GoalView
 from kalscope_app.views.tune.momentum_profile import MomentumProfileView
 from kalscope_app.views.tune.numbers import NumbersView
+from kalscope_app.views.tune.paper_filter import PaperFilterView
 from kalscope_app.views.tune.parameters import ParametersView
 from kalscope_app.views.tune.presets import PresetsView
+from kalscope_app.views.tune.start import StartView
 from kalscope_app.views.tune.variants import VariantsView
 from kalscope_app.views.tune.verdict import VerdictView
 from kalscope_app.views.window.css import add_style
@@ -110,7 +113,7 @@ class Dashboard:
             self._study(compute_spectra, self._spectrum.show),
             self._study(compute_allan, self._allan.show),
             self._study(AlternativesStudy().compute, self._alternatives.show),
-            self._study(still.study, lambda found: self._find.offer_still(*found)),
+            self._study(still.study, lambda found: self._goal.offer_still(*found)),
         ]
         studies = Studies(rounds, self.tell)
         self.engine = Engine(self.session, self.show, self.tell, studies)
@@ -129,12 +132,9 @@ class Dashboard:
         with check:
             self._checks = ChecksView(gui)
         with tabs.add_tab("Tune"):
-            self.parameters = ParametersView(gui, self.session)
-            self._variants = VariantsView(gui, compare, self.session)
-            self._numbers = NumbersView(gui)
-            self._find = FindView(gui, check, self.session, self._jobs)
-            self._verdict.connect(self.session, self._find)
-            self._presets = PresetsView(gui, self.session)
+            self._build_tune(gui)
+        self._estimators = EstimatorsView(gui, check, self.session, self._jobs)
+        self._variants = VariantsView(gui, compare, self.session)
         with check:
             self._momentum = MomentumProfileView(gui, self.session, self._jobs)
         with tabs.add_tab("Source"):
@@ -175,6 +175,15 @@ class Dashboard:
         with noise:
             self._spectrum, self._allan = SpectrumView(gui), AllanView(gui)
 
+    def _build_tune(self, gui: viser.GuiApi) -> None:
+        self._goal = GoalView(gui, self.session, self._jobs)
+        self.parameters = ParametersView(gui, self.session)
+        self._start = StartView(gui, self.session)
+        self._numbers = NumbersView(gui)
+        self._presets = PresetsView(gui, self.session)
+        self._paper = PaperFilterView(gui, self.session)
+        self._verdict.connect(self.session, self._goal)
+
     def start(self) -> None:
         """Connect the board if there is one and show the first frame; returns when it is on its way."""
         self._connection.start()
@@ -198,7 +207,8 @@ class Dashboard:
                 self._header,
                 self._verdict,
                 self._numbers,
-                self._find,
+                self._goal,
+                self._estimators,
                 self._momentum,
                 self._presets,
                 self._window,
@@ -207,7 +217,7 @@ class Dashboard:
             ):
                 view.show(frame)
             if self._last is None or not only_grown(self._last, frame):
-                chosen = self.parameters, self._variants, self._channels
+                chosen = self.parameters, self._start, self._paper, self._variants, self._channels
                 for view in (*chosen, self._code, self._board, self._command_line):
                     view.show(frame)
         self._last = frame

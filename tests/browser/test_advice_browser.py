@@ -20,18 +20,20 @@ def test_advice_is_taken_by_its_button_and_spikes_are_marked(start):
     spikes.wait_for()
     screen.page.get_by_role("button", name="Switch the gate on (4 σ)").click()
     spikes.wait_for(state="detached")  # after it the sentence is another one
-    assert screen.text_box("NIS gate").input_value() == "16"
+    screen.page.get_by_text("Start and outliers", exact=True).click()
+    assert screen.text_box("outlier gate").input_value() == "4"
     screen.wait_for_line("filtered", kalman_filter(z, FilterParams(first.q, first.r, gate=16.0)).x, 1e-9)
     screen.page.get_by_role("button", name="Undo").click()
     spikes.wait_for()
-    assert screen.text_box("NIS gate").input_value() == "off"
+    assert screen.text_box("outlier gate").input_value() == "off"
 
-    screen.page.get_by_role("button", name="Find and apply").click()
+    screen.choose("goal", "best fit")
+    screen.page.get_by_role("button", name="Apply", exact=True).click()
     aside = f"set aside ({best.outliers.sum()})"
     screen.wait(f"(name) => ({FIND})(name)", aside)
     assert np.array_equal(np.isfinite(screen.line(aside)[1]), best.outliers)
     screen.wait_for_line("filtered", kalman_filter(z, best.params).x, 1e-9)
-    wait_until(lambda: screen.text_box("NIS gate").input_value() == "16", "the gate of the fit")
+    wait_until(lambda: screen.text_box("outlier gate").input_value() == "4", "the gate of the fit")
     screen.page.get_by_text(f"{best.outliers.sum()} of 3\u202f000 samples are spikes").wait_for()
     screen.page.get_by_text("The filter fits").first.wait_for()
     screen.shot("advice")

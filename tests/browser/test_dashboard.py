@@ -107,10 +107,8 @@ def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_never_the_zoom(start)
 
 def test_the_start_by_value_reproduces_the_matlab_appendix(start):
     screen = start("demo")
-    screen.choose("initial state", "set manually")
-    screen.text_box(
-        "initial estimate x0"
-    ).wait_for()  # the answer to the choice has come: nothing typed is overwritten
+    assert screen.text_box("initial variance p0").input_value() == "automatic"
+    screen.page.get_by_text("Start and outliers", exact=True).click()
     screen.type("initial variance p0", "0")
     screen.type("initial estimate x0", "0")
     screen.type("measurement noise r", "100")
@@ -123,7 +121,7 @@ def test_the_start_by_value_reproduces_the_matlab_appendix(start):
     screen.slider("p0").focus()
     screen.page.keyboard.press("End")
     screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100, p0=1e8, x0=0))
-    screen.choose("initial state", "from first sample")
+    screen.type("initial variance p0", "automatic")
     screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100))
 
 
@@ -297,22 +295,22 @@ def test_a_phone_shows_the_signal_behind_the_controls_in_both_themes(start):
 def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
     screen = start("demo")
     screen.page.get_by_text("Too slow: raise q").wait_for()
-    screen.page.get_by_role("button", name="Find and apply").click()
+    screen.choose("goal", "best fit")
+    screen.page.get_by_role("button", name="Apply", exact=True).click()
     best = estimate(DEMO).params
     screen.wait_for_line("filtered", filtered(DEMO, q=best.q, r=best.r, momentum=best.momentum))
     screen.page.get_by_text("Noise and movement can be separated").first.wait_for()
     lag = lag_text(float(steady_state(best).lag_samples), 0.02)
-    assert screen.page.get_by_role("row", name=f"lag 190 ms {lag}").is_visible()
+    assert screen.page.get_by_text(f"Maximum likelihood: lag {lag} leaves").is_visible()
+    assert screen.page.get_by_text("Before: 190 ms, 22 %.").is_visible()
     screen.shot("found")
     screen.page.get_by_role("button", name="Undo").click()
     screen.wait_for_line("filtered", filtered(DEMO))
 
-    screen.choose("tune for", "maximum lag")
-    screen.type("lag (ms)", "50", enter=False)
-    screen.pause()
-    screen.page.get_by_role("button", name="Find and apply").click()
-    r = starting_params(DEMO).r
-    screen.wait_for_line("filtered", filtered(DEMO, q=r * ratio_for(lag_s=0.05, sample_period=0.02)))
+    screen.choose("goal", "maximum lag")
+    screen.type("lag (ms)", "50")  # Enter applies
+    r = estimate(DEMO, momentum=0.0).r
+    screen.wait_for_line("filtered", filtered(DEMO, q=r * ratio_for(lag_s=0.05, sample_period=0.02), r=r))
     assert screen.page.get_by_text("50 ms").first.is_visible()
 
     screen.tab("View")
@@ -335,8 +333,9 @@ def test_a_record_without_visible_noise_gets_a_verdict_and_its_still_stretch_is_
     first, last = find_still_stretch(z)
     screen = start("pause.csv")
     before = screen.text_box("process noise q").input_value()
-    screen.page.get_by_role("button", name="Find and apply").click()
-    screen.page.get_by_text("nothing was changed").wait_for()
+    screen.choose("goal", "best fit")
+    screen.page.get_by_role("button", name="Apply", exact=True).click()
+    screen.page.get_by_text("Nothing was changed").wait_for()
     assert screen.text_box("process noise q").input_value() == before
     headline = screen.page.locator("strong", has_text="No noise can be identified").first
     headline.wait_for()
@@ -348,7 +347,8 @@ def test_a_record_without_visible_noise_gets_a_verdict_and_its_still_stretch_is_
     screen.page.get_by_role("button", name="Undo").click()
     headline.wait_for()
     assert screen.text_box("process noise q").input_value() == before
-    screen.choose("tune for", "a still stretch, fit q")
+    screen.choose("goal", "more …")
+    assert screen.text_box("method").input_value() == "a still stretch, fit q"
     wait_until(lambda: screen.text_box("from (").input_value() == f"{first / 10:g}", "the beginning of the stretch")
     assert screen.text_box("to (").input_value() == f"{(last - 1) / 10:g}"
 

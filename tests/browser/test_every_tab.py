@@ -14,7 +14,10 @@ RECORDING = "synthetic:random_walk?channels=3&n=3000&sample_period=0.01"
 SIZES = ((1920, 1080), (1600, 900), (1280, 720))
 LEFT_TABS = ("Tune", "Source", "Export", "View", "Help")
 RIGHT_TABS = ("Signal", "Check", "Compare", "Channels", "Noise")
-CLOSED_FOLDERS = {"Tune": ("Presets",), "Source": ("Advanced", "Generate a signal", "Import options")}
+CLOSED_FOLDERS = {
+    "Tune": ("Start and outliers", "Resulting filter", "Presets", "Paper filter"),
+    "Source": ("Advanced", "Generate a signal", "Import options"),
+}
 CHARTS = {"Signal": 2, "Check": 1, "Compare": 1, "Channels": 1, "Noise": 3}
 SAID = {
     "Check": "Ljung-Box over several lags",
@@ -84,7 +87,7 @@ def test_every_tab_fits_its_panel_and_has_something_to_show(browser, tmp_path, w
         Screen(browser, url, width=width, height=height, canvas=width == 1600) as screen,
     ):
         screen.wait_for_fit()
-        screen.page.get_by_role("button", name="Pin this setting").click()
+        screen.page.get_by_role("button", name="Pin", exact=True).click()
         screen.wait(f"() => !!({FIND})('A')")
         screen.type("process noise q", "0.00001")
         for tab, folders in CLOSED_FOLDERS.items():

@@ -24,13 +24,18 @@ def filtered(recording, momentum):
 
 def test_momentum_is_typed_dragged_seen_as_velocity_and_undone(start, demo):
     screen = start("demo")
-    assert screen.text_box("momentum").input_value() == "off"
     screen.wait_for_line("filtered", filtered(demo, 0.0).x, 1e-9)
+    assert screen.text_box("momentum").count() == 0
+    screen.page.get_by_text("Start and outliers", exact=True).click()
+    screen.page.get_by_role("button", name="Add momentum").click()
+    screen.text_box("momentum").wait_for()
+    screen.wait_for_line("filtered", filtered(demo, float(screen.text_box("momentum").input_value())).x, 1e-9)
 
     screen.type("momentum", "240 ms")
     expected = filtered(demo, 12.0)
     screen.wait_for_line("filtered", expected.x, 1e-9)
     assert screen.text_box("momentum").input_value() == "12"
+    screen.page.get_by_text("Resulting filter", exact=True).click()
     screen.page.get_by_text("keeps direction", exact=True).wait_for()
     screen.page.locator("label", has_text="τ = 240 ms").wait_for()
 

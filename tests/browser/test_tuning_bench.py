@@ -29,7 +29,7 @@ def rows(screen):
 
 def test_settings_are_pinned_compared_used_renamed_and_deleted(start):
     screen = start("demo", width=1280, height=720)
-    page, pin = screen.page, screen.page.get_by_role("button", name="Pin this setting")
+    page, pin = screen.page, screen.page.get_by_role("button", name="Pin", exact=True)
     for name, q in (("A", "0.05"), ("B", "500")):
         screen.type("process noise q", q)
         screen.wait_for_line("filtered", filtered(DEMO, q=float(q)))
@@ -125,8 +125,6 @@ def test_the_line_on_screen_reopens_what_is_on_screen(start):
     axes = open_source("sample:lis302dl").values
     screen.choose("channel", "y")
     screen.type("process noise q", "0.03")
-    screen.choose("initial state", "set manually")
-    screen.text_box("initial variance p0").wait_for()
     screen.type("initial variance p0", "2")
     expected = filtered(axes[:, 1], q=0.03, p0=2)
     screen.wait_for_line("filtered", expected)

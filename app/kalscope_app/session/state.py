@@ -84,7 +84,7 @@ class View:
     """What simpler filters are made equal in."""
     drawn_alternative: str = "Moving average"
     """The simpler filter that is drawn beside the present one; any other word draws all."""
-    search_method: str = "maximum likelihood"
+    search_method: str = "maximum lag"
     """How q and r are searched, one of the search methods of the dashboard."""
     preset: str = ""
     """Title of the preset that is looked at; "" = the first."""

@@ -103,7 +103,7 @@ def test_columns_and_units_that_are_markup_are_text_in_every_tab(shared, guest):
     guest.set(guest.find("path"), "columns.csv")
     guest.set(guest.find("Open this path"), True)
     wait_for_rows(guest, 77)
-    guest.set(guest.find("Pin this setting"), True)
+    guest.set(next(uuid for uuid, options in guest.options.items() if "Pin" in options), "Pin")
     for name in guest.widgets[guest.find("channel")]["props"]["options"][:2]:
         guest.set(guest.find("channel"), name)
         let_rest(guest)

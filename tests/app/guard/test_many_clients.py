@@ -82,7 +82,7 @@ def everything_on(guest):
 
     Buttons that start a job are left out: a thousand fits are honest work, and take their time.
     """
-    quick = {"Pin this setting", "Apply preset", "Reset map view", "Show the tour", "Copy", "Record", "Disconnect"}
+    quick = {"Apply preset", "Reset map view", "Show the tour", "Copy", "Record", "Disconnect"}
     widgets = [
         uuid
         for uuid, made in guest.widgets.items()

@@ -21,7 +21,7 @@ from kalscope_app.studies import still_stretch
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.studies.still_stretch import StillStretches
 from kalscope_app.views.tune.advice import label_of, take
-from kalscope_app.views.tune.search_methods import SEARCH_METHODS, stretch_texts
+from kalscope_app.views.tune.goal.search_methods import SEARCH_METHODS, stretch_texts
 from kalscope_app.views.tune.verdict import COLOURS, UNJUDGED, VerdictView
 
 EXAMPLES = {
@@ -44,9 +44,8 @@ EXAMPLES = {
 @pytest.fixture
 def state():
     z = np.random.default_rng(4).normal(size=(1000, 1)).cumsum(axis=0)
-    return opened(Recording(np.arange(1000) * 0.01, ("a",), ("V",), z, 0.01)).with_tuning(
-        q=2.0, r=5.0, p0=3.0, x0=9.0
-    )
+    given = opened(Recording(np.arange(1000) * 0.01, ("a",), ("V",), z, 0.01)).with_view(search_method="best fit")
+    return given.with_tuning(q=2.0, r=5.0, p0=3.0, x0=9.0)
 
 
 class Searches:
@@ -64,6 +63,7 @@ def test_every_action_has_its_words(state):
     for action, words in EXAMPLES.items():
         assert label_of(action, state) == words
     assert label_of(None, state) == ""
+    assert label_of(actions.ChooseFilter(), state.with_view(search_method="maximum lag")) == ""  # it is chosen
 
 
 @pytest.mark.parametrize(

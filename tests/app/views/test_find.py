@@ -23,8 +23,9 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.views.tune.checks import correlation_lines, table
-from kalscope_app.views.tune.find import answer_text, comparison_text, samples_to_compare
-from kalscope_app.views.tune.search_methods import SEARCH_METHODS
+from kalscope_app.views.tune.goal.answer import answer_text
+from kalscope_app.views.tune.goal.estimators import comparison_text, samples_to_compare
+from kalscope_app.views.tune.goal.search_methods import GOALS, MORE_METHODS, OVERSHOOT, SEARCH_METHODS, method_of
 
 
 def recording(n=2000, q=0.05, r=1.0, period=0.01, seed=0):
@@ -130,12 +131,55 @@ def test_an_overshoot_that_is_allowed_finds_the_momentum_and_none_keeps_the_pres
             assert params.momentum == momentum
 
 
+def plain(text):
+    return text.replace("\u00a0", " ")
+
+
+def test_the_answer_is_one_sentence_with_what_it_costs_and_what_has_changed(state):
+    state = state.with_tuning(q=0.01, r=1.0)
+    found = search(state, "maximum lag", "20")  # two samples: K = 1/3, and K/(2 − K) = 1/5 of the variance is left
+    text = plain(answer_text(apply_found(state.recording, "a", found)(state)))
+    assert text.startswith("Lag **20 ms** leaves **45 % of the noise** (−6.99 dB). Before: 95.1 ms, 22 %. Changed:")
+    assert "|" not in text
+    assert "overshoot" not in text
+    other = search(state, "gain K", "0.5")  # lag of one sample, a third of the variance
+    text = plain(answer_text(apply_found(state.recording, "a", other)(state)))
+    assert text.startswith("The gain 0.5: lag **10 ms** leaves **58 % of the noise** (−4.77 dB).")
+
+
+def test_the_lag_is_asked_for_in_a_unit_that_suits_the_record():
+    boxes = {
+        None: ("lag (samples)", "10"),
+        0.002: ("lag (ms)", "50"),
+        0.1: ("lag (ms)", "5e+02"),
+        1.0: ("lag (s)", "5"),
+        31557600.0: ("lag (years)", "5"),
+    }
+    for period, box in boxes.items():
+        state = opened(recording(period=period))
+        assert method_of(state).boxes == (box,)
+        request = method_of(state).request(state, [box[1]])
+        (target,) = request.target.items()
+        assert target == (("lag_samples", 10.0) if period is None else ("lag_s", max(0.05, 5.0 * period)))
+
+
+def test_an_overshoot_is_asked_for_only_where_it_can_mean_something(state):
+    assert state.view.search_method == GOALS[0] == "maximum lag"
+    moving = state.with_tuning(momentum=10.0)
+    for goal in ("maximum lag", "noise reduction"):
+        assert [len(method_of(one.with_view(search_method=goal)).boxes) for one in (state, moving)] == [1, 2]
+    assert MORE_METHODS[:1] == ("a still stretch, fit q",)
+    told = state.with_view(search_method="lag with overshoot")
+    assert [label for label, _ in method_of(told).boxes] == ["lag (ms)", OVERSHOOT]
+    assert method_of(told).request(told, ["50", "8"]).overshoot == 0.08
+
+
 def test_the_answer_says_what_momentum_costs(state):
     found = Found(FilterParams(1.0, 2.0, momentum=24.0), "maximum likelihood", "Found.")
     text = answer_text(apply_found(state.recording, "a", found)(state))
     overshoot = percent(float(steady_state(found.params).overshoot))
-    assert "| momentum | off | **240 ms** |" in text
-    assert f"| overshoot | 0 % | **{overshoot}** |" in text
+    assert "momentum off → 240 ms" in plain(text)
+    assert f"A step overshoots by {overshoot}." in text
 
 
 @pytest.mark.parametrize("way", [way for way in SEARCH_METHODS if not SEARCH_METHODS[way].boxes])
@@ -146,7 +190,7 @@ def test_every_way_without_a_box_answers(state, way):
 
 
 def test_the_likelihood_finds_what_made_the_signal(state):
-    found = search(state, "maximum likelihood")
+    found = search(state, "best fit")
     assert found.params.r == pytest.approx(1.0, rel=0.1)
     assert found.params.q == pytest.approx(0.05, rel=0.4)
 
@@ -181,7 +225,7 @@ def test_what_cannot_be_meant_is_refused(state, way, texts):
 
 def test_applying_is_one_step_that_undo_takes_back(state):
     session = Session(state)
-    found = search(state, "maximum likelihood")
+    found = search(state, "best fit")
     session.request(apply_found(state.recording, "a", found))
     applied = session.apply_requests()[0]
     assert applied.params == found.params
@@ -195,7 +239,7 @@ def test_an_answer_without_parameters_changes_nothing_and_is_said(state):
     found = Found(None, "maximum likelihood", "Your sensor shows no noise.")
     after = apply_found(state.recording, "a", found)(state)
     assert after.settings.tunings == state.settings.tunings
-    assert "nothing was changed" in answer_text(after)
+    assert "Nothing was changed" in answer_text(after)
     assert "no noise" in answer_text(after)
 
 
@@ -232,13 +276,14 @@ def test_spikes_that_were_set_aside_are_not_compared(state):
     z = state.recording.channel("a").copy()
     z[[40, 90]] += 1000.0
     state = opened(Recording(np.arange(float(len(z))), ("a",), ("",), z[:, None], 1.0))
-    found = apply_found(state.recording, "a", search(state, next(iter(SEARCH_METHODS))))(state)
+    found = apply_found(state.recording, "a", search(state, "best fit"))(state)
     assert np.flatnonzero(np.isnan(samples_to_compare(found))).tolist() == [40, 90]
 
 
 def test_before_and_after_stand_in_the_answer(state):
     applied = apply_found(state.recording, "a", search(state, "maximum lag", "50"))(state)
-    assert "| lag | 95.1 ms | **50 ms** |" in answer_text(applied)
+    assert "Lag **50 ms**" in plain(answer_text(applied))
+    assert "Before: 95.1 ms" in plain(answer_text(applied))
     assert answer_text(state) == ""
 
 
@@ -253,7 +298,7 @@ def test_the_gate_is_typed_and_its_refusals_are_counted(state):
     values = state.recording.values.copy()
     values[500, 0] += 1000.0
     spiked = opened(replace(state.recording, values=values))
-    gated = set_text("gate", "25")(spiked)
+    gated = set_text("gate", "5")(spiked)
     assert compute_frame(gated, 0, choose_samples(gated.recording, "a", None)).rejected >= 1
     assert set_text("gate", "off")(gated).tuning.gate is None
     with pytest.raises(BadSetting, match="gate must be"):

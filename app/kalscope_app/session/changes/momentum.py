@@ -10,6 +10,7 @@ import math
 from kalscope.common.text import TIME_UNITS, lag_text, typed_number
 from kalscope.errors import BadSetting
 from kalscope.filtering.params import MAX_MOMENTUM
+from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.state import Change, State
 
 MAX_POSITION = 5.0
@@ -69,6 +70,12 @@ def typed_momentum(text: str, period: float | None) -> float:
 def with_momentum(state: State, momentum: float) -> State:
     """The state with another momentum for the channel on screen; refused as FilterParams refuses."""
     return state if momentum == state.tuning.momentum else state.with_tuning(momentum=momentum, how="by hand")
+
+
+def add_momentum(state: State) -> State:
+    """Begin with a momentum as long as the lag, to two digits; a slider can then find a better one."""
+    lag = float(steady_state(state.tuning.params).lag_samples)
+    return with_momentum(state, float(f"{min(max(lag, 1.0), MAX_MOMENTUM):.1e}"))
 
 
 def momentum_words(momentum: float, period: float | None) -> str:

@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from kalscope.common.text import typed_number
+from kalscope.common.text import typed_gate, typed_number
 from kalscope.estimation.result import Estimate
 from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope.recording import Recording
@@ -60,13 +60,15 @@ def set_point(q_exponent: float, r_exponent: float) -> Change:
 
 
 def set_text(name: str, text: str) -> Change:
-    """An exact value was typed for q, r, p0 or x0; an empty x0 is the first sample, an empty gate is off."""
+    """An exact value was typed: q, r, p0 ("" = automatic), x0 ("" = the first sample), or the gate in σ."""
 
     def change(state: State) -> State:
         if name == "x0" and text.strip().lower() in ("", "first"):
             return state.with_tuning(x0=None)
-        if name == "gate" and text.strip().lower() in ("", "off"):
-            return state.with_tuning(gate=None)
+        if name == "p0" and text.strip().lower() in ("", "automatic"):
+            return set_automatic_start(True)(state)
+        if name == "gate":
+            return state.with_tuning(gate=typed_gate(text))
         value = typed_number(name, text)
         if getattr(state.tuning, name) == value:
             return state

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 from kalscope.analysis import actions
 from kalscope.common.text import trimmed
 from kalscope.estimation.finding import Noise, Request
-from kalscope_app.session.changes.advice import change_for, is_same_signal
+from kalscope_app.session.changes.advice import FOR_LAG, change_for, is_same_signal
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.views.scales import range_text, time_scale_for
 
 if TYPE_CHECKING:
-    from kalscope_app.views.tune.find import FindView
+    from kalscope_app.views.tune.goal.goal import GoalView
 
 
 def label_of(action: actions.Action | None, state: State) -> str:
-    """What stands on the button; "" where there is none, as for a new recording."""
+    """What stands on the button; "" where there is none, as for a new recording or a goal that is chosen."""
     match action:
         case actions.AllowMomentum():
             words = "Allow momentum and fit again"
@@ -37,7 +37,7 @@ def label_of(action: actions.Action | None, state: State) -> str:
         case actions.GiveNoise():
             words = "Give the noise of the sensor"
         case actions.ChooseFilter():
-            words = "Choose a lag"
+            words = "Choose a lag" if state.view.search_method != FOR_LAG else ""
         case actions.UnsetStart():
             words = "Start from the first sample"
         case actions.RecordLonger() | None:
@@ -45,20 +45,20 @@ def label_of(action: actions.Action | None, state: State) -> str:
     return words
 
 
-def take(action: actions.Action, state: State, session: Session, find: FindView) -> None:
+def take(action: actions.Action, state: State, session: Session, goal: GoalView) -> None:
     """Do what a piece of advice about `state` says, as one step that Undo takes back.
 
     Args:
         action: what to do.
         state: the state that was judged; nothing is done once another recording or channel is on screen.
         session: where the change is filed.
-        find: runs a search where one is needed.
+        goal: runs a search where one is needed.
     """
     request = request_of(action, state)
     if request is None:
         session.request(change_for(action, state))
     else:
-        find.search(lambda present: request if is_same_signal(present, state) else None)
+        goal.search(lambda present: request if is_same_signal(present, state) else None)
 
 
 def request_of(action: actions.Action, state: State) -> Request | None:

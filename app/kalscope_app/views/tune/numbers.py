@@ -14,7 +14,7 @@ class NumbersView:
     """A table of derived numbers beside the sliders."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        with gui.add_folder("Resulting filter"):
+        with gui.add_folder("Resulting filter", expand_by_default=False):
             self._table = gui.add_markdown("")
 
     def show(self, frame: Frame) -> None:

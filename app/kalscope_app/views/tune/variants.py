@@ -1,4 +1,4 @@
-"""Pinned settings: a button beside the sliders, and in the Compare tab a table of them and what to do with one."""
+"""Pinned settings: in the Compare tab a table of them and what to do with one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import viser
 from kalscope.common.text import correlation, count, decibels, lag_text, number, percent
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.momentum import momentum_words
-from kalscope_app.session.changes.variants import delete_variant, pin_present, rename_variant, use_variant
+from kalscope_app.session.changes.variants import delete_variant, rename_variant, use_variant
 from kalscope_app.session.session import Session
 from kalscope_app.session.variants import MAX_NAME_LENGTH, MAX_VARIANTS, Variant
 from kalscope_app.studies.variant_table import VariantComparison, VariantRow
@@ -19,21 +19,17 @@ from kalscope_app.views.text import escape_markdown
 NOTHING = "–"
 
 EMPTY = (
-    "Nothing is pinned on this channel yet. **Pin this setting**, below the sliders, keeps the current q, r, "
+    "Nothing is pinned on this channel yet. **Pin**, below the sliders, keeps the current q, r, "
     "momentum and initial state as A, so that you can compare later settings with it. "
     f"Up to {MAX_VARIANTS} can be pinned."
 )
 
 
 class VariantsView:
-    """The button "Pin this setting" and the upper part of the Compare tab."""
+    """The upper part of the Compare tab."""
 
     def __init__(self, gui: viser.GuiApi, compare_tab: AbstractContextManager[object], session: Session) -> None:
         self._session = session
-        self._pin = gui.add_button(
-            "Pin this setting", hint="Keep it as A, B, C …, with a line in the chart and in the Compare tab."
-        )
-        on_user(self._pin.on_click, lambda _client: session.request(pin_present))
         with compare_tab:
             gui.add_markdown("### Pinned settings")
             self._table = gui.add_markdown(EMPTY)

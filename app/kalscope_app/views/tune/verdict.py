@@ -13,7 +13,7 @@ from kalscope_app.session.state import State
 from kalscope_app.studies.checks import Checks
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.tune.advice import label_of, take
-from kalscope_app.views.tune.find import FindView
+from kalscope_app.views.tune.goal.goal import GoalView
 from kalscope_app.views.window.css import VERDICT
 
 UNJUDGED = "This filter has no q and r, so these tests do not apply."
@@ -37,10 +37,10 @@ class VerdictView:
             self._headline = gui.add_markdown("")
             self._advice = [AdviceRow(gui) for _ in range(MAX_ADVICE)]
 
-    def connect(self, session: Session, find: FindView) -> None:
+    def connect(self, session: Session, goal: GoalView) -> None:
         """Let the buttons act: change the session, or search."""
         for row in self._advice:
-            row.connect(session, find)
+            row.connect(session, goal)
 
     def show(self, frame: Frame) -> None:
         """Show or hide the reasons."""
@@ -71,12 +71,12 @@ class AdviceRow:
         self._button = gui.add_button("", visible=False, hint="One step; Undo reverts it.")
         self._shown: tuple[Action, State] | None = None
 
-    def connect(self, session: Session, find: FindView) -> None:
+    def connect(self, session: Session, goal: GoalView) -> None:
         """Let the button act on what it stands for at the moment of the click."""
 
         def click() -> None:
             if self._shown is not None:
-                take(*self._shown, session, find)
+                take(*self._shown, session, goal)
 
         on_user(self._button.on_click, lambda _client: click())
 

@@ -26,8 +26,10 @@ class TypedNumber:
         label: str,
         hint: str,
         change: Callable[[str, str], Change] = set_text,
+        written: Callable[[float], str] = typed,
     ) -> None:
-        self._session, self._name, self._label, self._hint, self._change = session, name, label, hint, change
+        self._session, self._name, self._hint, self._change = session, name, hint, change
+        self._written = written
         self._text = gui.add_text(label, "", hint=hint)
         self._value: object = self  # nothing has been shown yet
         self._serial, self._stale = 0, False
@@ -46,13 +48,11 @@ class TypedNumber:
     def show(self, frame: Frame, value: float | None, missing: str) -> None:
         """Write the frame's value, unless a newer one was typed or the value has not changed."""
         if "{unit}" in self._hint:
-            unit = squared(frame.state.tuning.unit)
-            self._text.hint = self._hint.format(unit=unit)
-            self._text.label = f"{self._label}, {unit}"
+            self._text.hint = self._hint.format(unit=squared(frame.state.tuning.unit))
         if frame.serial < self._serial or (value == self._value and not self._stale):
             return
         self._value, self._stale = value, False
-        self._text.value = missing if value is None else typed(value)
+        self._text.value = missing if value is None else self._written(value)
 
 
 class SliderWithText:

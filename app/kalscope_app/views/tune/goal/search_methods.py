@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from kalscope.common.text import number, typed_number
+from kalscope.common.text import TIME_UNITS, number, typed_number
 from kalscope.errors import BadSetting
 from kalscope.estimation.finding import METHOD_NAMES, Noise, Request
 from kalscope_app.session.state import State
@@ -46,6 +46,16 @@ def _known_noise(state: State) -> Noise:
     """What the last search was told about the noise, as long as its answer holds; a goal changes no sensor."""
     found = state.answers.outcome
     return Noise() if found is None or found.request is None else found.request.noise
+
+
+def _lag(period: float | None) -> SearchMethod:
+    """The goal of a lag: in samples where the sample period (s) is unknown, else in a unit that suits it."""
+    if period is None:
+        return _target("lag_samples", "lag (samples)", "10", with_overshoot=True)
+    usual = 5.0 * period
+    unit, length = TIME_UNITS[0] if usual < 1.0 else next(one for one in reversed(TIME_UNITS) if one[1] <= usual)
+    content = "50" if period <= 0.025 else f"{usual / length:.1g}"
+    return _target("lag_s", f"lag ({unit})", content, length, with_overshoot=True)
 
 
 def _noise(*names: tuple[str, str, str]) -> SearchMethod:
@@ -100,14 +110,14 @@ def clock_of(state: State) -> Scale:
 
 STILL = "a still stretch, fit q"
 
+LAG_HINT = "The largest lag that you accept: the setting within it that leaves the least noise is used."
+
 BOX_HINTS = {
     "": "A number that this method needs.",
-    "lag (ms)": "The largest lag that you accept: the setting within it that leaves the least noise is used.",
     "cut-off (Hz)": "Higher frequencies are attenuated, lower ones pass.",
     "reduction (dB)": "How much less noise: 20 dB is a tenth of its size, 6 dB half of it.",
     OVERSHOOT: "How far a step may overshoot: more of it gives less noise or lag. Empty: the present momentum.",
     "gain K": "The weight of each new sample in the estimate, between 0 and 1.",
-    "lag (samples)": "Delay of the filtered signal behind a steady slope, samples.",
     "from": "Where the stretch begins, as on the time axis. Empty: where the part on screen begins.",
     "to": "Where the stretch ends, as on the time axis. Empty: where the part on screen ends.",
     "σ, one std": "The noise of one reading, one standard deviation, in the unit of the signal.",
@@ -116,20 +126,44 @@ BOX_HINTS = {
 }
 """Hint of each box by its label."""
 
+
+def hint_of(label: str) -> str:
+    """The hint of a box."""
+    return LAG_HINT if label.startswith("lag (") else BOX_HINTS[label]
+
+
+LAG, MORE = "maximum lag", "more …"
+
 SEARCH_METHODS: dict[str, SearchMethod] = {
-    "maximum likelihood": _method("ml"),
-    "maximum lag": _target("lag_s", "lag (ms)", "50", 1e-3, with_overshoot=True),
+    LAG: _lag(0.01),
     "cut-off frequency": _target("cutoff_hz", "cut-off (Hz)", "1"),
     "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
-    "gain K": _target("gain", "gain K", "0.1"),
-    "lag in samples": _target("lag_samples", "lag (samples)", "10", with_overshoot=True),
+    "best fit": _method("ml"),
     STILL: SearchMethod(_still, (("from", ""), ("to", ""))),
     "data sheet σ, fit q": _noise(("sigma", "σ, one std", "")),
     "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
+    "lag with overshoot": _lag(0.01),
+    "noise reduction with overshoot": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
+    "lag in samples": _target("lag_samples", "lag (samples)", "10", with_overshoot=True),
+    "gain K": _target("gain", "gain K", "0.1"),
     "keep r, fit q": SearchMethod(lambda state, _texts: Request(noise=Noise(r=state.tuning.r))),
     "r/q = 100, fit r": SearchMethod(lambda _state, _texts: Request(ratio=0.01)),
     **{METHOD_NAMES[name]: _method(name) for name in ("em", "moments", "als", "allan")},
 }
 """Ways by the words on screen, the most useful first."""
 
-HINT = "From the recording, from a goal (lag, cut-off, noise reduction), or from what you know about the sensor."
+GOALS = tuple(SEARCH_METHODS)[:4]
+"""The ways that the first menu offers; the others stand behind MORE."""
+
+MORE_METHODS = tuple(SEARCH_METHODS)[4:]
+
+HINT = "What the filter is for. Best fit: the q and r that explain the recording best."
+
+
+def method_of(state: State) -> SearchMethod:
+    """The chosen way with the boxes that this record needs: an overshoot is asked for where there is momentum."""
+    name = state.view.search_method
+    is_lag = name in (LAG, "lag with overshoot")
+    method = _lag(state.recording.sample_period) if is_lag else SEARCH_METHODS[name]
+    without = name in GOALS and state.tuning.momentum == 0.0
+    return replace(method, boxes=method.boxes[:1]) if without else method

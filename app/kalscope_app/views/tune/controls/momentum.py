@@ -14,7 +14,7 @@ from kalscope_app.session.changes.momentum import (
     slider_position,
 )
 from kalscope_app.session.session import Session
-from kalscope_app.views.tune.typed_number import SliderWithText, TypedNumber
+from kalscope_app.views.tune.controls.typed_number import SliderWithText, TypedNumber
 
 LABEL = "momentum τ, samples"
 
@@ -45,7 +45,9 @@ class MomentumControl(SliderWithText):
         super().__init__(session, "momentum", typed, slider, set_momentum_position)
 
     def show(self, frame: Frame) -> None:
-        """Follow the frame unless the slider has moved since."""
+        """Follow the frame unless the slider has moved since; a slider that is dragged to off stays until then."""
+        held = 0 < frame.serial <= self._serial
+        self.set_visible(frame.state.filter.is_standard and (frame.state.tuning.momentum > 0.0 or held))
         momentum = frame.state.tuning.momentum
         self.typed.show(frame, momentum or None, OFF)
         self._slider.label = slider_label(momentum, frame.state.recording.sample_period)
