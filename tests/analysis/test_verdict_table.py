@@ -125,13 +125,9 @@ def test_too_slow_and_too_fast_are_not_contradicted_by_the_half_that_was_not_fit
 def test_the_advised_q_and_r_predict_the_second_half_no_worse(state):
     for advice in row(state).said.advice:
         action = advice.action
-        if isinstance(action, actions.Scale):
-            advised = scaled(state.params, action.q_factor, action.r_factor)
-        elif isinstance(action, actions.SetRatio):
-            r = action.factor * (float(state.params.r) or float(state.params.q) / action.ratio)
-            advised = replace(state.params, q=action.ratio * r, r=r)
-        else:
+        if not isinstance(action, actions.Scale | actions.SetRatio):
             continue
+        advised = taken(state.params, action)
         before, after = (replace(one, gate=None) for one in (state.params, advised))
         assert worse(second_half(state.z, before)[1], second_half(state.z, after)[1]) < CHANCE
         words = advice.text
@@ -146,6 +142,36 @@ def test_a_band_that_is_too_narrow_has_large_errors_and_a_wide_one_small_errors(
     if one.said.status == "band":
         assert one.said.word == ("band too narrow" if one.whole.nis > 1.0 else "band too wide")
         assert abs(math.log(one.whole.nis)) > math.log(1.4)
+
+
+def taken(params, action):
+    """The filter after an action that needs no search; None for any other."""
+    match action:
+        case actions.Scale(q_factor, r_factor):
+            return scaled(params, q_factor, r_factor)
+        case actions.SetRatio(ratio, factor):
+            r = factor * (float(params.r) or float(params.q) / ratio)
+            return replace(params, q=ratio * r, r=r)
+        case actions.SetGate(sigma):
+            return replace(params, gate=None if sigma is None else sigma**2)
+        case actions.UnsetStart():
+            return replace(params, x0=None, p0=None)
+        case _:
+            return None
+
+
+@every_state
+def test_the_first_button_clicked_again_and_again_comes_to_an_end(state):
+    params, said, seen = state.params, row(state).said, set()
+    while said.tone == "bad":
+        after = next((one for one in (taken(params, advice.action) for advice in said.advice) if one), None)
+        if after is None:
+            return
+        assert said.advice not in seen, "it goes round in a circle"
+        seen.add(said.advice)
+        assert len(seen) < 8
+        params = after
+        said = row_of(VerdictState(state.signal, params)).said
 
 
 # --- a goal ---------------------------------------------------------------------------------------------

@@ -151,6 +151,13 @@ def _spikes(found: Findings, known: Known) -> Finding | None:
         return None if explained else _passing(found, seen)
     if known.estimated:
         return "spikes", Advice(f"{seen}, and the fit took them for noise: set them aside", SetSpikesAside())
+    return _switched_on(found, seen)
+
+
+def _switched_on(found: Findings, seen: str) -> Finding | None:
+    """The gate to switch on; none where r is so large that it would refuse nothing: that is said instead."""
+    if found.largest <= SPIKE:
+        return None
     wide = found.scale > 1.0 / NARROW  # a gate of 4 σ would refuse what such a filter has not followed
     sigma, at = (_wide(found), f" at {_wide(found):g} σ") if wide else (SPIKE, "")
     return "spikes", Advice(f"{seen}: switch the outlier gate on{at}", SetGate(sigma))
