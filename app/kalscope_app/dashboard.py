@@ -19,7 +19,6 @@ from kalscope_app.live.connection import BoardConnection
 from kalscope_app.live.recording import BoardRecording
 from kalscope_app.program.error_reporting import sentence_for
 from kalscope_app.program.user_settings import UserSettings
-from kalscope_app.session.changes.view import set_dark, set_smoother, set_velocity
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import AlternativesStudy
@@ -29,7 +28,6 @@ from kalscope_app.studies.spectra import compute_allan, compute_spectra
 from kalscope_app.studies.still_stretch import StillStretches
 from kalscope_app.studies.tuning_map import MapMaker
 from kalscope_app.studies.variant_table import VariantTable
-from kalscope_app.views.binding import bind
 from kalscope_app.views.charts.alternatives import AlternativesView
 from kalscope_app.views.charts.channels import ChannelsView
 from kalscope_app.views.charts.phone_picture import PhonePictures
@@ -58,9 +56,11 @@ from kalscope_app.views.tune.presets import PresetsView
 from kalscope_app.views.tune.start import StartView
 from kalscope_app.views.tune.variants import VariantsView
 from kalscope_app.views.tune.verdict import VerdictView
+from kalscope_app.views.window.commands import Commands
 from kalscope_app.views.window.css import add_style
 from kalscope_app.views.window.header import HeaderView
 from kalscope_app.views.window.layout import Panels
+from kalscope_app.views.window.view_tab import ViewTab
 
 log = logging.getLogger(__name__)
 
@@ -121,22 +121,37 @@ class Dashboard:
         server.on_client_disconnect(self._on_disconnect)
 
     def _build(self, folder: Path) -> None:
+        """All widgets, from top to bottom; the command palette last."""
         gui = self._server.gui
+        names = ("Check", "Compare", "Channels", "Noise")
+        check, compare, channels, noise = (self._panels.right.add_tab(name) for name in names)
+        with check:
+            self._checks = ChecksView(gui)
+        self._build_left(gui, folder)
+        self._estimators = EstimatorsView(gui, check, self.session, self._jobs)
+        self._variants = VariantsView(gui, compare, self.session)
+        with check:
+            self._momentum = MomentumProfileView(gui, self.session, self._jobs)
+        with self._panels.charts:
+            self._window = WindowView(gui, self.session)
+            self.signal = SignalView(gui)
+        with compare:
+            self._alternatives = AlternativesView(gui, self.session)
+        with channels:
+            self._channels = ChannelsView(gui, self.session)
+        with noise:
+            self._spectrum, self._allan = SpectrumView(gui), AllanView(gui)
+        self._commands = Commands(gui)
+
+    def _build_left(self, gui: viser.GuiApi, folder: Path) -> None:
+        """The header and the tabs below it."""
         self._header = HeaderView(gui, self.session)
         self._verdict = VerdictView(gui, self.session)
         self._map.build_button(gui, self._settings, self._jobs)
         self._verdict.build_reasons(gui)
         tabs = gui.add_tab_group()
-        names = ("Check", "Compare", "Channels", "Noise")
-        check, compare, channels, noise = (self._panels.right.add_tab(name) for name in names)
-        with check:
-            self._checks = ChecksView(gui)
         with tabs.add_tab("Tune"):
             self._build_tune(gui)
-        self._estimators = EstimatorsView(gui, check, self.session, self._jobs)
-        self._variants = VariantsView(gui, compare, self.session)
-        with check:
-            self._momentum = MomentumProfileView(gui, self.session, self._jobs)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs)
             recording = BoardRecording(self._connection, folder, self.tell, self.session.wakeup.set)
@@ -151,29 +166,11 @@ class Dashboard:
             ReportView(gui, self.session, self._jobs)
             self._command_line = CommandLineView(gui)
         with tabs.add_tab("View"):
-            self._dark = gui.add_checkbox("dark theme", False, hint="In every browser that shows this session.")
-            bind(self._dark, self.session, set_dark)
-            self._smoother = gui.add_checkbox(
-                "show smoother (offline bound)", False, hint="It also uses later samples, which a device cannot."
-            )
-            bind(self._smoother, self.session, set_smoother)
-            self._velocity = gui.add_checkbox(
-                "show velocity", False, hint="In place of the gain, where the filter has momentum."
-            )
-            bind(self._velocity, self.session, set_velocity)
+            self._view = ViewTab(gui, self.session)
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
             self._help = HelpView(gui, self._tour)
         add_style(gui)  # outside of the tabs: a hidden one is not on the page
-        with self._panels.charts:
-            self._window = WindowView(gui, self.session)
-            self.signal = SignalView(gui)
-        with compare:
-            self._alternatives = AlternativesView(gui, self.session)
-        with channels:
-            self._channels = ChannelsView(gui, self.session)
-        with noise:
-            self._spectrum, self._allan = SpectrumView(gui), AllanView(gui)
 
     def _build_tune(self, gui: viser.GuiApi) -> None:
         self._goal = GoalView(gui, self.session, self._jobs)
@@ -200,10 +197,9 @@ class Dashboard:
         with self._server.atomic():
             self._panels.set_theme(dark=frame.state.view.dark)
             self._panels.set_map_shown(frame.state.view.map_shown)
-            view = frame.state.view
-            self._dark.value, self._smoother.value, self._velocity.value = view.dark, view.smoother, view.velocity
             self.signal.show(frame)
             for view in (
+                self._view,
                 self._header,
                 self._verdict,
                 self._numbers,
@@ -220,6 +216,7 @@ class Dashboard:
                 chosen = self.parameters, self._start, self._paper, self._variants, self._channels
                 for view in (*chosen, self._code, self._board, self._command_line):
                     view.show(frame)
+            self._commands.show()
         self._last = frame
         self._phones.show(frame)
         self._server.flush()

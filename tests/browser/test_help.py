@@ -44,3 +44,29 @@ def test_the_tour_is_shown_on_the_first_run_and_never_again_once_it_is_done(brow
         screen.slider("q").hover()
         screen.page.get_by_text("Drag, or click and use the arrow keys").wait_for()
         screen.page.screenshot(path=ARTEFACTS / "hint.png")
+
+
+def test_every_action_is_a_command_and_every_heading_a_button_for_keys(browser, tmp_path):
+    with dashboard("demo", cwd=tmp_path) as url, Screen(browser, url, width=1280, height=720) as screen:
+        actions = screen.page.locator(".mantine-Spotlight-action")
+        for name in ("Map", "Reset view", "Connect", "Preview code", "Reset", "Undo", "Show the tour"):
+            screen.page.keyboard.press("Control+k")
+            actions.get_by_text(name, exact=True).wait_for()
+            screen.page.keyboard.press("Escape")
+            actions.first.wait_for(state="detached")
+        screen.page.keyboard.press("Control+k")
+        screen.page.keyboard.type("dark theme")
+        screen.shot("commands")
+        screen.page.keyboard.press("Enter")
+        screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+        actions.first.wait_for(state="detached")
+        screen.page.keyboard.press("Control+k")
+        actions.get_by_text("Map", exact=True).click()
+        screen.page.get_by_role("button", name="Hide map").wait_for()
+        heading = screen.page.get_by_role("button", name="Presets")
+        heading.focus()
+        assert heading.get_attribute("aria-expanded") == "false"
+        for key, opened in (("Enter", "true"), (" ", "false")):
+            screen.page.keyboard.press(key)
+            screen.wait("([at, value]) => at.ariaExpanded === value", [heading.element_handle(), opened])
+        assert screen.slider("q").get_attribute("aria-label")

@@ -115,6 +115,25 @@ def take_upload(button: viser.GuiUploadButtonHandle) -> viser.UploadedFile:
     return file
 
 
+def widgets_of(gui: viser.GuiApi) -> tuple[_GuiInputHandle[Any], ...]:
+    """Every widget that a user can press or change, in the order in which they were made."""
+    return tuple(gui._gui_input_handle_from_uuid.values())
+
+
+def commands_of(gui: viser.GuiApi) -> tuple[str, ...]:
+    """The names in the command palette."""
+    return tuple(command.label for command in gui._command_handle_from_uuid.values())
+
+
+async def press(widget: _GuiInputHandle[Any], client: viser.ClientHandle) -> None:
+    """Do what a click of this browser on the widget would do."""
+    event = viser.GuiEvent(client=client, client_id=client.client_id, target=widget)
+    for callback in tuple(widget._impl.update_cb):
+        answer = callback(event)
+        if inspect.isawaitable(answer):
+            await answer
+
+
 @contextmanager
 def replaced(module: object, name: str, value: Callable[..., Any]) -> Generator[None]:
     """Let a function of a module be another one while the block runs."""

@@ -16,7 +16,7 @@ KEYS = (
     ("type a number, Enter", "exactly that value; 1e‑9 works"),
     ("Ctrl+Z", "undo"),
     ("Ctrl+Shift+Z, Ctrl+Y", "redo"),
-    ("Ctrl+K", "undo and redo by name"),
+    ("Ctrl+K", "every button by its name"),
     ("drag a panel's edge", "make it wider"),
 )
 """Keys and mouse actions, and what they do."""

@@ -1,0 +1,49 @@
+"""The command palette, Ctrl+K: every button, checkbox and button of a row, by the name that stands on it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import viser
+
+from kalscope_app.guard.viser_private import commands_of, press, widgets_of
+
+WITHOUT = {"", "…", "Cancel"}
+"""Buttons that have no name of their own, or show only while something runs."""
+
+
+class Commands:
+    """One command for each; made last, when all widgets are there."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._buttons: list[tuple[viser.GuiButtonHandle, viser.CommandHandle]] = []
+        taken = {*WITHOUT, *commands_of(gui)}
+        for widget in widgets_of(gui):
+            if isinstance(widget, viser.GuiButtonGroupHandle):
+                for name in widget.options:
+                    if name not in taken:
+                        self._add(gui, name, widget, name)
+            elif isinstance(widget, viser.GuiCheckboxHandle):
+                self._add(gui, widget.label, widget)
+            elif isinstance(widget, viser.GuiButtonHandle) and widget.label not in taken:
+                self._buttons.append((widget, self._add(gui, widget.label, widget)))
+
+    def _add(self, gui: viser.GuiApi, label: str, widget: Any, value: str | None = None) -> viser.CommandHandle:
+        command = gui.add_command(f"{label[:1].upper()}{label[1:]}", description=widget.hint)
+
+        async def trigger(event: viser.CommandEvent) -> None:
+            if event.client is None or not widget.visible:
+                return
+            if value is not None:
+                widget.value = value
+            elif isinstance(widget, viser.GuiCheckboxHandle):
+                widget.value = not widget.value
+            await press(widget, event.client)
+
+        command.on_trigger(trigger)
+        return command
+
+    def show(self) -> None:
+        """Follow the names of the buttons, and which can be pressed now."""
+        for button, command in self._buttons:
+            command.label, command.disabled = button.label, not button.visible
