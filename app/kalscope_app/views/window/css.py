@@ -56,12 +56,11 @@ div:has(> .kalscope-verdict) + div button {
   color: color-mix(in srgb, var(--button-bg) 45%, white); }
 div:has(> div > .kalscope-header) { display: grid; grid-template-columns: 1fr auto; }
 div:has(> div > .kalscope-header) > div { grid-column: 1 / -1; }
-div:has(> div > .kalscope-header) > div:has(> .kalscope-verdict) + div {
-  grid-column: 1; margin-right: 0 !important;
-}
+div:has(> div > .kalscope-header) > div:has(> .kalscope-verdict) + div { grid-column: 1; }
 div:has(> div > .kalscope-header) > div:has(> .kalscope-verdict) + div + div { grid-column: 2; }
 div:has(> .kalscope-verdict) + div + div button { height: 28px; }
 @media (max-width: 1099.98px) { div:has(> .kalscope-verdict) + div + div { display: none; } }
+@media (min-width: 1100px) { div:has(> .kalscope-verdict) + div { margin-right: 0 !important; } }
 @media (min-width: 36.01em) {
   .mantine-ScrollArea-viewport:has(.kalscope-header) div:has(div .kalscope-header) { height: 100%; }
   div:has(> div > .kalscope-header) { box-sizing: border-box; grid-template-rows: repeat(19, auto) minmax(0, 1fr); }
