@@ -144,6 +144,19 @@ def test_a_band_that_is_too_narrow_has_large_errors_and_a_wide_one_small_errors(
         assert abs(math.log(one.whole.nis)) > math.log(1.4)
 
 
+@every_state
+def test_no_other_ratio_fits_better_where_none_is_advised(state):
+    """The oracle: the likelihood with the best r over a grid of all q/r, by the filter itself."""
+    p, said = state.params, row(state).said
+    if said.status not in ("fits", "band") or float(p.momentum) or p.gate or not (float(p.q) and float(p.r)):
+        return
+    own = float(p.q) / float(p.r)
+    ratios = np.geomspace(1e-8, 1e6, 57)
+    gains = [concentrated(state.z, ratio) - concentrated(state.z, own) for ratio in ratios]
+    at = int(np.argmax(gains))
+    assert gains[at] < 6.0 or 0.5 < ratios[at] / own < 2.0
+
+
 def taken(params, action):
     """The filter after an action that needs no search; None for any other."""
     match action:

@@ -143,7 +143,7 @@ def _costs(choice: Choice, best: Scale) -> str:
     """What the best fit would do otherwise, as clauses of two sentences."""
     ratio = best.q_factor / best.r_factor
     if choice.goal and abs(math.log(ratio)) >= math.log(MIN_FACTOR):
-        change = f"({'q' if 1.0 / MIN_FACTOR < best.r_factor < MIN_FACTOR else 'q/r'} {_larger(ratio)})"
+        change = f"({'q' if 1.0 / MIN_FACTOR < best.r_factor < MIN_FACTOR else 'q/r'} {larger(ratio)})"
         if ratio > 1.0:
             best_fit = f"follow faster {change}, so {choice.faster} is smoothed away"
         else:
@@ -152,7 +152,7 @@ def _costs(choice: Choice, best: Scale) -> str:
     origin = f" {choice.noise}" if choice.noise in TRUSTED else ""
     return (
         f"you gave r{origin}. the best statistical fit has an r "
-        f"{_larger(best.r_factor)}: keep yours if you trust {TRUSTED.get(choice.noise, 'it')}"
+        f"{larger(best.r_factor)}: keep yours if you trust {TRUSTED.get(choice.noise, 'it')}"
     )
 
 
@@ -164,7 +164,7 @@ def times(factor: float) -> str:
     return f"{number(size, 2 if size < 3.0 else 1)} ×"
 
 
-def _larger(ratio: float) -> str:
+def larger(ratio: float) -> str:
     """By how much, as in "about 500 × larger"."""
     way, size = ("larger", ratio) if ratio > 1.0 else ("smaller", 1.0 / ratio)
     return f"more than 1000 × {way}" if size >= 1000.0 else f"about {number(size, 2 if size < 3.0 else 1)} × {way}"

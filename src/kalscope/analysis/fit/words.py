@@ -19,7 +19,7 @@ from kalscope.analysis.actions import (
 )
 from kalscope.analysis.fit.correction import MIN_FACTOR, MIN_SAMPLES
 from kalscope.analysis.fit.findings import MAX_UNCHANGED, Findings
-from kalscope.analysis.fit.goal import Choice, Finding, times, with_choice
+from kalscope.analysis.fit.goal import Choice, Finding, larger, times, with_choice
 from kalscope.analysis.fit.spikes import MAX_OUTLIERS, MAX_REFUSED
 from kalscope.analysis.residual_tests import SPIKE
 from kalscope.common.text import count, number, percent
@@ -155,11 +155,11 @@ def _spikes(found: Findings, known: Known) -> Finding | None:
 
 
 def _switched_on(found: Findings, seen: str) -> Finding | None:
-    """The gate to switch on; none where r is so large that it would refuse nothing: that is said instead."""
-    if found.largest <= SPIKE:
-        return None
+    """The gate to switch on; none where it would refuse nothing, because r is too large."""
     wide = found.scale > 1.0 / NARROW  # a gate of 4 σ would refuse what such a filter has not followed
     sigma, at = (_wide(found), f" at {_wide(found):g} σ") if wide else (SPIKE, "")
+    if found.largest <= sigma:
+        return None
     return "spikes", Advice(f"{seen}: switch the outlier gate on{at}", SetGate(sigma))
 
 
@@ -204,7 +204,7 @@ def _size(found: Findings) -> Finding | None:
     if q_off and r_off:
         text = f"{pace}: {change_q} q about {times(q)} and {change_r} r about {times(r)}"
         if change_q == change_r:
-            text += f", so that q/r becomes about {times(q / r)} {'larger' if q > r else 'smaller'}"
+            text += f", so that q/r becomes {larger(q / r)}"
         return status, Advice(text, scale)
     if q_off:
         return status, Advice(f"{pace}: {change_q} q about {times(q)}", scale)
