@@ -24,6 +24,7 @@ const submit = (box, text) => {
   clearTimeout(box.timer);
   box.typed = null;
   box.sent = true;
+  box.served = text; // until the server answers: what is typed next may be the text of before
   send({ type: "GuiUpdateMessage", uuid: box.uuid, updates: { value: text } });
 };
 
