@@ -27,7 +27,7 @@ class HelpView:
 
     def __init__(self, gui: viser.GuiApi, tour: Tour) -> None:
         gui.add_markdown(card())
-        button = gui.add_button("Show the tour", hint="Five short windows on what is where.")
+        button = gui.add_button("Show the tour", hint="Three short windows.")
         on_user(button.on_click, tour.show)
         gui.add_markdown("Point at a button, box or slider to read what it does.")
 

@@ -1,4 +1,4 @@
-"""The tour: up to five windows for new users. Each browser has its own."""
+"""The tour: three windows for new users, the goal first. Each browser has its own."""
 
 from __future__ import annotations
 
@@ -16,32 +16,20 @@ if TYPE_CHECKING:
 
 STEPS = (
     (
-        "Raw and filtered",
-        "The grey line is the raw signal, the orange one the filtered signal. The true value should lie in the "
-        "band around it.\n\nDrag across a chart to zoom; double-click to zoom out.",
+        "How much lag can you accept?",
+        "Grey is the raw signal, orange the filtered one: less noise, but late.\n\n"
+        "Under **Goal**, *maximum lag* is chosen. Press **Apply**: of all filters that lag by 50 ms or less, you get "
+        "the one that leaves the least noise.",
     ),
     (
-        "Two sliders set the filter",
-        "**q** is how fast the true value moves: larger follows faster. **r** is how noisy the sensor is: larger "
-        "smooths more. Only their ratio shapes the curve; **p0** matters only at the start. **Momentum**, off at "
-        "first, suits a signal that keeps its direction: less noise at the same lag, but steps overshoot.\n\n"
-        "**Resulting filter**, below the sliders, shows the lag and the noise reduction.",
+        "Then adjust it",
+        "The line at the top says lag, noise and whether the filter fits; click that word for the reasons. A larger "
+        "**q** follows faster, a larger **r** smooths more.\n\n**Pin** keeps a setting, Ctrl+Z undoes.",
     ),
     (
-        "Or let Kalscope find them",
-        "**Find q and r** estimates them from the recording, or from your goal: choose *maximum lag* and type 50 "
-        "for the setting with the least noise of all that lag by 50 ms or less.\n\n"
-        "**Does it fit?** says what to change. Ctrl+Z undoes every step.",
-    ),
-    (
-        "Keep and compare",
-        "**Pin this setting** keeps it as A, B, C … with a line in the chart. The **Compare** tab lists all "
-        "of them in one table. **Presets** are settings to start from.",
-    ),
-    (
-        "Your own signal, and export",
-        "**Source** opens your file or generates a signal. **Export** writes code, the setting and the filtered "
-        "signal, and one command that reopens this session.\n\n**Help** lists the keys and shows this tour again.",
+        "Your signal, your device",
+        "**Source** opens your file or a live board. **Export** writes the code.\n\n"
+        "**Help** lists the keys and shows this tour again.",
     ),
 )
 """Title and text of each window."""
