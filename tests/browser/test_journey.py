@@ -1,21 +1,28 @@
-"""A new user wants: lag under 50 ms, least noise. Each step reads only what is on screen."""
+"""What three users want, from the first page on, with every press counted. Each reads only what is on screen."""
 
 from __future__ import annotations
 
-import re
+import contextlib
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
-from screen import ARTEFACTS, FIND, Screen, dashboard
+from hand import Hand
+from screen import FIND, Screen, dashboard
+from waiting import wait_until
 
-from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, steady_state
+from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for
+from kalscope.papers.experiments import list_experiments, open_experiment
+from kalscope_app.views.source.samples import experiment_label
 
 pytestmark = pytest.mark.browser
-DEMO = open_source("demo").values[:, 0]
-PERIOD = open_source("demo").sample_period
+DEMO = open_source("demo")
 
 
 @pytest.fixture
-def screen(browser, tmp_path):
+def first_run(browser, tmp_path):
+    """The page of a new user, with the tour."""
     with (
         dashboard("demo", cwd=tmp_path, first_run=True) as url,
         Screen(browser, url, width=1280, height=720) as screen,
@@ -23,52 +30,141 @@ def screen(browser, tmp_path):
         yield screen
 
 
-def lag_line(screen):
-    return screen.page.locator("p", has_text=re.compile(r"^lag .* · noise"))
+def in_window(screen, *places):
+    """Whether all of these are in sight without scrolling."""
+    page = screen.page.viewport_size
+    boxes = [place.bounding_box() for place in places]
+    return all(
+        box["x"] >= 0 and box["y"] >= 0 and box["x"] + box["width"] <= page["width"]
+        and box["y"] + box["height"] <= page["height"]
+        for box in boxes
+    )  # fmt: skip
 
 
-def shown_lag(screen):
-    """The lag on a ramp in ms, as it stands in the header."""
-    row = lag_line(screen).inner_text()
-    value, unit = re.search(r"([\d.]+) (ms|s)", row).groups()
-    return float(value) * (1000.0 if unit == "s" else 1.0)
+@pytest.mark.device
+def test_a_maximum_lag_becomes_a_sketch_that_compiles_in_at_most_eight_clicks(first_run, workshop, tmp_path):
+    screen, hand, page = first_run, Hand(first_run), first_run.page
+    for name in ("Next", "Next", "Done"):
+        screen.shot(f"journey-a-1-tour-{hand.clicks + 1}")
+        hand.press(name)
+    page.get_by_role("dialog").wait_for(state="detached")
+    assert screen.text_box("goal").input_value() == "maximum lag"
+    assert screen.text_box("lag (ms)").input_value() == "50"
+    page.get_by_text("190 ms").first.wait_for()
+    screen.shot("journey-a-2-the-demo-lags")
+
+    hand.press("Apply")
+    z, r = DEMO.values[:, 0], estimate(DEMO.values[:, 0], momentum=0.0).r
+    asked = FilterParams(r * ratio_for(lag_s=0.05, sample_period=DEMO.sample_period), r)
+    screen.wait_for_line("filtered", kalman_filter(z, asked).x)
+    result = page.get_by_text("of the noise").first
+    result.wait_for()
+    controls = [screen.slider(name) for name in ("q", "r", "p0")]
+    assert in_window(screen, screen.text_box("goal"), result, *controls, page.locator(".uplot").first)
+    screen.shot("journey-a-3-the-goal-is-met")
+
+    hand.press("Export", "tab")
+    hand.press("Save to the folder")
+    screen.notification("Saved").wait_for()
+    screen.shot("journey-a-4-saved")
+    (sketch,) = (tmp_path / "export").rglob("*.ino")
+    assert workshop.sketch(sketch).flash > 0
+    header = "".join(file.read_text() for file in sketch.parent.glob("*.h"))
+    assert "lag behind a ramp 2.5 samples = 0.05 s" in header
+    assert hand.clicks <= 8
+    assert hand.seconds <= 60
 
 
-def test_lag_under_50_ms_and_least_noise_is_found_by_reading_the_screen(screen):
-    page = screen.page
-    for step in (1, 2):  # the tour's third window names the way
-        page.get_by_role("dialog").filter(has_text=f"({step} of 5)").get_by_role("button", name="Next").click()
-    page.get_by_text("the least noise of all that lag").wait_for()
-    screen.shot("journey-1-the-tour-names-the-way")
-    page.get_by_role("dialog").get_by_role("button", name="Do not show again").click()
+@pytest.mark.device
+def test_a_board_is_tuned_and_recorded_and_the_recording_keeps_the_tuning(
+    browser, start_board, stream_sketch, tmp_path
+):
+    counts = np.rint(512 + 200 * np.sin(np.arange(1024) / 40)).astype(int)
+    board = start_board(stream_sketch, counts)
+    with contextlib.ExitStack() as running:
+        url = running.enter_context(dashboard("demo", cwd=tmp_path))
+        screen = running.enter_context(Screen(browser, url, width=1440, height=900))
+        hand, page = Hand(screen), screen.page
+        hand.press("Source", "tab")
+        hand.choose("port", "Other address …")
+        hand.type("address", board.port)
+        hand.press("Connect")
+        page.get_by_role("button", name="Disconnect", exact=True).wait_for()
+        screen.wait(f"() => ({FIND})('raw')?.data[1].filter(value => value > 1).length > 200")
+        screen.shot("journey-b-1-connected")
 
-    lag_line(screen).wait_for()
-    assert shown_lag(screen) == pytest.approx(190, abs=1)
-    screen.shot("journey-2-the-lag-is-too-long")
+        hand.press("Tune", "tab")
+        hand.type("lag (ms)", "20")
+        page.get_by_text("of the noise").first.wait_for()
+        hand.press("Pin")
+        screen.wait(f"() => !!({FIND})('A')")
+        hand.type("measurement noise r", "50")
+        screen.shot("journey-b-2-tuned-and-pinned")
+        kept = [screen.text_box(box).input_value() for box in ("process noise q", "measurement noise r")]
+        assert kept[1] == "50"
 
-    screen.text_box("goal").click()
-    screen.page.wait_for_timeout(300)
-    page.screenshot(path=ARTEFACTS / "journey-3-the-ways-to-find.png")
-    page.get_by_role("option", name="maximum lag", exact=True).click()
-    box = screen.text_box("lag (ms)")
-    box.wait_for()
-    assert box.input_value() == "50"
-    screen.shot("journey-4-fifty-stands-there")
+        hand.press("Source", "tab")
+        hand.press("Record")
+        stop = page.get_by_role("button", name="Stop recording", exact=True)
+        stop.wait_for()
+        wait_until(lambda: recorded(tmp_path) > 200, "a recording of 200 lines")
+        hand.press("Stop recording")
+        hand.press("Open the recording")
+        page.get_by_text("recording.csv").first.wait_for()
+        screen.wait(f"(count) => ({FIND})('raw').data[0].length === count", len(opened(tmp_path)))
+        hand.press("Tune", "tab")
+        assert [screen.text_box(box).input_value() for box in ("process noise q", "measurement noise r")] == kept
+        z = opened(tmp_path).values[:, 0]
+        screen.wait_for_line("filtered", kalman_filter(z, FilterParams(*map(float, kept))).x, 1e-5)
+        screen.wait(f"() => !!({FIND})('A')")
+        screen.shot("journey-b-3-the-recording-keeps-them")
+        assert hand.clicks <= 16
 
-    page.get_by_role("button", name="Apply", exact=True).click()
-    r = estimate(DEMO, momentum=0.0).r
-    asked = FilterParams(r * ratio_for(lag_s=0.05, sample_period=PERIOD), r)
-    screen.wait_for_line("filtered", kalman_filter(DEMO, asked).x)
-    page.get_by_text("Before: 190 ms").wait_for()
-    screen.shot("journey-5-found")
 
-    assert shown_lag(screen) <= 50.0
-    less_lag = FilterParams(r * ratio_for(lag_s=0.045, sample_period=PERIOD), r)
-    noise = [float(steady_state(params).noise_reduction_db) for params in (asked, less_lag)]
-    assert noise[0] > noise[1]  # the longest lag that is allowed leaves the least noise
+def recorded(folder: Path) -> int:
+    """Lines of the recording so far."""
+    file = folder / "recording.csv"
+    return len(file.read_text().splitlines()) if file.exists() else 0
 
-    page.get_by_role("button", name="Pin", exact=True).click()
-    screen.wait(f"() => ({FIND})('A')")
-    screen.tab("Export")
-    assert page.locator("textarea").first.input_value().startswith("kalscope open sample:flex_finger --q ")
-    screen.shot("journey-6-the-line-that-reopens-it")
+
+def opened(folder: Path):
+    return open_source(str(folder / "recording.csv"))
+
+
+def test_a_student_sees_a_figure_and_table_1_tries_p0_and_takes_a_report(browser, tmp_path):
+    figure = next(one for one in list_experiments() if one.name == "noise_reducer_figure_6")
+    with (
+        dashboard("demo", cwd=tmp_path) as url,
+        Screen(browser, url, width=1440, height=900) as screen,
+    ):
+        hand, page = Hand(screen), screen.page
+        hand.press("Source", "tab")
+        hand.choose("paper figure", experiment_label(figure))
+        recording, filters = open_experiment(figure.name)
+        printed = filters["signal"].params
+        screen.wait_for_line("raw", recording.values[:, 0])
+        screen.shot("journey-c-1-a-figure")
+        hand.press("Open the paper page")
+        page.get_by_role("dialog").get_by_role("columnheader", name="printed").wait_for()
+        screen.shot("journey-c-2-table-1")
+        hand.press("Close")
+        page.get_by_role("dialog").wait_for(state="detached")
+
+        hand.press("Tune", "tab")
+        assert float(screen.text_box("process noise q").input_value()) == printed.q
+        hand.press("Pin")
+        screen.wait(f"() => !!({FIND})('A')")
+        hand.type("initial variance p0", "1")
+        screen.wait_for_line("filtered", kalman_filter(recording.values[:, 0], replace(printed, p0=1.0)).x, 1e-9)
+        screen.shot("journey-c-3-p0-is-1")
+        hand.press("Compare", "tab")
+        page.get_by_role("row").filter(has_text="A").first.wait_for()
+        hand.press("Export", "tab")
+        with page.expect_download() as report:
+            hand.press("Download report (HTML)")
+        report.value.save_as(tmp_path / "report.html")
+        screen.shot("journey-c-4-report")
+        text = (tmp_path / "report.html").read_text()
+        assert "initial variance p0" in text
+        assert figure.title.split(":")[0] in text
+        assert hand.clicks <= 25

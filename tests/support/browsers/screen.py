@@ -171,7 +171,8 @@ class Screen:
 
     def close(self):
         self.context.close()
-        assert [error for error in self.page_errors if KNOWN_PAGE_ERROR not in error] == []
+        unknown = [error for error in self.page_errors if KNOWN_PAGE_ERROR not in error]
+        assert unknown == []
 
 
 def pixels(png):
