@@ -1,7 +1,8 @@
-"""Start-up, warm: `import kalscope`, and `kalscope open` until it prints its link and until the page answers.
+"""Start-up, warm: `import kalscope`, commands, and `kalscope open` until its link is printed and its page answers.
 
 Whole processes, wall clock, medians; the first run of each is not counted, because it fills the file cache and
-the cache of compiled kernels. A bare `python -c pass` is timed in the same turns, to judge the machine by.
+the cache of compiled kernels. All take turns with a bare `python -c "import numpy, viser"`, which every ratio is to,
+and the dashboard with a bare viser server.
 
     python benchmarks/start_up.py [--json] [--runs 7]
 """
@@ -16,25 +17,48 @@ import subprocess
 import sys
 import time
 import urllib.request
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
 
-from dashboard_page import Program, cpu_seconds
+from dashboard_page import PROGRAM, Program, cpu_seconds
+
+SAMPLE = Path(__file__).parents[1] / "sample_data" / "nile.csv"
+BARE_VISER = """
+import numpy, viser, time
+server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+print(f"Kalscope: http://127.0.0.1:{server.get_port()}", flush=True)
+time.sleep(600)
+"""
+REFERENCE = 'python -c "import numpy, viser"'
+COMMANDS = {
+    "python -c pass": ("-c", "pass"),
+    REFERENCE: ("-c", "import numpy, viser"),
+    'python -c "import kalscope"': ("-c", "import kalscope"),
+    "kalscope --help": ("-m", "kalscope_app.main", "--help"),
+    "kalscope tune nile.csv": ("-m", "kalscope_app.main", "tune", str(SAMPLE)),
+}
+SERVERS = {
+    "bare viser": (sys.executable, "-c", BARE_VISER),
+    "kalscope open demo": (PROGRAM, "open"),
+}
 
 
-def run_python(code: str) -> tuple[float, float]:
-    """Seconds of a Python process that runs `code`, by the clock and of the processor."""
+def run_python(arguments: Sequence[str]) -> tuple[float, float]:
+    """Seconds of a Python process, by the clock and of the processor."""
     start, before = time.perf_counter(), os.times()
-    subprocess.run([sys.executable, "-c", code], check=True)
+    subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
     lasted, after = time.perf_counter() - start, os.times()
     spent = after.children_user + after.children_system - before.children_user - before.children_system
     return lasted, spent
 
 
-def open_dashboard() -> tuple[float, float, float]:
+def open_server(program: Sequence[str | Path]) -> tuple[float, float, float]:
     """Seconds from the start of the process to the printed link and to the page behind it; processor time."""
     start = time.perf_counter()
-    with Program("demo") as program:
-        link, spent = time.perf_counter() - start, cpu_seconds(program.process.pid)
-        with urllib.request.urlopen(program.url, timeout=30.0) as answer:
+    with Program("demo", program) as server:
+        link, spent = time.perf_counter() - start, cpu_seconds(server.process.pid)
+        with urllib.request.urlopen(server.url, timeout=30.0) as answer:
             page = answer.read()
         answered = time.perf_counter() - start
     if b"<html" not in page.lower():
@@ -44,14 +68,21 @@ def open_dashboard() -> tuple[float, float, float]:
 
 def measure(runs: int) -> dict[str, dict[str, float]]:
     """Median, fastest and slowest of each, s; and the median of its processor time, which a busy machine leaves."""
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in NAMES}
-    for turn in range(runs + 1):
-        bare, imported = run_python("pass"), run_python("import kalscope")
-        link, page, spent = open_dashboard()
-        if turn > 0:
-            for taken, pair in zip(times.values(), (bare, imported, (link, spent), (page, spent)), strict=True):
-                taken.append(pair)
-    return {name: summary([wall for wall, _ in taken], [cpu for _, cpu in taken]) for name, taken in times.items()}
+    taken: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    for _ in range(runs + 1):
+        for name, arguments in COMMANDS.items():
+            taken[name].append(run_python(arguments))
+        for name, program in SERVERS.items():
+            link, page, spent = open_server(program)
+            taken[f"{name}: link printed"].append((link, spent))
+            taken[f"{name}: page answered"].append((page, spent))
+    rows = {
+        name: summary([wall for wall, _ in one[1:]], [cpu for _, cpu in one[1:]]) for name, one in taken.items()
+    }
+    for row in rows.values():
+        row["ratio"] = row["median_s"] / rows[REFERENCE]["median_s"]
+        row["cpu_ratio"] = row["cpu_median_s"] / rows[REFERENCE]["cpu_median_s"]
+    return rows
 
 
 def summary(walls: list[float], cpus: list[float]) -> dict[str, float]:
@@ -65,14 +96,6 @@ def summary(walls: list[float], cpus: list[float]) -> dict[str, float]:
     }
 
 
-NAMES = {
-    "python -c pass": "python -c pass",
-    "import kalscope": 'python -c "import kalscope"',
-    "link": "kalscope open demo: link printed",
-    "page": "kalscope open demo: page answered",
-}
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--json", action="store_true")
@@ -82,10 +105,11 @@ def main() -> None:
     if options.json:
         print(json.dumps(rows, indent=1))
         return
-    print(f"{'':<34}  median s  least s   most s  processor s")
+    print(f"{'':<34}  median s  least s   most s  processor s   ratio  of processor")
     for name, row in rows.items():
         times = f"{row['median_s']:>8.3f} {row['least_s']:>8.3f} {row['most_s']:>8.3f}"
-        print(f"{NAMES[name]:<34}  {times} {row['cpu_median_s']:>12.3f}")
+        ratios = f"{row['ratio']:>5.2f} × {row['cpu_ratio']:>11.2f} ×"
+        print(f"{name:<34}  {times} {row['cpu_median_s']:>12.3f} {ratios}")
 
 
 if __name__ == "__main__":
