@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.console import stop_signals
+from kalscope.cli.console import stop_signals, tell_compiling
 from kalscope.cli.options import SamplePeriod, reads_source
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
@@ -64,6 +64,7 @@ def open_dashboard(
     def token(bound_port: int) -> str:
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
 
+    tell_compiling()
     with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
         state, board = first_state(source, reading, config, sample_period)
         state = apply_options(state, channel, q, r, p0, x0, gate, momentum)

@@ -601,6 +601,32 @@ def test_a_short_search_and_a_pipe_show_nothing(monkeypatch: pytest.MonkeyPatch)
     assert terminal.getvalue() == pipe.getvalue() == ""
 
 
+def test_a_terminal_shows_what_is_compiled_at_the_first_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    from numba import njit
+    from numba.core import event
+
+    def compile_one() -> None:
+        njit(lambda: 1)()
+
+    registered: list[object] = []
+    monkeypatch.setattr(event, "register", lambda kind, listener: registered.append((kind, listener)))
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    console.tell_compiling()
+    assert registered == []
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    console.tell_compiling()
+    ((kind, listener),) = registered
+    monkeypatch.undo()
+    with event.install_listener(kind, listener):
+        compile_one()
+        compile_one()
+    shown = [line for line in terminal.getvalue().split("\r") if line.strip()]
+    beginning = "compiling for this computer, only at the first start: "
+    assert [line.strip()[: len(beginning) + 6] for line in shown] == [beginning + "0 done", beginning + "1 done"]
+    assert terminal.getvalue().endswith(" \r")
+
+
 def test_the_line_disappears_when_the_search_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(console, "PROGRESS_DELAY_S", 0.0)
     terminal = Terminal()

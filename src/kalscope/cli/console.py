@@ -10,7 +10,7 @@ import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO, cast
 
 import typer
 
@@ -115,6 +115,31 @@ def progress_line() -> Generator[OnProgress]:
         yield report
     finally:
         line.clear()
+
+
+def tell_compiling() -> None:
+    """Say on a terminal, from now on, when loops are compiled: the first start after an installation takes long."""
+    from numba.core import event
+
+    class Telling(event.Listener):
+        line, depth, done, since = TerminalLine(sys.stderr), 0, 0, time.monotonic()
+
+        def on_start(self, event: Any) -> None:
+            del event
+            self.depth += 1
+            seconds = time.monotonic() - self.since
+            self.line.show(
+                f"compiling for this computer, only at the first start: {self.done} done, {seconds:.0f} s"
+            )
+
+        def on_end(self, event: Any) -> None:
+            del event
+            self.depth, self.done = self.depth - 1, self.done + 1
+            if self.depth == 0:  # else inside of another one
+                self.line.clear()
+
+    if sys.stderr.isatty():
+        cast("Any", event).register("numba:compile", Telling())
 
 
 @contextmanager

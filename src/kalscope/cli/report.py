@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.console import progress_line, say
+from kalscope.cli.console import progress_line, say, tell_compiling
 from kalscope.cli.options import SamplePeriod, Source, number, number_option, percentage, reads_source
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -51,6 +51,7 @@ def report_command(
     from kalscope.tuning.choose import adapt_tuning, with_momentum
     from kalscope.tuning.tuning import load_tuning
 
+    tell_compiling()
     kind = output.suffix.lower()
     if kind not in (".html", ".htm", ".png"):
         raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO
 
 import typer
 
-from kalscope.cli.console import open_stdout, progress_line, say, write_output
+from kalscope.cli.console import open_stdout, progress_line, say, tell_compiling, write_output
 from kalscope.cli.options import SamplePeriod, number, number_option, number_or, read_options, with_options
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -82,6 +82,7 @@ def filter_command(
     from kalscope.sources.readers.account import account, sample_period_conflict
     from kalscope.tuning.choose import params_for, params_for_stdin
 
+    tell_compiling()
     if source == "-":
         _refuse_with_stdin(report=report, output=output)
         _filter_stdin(*params_for_stdin(config, given, channel, sample_period), reading)

@@ -44,9 +44,10 @@ def tune_command(
     """Find q and r for a recording and say why: by estimation, by a specified lag or cut-off, or by known noise."""
     from kalscope.analysis.channel_kinds import default_channel
     from kalscope.catalogue import open_source
-    from kalscope.cli.console import say, write_output
+    from kalscope.cli.console import say, tell_compiling, write_output
     from kalscope.sources.readers.account import sample_period_conflict
 
+    tell_compiling()
     if every and channel is not None:
         raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
     recording = open_source(source, reading, sample_period=sample_period)
