@@ -1,8 +1,8 @@
 """Start-up, warm: `import kalscope`, commands, and `kalscope open` until its link is printed and its page answers.
 
 Whole processes, wall clock, medians; the first run of each is not counted, because it fills the file cache and
-the cache of compiled kernels. All take turns with a bare `python -c "import numpy, viser"`, which every ratio is to,
-and the dashboard with a bare viser server.
+the cache of compiled kernels. All take turns with a bare `python -c "import numpy, viser"`, which every ratio is
+to, and with a bare viser server.
 
     python benchmarks/start_up.py [--json] [--runs 7]
 """

@@ -52,7 +52,8 @@ def scan_lanes(z: Array, gap: Array, q: Array, r: Array, tau: Array, chi2: Array
             lanes[W + j] = 0.5 * q[first + j] / tau[first + j]
             lanes[PRODUCT + j] = 1.0
         scan_eight(z, gap, tau[first : first + LANES], lanes, logdet[first : first + LANES])
-        chi2[first : first + LANES] = lanes[SUM : SUM + LANES]
+        for j in range(LANES):
+            chi2[first + j] = lanes[SUM + j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -67,7 +68,8 @@ def scan_eight(z: Array, gap: Array, tau: Array, lanes: Array, logdet: Array) ->
     i = 1
     while i < n:
         end = min(i + BLOCK, n)
-        before[:] = lanes[P : P + 3 * LANES]
+        for j in range(3 * LANES):  # an assignment between slices takes seconds to compile, for its error message
+            before[j] = lanes[P + j]
         while i < end:
             if not regular and gap[i - 1] != last:
                 last = gap[i - 1]
