@@ -10,7 +10,7 @@ import pytest
 from kalscope import open_source
 from kalscope.common.text import duration, lag_text
 from kalscope.recording import Recording
-from kalscope.sources.times.mean_rate import mean_rate
+from kalscope.sources.times.mean_rate import MeanRate, mean_rate
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.engine.step_spread import spread_of_span
@@ -72,8 +72,11 @@ def test_where_nothing_can_be_told_there_is_no_spread(time, samples):
 
 
 def shown(record):
-    frame, rate = frame_of(record), mean_rate(record)
-    return record_line(record.title, rate), numbers_line(frame, rate)
+    return shown_with(record, mean_rate(record))
+
+
+def shown_with(record, rate):
+    return record_line(record.title, rate), numbers_line(frame_of(record), rate)
 
 
 def test_an_even_recording_shows_name_rate_lag_and_noise_and_no_more():
@@ -93,6 +96,13 @@ def test_an_uneven_recording_shows_the_lag_at_its_mean_rate_and_how_far_it_sprea
     low, high = (duration(one * lag * mean_rate(record).period) for one in spread_of_span(record.time, lag))
     assert f"({low} to {high}: the steps vary)" in numbers
     assert f"lag **{lag_text(lag, mean_rate(record).period)}**" in numbers
+
+
+def test_steps_that_change_the_lag_by_little_are_named_beside_the_rate_alone():
+    time = 0.01 * np.arange(5000) + np.random.default_rng(1).uniform(0.0, 0.0005, 5000)
+    name, numbers = shown_with(recording(time), MeanRate(0.01, 0.03))
+    assert name.endswith("100 Hz ± 3 %")
+    assert numbers == "lag **95.1 ms** · noise **−13.0 dB**"
 
 
 def test_without_a_sample_period_the_lag_is_in_samples():

@@ -15,6 +15,9 @@ from kalscope_app.views.binding import bind, offer
 from kalscope_app.views.text import escape_markdown
 from kalscope_app.views.window.css import HEADER
 
+WORTH_SAYING = 0.05
+"""Share of a lag by which nine of ten must differ to be shown: fewer digits hide the rest."""
+
 
 class HeaderView:
     """Two lines of text, and between them the channel where there are several."""
@@ -52,6 +55,7 @@ def numbers_line(frame: Frame, rate: MeanRate | None) -> str:
     lag, period = float(frame.steady.lag_samples), None if rate is None else rate.period
     said = f"lag **{lag_text(lag, period)}**"
     if rate is not None and rate.spread >= MIN_SPREAD:
-        low, high = (duration(one * lag * rate.period) for one in spread_of_span(frame.state.recording.time, lag))
-        said += f" ({low} to {high}: the steps vary)" if low != high else ""
+        factors = spread_of_span(frame.state.recording.time, lag)
+        low, high = (duration(factor * lag * rate.period) for factor in factors)
+        said += f" ({low} to {high}: the steps vary)" if factors[1] - factors[0] > WORTH_SAYING else ""
     return f"{said} · noise **{decibels(-float(frame.steady.noise_reduction_db))}**"
