@@ -422,7 +422,7 @@ def test_a_figure_of_a_source_document_opens_with_one_choice(start):
     screen.tab("Source")
     for name in ("generalized_figure_7", "noise_reducer_figure_6", "lis302dl_r_32"):
         experiment = next(one for one in list_experiments() if one.name == name)
-        screen.choose("paper figure (re-creation)", experiment_label(experiment))
+        screen.choose("re-created figure", experiment_label(experiment))
         recording, filters = open_experiment(name)
         channel = recording.names[0]
         screen.wait_for_line("filtered", filters[channel].run(recording.channel(channel)).x)

@@ -139,7 +139,7 @@ def test_a_student_sees_a_figure_and_table_1_tries_p0_and_takes_a_report(browser
     ):
         hand, page = Hand(screen), screen.page
         hand.press("Source", "tab")
-        hand.choose("paper figure", experiment_label(figure))
+        hand.choose("re-created figure", experiment_label(figure))
         recording, filters = open_experiment(figure.name)
         printed = filters["signal"].params
         screen.wait_for_line("raw", recording.values[:, 0])

@@ -9,11 +9,11 @@ from kalscope_app.views.tour import Tour
 
 KEYS = (
     ("drag across a chart", "zoom in"),
-    ("double click in it", "zoom out"),
-    ("click a name below it", "hide or show that line"),
-    ("← → on a slider", "one step, 2.3 %; click it first"),
-    ("Home, End on a slider", "its minimum, its maximum"),
-    ("type a number, Enter", "exactly that value; 1e‑9 works"),
+    ("double-click a chart", "zoom out"),
+    ("click a line's name", "hide or show it"),
+    ("← → on a slider", "one step, 2.3 %"),
+    ("Home, End on a slider", "minimum, maximum"),
+    ("number, Enter", "exact value, such as 1e‑9"),
     ("Ctrl+Z", "undo"),
     ("Ctrl+Shift+Z, Ctrl+Y", "redo"),
     ("Ctrl+K", "every button by its name"),
@@ -29,11 +29,10 @@ class HelpView:
         gui.add_markdown(card())
         button = gui.add_button("Show the tour", hint="Three short windows.")
         on_user(button.on_click, tour.show)
-        gui.add_markdown("Point at a button, box or slider to read what it does.")
+        gui.add_markdown("Point at a control to read what it does.")
 
 
 def card() -> str:
     """The keys as markdown."""
     rows = "\n".join(f"| {what} | {does} |" for what, does in KEYS)
-    note = "On a Mac: Cmd for Ctrl. Inside a text box these keys edit the text."
-    return f"| keys and mouse | |\n|---|---|\n{rows}\n\n{note}"
+    return f"| keys and mouse | |\n|---|---|\n{rows}\n\nOn a Mac: Cmd for Ctrl."

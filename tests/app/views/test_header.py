@@ -81,7 +81,7 @@ def shown_with(record, rate):
 
 def test_an_even_recording_shows_name_rate_lag_and_noise_and_no_more():
     name, numbers = shown(open_source("demo"))
-    assert (name, numbers) == ("**Flex sensor on a finger** · 50.0 Hz", "lag **190 ms** · noise **−13.0 dB**")
+    assert (name, numbers) == ("**Bending finger** · 50.0 Hz", "lag **190 ms** · noise **−13.0 dB**")
 
 
 def test_an_uneven_recording_shows_the_lag_at_its_mean_rate_and_how_far_it_spreads(tmp_path):

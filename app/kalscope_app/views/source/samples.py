@@ -46,7 +46,7 @@ class SamplesView:
                 "sample", (NONE, *self._samples), hint="Recordings that come with Kalscope."
             )
             self._figure = gui.add_dropdown(
-                "paper figure (re-creation)",
+                "re-created figure",
                 (NONE, *self._figures),
                 hint="Figures of the three source documents, which publish pictures and no data.",
             )
