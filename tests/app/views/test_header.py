@@ -101,7 +101,7 @@ def test_an_uneven_recording_shows_the_lag_at_its_mean_rate_and_how_far_it_sprea
 def test_steps_that_change_the_lag_by_little_are_named_beside_the_rate_alone():
     time = 0.01 * np.arange(5000) + np.random.default_rng(1).uniform(0.0, 0.0005, 5000)
     name, numbers = shown_with(recording(time), MeanRate(0.01, 0.03))
-    assert name.endswith("100 Hz ± 3 %")
+    assert name.endswith("100 Hz ± 3.0 %")
     assert numbers == "lag **95.1 ms** · noise **−13.0 dB**"
 
 
