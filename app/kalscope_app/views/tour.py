@@ -18,13 +18,13 @@ STEPS = (
     (
         "How much lag can you accept?",
         "Grey is the raw signal, orange the filtered one: less noise, but late.\n\n"
-        "Under **Goal**, *maximum lag* is chosen. Press **Apply**: of all filters that lag by 50 ms or less, you get "
-        "the one that leaves the least noise.",
+        "The goal is *maximum lag*, 50 ms. Press **Apply**: of all filters that lag by 50 ms or less, you get the "
+        "one that leaves the least noise.",
     ),
     (
         "Then adjust it",
-        "The line at the top says lag, noise and whether the filter fits; click that word for the reasons. A larger "
-        "**q** follows faster, a larger **r** smooths more.\n\n**Pin** keeps a setting, Ctrl+Z undoes.",
+        "The lines at the top give the lag, the noise and whether the filter fits; click that word for the reasons."
+        "\n\nA larger **q** follows faster, a larger **r** smooths more. **Pin** keeps a setting, Ctrl+Z undoes.",
     ),
     (
         "Your signal, your device",

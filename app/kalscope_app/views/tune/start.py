@@ -14,7 +14,7 @@ from kalscope_app.views.tune.controls.typed_number import TypedNumber
 
 X0_HINT = "The estimate before the first sample. 0 is allowed; empty: the first sample."
 
-GATE_HINT = "Samples further from their prediction are not used. 4 σ is the NIS gate 16 of a settings file."
+GATE_HINT = "Samples further from their prediction are not used. 4 σ is gate = 16 in a tuning file."
 
 
 class StartView:
