@@ -110,7 +110,7 @@ def test_a_setting_is_copied_to_one_or_to_all_others(state):
     assert [t.name for t in one.settings.tunings] == ["c0", "c1", "c2"]
     every = copy_setting(ALL_OTHERS)(tuned)
     assert {tuning.params for tuning in every.settings.tunings} == {tuned.params}
-    assert "2 channels more" in every.answers.note
+    assert "copied to 2 channels" in every.answers.note
     assert copy_setting("c0")(tuned).settings.tunings == tuned.settings.tunings
     with pytest.raises(BadSetting, match="channel must be one of c0, c1, c2"):
         copy_setting("c9")(tuned)
