@@ -21,11 +21,11 @@ def test_advice_is_taken_by_its_button_and_spikes_are_marked(start):
     screen.page.get_by_role("button", name="Switch the gate on (4 σ)").click()
     spikes.wait_for(state="detached")  # after it the sentence is another one
     screen.page.get_by_text("Start and outliers", exact=True).click()
-    assert screen.text_box("outlier gate").input_value() == "4"
+    screen.wait_for_value("outlier gate", "4")
     screen.wait_for_line("filtered", kalman_filter(z, FilterParams(first.q, first.r, gate=16.0)).x, 1e-9)
     screen.page.get_by_role("button", name="Undo").click()
     spikes.wait_for()
-    assert screen.text_box("outlier gate").input_value() == "off"
+    screen.wait_for_value("outlier gate", "off")
 
     screen.choose("goal", "best fit")
     screen.page.get_by_role("button", name="Apply", exact=True).click()

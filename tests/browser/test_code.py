@@ -62,7 +62,7 @@ def test_the_code_that_is_looked_at_is_the_code_that_is_saved_and_downloaded(scr
         place = box.bounding_box()
         assert place["width"] > 900, "too narrow to read code in"
         assert place["height"] > 300, "too low to read code in"
-        assert screen.page.get_by_role("button", name="Close").is_visible()
+        screen.page.get_by_role("button", name="Close").wait_for()
     screen.shot("code-to-copy")
     close_window(screen)
 

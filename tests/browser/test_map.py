@@ -232,7 +232,7 @@ def test_the_map_stays_as_it_was_left_and_a_narrow_window_has_none(browser, tmp_
         screen.page.set_viewport_size({"width": 1090, "height": 800})
         screen.wait(f"() => ({CANVAS})()[2] < 200")
         screen.wait_for_fit()
-        assert not screen.page.get_by_role("button", name="Hide map").is_visible()
+        screen.page.get_by_role("button", name="Hide map").wait_for(state="hidden")
         screen.shot("narrow-without-map")
 
 

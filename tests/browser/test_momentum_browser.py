@@ -34,7 +34,7 @@ def test_momentum_is_typed_dragged_seen_as_velocity_and_undone(start, demo):
     screen.type("momentum", "240 ms")
     expected = filtered(demo, 12.0)
     screen.wait_for_line("filtered", expected.x, 1e-9)
-    assert screen.text_box("momentum").input_value() == "12"
+    screen.wait_for_value("momentum", "12")
     screen.page.get_by_text("Resulting filter", exact=True).click()
     screen.page.get_by_text("keeps direction", exact=True).wait_for()
     screen.page.locator("label", has_text="τ = 240 ms").wait_for()

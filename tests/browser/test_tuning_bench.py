@@ -45,7 +45,7 @@ def test_settings_are_pinned_compared_used_renamed_and_deleted(start):
     screen.tab("Compare")
     page.get_by_role("cell", name=re.compile("^■ B$")).wait_for()
     screen.wait("() => document.querySelectorAll('table').length > 0")
-    assert page.get_by_role("cell", name="current", exact=True).is_visible()
+    page.get_by_role("cell", name="current", exact=True).wait_for()
     screen.choose("setting", "A")
     screen.shot("compare-dark")
     page.get_by_role("button", name="Use", exact=True).click()
@@ -133,4 +133,4 @@ def test_the_line_on_screen_reopens_what_is_on_screen(start):
     screen.shot("share")
     again = start(*shlex.split(line)[2:])
     again.wait_for_line("filtered", expected)
-    assert again.text_box("initial variance p0").input_value() == "2"
+    again.wait_for_value("initial variance p0", "2")

@@ -133,6 +133,10 @@ class Screen:
         row = self.page.locator("label", has_text=re.compile(f"^{re.escape(label)}"))
         return row.locator("xpath=ancestor::*[.//input][1]").locator("input").first
 
+    def wait_for_value(self, label, value):
+        """Until a text box shows `value`: a chart may be drawn before the boxes follow."""
+        wait_until(lambda: self.text_box(label).input_value() == value, f"{label} {value}")
+
     def slider(self, name):
         """The slider of q, r or p0, by the row that bears its label."""
         row = self.page.locator("label", has_text=re.compile(f"^log₁₀ {name}$"))
