@@ -31,7 +31,7 @@ def open_here(browser, tmp_path, monkeypatch):
     """Open a source in a dashboard of this process, whose session can be read, with a page on it."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    UserSettings(tmp_path).set_tour_seen()
+    UserSettings(tmp_path).keep(tour_seen=True)
     with contextlib.ExitStack() as running:
 
         def begin(source):
@@ -138,9 +138,36 @@ def test_a_text_that_is_no_number_is_refused_and_taken_away(open_here):
     session, screen = open_here("demo")
     box, before = screen.text_box(Q), tuning_of(session)
     shown = box.input_value()
-    for text, refusal in (("much", "q must be a number"), ("-1", "q must be a finite variance")):
+    refusals = {"much": "q must be a number", "-1": "q must be a finite variance", "1e-400": "at least 5e-324"}
+    for text, refusal in refusals.items():
         retype(screen, Q, text)
         screen.page.keyboard.press("Tab")
         screen.notification(refusal).wait_for()
         wait_until(lambda: box.input_value() == shown, "what the filter uses")
     assert tuning_of(session) == before
+
+
+IN_SIGHT = """() => { const region = document.querySelector('[data-dock-region=left]');
+    const top = region.querySelector('[role=tablist]').getBoundingClientRect().bottom;
+    const seen = (one) => one.checkVisibility({ visibilityProperty: true }) && one.offsetHeight > 1
+        && one.getBoundingClientRect().top >= top && one.getBoundingClientRect().bottom <= innerHeight;
+    const all = (query) => [...region.querySelectorAll(query)].filter(seen);
+    return { boxes: all('input:not([type=checkbox], [type=hidden])').length, sliders: all('[role=slider]').length,
+        wide: all('button[data-block]').length,
+        small: all('button:not([data-block])').map(one => one.textContent) }; }"""
+"""The controls of the open tab that a user sees without scrolling."""
+
+
+@pytest.mark.parametrize(("width", "height"), [(1440, 900), (1280, 720)])
+def test_goal_result_and_sliders_are_in_sight_and_no_more_than_ten_controls(start, width, height):
+    screen = start("demo", width=width, height=height)
+    screen.type("lag (ms)", "50")
+    result = screen.page.get_by_text("Before: 190 ms")
+    result.wait_for()
+    seen = screen.page.evaluate(IN_SIGHT)
+    assert seen["boxes"] == 5  # goal, lag, q, r, p0
+    assert seen["sliders"] == 3
+    assert seen["wide"] == 1  # Apply
+    assert [word for word in seen["small"] if word] == ["Pin", "Undo", "Redo", "Reset"]  # one row
+    assert result.bounding_box()["y"] < screen.slider("q").bounding_box()["y"]
+    screen.shot(f"goal-{width}")

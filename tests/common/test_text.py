@@ -121,6 +121,16 @@ def test_a_number_reads_back_to_its_digits(value, digits):
     assert not re.match(r"−0(\.0*)?$", written)
 
 
+@pytest.mark.parametrize("written", ["1e-400", "-1e-400", "0,001e-330"])
+def test_a_number_that_would_become_zero_is_refused_with_the_smallest_one(written):
+    with pytest.raises(BadSetting, match="q must be 0 or at least 5e-324 in size"):
+        typed_number("q", written)
+
+
+def test_zero_and_the_smallest_number_can_be_typed():
+    assert [typed_number("q", written) for written in ("0", "0.0", "0e9", "-0", "5e-324")] == [0, 0, 0, 0, 5e-324]
+
+
 # --- the outlier gate, in σ on screen and as v²/s in the filter -------------------------------------------
 
 

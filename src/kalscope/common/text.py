@@ -29,6 +29,9 @@ TIME_UNITS = (
 DURATIONS = (("µs", 1e-6), *TIME_UNITS)
 """Units of a duration and their length in s."""
 
+MIN_NUMBER = 5e-324
+"""The smallest number above 0 that a computer holds."""
+
 FREQUENCIES = (("Hz", 1.0), ("kHz", 1e3), ("MHz", 1e6))
 """Units of a frequency in Hz."""
 
@@ -151,7 +154,7 @@ def typed_number(name: str, text: str) -> float:
     """The number that a user typed for `name`; a decimal comma, "−" and thin spaces are allowed.
 
     Raises:
-        BadSetting: it is not a finite number.
+        BadSetting: it is not a finite number, or so small that it would become 0.
     """
     plain = re.sub(r"(?<=\d)[ \u202f](?=\d{3}(?!\d))", "", text.strip().replace("−", "-"))
     if re.fullmatch(r"[-+]?[1-9]\d{0,2}(,\d{3})+", plain):
@@ -162,6 +165,8 @@ def typed_number(name: str, text: str) -> float:
         raise BadSetting(f"{name} must be a number such as 0.01 or 1e-9 (got {text[:40]!r})") from None
     if not math.isfinite(value):
         raise BadSetting(f"{name} must be a finite number (got {text[:40]!r})")
+    if value == 0.0 and re.match(r"[^e]*[1-9]", plain.lower()):
+        raise BadSetting(f"{name} must be 0 or at least {MIN_NUMBER:.0e} in size (got {text[:40]!r})")
     return value
 
 
