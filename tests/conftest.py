@@ -23,8 +23,8 @@ __all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every fol
 ROOT = Path(__file__).parents[1]
 SHARED_DATA = ROOT.parent / "shared" / "data"
 
-LONG = ("browser", "device", "server", "slow")
-"""Markers of tests that take seconds."""
+LONG = {"browser": 30, "device": 2, "server": 1, "slow": 1}
+"""Markers of tests that take long, and about how many times as long as a slow one."""
 
 # No deadline: a busy machine is no failure. The ordinary run repeats its examples; `make soak` looks for new ones.
 settings.register_profile("kalscope", max_examples=EXAMPLES, deadline=None, derandomize=FUZZ == 1)
@@ -45,22 +45,31 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def in_shares(items: list[pytest.Item], workers: int) -> list[pytest.Item]:
-    """The items in the equal shares that xdist gives its workers, each with as many of the long tests first.
+    """The items in the equal shares that xdist gives its workers, each with as much work of long tests first.
 
     The long tests of a file stay together, because they may share a program. The short ones, of which a worker that
     is done takes from the others, keep all of them busy to the end.
     """
     files, short = defaultdict[Path, list[pytest.Item]](list), list[pytest.Item]()
     for item in items:
-        (files[item.path] if any(map(item.get_closest_marker, LONG)) else short).append(item)
-    shares = [list[pytest.Item]() for _ in range(workers)]
-    for file in sorted(files.values(), key=len, reverse=True):
-        min(shares, key=len).extend(file)
+        (files[item.path] if work_of(item) else short).append(item)
+    shares, work = [list[pytest.Item]() for _ in range(workers)], [0] * workers
+    for amount, file in sorted(
+        ((sum(map(work_of, file)), file) for file in files.values()), key=lambda one: -one[0]
+    ):
+        place = work.index(min(work))
+        shares[place].extend(file)
+        work[place] += amount
     left = iter(short)
     for place, share in enumerate(shares):
         full = len(items) * (place + 1) // workers - len(items) * place // workers
         share.extend(islice(left, max(full - len(share), 0)))
     return [*chain(*shares), *left]
+
+
+def work_of(item: pytest.Item) -> int:
+    """How long a test takes beside the others; 0 = not long."""
+    return max((work for marker, work in LONG.items() if item.get_closest_marker(marker)), default=0)
 
 
 @pytest.fixture(scope="session", autouse=True)
