@@ -73,7 +73,7 @@ def _about_what_stays(channels: set[ChannelKey], tuned: Iterable[ChannelKey], pi
         said.append(f"Kept for {_listed(kept)}: q, r, p0, momentum and gate (Reset gives starting values).")
     if pins:
         said.append(f"Pins of {_listed(pins)} stay.")
-    return " ".join((*said, "Undo returns to the former recording.")) if said else ""
+    return " ".join((*said, "Undo returns to the previous recording.")) if said else ""
 
 
 def _listed(names: list[str]) -> str:

@@ -98,8 +98,9 @@ def test_the_heading_points_to_the_summary_where_part_of_a_file_was_lost():
         state = opened(recording(report))
         return heading_of(compute_frame(state, 0, choose_samples(state.recording, state.channel, None)))
 
-    assert "unreadable" not in heading(ReadReport(lines=51, rows=50, rejected=1))
-    assert "**part of it was unreadable: see Source**" in heading(ReadReport(lines=55, rows=50, rejected=5))
+    assert "could not be read" not in heading(ReadReport(lines=51, rows=50, rejected=1))
+    told = "**part of the file could not be read: see Source**"
+    assert told in heading(ReadReport(lines=55, rows=50, rejected=5))
 
 
 @pytest.mark.parametrize(

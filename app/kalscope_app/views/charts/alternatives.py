@@ -60,7 +60,9 @@ class AlternativesView:
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
         gui.add_markdown("### Is there a simpler filter?")
-        self._match = gui.add_dropdown("matched by", tuple(MATCHES), hint="What all filters have in common.")
+        self._match = gui.add_dropdown(
+            "matched by", tuple(MATCHES), hint="Filters of equal lag, or of equal noise reduction."
+        )
         self._alternative = gui.add_dropdown("draw", (*NAMES, ALL), hint="Which filter is plotted beside yours.")
         self._verdict = gui.add_markdown("")
         self._chart = Chart(gui, 0.4, sync="kalscope-time")
@@ -125,7 +127,7 @@ def text_of(compared: Compared) -> str:
     said = "\n".join(f"- {described(one)}" for one in (*compared.alternatives, found.present))
     return (
         f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n{table}\n\n{found.identity}\n\n{said}\n\n{found.note} "
-        "The intervals in brackets hold together in 95 % of cases. Cut-offs are in cycles a sample."
+        "The intervals in brackets hold together in 95 % of cases. Cut-offs are in cycles per sample."
     )
 
 

@@ -184,7 +184,7 @@ def heading_of(frame: Frame) -> str:
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
     if frame.state.live is None and warnings(record):
-        parts.append("**part of it was unreadable: see Source**")
+        parts.append("**part of the file could not be read: see Source**")
     if shown.decimated:
         plotted, all_samples = count(len(shown.indices)), count(shown.last - shown.first)
         parts.append(f"plotting {plotted} of {all_samples} samples; statistics use all")

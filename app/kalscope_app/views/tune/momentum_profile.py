@@ -77,7 +77,7 @@ def words_of(profile: MomentumProfile) -> str:
     words = momentum_words(float(profile.momentum[at]), profile.state.recording.sample_period)
     return (
         f"{LEAD} The best is near **{words}**: its log-likelihood lies {number(gain)} above that without momentum. "
-        "The goal *best fit* takes momentum only if it also predicts samples better that it was not fitted to."
+        "The goal *best fit* takes momentum only if it also predicts unseen samples better."
     )
 
 

@@ -42,7 +42,9 @@ class GoalView:
         self._stop = threading.Event()
         with gui.add_form(None) as form:
             self._goal = gui.add_dropdown("goal", (*GOALS, MORE), hint=HINT)
-            self._method = gui.add_dropdown("method", MORE_METHODS, visible=False, hint="Other ways to q and r.")
+            self._method = gui.add_dropdown(
+                "method", MORE_METHODS, visible=False, hint="Other ways to find q and r."
+            )
             self._boxes = [gui.add_text("", "", visible=False, hint=hint_of("")) for _ in range(2)]
             self._apply = gui.add_button("Apply", color=PRIMARY, hint="Sets q and r in one step; Undo reverts it.")
             self._progress = gui.add_progress_bar(0.0, visible=False)

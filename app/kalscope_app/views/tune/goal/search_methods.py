@@ -120,7 +120,7 @@ BOX_HINTS = {
     "gain K": "The weight of each new sample in the estimate, between 0 and 1.",
     "from": "Where the stretch begins, as on the time axis. Empty: where the part on screen begins.",
     "to": "Where the stretch ends, as on the time axis. Empty: where the part on screen ends.",
-    "σ, one std": "The noise of one reading, one standard deviation, in the unit of the signal.",
+    "σ (std)": "The noise of one reading, one standard deviation, in the unit of the signal.",
     "per √Hz": "The noise density, in the unit of the signal per √Hz.",
     "bandwidth (Hz)": "The bandwidth that goes with the density.",
 }
@@ -140,7 +140,7 @@ SEARCH_METHODS: dict[str, SearchMethod] = {
     "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
     "best fit": _method("ml"),
     STILL: SearchMethod(_still, (("from", ""), ("to", ""))),
-    "data sheet σ, fit q": _noise(("sigma", "σ, one std", "")),
+    "data sheet σ, fit q": _noise(("sigma", "σ (std)", "")),
     "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
     "lag with overshoot": _lag(0.01),
     "noise reduction with overshoot": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
