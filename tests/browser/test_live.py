@@ -98,7 +98,7 @@ def test_what_is_sent_to_the_board_is_what_it_computes(open_live, start_board, w
     board = start_board(firmware, counts, "--reset-on-open")
     screen = open_live(board.port)
     wait_for_samples(screen, 100)
-    screen.wait(f'() => !!({FIND})("board\'s own")')
+    screen.wait(f'() => !!({FIND})("board\'s filter")')
     screen.type("process noise q", "0.037")
     screen.type("measurement noise r", "11.3")
     screen.tab("Export")
