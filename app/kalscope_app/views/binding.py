@@ -36,6 +36,16 @@ def bind(handle: Any, session: Session, change: Callable[[Any], Change], failed:
     on_user(handle.on_update, lambda _client: session.request(change(handle.value), failed=failed))
 
 
+def put(handle: Any, **properties: Any) -> None:
+    """Set the properties that differ. viser sends no equal value either, but takes 15 µs to find that out.
+
+    Every frame sets what stands on a hundred widgets, and almost all of it is as before.
+    """
+    for name, value in properties.items():
+        if getattr(handle, name) != value:
+            setattr(handle, name, value)
+
+
 def offer(dropdown: viser.GuiDropdownHandle[str], options: Iterable[str], value: str) -> None:
     """Set the options and the value of a dropdown; equal options are not sent again, which would close its menu."""
     options = tuple(options)

@@ -7,6 +7,7 @@ from typing import Any
 import viser
 
 from kalscope_app.guard.viser_private import commands_of, press, widgets_of
+from kalscope_app.views.binding import put
 
 WITHOUT = {"", "…", "Cancel"}
 """Buttons that have no name of their own, or show only while something runs."""
@@ -46,4 +47,4 @@ class Commands:
     def show(self) -> None:
         """Follow the names of the buttons, and which can be pressed now."""
         for button, command in self._buttons:
-            command.label, command.disabled = button.label, not button.visible
+            put(command, label=button.label, disabled=not button.visible)

@@ -11,7 +11,7 @@ from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.parameters import set_text
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change
-from kalscope_app.views.binding import on_user
+from kalscope_app.views.binding import on_user, put
 from kalscope_app.views.text import typed
 
 
@@ -37,7 +37,7 @@ class TypedNumber:
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide the box."""
-        self._text.visible = visible
+        put(self._text, visible=visible)
 
     def _file(self) -> None:
         """Request what was typed; the frame of it, or of its refusal, writes what the filter uses."""
@@ -48,7 +48,7 @@ class TypedNumber:
     def show(self, frame: Frame, value: float | None, missing: str) -> None:
         """Write the frame's value, unless a newer one was typed or the value has not changed."""
         if "{unit}" in self._hint:
-            self._text.hint = self._hint.format(unit=squared(frame.state.tuning.unit))
+            put(self._text, hint=self._hint.format(unit=squared(frame.state.tuning.unit)))
         if frame.serial < self._serial or (value == self._value and not self._stale):
             return
         self._value, self._stale = value, False
@@ -74,7 +74,7 @@ class SliderWithText:
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide both."""
-        self._slider.visible = visible
+        put(self._slider, visible=visible)
         self.typed.set_visible(visible)
 
     def _file(self) -> None:
@@ -85,6 +85,6 @@ class SliderWithText:
         """Move the slider between its ends as the frame has it, unless it was moved since."""
         if frame.serial < self._serial:
             return
-        self._slider.min, self._slider.max = low, high
+        put(self._slider, min=low, max=high)
         if abs(self._slider.value - position) > 0.005:
             self._slider.value = round(position, 2)
