@@ -21,7 +21,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Four workers by default: on two cores two of them wait for a board or a browser at any time.
 # Each begins with its share of the long tests (tests/conftest.py), so that they end together.
 WORKERS ?= 4
-PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 test: can-test .venv/test.stamp
 	$(PYTEST) $(COVERAGE)
@@ -30,7 +30,9 @@ test: can-test .venv/test.stamp
 coverage: COVERAGE := --cov --cov-report=term
 coverage: test
 
-# What answers in seconds, for the minute between two edits: no browser, no board, no process, no long law.
+# What answers in seconds, for the minute between two edits: no browser, no board, no process, no long law. Nothing
+# waits there, so a worker for each core.
+test-fast: WORKERS := auto
 test-fast: .venv/test.stamp
 	$(PYTEST) -m "not (browser or device or server or slow)"
 
