@@ -39,7 +39,8 @@ def test_first_look_shows_the_demo_filtered_at_its_starting_values(start):
     assert np.array_equal(innovation[1:], result.innovation[1:])
     _, high = screen.line("+2√p")
     assert np.allclose(high, result.x + 2 * np.sqrt(result.p), rtol=1e-12)
-    for words in ("lag (delay)", "190 ms", "13.0 dB", "0.796 Hz", "0.0951", "46.1 samples"):
+    screen.page.get_by_text("Resulting filter", exact=True).click()
+    for words in ("lag 190 ms · noise", "lag (delay)", "190 ms", "13.0 dB", "0.796 Hz", "0.0951", "46.1 samples"):
         screen.page.get_by_text(words).first.wait_for()
     screen.wait_for_fit()
     screen.shot("first-look")
@@ -121,7 +122,7 @@ def test_the_start_by_value_reproduces_the_matlab_appendix(start):
     screen.shot("start-by-value")
     screen.slider("p0").focus()
     screen.page.keyboard.press("End")
-    screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100, p0=1e8, x0=0))
+    screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100, p0=1e9, x0=0))
     screen.type("initial variance p0", "automatic")
     screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100))
 
