@@ -296,6 +296,7 @@ def test_a_phone_shows_the_signal_behind_the_controls_in_both_themes(start):
 
 def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
     screen = start("demo")
+    screen.page.locator("div:has(> .kalscope-verdict) + div button").click()  # the reasons
     screen.page.get_by_text("Too slow: raise q").wait_for()
     screen.choose("goal", "best fit")
     screen.page.get_by_role("button", name="Apply", exact=True).click()
@@ -339,6 +340,7 @@ def test_a_record_without_visible_noise_gets_a_verdict_and_its_still_stretch_is_
     screen.page.get_by_role("button", name="Apply", exact=True).click()
     screen.page.get_by_text("Nothing was changed").wait_for()
     assert screen.text_box("process noise q").input_value() == before
+    screen.page.locator("div:has(> .kalscope-verdict) + div button").click()  # the reasons
     headline = screen.page.locator("strong", has_text="No noise can be identified").first
     headline.wait_for()
     screen.shot("verdict")
