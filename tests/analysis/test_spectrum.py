@@ -221,7 +221,7 @@ def test_the_minimum_with_momentum_is_the_minimum_of_the_model():
         assert best >= 0.9 * best_average(q, r)  # what keeps its direction moves less at first
     assert best_average(0.0, 1.0, 5.0) == math.inf
     said = allan_deviation(RNG.normal(size=5000), FilterParams(1e-4, 1.0, momentum=100.0)).message
-    assert "By the model averaging longer than" in said
+    assert "By the model, averaging longer than" in said
 
 
 def test_the_words_name_the_minimum_of_model_and_recording():
