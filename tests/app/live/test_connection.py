@@ -140,7 +140,8 @@ def test_disconnect_shows_at_once_also_while_a_file_is_on_screen(connection, boa
     board.source.recorder = object()
     show_file(session)
     gui.add_button.side_effect = lambda label, **_: buttons.setdefault(label, MagicMock())
-    LiveView(gui, session, SimpleNamespace(run=lambda work: work()), connection, MagicMock(), MagicMock())
+    jobs = SimpleNamespace(run=lambda work: work(), when_idle=MagicMock())
+    LiveView(gui, session, jobs, connection, MagicMock(), MagicMock())
     (on_click,) = buttons["Disconnect"].on_click.call_args.args
     with pytest.raises(StopIteration):  # it ends at once: no event loop is needed, and a browser's may be running
         on_click(SimpleNamespace(client=object())).send(None)
