@@ -207,6 +207,26 @@ def test_no_name_leaves_the_folder(tmp_path):
     assert not (tmp_path / "elsewhere.txt").exists()
 
 
+FULL = """\
+import resource, signal, sys
+from pathlib import Path
+from kalscope.export.write import write_files
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))  # less than what Python keeps in memory
+write_files({"a.txt": "new" * 1000, "b.txt": "new"}, Path(sys.argv[1]), force=True)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no limit on the size of a file")
+def test_on_a_full_disk_no_file_takes_its_name(tmp_path):
+    for name in ("a.txt", "b.txt"):
+        (tmp_path / name).write_text("old")
+    done = subprocess.run([sys.executable, "-c", FULL, str(tmp_path)], capture_output=True, text=True, check=False)
+    assert done.returncode
+    assert "File too large" in done.stderr
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a.txt": "old", "b.txt": "old"}
+
+
 ENDLESS = """\
 import sys
 from pathlib import Path

@@ -105,5 +105,7 @@ def write_files(files: dict[str, str], folder: Path, *, force: bool = False) -> 
     with ExitStack() as opened:  # all are on the disk before the first takes its name
         for name, path in targets.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            opened.enter_context(atomic_file(path)).write(files[name].encode())
+            file = opened.enter_context(atomic_file(path))
+            file.write(files[name].encode())
+            file.flush()  # a full disk is found here, not when some names are taken
     return [folder / name for name in files]
