@@ -147,6 +147,7 @@ def test_the_words_for_the_tuning_file_name_what_decided() -> None:
 
     assert how() == "maximum likelihood"
     assert how(target={"lag_s": 0.1}) == "a lag of 100 ms"
+    assert how(target={"lag_s": 2.0}) == "a lag of 2000 ms"
     assert how(target={"cutoff_hz": 2.5}, noise=Noise(sigma=1.0)) == (
         "a −3 dB cut-off at 2.5 Hz, r from the data sheet"
     )

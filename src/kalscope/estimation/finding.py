@@ -15,7 +15,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.common.progress import Progress
-from kalscope.common.text import count, number, plural, trimmed
+from kalscope.common.text import asked_delay, count, number, plural, trimmed
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import checked_momentum, estimate
 from kalscope.estimation.known import (
@@ -287,7 +287,7 @@ def _ratio_text(params: FilterParams) -> str:
 
 def _target_text(name: str, value: float, overshoot: float | None) -> str:
     words = {
-        "lag_s": f"a lag of {value * 1e3:.4g} ms",
+        "lag_s": f"a lag of {asked_delay(value)}",
         "lag_samples": f"a lag of {value:.4g} samples",
         "cutoff_hz": f"a −3 dB cut-off at {value:.4g} Hz",
         "noise_reduction_db": f"{value:.4g} dB less noise",

@@ -20,7 +20,7 @@ from kalscope.analysis.actions import (
     UnsetStart,
 )
 from kalscope.analysis.fit.correction import MIN_FACTOR
-from kalscope.common.text import number
+from kalscope.common.text import DURATIONS, number
 from kalscope.estimation.finding import Noise, Request
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
@@ -38,7 +38,10 @@ KEEPING = (SetGate, UnsetStart)
 NUMBER = r"(\d[\d.e+-]*)"
 
 HOW = (
-    (re.compile(f"a lag of {NUMBER} ms"), "lag_s", 1e-3),
+    *(
+        (re.compile(rf"a lag of {NUMBER} {unit}{'?' if len(unit) > 3 else ''}\b"), "lag_s", length)  # 1 day, 2 days
+        for unit, length in DURATIONS
+    ),
     (re.compile(f"a lag of {NUMBER} samples"), "lag_samples", 1.0),
     (re.compile(f"a −3 dB cut-off at {NUMBER} Hz"), "cutoff_hz", 1.0),
     (re.compile(f"{NUMBER} dB less noise"), "noise_reduction_db", 1.0),
