@@ -150,6 +150,16 @@ def test_the_six_lines_say_the_filter_and_what_it_does(capsys: Captured) -> None
     assert does.endswith("), noise −7.78 dB, no overshoot")
 
 
+def test_a_note_of_several_sentences_begins_each_with_a_capital(tmp_path: Path, capsys: Captured) -> None:
+    g = np.random.default_rng(3)
+    z = np.cumsum(g.normal(size=2000)) + g.normal(size=2000)
+    z[100::200] += 60.0
+    log = tmp_path / "spikes.csv"
+    log.write_text("t,z\n" + "".join(f"{i / 100},{value}\n" for i, value in enumerate(z)))
+    assert run(["tune", str(log), "--lag-ms", "200"]) == 0
+    assert "Note: You chose a lag of 200 ms. The best statistical fit" in " ".join(capsys.readouterr().out.split())
+
+
 def test_all_channels_have_their_six_lines(log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log), "--all"]) == 0
     _, rest = capsys.readouterr().out.split("\n", 1)

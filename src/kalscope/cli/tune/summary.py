@@ -6,7 +6,7 @@ import math
 import textwrap
 from collections.abc import Iterator
 
-from kalscope.analysis.actions import ChooseFilter
+from kalscope.analysis.actions import ChooseFilter, as_sentences
 from kalscope.cli.tune.advice import example, option_for
 from kalscope.cli.tune.answer import CHOSEN, Answer
 from kalscope.cli.tune.words import VERDICT_WORDS, WIDTH, between, wrapped
@@ -92,7 +92,8 @@ def _next(answer: Answer, recording: Recording) -> Iterator[str]:
     for one in advice:
         option = option_for(one.action, answer, recording)
         how = f", {'' if option.startswith('without') else 'with '}{option}" if option else ""
-        yield f"{'Note' if one.action is None else 'Next'}{how}: {one.text}"
+        said = as_sentences(one.text) if ". " in one.text else one.text
+        yield f"{'Note' if one.action is None else 'Next'}{how}: {said}"
     if answer.found.params is None and not any(isinstance(one.action, ChooseFilter) for one in advice):
         yield f"Next, with {example(answer)}: choose a filter by its lag, its cut-off or its gain"
     elif not advice and _aside(answer):
