@@ -151,8 +151,9 @@ def test_the_lag_is_asked_for_in_a_unit_that_suits_the_record():
     boxes = {
         None: ("lag (samples)", "10"),
         0.002: ("lag (ms)", "50"),
-        0.1: ("lag (ms)", "5e+02"),
+        0.1: ("lag (ms)", "500"),
         1.0: ("lag (s)", "5"),
+        240.0: ("lag (min)", "20"),
         31557600.0: ("lag (years)", "5"),
     }
     for period, box in boxes.items():

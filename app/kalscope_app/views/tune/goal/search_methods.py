@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from kalscope.common.text import TIME_UNITS, number, typed_number
+from kalscope.common.text import TIME_UNITS, number, trimmed, typed_number
 from kalscope.errors import BadSetting
 from kalscope.estimation.finding import METHOD_NAMES, Noise, Request
 from kalscope_app.session.state import State
@@ -54,7 +54,7 @@ def _lag(period: float | None) -> SearchMethod:
         return _target("lag_samples", "lag (samples)", "10", with_overshoot=True)
     usual = 5.0 * period
     unit, length = TIME_UNITS[0] if usual < 1.0 else next(one for one in reversed(TIME_UNITS) if one[1] <= usual)
-    content = "50" if period <= 0.025 else f"{usual / length:.1g}"
+    content = "50" if period <= 0.025 else trimmed(usual / length, 1)
     return _target("lag_s", f"lag ({unit})", content, length, with_overshoot=True)
 
 
