@@ -70,7 +70,7 @@ def _about_what_stays(channels: set[ChannelKey], tuned: Iterable[ChannelKey], pi
     pins = sorted(name for name, _ in pinned & channels)
     said: list[str] = []
     if kept:
-        said.append(f"Kept for {_listed(kept)}: q, r, p0, momentum and gate (Reset gives starting values).")
+        said.append(f"Kept for {_listed(kept)}: q, r, p0, x0, momentum and gate (Reset gives starting values).")
     if pins:
         said.append(f"Pins of {_listed(pins)} stay.")
     return " ".join((*said, "Undo returns to the previous recording.")) if said else ""
