@@ -249,7 +249,7 @@ def test_a_reload_and_a_second_tab_show_the_same_values(start, browser):
     screen.wait_for_value("process noise q", "7")
     second = screen.context.new_page()
     second.goto(screen.page.url)
-    second.wait_for_function("() => Object.keys(window.__viserTestpoints?.uplots ?? {}).length >= 3")
+    second.wait_for_function("() => Object.keys(window.__viserTestpoints?.uplots ?? {}).length >= 2")
     screen.type("process noise q", "8")
     screen.wait_for_line("filtered", filtered(DEMO, q=8))
     second.wait_for_function(

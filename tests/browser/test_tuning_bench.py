@@ -86,11 +86,10 @@ def lane(z, params, number):
 def test_channels_are_seen_side_by_side_tuned_together_and_copied(start):
     screen = start("sample:lis302dl", width=1280, height=720)
     axes = open_source("sample:lis302dl").values
+    screen.tab("Channels")
     screen.choose("apply to", "all: same q and r")
     screen.type("process noise q", "0.5")
     r = starting_params(axes[:, 0]).r
-    screen.wait_for_line("filtered", filtered(axes[:, 0], q=0.5))
-    screen.tab("Channels")
     at = drawn(screen, "3", axes)
     screen.wait_for_line("3", lane(axes[:, 2], FilterParams(0.5, r), 3)[at], tolerance=1e-6)
     screen.page.get_by_role("row", name=re.compile(r"^3 z 0\.500")).wait_for()
@@ -99,7 +98,7 @@ def test_channels_are_seen_side_by_side_tuned_together_and_copied(start):
     screen.type("process noise q", "2")
     screen.wait_for_line("1", lane(axes[:, 0], FilterParams(2, r), 1)[at], tolerance=1e-6)
     screen.page.get_by_role("button", name="Copy", exact=True).click()
-    screen.notification("2 channels more").wait_for()
+    screen.notification("was copied to 2 channels").wait_for()
     screen.wait_for_line("3", lane(axes[:, 2], FilterParams(2, r), 3)[at], tolerance=1e-6)
 
 
