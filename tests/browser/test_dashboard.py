@@ -46,15 +46,27 @@ def test_first_look_shows_the_demo_filtered_at_its_starting_values(start):
     screen.shot("first-look")
 
 
+SIDEWAYS = """() => Math.max(...[...document.querySelectorAll(
+    '[data-dock-region=left] .mantine-ScrollArea-viewport')].map(one => one.scrollWidth - one.clientWidth))"""
+"""How far the control panel can be moved sideways, px."""
+
+
+def drag_across(screen, first, last):
+    """Drag over these shares of the signal chart's width."""
+    over = screen.page.locator(".u-over").first.bounding_box()
+    y = over["y"] + over["height"] / 2
+    screen.page.mouse.move(over["x"] + first * over["width"], y)
+    screen.page.mouse.down()
+    screen.page.mouse.move(over["x"] + last * over["width"], y, steps=4)
+    screen.page.mouse.up()
+
+
 def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_never_the_zoom(start):
     screen = start("demo")
     screen.wait_for_fit()
     over = screen.page.locator(".u-over").first.bounding_box()
     y = over["y"] + over["height"] / 2
-    screen.page.mouse.move(over["x"] + 0.25 * over["width"], y)
-    screen.page.mouse.down()
-    screen.page.mouse.move(over["x"] + 0.5 * over["width"], y, steps=4)
-    screen.page.mouse.up()
+    drag_across(screen, 0.25, 0.5)
     screen.wait(f"() => ({FIND})('filtered')?.data[0].length < {len(DEMO) // 2}")  # the window follows the zoom
     zoom = screen.range("x")
     end = (len(DEMO) - 1) / 50
@@ -102,9 +114,19 @@ def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_never_the_zoom(start)
     screen.page.mouse.dblclick(over["x"] + 0.4 * over["width"], y)
     screen.wait_for_line("filtered", filtered(DEMO))
     assert screen.range("x") == pytest.approx((0.0, end))
-    for button, share in (("Reset view", 1.0), ("Follow end", 0.1)):
-        screen.page.get_by_role("button", name=button).click()
-        screen.wait(f"(n) => ({FIND})('filtered')?.data[0].length <= n", round(len(DEMO) * share) + 1)
+
+
+def test_a_small_button_shows_the_whole_recording_again(start):
+    screen = start("demo")
+    screen.wait_for_fit()
+    end = (len(DEMO) - 1) / 50
+    drag_across(screen, 0.25, 0.5)
+    screen.wait(f"() => ({FIND})('filtered')?.data[0].length < {len(DEMO) // 2}")
+    reset = screen.page.get_by_role("button", name="Reset view")
+    assert reset.bounding_box()["width"] < 120
+    reset.click()
+    screen.wait_for_line("filtered", filtered(DEMO))
+    assert screen.range("x") == pytest.approx((0.0, end))
 
 
 def test_the_start_by_value_reproduces_the_matlab_appendix(start):
@@ -269,9 +291,9 @@ def test_a_million_samples_are_thinned_for_drawing_only_and_that_is_said(start):
     at = np.rint(time * 60_000).astype(int)  # minutes -> samples
     assert np.allclose(drawn, filtered(z)[at], rtol=0, atol=1e-12)
     screen.page.get_by_text("statistics use all").wait_for()
-    screen.page.get_by_role("button", name="Follow end").click()
+    drag_across(screen, 0.91, 0.99)
     screen.wait(f"() => ({FIND})('filtered')?.data[0][0] > 14.9")
-    screen.shot("million-follow-end")
+    screen.shot("million-zoomed")
 
 
 def test_a_phone_shows_the_signal_behind_the_controls_in_both_themes(start):
@@ -296,16 +318,22 @@ def test_a_phone_shows_the_signal_behind_the_controls_in_both_themes(start):
 
 def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
     screen = start("demo")
-    screen.page.locator("div:has(> .kalscope-verdict) + div button").click()  # the reasons
+    screen.page.get_by_role("button", name="too slow").click()
     screen.page.get_by_text("Too slow: raise q").wait_for()
     screen.choose("goal", "best fit")
     screen.page.get_by_role("button", name="Apply", exact=True).click()
     best = estimate(DEMO).params
     screen.wait_for_line("filtered", filtered(DEMO, q=best.q, r=best.r, momentum=best.momentum))
-    screen.page.get_by_text("Noise and movement can be separated").first.wait_for()
+    account = screen.page.get_by_text("Noise and movement can be separated").first
+    account.wait_for(state="attached")
+    assert not account.is_visible()
+    screen.page.get_by_role("button", name="Resulting filter").click()
+    account.wait_for()
+    screen.page.get_by_role("button", name="Resulting filter").click()
     lag = lag_text(float(steady_state(best).lag_samples), 0.02)
     screen.page.get_by_text(f"Maximum likelihood: lag {lag} leaves").wait_for()
     screen.page.get_by_text("Before: 190 ms, 22 %.").wait_for()
+    assert screen.page.evaluate(SIDEWAYS) <= 0
     screen.shot("found")
     screen.page.get_by_role("button", name="Undo").click()
     screen.wait_for_line("filtered", filtered(DEMO))

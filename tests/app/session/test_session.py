@@ -21,7 +21,7 @@ from kalscope_app.session.changes.parameters import (
     set_text,
     slider_limits,
 )
-from kalscope_app.session.changes.view import follow_end, reset_view, set_window
+from kalscope_app.session.changes.view import reset_view, set_window
 from kalscope_app.session.opening import opened, opened_with
 from kalscope_app.session.session import Failed, Session, undo
 
@@ -155,9 +155,7 @@ def test_the_window_is_clamped_ordered_and_never_empty(state, ends, window):
     assert seen == (window if window is None else pytest.approx(window))
 
 
-def test_following_the_end_keeps_the_length_of_the_window(state):
-    assert follow_end(set_window(1.0, 3.0)(state)).view.window == pytest.approx((7.99, 9.99))
-    assert follow_end(state).view.window == pytest.approx((8.991, 9.99))
+def test_a_reset_of_the_view_shows_the_whole_recording(state):
     reset = reset_view(set_window(1.0, 3.0)(state))
     assert reset.view.window is None
     assert reset.view.resets == state.view.resets + 1

@@ -35,14 +35,6 @@ def reset_view(state: State) -> State:
     return state.with_reset_view(window=None)
 
 
-def follow_end(state: State) -> State:
-    """Move the window, at its present length (a tenth of the recording if it shows all), to the end."""
-    t, window = state.recording.time, state.view.window
-    begin, end = float(t.min()), float(t.max())
-    length = window[1] - window[0] if window else (end - begin) / 10.0
-    return set_window(end - length, end)(state).with_reset_view()
-
-
 def set_search_method(method: str, methods: Collection[str]) -> Change:
     """Search q and r by another method, one of `methods`."""
 

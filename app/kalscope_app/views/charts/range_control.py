@@ -8,13 +8,14 @@ import time
 import viser
 
 from kalscope_app.engine.frame import Frame
-from kalscope_app.session.changes.view import follow_end, reset_view, set_window
+from kalscope_app.session.changes.view import reset_view, set_window
 from kalscope_app.session.live import SPANS, follow, live_window, set_paused, set_span
 from kalscope_app.session.live_state import Live
 from kalscope_app.session.session import Session
 from kalscope_app.views.binding import bind, on_user
 from kalscope_app.views.charts.time_axis import time_points
 from kalscope_app.views.scales import Scale, time_scale_for
+from kalscope_app.views.window.css import ONE_BUTTON
 from kalscope_app.views.window.page_script import ZOOM_SLIDER
 
 WINDOW = (0.0, 1.0)
@@ -40,9 +41,8 @@ class WindowView:
             ZOOM_SLIDER, min=-1.0, max=2.0, step=1e-6, initial_value=WINDOW, marks=(), visible=False, hint="Hidden."
         )
         self._drawn = (0.0, 1.0)
-        self._buttons = gui.add_button_group(
-            "", ("Reset view", "Follow end"), hint="All of the recording, or its end."
-        )
+        gui.add_html(ONE_BUTTON)
+        self._buttons = gui.add_button_group("", ("Reset view",), hint="Show all of the recording.")
         self._live = gui.add_button_group(
             "live",
             ("Live", "Pause"),
@@ -55,7 +55,7 @@ class WindowView:
         self._serial = 0
         self._moved_at = -math.inf
         self._scale = Scale(1.0, "s")
-        changes = {"Reset view": reset_view, "Follow end": follow_end, "Live": follow, "Pause": set_paused(True)}
+        changes = {"Reset view": reset_view, "Live": follow, "Pause": set_paused(True)}
         on_user(self._range.on_update, lambda _client: self._file())
         on_user(self._zoom.on_update, lambda _client: self._file_zoom())
         for buttons in (self._buttons, self._live):

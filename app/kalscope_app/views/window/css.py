@@ -15,6 +15,9 @@ HEADER = '<span class="kalscope-header"></span>'
 VERDICT = '<span class="kalscope-verdict"></span>'
 """Stands before the button that shows the verdict."""
 
+ONE_BUTTON = '<span class="kalscope-one-button"></span>'
+"""Stands before a row of one button, which is then as wide as its name."""
+
 COMMAND = '<span class="kalscope-command"></span>'
 """Starts a markdown paragraph whose pieces of code are the words of one command."""
 
@@ -59,6 +62,7 @@ div:has(> div > .kalscope-header) > div { grid-column: 1 / -1; }
 div:has(> div > .kalscope-header) > div:has(> .kalscope-verdict) + div { grid-column: 1; }
 div:has(> div > .kalscope-header) > div:has(> .kalscope-verdict) + div + div { grid-column: 2; }
 div:has(> .kalscope-verdict) + div + div button { height: 28px; }
+div:has(> .kalscope-one-button) + div button { flex: 0 0 auto !important; padding: 0 1em; }
 @media (max-width: 1099.98px) { div:has(> .kalscope-verdict) + div + div { display: none; } }
 @media (min-width: 1100px) { div:has(> .kalscope-verdict) + div { margin-right: 0 !important; } }
 @media (min-width: 36.01em) {
