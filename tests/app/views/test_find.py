@@ -23,7 +23,7 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.views.tune.checks import correlation_lines, table
-from kalscope_app.views.tune.goal.answer import answer_text
+from kalscope_app.views.tune.goal.answer import account_text, answer_text
 from kalscope_app.views.tune.goal.estimators import comparison_text, samples_to_compare
 from kalscope_app.views.tune.goal.search_methods import GOALS, MORE_METHODS, OVERSHOOT, SEARCH_METHODS, method_of
 
@@ -286,6 +286,17 @@ def test_before_and_after_stand_in_the_answer(state):
     assert "Lag **50 ms**" in plain(answer_text(applied))
     assert "Before: 95.1 ms" in plain(answer_text(applied))
     assert answer_text(state) == ""
+
+
+def test_the_account_of_an_estimate_stands_apart_from_its_short_answer(state):
+    fitted = search(state, "best fit")
+    applied = apply_found(state.recording, "a", fitted)(state)
+    assert account_text(applied) == fitted.message
+    assert fitted.message not in answer_text(applied)
+    assert answer_text(applied).endswith("More in “Resulting filter”.")
+    chosen = apply_found(state.recording, "a", search(state, "maximum lag", "50"))(state)
+    assert account_text(chosen) == account_text(state) == ""
+    assert "Resulting filter" not in answer_text(chosen)
 
 
 def test_the_smoother_is_drawn_only_when_asked(state):

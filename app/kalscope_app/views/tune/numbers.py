@@ -8,18 +8,22 @@ from kalscope.common.text import count, decibels, frequency, lag_in_full, lag_te
 from kalscope.filtering.steady_state import SteadyState
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.momentum import momentum_words
+from kalscope_app.views.tune.goal.answer import account_text
 
 
 class NumbersView:
-    """A table of derived numbers beside the sliders."""
+    """A table of derived numbers below the sliders, and below it the account of the estimate that holds."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Resulting filter", expand_by_default=False):
             self._table = gui.add_markdown("")
+            self._account = gui.add_markdown("", visible=False)
 
     def show(self, frame: Frame) -> None:
-        """Write the table."""
+        """Write the table and the account."""
         self._table.content = table(frame)
+        account = account_text(frame.state)
+        self._account.content, self._account.visible = account, bool(account)
 
 
 def table(frame: Frame) -> str:

@@ -47,6 +47,8 @@ th:not(:empty) { padding-bottom: 0.15em; }
 .mantine-Slider-root:has(+ .mantine-NumberInput-root) { margin-bottom: 0.7em; }
 @media (min-width: 36.01em) { [data-dock-region="left"] div:has(> p > label) { width: 9.3em !important; } }
 .mantine-ScrollArea-scrollbar[data-orientation="vertical"] { width: 6px; }
+.mantine-Slider-markWrapper { width: 0; }
+.mantine-Slider-markLabel { width: max-content; }
 .uplot:has(> .u-wrap[style*="width: 0px"]) { width: 100%; visibility: hidden; }
 .kalscope-no-map [data-dock-region="right"] { box-sizing: content-box; padding-left: 116px; }
 .kalscope-no-map [data-dock-region="right"] > div:not([data-dock-region-resize]) { margin-left: -116px; }
@@ -74,8 +76,8 @@ div:has(> .kalscope-one-button) + div button { flex: 0 0 auto !important; paddin
 </style>"""
 """viser's markdown has no padding in its tables, centres their heads, sets paragraphs without any space, and
 lets a long path run out of its panel. Beside a slider it repeats the position as a number, where the box above
-has the value, and its column of labels is too narrow for "measurement noise r". On a phone a wide table would make
-all of its panel move sideways.
+has the value, its marks reach past the panel, and its column of labels is too narrow for "measurement noise r". On
+a phone a wide table would make all of its panel move sideways.
 
 A chart does not know its width when it is made: it is hidden until it does, and as high as it will be. Without the
 map the chart panel covers the strip of canvas that viser keeps.

@@ -31,8 +31,14 @@ def answer_text(state: State) -> str:
     if changes := changed(outcome.before, outcome.after, period):
         said.append(f"Changed: {changes}.")
     if outcome.estimate is not None:
-        said.append(f"\n\n{outcome.message}")
+        said.append("More in “Resulting filter”.")
     return " ".join(said)
+
+
+def account_text(state: State) -> str:
+    """What an estimate found out about the recording, "" for none: too long to stand above the sliders."""
+    outcome = state.answers.outcome
+    return "" if outcome is None or outcome.after is None or outcome.estimate is None else outcome.message
 
 
 def _lead(outcome: Outcome) -> str:
