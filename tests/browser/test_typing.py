@@ -134,6 +134,27 @@ def test_escape_brings_back_what_the_filter_uses(open_here):
     wait_until(lambda: box.input_value() == shown, "and in its box")
 
 
+def test_the_sample_period_counts_without_enter_and_a_refused_one_is_taken_away(open_here):
+    session, screen = open_here("demo")
+    screen.page.get_by_role("tab", name="Source").click()
+    label = screen.page.locator("label", has_text="sample period (s)").last  # the generator has one, too
+    box = label.locator("xpath=ancestor::*[.//input][1]").locator("input").first
+
+    def period():
+        seen = []
+        session.with_state(lambda state: seen.append(state.recording.sample_period))
+        wait_until(lambda: seen, "the state")
+        return seen[0]
+
+    recorded, shown = period(), box.input_value()
+    assert shown == typed(recorded)
+    for text, expected in (("0.01", 0.01), ("-5", 0.01), ("never", 0.01), ("", recorded)):
+        box.fill(text)
+        screen.page.keyboard.press("Tab")
+        wait_until(lambda expected=expected: period() == expected, f"the period after {text!r}")
+        wait_until(lambda expected=expected: box.input_value() == typed(expected), f"the box after {text!r}")
+
+
 def test_a_text_that_is_no_number_is_refused_and_taken_away(open_here):
     session, screen = open_here("demo")
     box, before = screen.text_box(Q), tuning_of(session)

@@ -10,8 +10,12 @@ from typing import Any
 
 import viser
 
+from kalscope.common.text import squared
+from kalscope_app.engine.frame import Frame
+from kalscope_app.session.changes.parameters import set_text
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change
+from kalscope_app.views.text import typed
 
 
 def on_user(
@@ -52,3 +56,43 @@ def offer(dropdown: viser.GuiDropdownHandle[str], options: Iterable[str], value:
     if tuple(dropdown.options) != options:
         dropdown.options = options
     dropdown.value = value
+
+
+class TypedNumber:
+    """A number typed as text, so that 1e-9 works. `text_boxes.js` sends a text when it counts, not each key."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        session: Session,
+        name: str,
+        label: str,
+        hint: str,
+        change: Callable[[str, str], Change] = set_text,
+        written: Callable[[float], str] = typed,
+    ) -> None:
+        self._session, self._name, self._hint, self._change = session, name, hint, change
+        self._written = written
+        self._text = gui.add_text(label, "", hint=hint)
+        self._value: object = self  # nothing has been shown yet
+        self._serial, self._stale = 0, False
+        on_user(self._text.on_update, lambda _client: self._file())
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide the box."""
+        put(self._text, visible=visible)
+
+    def _file(self) -> None:
+        """Request what was typed; the frame of it, or of its refusal, writes what the filter uses."""
+        self._stale = True  # before the request: its frame may come before its serial
+        change = self._change(self._name, self._text.value)
+        self._serial = self._session.request(change, key=f"text {self._name}", failed=Failed.NUMBER)
+
+    def show(self, frame: Frame, value: float | None, missing: str) -> None:
+        """Write the frame's value, unless a newer one was typed or the value has not changed."""
+        if "{unit}" in self._hint:
+            put(self._text, hint=self._hint.format(unit=squared(frame.state.tuning.unit)))
+        if frame.serial < self._serial or (value == self._value and not self._stale):
+            return
+        self._value, self._stale = value, False
+        self._text.value = missing if value is None else self._written(value)

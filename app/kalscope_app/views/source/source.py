@@ -14,7 +14,6 @@ from typing import Any
 import viser
 
 from kalscope.catalogue import open_source
-from kalscope.common.text import duration
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
@@ -26,14 +25,13 @@ from kalscope_app.session.changes.parameters import set_sample_period
 from kalscope_app.session.changes.settings_file import ENDING, uploaded_settings, use_settings
 from kalscope_app.session.opening import opened, with_sample_period
 from kalscope_app.session.session import Failed, Session
-from kalscope_app.session.state import State
-from kalscope_app.views.binding import on_user
+from kalscope_app.session.state import Change, State
+from kalscope_app.views.binding import TypedNumber, on_user
 from kalscope_app.views.slow_job import SlowJobProgress
 from kalscope_app.views.source.generator import GeneratorForm
 from kalscope_app.views.source.import_summary import import_summary
 from kalscope_app.views.source.reading_form import ReadingForm
 from kalscope_app.views.source.samples import SamplesView
-from kalscope_app.views.text import typed
 from kalscope_app.views.window.css import PRIMARY
 
 Reader = Callable[..., Recording]
@@ -41,6 +39,8 @@ Reader = Callable[..., Recording]
 
 UPLOAD_ORDER = -1.0
 """Every browser gets an upload button of its own, above what is there already."""
+
+PERIOD_HINT = "Time between two samples. Empty: as recorded."
 
 
 class SourceView:
@@ -65,7 +65,6 @@ class SourceView:
             )
         self._report: viser.GuiMarkdownHandle | None = None
         self._described: Recording | None = None
-        self._written = ""
         for subscribe in (self._open.on_click, path_form.on_submit):
             on_user(subscribe, lambda _client: self.open_spec(self._path.value.strip()))
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
@@ -76,12 +75,12 @@ class SourceView:
         with gui.add_folder("Generate a signal", expand_by_default=False):
             self._generator = GeneratorForm(gui, self.open_spec)
         with gui.add_folder("Import summary"):
-            with gui.add_form(None) as form:
-                self._period = gui.add_text("sample period (s)", "", hint="Time between two samples; press Enter.")
+            self._period = TypedNumber(
+                gui, self._session, "sample period", "sample period (s)", PERIOD_HINT, _period_typed
+            )
             report = gui.add_markdown("")
             with gui.add_folder("Import options", expand_by_default=False):
                 self._reading = ReadingForm(gui, self._read_again)
-        on_user(form.on_submit, lambda _client: self._set_period())
         self._report = report  # last: a frame may come at any time
 
     def add_upload(self, client: viser.ClientHandle) -> None:
@@ -151,26 +150,23 @@ class SourceView:
 
         self._jobs.run(work, failed)
 
-    def _set_period(self) -> None:
-        if self._period.value.strip() != self._written:
-            self._session.request(set_sample_period(self._period.value), failed=Failed.NUMBER)
-
     def show(self, frame: Frame) -> None:
         """Show which sample or figure is open, and the import summary."""
         recording = frame.state.recording
         if self._report is None:
             return
         self._samples.show(frame)
+        self._period.show(frame, recording.sample_period, "")
+        self._period.set_visible(frame.state.live is None)
         if recording is self._described:  # once a recording, not once a frame
             return
         self._described = recording
         self._report.content = import_summary(recording)
         self._reading.show(frame.state.open.options)
-        own = (frame.state.open.as_read or recording).sample_period
-        self._written = "" if recording.sample_period is None else typed(recording.sample_period)
-        self._period.value, self._period.visible = self._written, frame.state.live is None
-        recorded = f"as recorded: {duration(own)}" if own else "not recorded"
-        self._period.hint = f"Time between two samples, {recorded}. Press Enter; empty is as recorded."
+
+
+def _period_typed(_name: str, text: str) -> Change:
+    return set_sample_period(text)
 
 
 def read_upload(

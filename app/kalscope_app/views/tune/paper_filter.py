@@ -7,8 +7,7 @@ import viser
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.parameters import paper_filter, set_paper_text, set_variant_of_eq3
 from kalscope_app.session.session import Session
-from kalscope_app.views.binding import bind
-from kalscope_app.views.tune.controls.typed_number import TypedNumber
+from kalscope_app.views.binding import TypedNumber, bind
 
 FILTERS: dict[str, str | None] = {
     "Kalman filter": None,

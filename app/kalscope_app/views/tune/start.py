@@ -9,8 +9,7 @@ from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.momentum import add_momentum
 from kalscope_app.session.changes.view import set_gain_shown
 from kalscope_app.session.session import Session
-from kalscope_app.views.binding import bind, on_user
-from kalscope_app.views.tune.controls.typed_number import TypedNumber
+from kalscope_app.views.binding import TypedNumber, bind, on_user
 
 X0_HINT = "The estimate before the first sample. 0 is allowed; empty: the first sample."
 

@@ -14,7 +14,8 @@ from kalscope_app.session.changes.momentum import (
     slider_position,
 )
 from kalscope_app.session.session import Session
-from kalscope_app.views.tune.controls.typed_number import SliderWithText, TypedNumber
+from kalscope_app.views.binding import TypedNumber
+from kalscope_app.views.tune.controls.slider import SliderWithText
 
 LABEL = "momentum τ, samples"
 

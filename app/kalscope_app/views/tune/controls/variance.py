@@ -9,7 +9,8 @@ import viser
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.parameters import set_exponent, slider_limits
 from kalscope_app.session.session import Session
-from kalscope_app.views.tune.controls.typed_number import SliderWithText, TypedNumber
+from kalscope_app.views.binding import TypedNumber
+from kalscope_app.views.tune.controls.slider import SliderWithText
 
 NAMES = {"q": "process noise q", "r": "measurement noise r", "p0": "initial variance p0"}
 
