@@ -177,7 +177,7 @@ def test_another_sample_another_channel_and_the_generator(start):
     screen.wait_for_line("filtered", filtered(nile))
     assert screen.range("x") == pytest.approx((1871, 1970))
     screen.shot("nile")
-    screen.choose("sample", "Resting LIS302DL accelerometer (re-creation)")
+    screen.choose("sample", "Resting LIS302DL (re-creation)")
     axes = open_source("sample:lis302dl")
     screen.wait_for_line("raw", axes.values[:, 0])
     screen.tab("Tune")

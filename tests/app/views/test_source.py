@@ -37,7 +37,7 @@ def test_the_port_that_was_just_plugged_in_is_shown_unless_an_address_is_typed(s
 def test_the_menus_say_what_was_not_measured():
     labels = {sample.name: sample_label(sample.title, sample.made) for sample in list_samples()}
     assert labels["nile"] == "Nile at Aswan"
-    assert labels["lis302dl"] == "Resting LIS302DL accelerometer (re-creation)"
+    assert labels["lis302dl"] == "Resting LIS302DL (re-creation)"
     assert labels["ultrasonic"].endswith("(simulated)")
     assert [name for name, label in labels.items() if not label.endswith(")")] == ["nile"]
     figures = [experiment_label(one) for one in list_experiments()]
