@@ -6,7 +6,7 @@ import viser
 
 from kalscope.common.text import decibels, duration, lag_text
 from kalscope.recording import Recording
-from kalscope.sources.times.mean_rate import MIN_SPREAD, MeanRate, mean_rate
+from kalscope.sources.times.jitter import MIN_JITTER, jitter_of, rate_words
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.step_spread import spread_of_span
 from kalscope_app.session.changes.channels import select_channel
@@ -27,35 +27,33 @@ class HeaderView:
         self._record = gui.add_markdown("")
         self._channel = gui.add_dropdown("channel", list[str](["–"]), hint="Each channel has its own filter.")
         self._numbers = gui.add_markdown("")
-        self._rated: tuple[Recording | None, MeanRate | None] = None, None
+        self._jitter: tuple[Recording | None, float] = None, 0.0
         bind(self._channel, session, select_channel)
 
     def show(self, frame: Frame) -> None:
         """Write both lines."""
-        state = frame.state
-        rate = self._rate_of(state.recording)
-        self._record.content = record_line(state.recording.title, rate)
-        offer(self._channel, state.recording.names, state.channel)
-        self._channel.visible = len(state.recording.names) > 1
-        self._numbers.content = numbers_line(frame, rate)
+        record, jitter = frame.state.recording, self._jitter_of(frame.state.recording)
+        self._record.content = record_line(record, jitter)
+        offer(self._channel, record.names, frame.state.channel)
+        self._channel.visible = len(record.names) > 1
+        self._numbers.content = numbers_line(frame, jitter)
 
-    def _rate_of(self, recording: Recording) -> MeanRate | None:
-        if recording is not self._rated[0]:  # every stamp is read: once a recording, not once a frame
-            self._rated = recording, mean_rate(recording)
-        return self._rated[1]
+    def _jitter_of(self, recording: Recording) -> float:
+        if recording is not self._jitter[0]:  # every stamp is read: once a recording, not once a frame
+            self._jitter = recording, jitter_of(recording)
+        return self._jitter[1]
 
 
-def record_line(title: str, rate: MeanRate | None) -> str:
+def record_line(recording: Recording, jitter: float) -> str:
     """Name and rate, with how far the steps vary; markdown, escaped."""
-    return f"**{escape_markdown(title, 40)}** · {'sample rate unknown' if rate is None else rate.words}"
+    return f"**{escape_markdown(recording.title, 40)}** · {rate_words(recording.sample_period, jitter)}"
 
 
-def numbers_line(frame: Frame, rate: MeanRate | None) -> str:
-    """The lag at the mean rate and what is left of the noise; where steps vary, nine of ten lags lie in a range."""
-    lag, period = float(frame.steady.lag_samples), None if rate is None else rate.period
-    said = f"lag **{lag_text(lag, period)}**"
-    if rate is not None and rate.spread >= MIN_SPREAD:
-        factors = spread_of_span(frame.state.recording.time, lag)
-        low, high = (duration(factor * lag * rate.period) for factor in factors)
-        said += f" ({low} to {high}: the steps vary)" if factors[1] - factors[0] > WORTH_SAYING else ""
+def numbers_line(frame: Frame, jitter: float) -> str:
+    """The lag and what is left of the noise; where steps vary, the range in which nine of ten lags lie."""
+    lag, record = float(frame.steady.lag_samples), frame.state.recording
+    said = f"lag **{lag_text(lag, record.sample_period)}**"
+    ends = spread_of_span(record.time, lag) if jitter >= MIN_JITTER else None
+    if ends is not None and ends[1] - ends[0] > WORTH_SAYING * lag * (record.sample_period or 1.0):
+        said += f" ({duration(ends[0])} to {duration(ends[1])}: the steps vary)"
     return f"{said} · noise **{decibels(-float(frame.steady.noise_reduction_db))}**"
