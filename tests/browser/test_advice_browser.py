@@ -34,6 +34,7 @@ def test_advice_is_taken_by_its_button_and_spikes_are_marked(start):
     assert np.array_equal(np.isfinite(screen.line(aside)[1]), best.outliers)
     screen.wait_for_line("filtered", kalman_filter(z, best.params).x, 1e-9)
     wait_until(lambda: screen.text_box("outlier gate").input_value() == "4", "the gate of the fit")
+    screen.page.get_by_text("Resulting filter", exact=True).click()
     screen.page.get_by_text(f"{best.outliers.sum()} of 3\u202f000 samples are spikes").wait_for()
     screen.page.get_by_text("The filter fits").first.wait_for()
     screen.shot("advice")

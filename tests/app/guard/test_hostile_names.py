@@ -18,7 +18,7 @@ from wire import Guest
 
 from kalscope.common.text import count
 from kalscope_app.views.export.files import WIDE
-from kalscope_app.views.window.css import COMMAND, HEADER, HEADING, RULES, VERDICT
+from kalscope_app.views.window.css import COMMAND, HEADER, HEADING, ONE_BUTTON, RULES, VERDICT
 
 MARKUP = [
     "<img src=x onerror=alert(1)>",
@@ -58,14 +58,14 @@ def guest(shared):
         yield guest
         assert_disarmed(guest.texts)
         html = [made["props"]["content"] for made in guest.widgets.values() if made["type"] == "GuiHtmlMessage"]
-        assert set(html) <= {RULES, WIDE, HEADER, VERDICT}  # constants: no text from outside is in them
+        assert set(html) <= {RULES, WIDE, HEADER, VERDICT, ONE_BUTTON}  # constants: no text from outside is in them
 
 
 def assert_disarmed(texts):
     """No markdown of the dashboard is an image, a link or a tag, so any such is from outside."""
     for text in texts:
         # Inside a code span nothing acts; the view puts no name with a backtick there.
-        foreign = re.sub(rf"{re.escape(COMMAND)}(`[^`\n]*` ?)+", "", text.replace(HEADING, ""))
+        foreign = re.sub(rf"{re.escape(COMMAND)}(`[^`\n]*` ?)+|{PIN}", "", text.replace(HEADING, ""))
         assert [found.group() for found in ALIVE.finditer(foreign)] == [], text
 
 
@@ -192,6 +192,9 @@ def files_around(folder: Path):
     """Every file that is there, but for the program's own state."""
     return {path for path in folder.rglob("*") if "state" not in path.parts and "numba" not in str(path)}
 
+
+PIN = '<span style="color:#[0-9a-fA-F]{6}">■</span>'
+"""The colour of a pinned setting, in tables."""
 
 OUT = ["../out{}", "/tmp/kalscope-out{}", "..\\..\\out", "a\0b{}", ".bashrc", "x.sh", "link/out{}", "nul{}"]
 OUT += ["x" * 300 + "{}", "no/such/folder/out{}", "com1.a{}", " "]
