@@ -9,12 +9,12 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from kalscope import FilterParams, diagnose_held_out, estimate, kalman_filter
+from kalscope import FilterParams, diagnose_held_out, estimate, kalman_filter, open_source
 from kalscope.analysis import actions
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.analysis.headlines import HEADLINES, WORDS
 from kalscope.analysis.judgement import advice_words, judge, needs_noise
-from kalscope.estimation.finding import Request
+from kalscope.estimation.finding import Request, find_parameters
 
 N = 2000
 RIGHT = FilterParams(0.01, 1.0)
@@ -192,6 +192,17 @@ def test_what_was_chosen_is_not_undone():
         "You chose a lag of 50 ms. The best statistical fit would smooth more (q about 70 × smaller), so noise "
         "that it would remove stays."
     )
+
+
+def test_the_waves_that_a_chosen_lag_leaves_are_not_laid_on_the_model():
+    z = open_source("demo").values[:, 0]
+    request = Request(target={"lag_s": 0.05})
+    found = find_parameters(z, request, sample_period=0.02)
+    left = diagnose(kalman_filter(z, found.params))
+    one = judge(left, request=request)
+    assert left.slow_p < 1e-6
+    assert "would follow faster" in one.headline
+    assert one.advice == ()
 
 
 def test_a_filter_that_starts_from_a_spike_is_not_called_a_change_of_the_noise():

@@ -113,17 +113,23 @@ def still_met(request: Request | None, params: FilterParams, sample_period: floa
 
 
 def with_choice(said: list[Finding], choice: Choice) -> list[Finding]:
-    """The findings on a chosen filter: what can be mended, what the choice costs, and the rest as notes."""
+    """The findings on a chosen filter: what can be mended, what the choice costs, and the rest as notes.
+
+    A filter that is slower than the best leaves waves in its residuals, which say nothing of the model.
+    """
     costs: list[Finding] = []
     rest: list[Finding] = []
+    slow = False
     for status, advice in said:
         if isinstance(advice.action, Scale) and _ends(advice.action, choice):
+            slow = bool(choice.goal) and advice.action.q_factor > advice.action.r_factor
             costs.append(("as_chosen", Advice(_costs(choice, advice.action))))
         elif choice.goal and status == "structure" and isinstance(advice.action, EstimateAgain):  # with momentum
             text = "its residuals stay correlated, so the best statistical fit is another filter"
             costs.append(("as_chosen", Advice(f"you chose {choice.goal}. {text}")))
         elif not (choice.goal and status in ("too_slow", "too_fast")):  # less than a factor worth a change
             rest.append((status, _harmless(advice, choice)))
+    rest = [one for one in rest if not (slow and one[0] == "structure")]
     mended = [one for one in rest if isinstance(one[1].action, KEEPING)]
     return [*mended, *costs, *(one for one in rest if one not in mended)]
 
