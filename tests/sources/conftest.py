@@ -32,9 +32,12 @@ class FakeBoard:
         while data:
             data = data[os.write(self.master, data) :]
 
-    def heard(self, size=4096):
-        """What was sent to the board; waits for it."""
-        return os.read(self.master, size)
+    def heard(self):
+        """What was sent to the board up to the end of a line; waits for it."""
+        data = b""
+        while not data.endswith(b"\n"):
+            data += os.read(self.master, 4096)
+        return data
 
     def unplug(self):
         """Pull the cable."""
