@@ -15,7 +15,7 @@ from kalscope.analysis.held_out import halves_differ, held_out_clause, small_mis
 from kalscope.common.text import count, decibels, number
 from kalscope.estimation.finding import Request
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.verdict_text import below_step
+from kalscope.estimation.verdict.words import below_step
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 

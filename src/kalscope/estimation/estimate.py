@@ -20,7 +20,7 @@ from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.momentum.verdict import with_momentum
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import Fit, checked_robust, spike_proof
-from kalscope.estimation.verdict import channel_fit, each_channel
+from kalscope.estimation.verdict.conclude import channel_fit, each_channel
 from kalscope.filtering.params import MAX_MOMENTUM, MIN_MOMENTUM
 
 

@@ -13,7 +13,6 @@ from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
-from kalscope.estimation import verdict_text as words
 from kalscope.estimation.likelihood.profile import Differences, differences
 from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
 from kalscope.estimation.methods import maximum_likelihood as ml
@@ -24,7 +23,8 @@ from kalscope.estimation.momentum.verdict import conclude as conclude_momentum
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import Fit, checked_robust, spike_proof
 from kalscope.estimation.sensor.resolution import resolution_of
-from kalscope.estimation.verdict import NOWHERE, channel_fit, conclude, each_channel, exp
+from kalscope.estimation.verdict import words
+from kalscope.estimation.verdict.conclude import NOWHERE, channel_fit, conclude, each_channel, exp
 from kalscope.filtering.momentum.specification import momentum_for_overshoot
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import ratio_for

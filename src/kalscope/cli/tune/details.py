@@ -25,7 +25,7 @@ from kalscope.common.text import (
 from kalscope.estimation.agreement.words import comparison
 from kalscope.estimation.finding import METHOD_NAMES
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.verdict import gain_of, lag_of
+from kalscope.estimation.verdict.conclude import gain_of, lag_of
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state

@@ -13,7 +13,7 @@ from kalscope.cli.tune.advice import option_for
 from kalscope.cli.tune.answer import Answer
 from kalscope.estimation.finding import METHOD_NAMES
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.verdict import gain_of, lag_of
+from kalscope.estimation.verdict.conclude import gain_of, lag_of
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
 

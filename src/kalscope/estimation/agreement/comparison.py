@@ -19,7 +19,7 @@ from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.by_name import METHODS
 from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.result import Estimate, stack
-from kalscope.estimation.verdict import channel_fit, conclude, each_channel
+from kalscope.estimation.verdict.conclude import channel_fit, conclude, each_channel
 
 _REASON = (
     "It contains more than a random walk and white noise: a trend, an oscillation, spikes or slow noise. "

@@ -14,7 +14,7 @@ from kalscope.estimation.agreement.simulation import FIRST_SIMULATIONS, SIMULATI
 from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.methods.by_name import QUICK
 from kalscope.estimation.methods.pair import Pair
-from kalscope.estimation.verdict import gain_of
+from kalscope.estimation.verdict.conclude import gain_of
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 

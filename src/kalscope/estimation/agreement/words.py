@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from kalscope.common.text import number, percent
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.verdict import gain_of
+from kalscope.estimation.verdict.conclude import gain_of
 
 MAX_CHANCE = 0.006
 """Chance does not explain what fewer of the simulated records show."""

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from kalscope.common.progress import Progress
 from kalscope.common.text import decibels, number, percent
-from kalscope.estimation import verdict_text
 from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.momentum.choice import MIN_GAIN, Choice, choose
 from kalscope.estimation.momentum.fit import MomentumFit
@@ -16,7 +15,8 @@ from kalscope.estimation.momentum.given import fit_at
 from kalscope.estimation.momentum.likelihood import Samples
 from kalscope.estimation.momentum.search import search
 from kalscope.estimation.result import USABLE, Estimate
-from kalscope.estimation.verdict import MIN_VARIANCE
+from kalscope.estimation.verdict import words as verdict_words
+from kalscope.estimation.verdict.conclude import MIN_VARIANCE
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 
@@ -87,7 +87,7 @@ def _cost(found: MomentumFit) -> str:
 def conclude(found: MomentumFit, reason: str) -> Estimate:
     """The Estimate of a fit; `reason` is the sentence on where the momentum comes from."""
     if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in (found.q, found.r) if size > 0.0):
-        verdict, message = "bad_unit", verdict_text.BAD_UNIT
+        verdict, message = "bad_unit", verdict_words.BAD_UNIT
     else:
         verdict = "no_noise" if found.r == 0.0 else "no_movement" if found.q == 0.0 else "ok"
         message = f"{_words(verdict, found)} {reason}"
@@ -118,10 +118,10 @@ def _words(verdict: str, found: MomentumFit) -> str:
     if verdict == "no_noise":
         return (
             "No noise can be identified at this sample rate, also with momentum: every change looks like real "
-            f"movement, and the most likely filter (r = 0) would pass the signal unchanged. {verdict_text.INSTEAD}"
+            f"movement, and the most likely filter (r = 0) would pass the signal unchanged. {verdict_words.INSTEAD}"
         )
     if verdict == "no_movement":
-        return verdict_text.no_movement(0.0)
+        return verdict_words.no_movement(0.0)
     steady = _settled(found.q / found.r, found.tau)
     overshoot = float(steady.overshoot)
     beyond = f", goes {percent(overshoot)} beyond a step and" if overshoot > 0.0 else " and"

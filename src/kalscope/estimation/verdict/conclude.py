@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
-from kalscope.estimation import verdict_text as words
 from kalscope.estimation.likelihood.profile import Differences, differences
 from kalscope.estimation.likelihood.search import Peak
 from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.result import USABLE, Estimate, stack
+from kalscope.estimation.verdict import words
 from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 
