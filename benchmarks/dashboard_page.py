@@ -35,6 +35,9 @@ FLAGS = (
     "--disable-sync",
 )
 
+MAP_DRAWN = 4000
+"""Milliseconds in which the map of a million samples is computed and drawn."""
+
 SIGNAL_CHART = """Object.values(window.__viserTestpoints?.uplots ?? {}).map(entry => entry.chart)
     .find(chart => chart.series.some(series => series.label === 'filtered'))"""
 """JavaScript expression: the uPlot chart that holds the filtered line, undefined while there is none."""
@@ -158,6 +161,17 @@ def text_box(page: Page, label: str) -> Locator:
     """The text box whose label begins with `label`."""
     near = page.locator("label", has_text=label).first
     return near.locator("xpath=ancestor::*[.//input][1]//input").first
+
+
+@contextmanager
+def map_open(page: Page) -> Iterator[None]:
+    """The map beside the charts, drawn; closed again after it."""
+    page.get_by_role("button", name="Map", exact=True).click()
+    page.get_by_role("button", name="Hide map").wait_for()
+    page.wait_for_timeout(MAP_DRAWN)
+    yield
+    page.get_by_role("button", name="Hide map").click()
+    wait_until_quiet(page, 1000)
 
 
 def choose(page: Page, label: str, option: str) -> None:

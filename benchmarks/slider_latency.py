@@ -6,7 +6,7 @@ A press counts as drawn at the end of the first draw whose filtered line has oth
 when the browser begins the frame after next, for which it must be done with this one. The clock starts at the time
 stamp of the key event itself.
 
-    python benchmarks/slider_latency.py [--json] [--presses 30] [--samples 4000,100000,1000000]
+    python benchmarks/slider_latency.py [--json] [--presses 30] [--samples 4000,100000,1000000] [--map]
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from dashboard_page import (
     Program,
     chromium,
     dashboard_page,
+    map_open,
     slider,
     text_box,
     wait_until_quiet,
@@ -40,6 +41,7 @@ PAUSE = 120
 MOMENTUM = "12"
 """Samples around which the momentum moves."""
 SLIDERS = ("q", "momentum")
+WITH_MAP = "q, map open"
 
 WATCH = f"""() => {{
     const print = (numbers) => numbers.reduce((hash, value, i) => hash + value * (1 + i % 7), 0);
@@ -69,11 +71,14 @@ class Press:
     """To the frame after next."""
 
 
-def press_times(browser: Browser, url: str, presses: int) -> dict[str, list[Press]]:
+def press_times(browser: Browser, url: str, presses: int, with_map: bool) -> dict[str, list[Press]]:
     """Key presses on the sliders of a fresh page, by the name of the slider."""
     with dashboard_page(browser, url) as page:
         page.evaluate(WATCH)
         times = {"q": presses_on(page, slider(page, "q"), presses)}
+        if with_map:
+            with map_open(page):
+                times[WITH_MAP] = presses_on(page, slider(page, "q"), presses)
         text_box(page, "momentum").fill(MOMENTUM)
         wait_until_quiet(page, 1500)
         times["momentum"] = presses_on(page, slider(page, "momentum"), presses)
@@ -96,21 +101,23 @@ def one_press(page: Page, key: str) -> Press:
     return Press(drawn, shown)
 
 
-def measure(samples: list[int], presses: int) -> list[dict[str, Any]]:
+def measure(samples: list[int], presses: int, with_map: bool) -> list[dict[str, Any]]:
     """One row for each slider and number of samples, beside q at the first number, and q at its own."""
-    taken: dict[tuple[str, int], list[Press]] = {(name, n): [] for n in samples for name in SLIDERS}
+    names = (*SLIDERS, WITH_MAP) if with_map else SLIDERS
+    taken: dict[tuple[str, int], list[Press]] = {(name, n): [] for n in samples for name in names}
     with ExitStack() as stack:
         browser = stack.enter_context(chromium())
         programs = {
             n: stack.enter_context(Program(f"synthetic:random_walk?n={n}&sigma=0.5&seed=1")) for n in samples
         }
-        press_times(browser, programs[samples[0]].url, 0)  # a new browser's first page is slower than all others
+        # a new browser's first page is slower than all others
+        press_times(browser, programs[samples[0]].url, 0, with_map)
         left = presses
         for turn in range(TURNS):
             share = math.ceil(left / (TURNS - turn))
             left -= share
             for n in samples if turn % 2 == 0 else samples[::-1]:
-                for name, times in press_times(browser, programs[n].url, share).items():
+                for name, times in press_times(browser, programs[n].url, share, with_map).items():
                     taken[name, n] += times
     rows = {key: summary(*key, times) for key, times in taken.items()}
     first = rows["q", samples[0]]
@@ -137,20 +144,21 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--presses", type=int, default=30)
     parser.add_argument("--samples", default="4000,100000,1000000", help="the others are held against the first")
+    parser.add_argument("--map", action="store_true", help="the slider of q also while the map is open")
     options = parser.parse_args()
-    rows = measure([int(part) for part in options.samples.split(",")], options.presses)
+    rows = measure([int(part) for part in options.samples.split(",")], options.presses, options.map)
     if options.json:
         print(json.dumps(rows, indent=1))
         return
     heads = (f"{what} ms: median  p95   ratio  over q" for what in WHAT)
-    print(f"{'slider':>8}  {'samples':>10}  {'presses':>7}", *heads, sep="   ")
+    print(f"{'slider':>11}  {'samples':>10}  {'presses':>7}", *heads, sep="   ")
     for row in rows:
         parts = (
             f"{row[f'median_{what}_ms']:>16.1f} {row[f'p95_{what}_ms']:>5.0f} {row[f'ratio_{what}']:>5.2f} ×"
             f" {row[f'over_q_{what}']:>5.2f} ×"
             for what in WHAT
         )
-        print(f"{row['slider']:>8}  {row['samples']:>10,}  {row['presses']:>7}", *parts, sep="   ")
+        print(f"{row['slider']:>11}  {row['samples']:>10,}  {row['presses']:>7}", *parts, sep="   ")
 
 
 if __name__ == "__main__":
