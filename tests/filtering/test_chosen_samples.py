@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, kalman_filter
-from kalscope.filtering.pieces import PIECE, filter_at, picked
+from kalscope.filtering.pieces.chosen import PIECE, filter_at, picked
 
 PARAMS = (
     FilterParams(0.01, 1.0),

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, diagnose, kalman_filter, smooth
-from kalscope.filtering.pieces import RunningFilter
+from kalscope.filtering.pieces.running import RunningFilter
 
 PARAMS = (
     FilterParams(0.05, 1.0, momentum=20.0),

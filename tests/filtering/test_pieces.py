@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, kalman_filter
-from kalscope.filtering.pieces import FIRST_CAPACITY, RunningFilter
+from kalscope.filtering.pieces.running import FIRST_CAPACITY, RunningFilter
 
 PARAMS = (
     FilterParams(0.01, 1.0),

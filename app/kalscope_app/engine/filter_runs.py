@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from kalscope.common.array import Array
 from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
-from kalscope.filtering.pieces import RunningFilter, filter_at, picked
+from kalscope.filtering.pieces.chosen import filter_at, picked
+from kalscope.filtering.pieces.running import RunningFilter
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope_app.engine.cache import Cache
 from kalscope_app.engine.decimation import DrawnSamples
