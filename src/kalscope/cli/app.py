@@ -25,6 +25,16 @@ def _tune() -> Function:
 
 
 @offers(
+    "fleet",
+    "Tune many recordings on all cores or a Dask cluster: a table, one row a recording, whatever fails or dies.",
+)
+def _fleet() -> Function:
+    from kalscope.cli.tune.fleet import fleet_command
+
+    return fleet_command
+
+
+@offers(
     "filter",
     "Filter a recording: a CSV of time, raw and filtered signal, variance, and with momentum the velocity.",
 )

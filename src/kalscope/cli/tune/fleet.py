@@ -1,0 +1,76 @@
+"""`kalscope fleet`: many recordings on Dask, into one folder."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kalscope.cli.options import SamplePeriod, read_options, text_option, with_options
+from kalscope.cli.tune.options import NOTHING, TuneOptions, tune_options
+from kalscope.errors import BadSetting
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+
+if TYPE_CHECKING:
+    from kalscope.tuning.fleet.run import Tally
+
+
+@with_options(reading=read_options, asked=tune_options)
+def fleet_command(
+    sources: Annotated[
+        list[str],
+        typer.Argument(metavar="SOURCE…", help="Folders, files, patterns, Parquet data sets, or @LIST of files."),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results; a rerun goes on in it.")
+    ],
+    cluster: Annotated[
+        str | None, text_option("ADDRESS", "Dask scheduler, tcp://HOST:PORT; default: all cores of this machine.")
+    ] = None,
+    channel: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Default: the first that measures something.")
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
+    asked: TuneOptions = NOTHING,
+    sample_period: SamplePeriod = None,
+    reading: ReadOptions = DEFAULTS,
+) -> None:
+    """Tune many recordings on all cores or a Dask cluster: a table, one row a recording, whatever fails or dies."""
+    from kalscope.cli.console import INTERRUPTED, TerminalLine, say, stop_signals
+    from kalscope.tuning.fleet.libraries import check_libraries
+    from kalscope.tuning.fleet.run import run_fleet
+    from kalscope.tuning.fleet.words import summary
+    from kalscope.tuning.fleet.work.asked import Asked
+
+    if every and channel is not None:
+        raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
+    check_libraries()
+    options = Asked(asked, reading, sample_period, channel, every)
+    line = TerminalLine(sys.stderr)
+    try:
+        with stop_signals() as stop:
+            outcome = run_fleet(
+                sources, options, output, cluster, lambda tally: line.show(progress_text(tally)), stop.is_set
+            )
+    finally:
+        line.clear()
+    tally = outcome.tally
+    if outcome.rows is None:
+        done = tally.kept + tally.done
+        say(f"stopped with {done} of {tally.units} done, all kept: run the same command again to go on")
+        raise typer.Exit(INTERRUPTED)
+    print(summary(output, tally), end="")
+
+
+def progress_text(tally: Tally) -> str:
+    """How far a run is, how fast and for how long yet, in one line."""
+    from kalscope.common.text import count, duration, number, percent
+
+    share = tally.done_bytes / tally.bytes if tally.bytes else 1.0
+    done = f"{count(tally.kept + tally.done)} of {count(tally.units)} done ({percent(share)})"
+    if not tally.seconds or not tally.done:
+        return done
+    left = duration(tally.seconds * (1.0 - share) / share) if share else ""
+    return f"{done}, {number(tally.rows / tally.seconds)} rows/s{f', {left} left' if left else ''}"

@@ -1,0 +1,140 @@
+"""Dask: the cores of this machine, or the scheduler that the user names; the same code for both."""
+
+from __future__ import annotations
+
+import queue
+import signal
+import threading
+from collections.abc import Generator
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any
+
+from kalscope.errors import BadDevice
+from kalscope.tuning.fleet.batches import Batch
+from kalscope.tuning.fleet.libraries import library
+
+PATIENCE_S = 15.0
+"""Time for a scheduler to answer, and for its first worker to come, s."""
+SETTINGS = {
+    "distributed.scheduler.allowed-failures": 0,  # the dispatcher decides what a death means
+    "distributed.worker.daemon": True,  # workers end with the driver, even after kill -9
+    "distributed.comm.timeouts.connect": PATIENCE_S,
+    "distributed.admin.tick.limit": "1 h",  # no words on a loop that waited for a fit
+}
+"""Settings of Dask for the driver, and for the workers that it starts."""
+
+
+class WorkerDied(Exception):
+    """The worker of a task is gone, killed or out of memory."""
+
+
+class TaskLost(Exception):
+    """The task was forgotten: the scheduler was lost, or another one took its place."""
+
+
+class Pool:
+    """Workers that take batches and give back what came of them, in any order."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._batches: dict[Any, Batch] = {}
+
+    @property
+    def threads(self) -> int:
+        """Tasks that run at a time, now."""
+        return sum(one["nthreads"] for one in self._client.scheduler_info(n_workers=-1)["workers"].values())
+
+    def submit(self, batch: Batch, *call: Any) -> None:
+        """Begin a batch: call[0] with the other arguments, on some worker."""
+        future = self._client.submit(*call, pure=False)
+        self._batches[future] = batch
+        future.add_done_callback(self._ended.put)
+
+    def ended(self, timeout: float) -> tuple[Batch, Any] | None:
+        """A batch that has ended and what its call returned, or the exception that it raised; None in time.
+
+        Raises:
+            BadDevice: the scheduler is gone.
+        """
+        try:
+            future = self._ended.get(timeout=timeout)
+        except queue.Empty:
+            if self._client.status in ("closed", "closing"):
+                raise BadDevice("the scheduler must stay reachable (got no answer)") from None
+            return None
+        batch = self._batches.pop(future)
+        try:
+            result = future.result(timeout=PATIENCE_S)
+        except CancelledError:
+            result = TaskLost()
+        except Exception as error:
+            result = WorkerDied() if isinstance(error, library("distributed").KilledWorker) else error
+        future.release()
+        return batch, result
+
+    def cancel(self) -> None:
+        """Forget all that was not begun."""
+        with suppress(Exception):  # a scheduler that is gone has forgotten it
+            self._client.cancel(list(self._batches), force=True)
+
+
+@contextmanager
+def workers(address: str | None, tasks: int) -> Generator[Pool]:
+    """The workers of a scheduler, or those of this machine while the block runs, one for each core.
+
+    Args:
+        address: "tcp://HOST:PORT" of a scheduler; None = this machine.
+        tasks: How many there will be: more workers than that are not started.
+
+    Raises:
+        BadDevice: no scheduler answers there, or it has no worker.
+    """
+    dask, distributed = library("dask"), library("distributed")
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(SETTINGS))
+        if address is None:
+            place = stack.enter_context(_this_machine(distributed, min(tasks, library("dask.system").CPU_COUNT)))
+        else:
+            place = address
+        try:
+            client = stack.enter_context(distributed.Client(place, timeout=PATIENCE_S, set_as_default=False))
+            if address is not None:
+                client.wait_for_workers(1, timeout=PATIENCE_S)
+        except (OSError, ValueError, TimeoutError) as error:
+            reason = " ".join(str(error).split())[:200]
+            raise BadDevice(f"--cluster must name a scheduler with workers (got {address!r}: {reason})") from None
+        pool = Pool(client)
+        stack.callback(pool.cancel)
+        yield pool
+
+
+@contextmanager
+def _this_machine(distributed: Any, count: int) -> Generator[Any]:
+    with _without_interrupts():
+        cluster = distributed.LocalCluster(
+            threads_per_worker=1,
+            n_workers=count,
+            processes=True,
+            dashboard_address=None,
+            silence_logs=60,  # a worker that dies is handled here
+            preload=["kalscope.tuning.fleet.worker_setup"],
+        )
+    try:
+        yield cluster
+    finally:
+        cluster.close(timeout=10.0)
+
+
+@contextmanager
+def _without_interrupts() -> Generator[None]:
+    """Ignore Ctrl+C while processes are started, which inherit that; a terminal sends it to them too."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)

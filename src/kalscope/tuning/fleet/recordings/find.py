@@ -1,0 +1,102 @@
+"""What SOURCE names: folders, files, patterns, Parquet data sets, and lists of files."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from kalscope.errors import BadSetting, describe
+from kalscope.tuning.fleet.recordings.listed import read_list
+from kalscope.tuning.fleet.recordings.unit import Piece, Unit, unit_of
+
+
+def find_units(sources: Sequence[str], output: str | os.PathLike[str]) -> list[Unit]:
+    """Everything that the sources name, each once, in the order of the names.
+
+    A folder stands for all that is below it but hidden names; what is no recording becomes a row with its reason.
+
+    Args:
+        sources: Paths of files and folders, patterns such as "logs/*.csv", and @LIST.
+        output: The folder of the results, which is no source.
+
+    Raises:
+        BadSetting: A source names nothing, or all of them nothing.
+        BadFile: A list cannot be read.
+    """
+    listed = [entry for source in sources if source.startswith("@") for entry in read_list(source[1:])]
+    roots = [path for source in sources if not source.startswith("@") for path in _matches(source)]
+    base = _base([*roots, *(path for path, _ in listed)])
+    skipped = os.path.realpath(output)
+    units: dict[tuple[str, str | None], Unit] = {}
+    for root in roots:
+        for path, reason in _below(root, skipped):
+            unit = unit_of(path, _name(path, base)) if not reason else _unreadable(path, base, reason)
+            units.setdefault((unit.pieces[0].path, None), unit)
+    for path, channel in listed:
+        unit = unit_of(path, _name(path, base), channel)
+        units.setdefault((unit.pieces[0].path, channel), unit)
+    if not units:
+        raise BadSetting(f"SOURCE must name at least one file (got {', '.join(map(repr, sources))}, all empty)")
+    return sorted(units.values(), key=lambda unit: (unit.id, unit.channel or ""))
+
+
+def _matches(source: str) -> list[str]:
+    """The paths that a source stands for."""
+    if os.path.lexists(source):
+        return [os.path.abspath(source)]
+    found = sorted(glob.glob(source, recursive=True)) if glob.has_magic(source) else []
+    if not found:
+        raise BadSetting(
+            f"SOURCE must be a folder, a file, a pattern such as 'logs/*.csv' or @LIST (got {source!r})"
+        )
+    return [os.path.abspath(path) for path in found]
+
+
+def _base(paths: Sequence[str]) -> str:
+    """The folder that names begin below: the only folder given, or the one that all lie in."""
+    if len(paths) == 1:
+        return paths[0] if os.path.isdir(paths[0]) else os.path.dirname(paths[0])
+    try:
+        return os.path.commonpath([os.path.dirname(path) for path in paths]) if paths else ""
+    except ValueError:  # two drives of Windows
+        return ""
+
+
+def _name(path: str, base: str) -> str:
+    name = os.path.relpath(path, base) if base else path
+    return Path(name).as_posix().encode("utf-8", "backslashreplace").decode()
+
+
+def _below(root: str, skipped: str) -> Iterator[tuple[str, str]]:
+    """The files at or below a path, each with the reason why it cannot be read, "" where none is known."""
+    if not os.path.isdir(root) or (os.path.islink(root) and not os.path.exists(root)):
+        yield root, ""
+        return
+    if os.path.realpath(root) == skipped:
+        return
+    try:
+        with os.scandir(root) as entries:
+            seen = sorted((entry.name, entry.is_dir(follow_symlinks=False)) for entry in entries)
+    except OSError as error:
+        yield root, describe(error)
+        return
+    visible = [(name, folder) for name, folder in seen if not name.startswith(".")]
+    if not visible:
+        yield root, "the folder is empty"
+    for name, folder in visible:
+        path = os.path.join(root, name)
+        if folder:
+            yield from _below(path, skipped)
+        else:
+            yield path, ""
+
+
+def _unreadable(path: str, base: str, reason: str) -> Unit:
+    return Unit(_name(path, base), (Piece(path),), reason=reason)
+
+
+def total_bytes(units: Iterable[Unit]) -> int:
+    """Bytes of all of them."""
+    return sum(unit.size for unit in units)

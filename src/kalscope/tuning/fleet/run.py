@@ -1,0 +1,184 @@
+"""A fleet from its sources to its table: what is missing is done on Dask, then all parts are merged."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from kalscope.errors import KalscopeError
+from kalscope.tuning.fleet.batches import Dispatcher, lay_out, window
+from kalscope.tuning.fleet.cluster import Pool, TaskLost, WorkerDied, workers
+from kalscope.tuning.fleet.recordings.find import find_units
+from kalscope.tuning.fleet.recordings.unit import Unit
+from kalscope.tuning.fleet.store.lock import locked
+from kalscope.tuning.fleet.store.merge import merge
+from kalscope.tuning.fleet.store.parts import find_parts, sweep, write_part
+from kalscope.tuning.fleet.work.asked import Asked
+from kalscope.tuning.fleet.work.task import Done, lost_row, run_batch
+
+LOOK_S = 0.2
+"""How often the driver looks whether it is to stop, s."""
+LOST = "its worker died each time that it was read, perhaps out of memory"
+"""Reason of a recording that kills every worker."""
+
+
+@dataclass
+class Tally:
+    """What a run has done so far."""
+
+    units: int
+    """Units of the fleet."""
+    kept: int
+    """Units that an earlier run had done."""
+    bytes: int
+    """Bytes of the units that are to be done."""
+    done: int = 0
+    """Units done."""
+    done_bytes: int = 0
+    """Their bytes."""
+    rows: int = 0
+    """Rows written."""
+    fitting_s: float = 0.0
+    """Processor time of the fits, s."""
+    total_s: float = 0.0
+    """Processor time of the tasks, s."""
+    peak_bytes: int = 0
+    """Most memory that a worker has used, bytes."""
+    deaths: int = 0
+    """Batches whose worker died."""
+    threads: int = 0
+    """Tasks that ran at a time."""
+    begun: float = 0.0
+    """When the first batch began, s of the monotonic clock."""
+    seconds: float = 0.0
+    """How long the batches took, s."""
+
+    def add(self, done: Done, size: int) -> None:
+        """Count a task over so many bytes."""
+        self.done += done.units
+        self.done_bytes += size
+        self.rows += done.rows
+        self.fitting_s += done.fitting_s
+        self.total_s += done.total_s
+        self.peak_bytes = max(self.peak_bytes, done.peak_bytes)
+        self.seconds = time.monotonic() - self.begun
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    tally: Tally
+    """What it did."""
+    rows: int | None
+    """Rows of the merged table; None where the run was stopped before it was complete."""
+
+
+OnTally = Callable[[Tally], None]
+
+
+def run_fleet(
+    sources: Sequence[str],
+    asked: Asked,
+    folder: Path,
+    cluster: str | None = None,
+    show: OnTally | None = None,
+    stopped: Callable[[], bool] | None = None,
+) -> Outcome:
+    """Do what is missing of a fleet, and merge its table.
+
+    Args:
+        sources: See `find_units`.
+        asked: The options.
+        folder: Of the results; every worker must see it under this path.
+        cluster: Address of a scheduler; None = the cores of this machine.
+        show: Called with the tally whenever a task has ended, and a few times a second.
+        stopped: Asked as often whether to stop; what is finished by then is kept.
+
+    Raises:
+        BadSetting: a source names nothing, another run holds the folder, or a library is missing.
+        BadDevice: the scheduler cannot be reached.
+        OSError: the disk is full, or the folder cannot be written; what is finished is kept.
+    """
+    folder = folder.absolute()
+    with locked(folder):
+        sweep(folder)
+        units = find_units(sources, folder)
+        options = asked.fingerprint()
+        keys = [unit.key(options) for unit in units]
+        parts = find_parts(folder)
+        batches = lay_out([unit.size for unit in units])
+        missing = [[i for i in batch if keys[i] not in parts] for batch in batches]
+        todo = [i for some in missing for i in some]
+        tally = Tally(len(units), len(units) - len(todo), sum(units[i].size for i in todo))
+        if todo:
+            with workers(cluster, sum(map(bool, missing))) as pool:
+                _Run(units, keys, asked, folder, tally).all_of(missing, pool, show, stopped)
+            parts = find_parts(folder)
+        if any(key not in parts for key in keys):
+            return Outcome(tally, None)
+        sweep(folder, {parts[key] for key in keys})
+        rows = merge(folder, [[keys[i] for i in batch] for batch in batches], parts)
+        return Outcome(tally, rows)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """The batches of a run on their way through the workers."""
+
+    units: Sequence[Unit]
+    keys: Sequence[str]
+    asked: Asked
+    folder: Path
+    tally: Tally
+
+    def all_of(
+        self,
+        missing: Sequence[Sequence[int]],
+        pool: Pool,
+        show: OnTally | None,
+        stopped: Callable[[], bool] | None,
+    ) -> None:
+        """Do the units, given batch by batch, until all are done or the run is stopped."""
+        jobs, tally = Dispatcher.of(missing), self.tally
+        tally.begun, tally.threads = time.monotonic(), pool.threads
+        while jobs.active and not (stopped is not None and stopped()):
+            limit = window(max(tally.threads, pool.threads))
+            while len(jobs.running) < limit and (batch := jobs.next()) is not None:
+                pool.submit(batch, run_batch, [self.units[i] for i in batch.units], self.asked, str(self.folder))
+            ended = pool.ended(LOOK_S)
+            if ended is not None:
+                batch, result = ended
+                if isinstance(result, Done):
+                    tally.add(result, sum(self.units[i].size for i in batch.units[: result.units]))
+                    jobs.finished(batch, batch.units[result.units :])
+                elif isinstance(result, WorkerDied):
+                    tally.deaths += 1
+                    jobs.died(batch)
+                elif isinstance(result, TaskLost):
+                    jobs.returned(batch)
+                else:
+                    raise _not_of_one_recording(result)
+                self._give_up(jobs)
+            if show is not None:
+                show(tally)
+
+    def _give_up(self, jobs: Dispatcher) -> None:
+        """A row for each unit that kills its worker."""
+        while jobs.lost:
+            i = jobs.lost.pop()
+            write_part(self.folder, {self.keys[i]: [lost_row(self.units[i], LOST)]})
+            self.tally.done += 1
+            self.tally.done_bytes += self.units[i].size
+            self.tally.rows += 1
+
+
+def _not_of_one_recording(error: object) -> Exception:
+    """What a task raised: not a recording's fault, so the run ends; what is finished is kept."""
+    if isinstance(error, KalscopeError | OSError):
+        return error
+    if isinstance(error, ImportError):
+        return KalscopeError(f"every worker of --cluster must have kalscope installed, this version (got {error})")
+    return error if isinstance(error, Exception) else RuntimeError(repr(error))

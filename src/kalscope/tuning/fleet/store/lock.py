@@ -1,0 +1,60 @@
+"""One run in a folder at a time: a lock that the system takes away from a process that has died."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from kalscope.errors import BadSetting
+
+NAME = ".lock"
+"""Name of the file in the folder of a fleet; it stays there, and who holds it is what counts."""
+
+
+@contextmanager
+def locked(folder: Path) -> Generator[None]:
+    """Hold the folder while the block runs.
+
+    Args:
+        folder: Of the results; it is made where it does not exist.
+
+    Raises:
+        BadSetting: Another process holds it, or it is a file.
+        OSError: It cannot be written.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise BadSetting(f"-o must name a folder (got {str(folder)!r}, a file)")
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / NAME, "a+", encoding="utf-8") as file:
+        if not _take(file):
+            file.seek(0)
+            holder = file.read(200).strip() or "another process"
+            raise BadSetting(
+                f"-o must name a folder that no other run writes (got {str(folder)!r}, held by {holder})"
+            )
+        file.truncate(0)
+        file.write(f"process {os.getpid()} on {socket.gethostname()}")
+        file.flush()
+        yield
+
+
+def _take(file: IO[str]) -> bool:
+    """Lock the open file; False where another process has. Closing it, or dying, gives it back."""
+    try:
+        if os.name == "nt":
+            import msvcrt
+
+            lock = getattr(msvcrt, "locking")  # noqa: B009 (unknown to a type checker elsewhere)
+            file.seek(1 << 30)  # beyond the text, which stays readable
+            lock(file.fileno(), getattr(msvcrt, "LK_NBLCK"), 1)  # noqa: B009
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,78 @@
+"""The parts of a fleet: what is finished, on the disk, whatever dies next.
+
+A part is written under a temporary name, synced and renamed, so that it is whole or absent. Its name is the hash of
+its units, and its metadata name them: a rerun needs only the footers to know what is done. Two parts may hold the
+same unit, as when a worker that seemed dead ends its task after all; they are equal, and the first is taken.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from kalscope.common.files import write_atomic
+from kalscope.tuning.fleet.store.row import Row
+from kalscope.tuning.fleet.store.table import part_bytes, units_of
+
+FOLDER = "parts"
+"""Where they lie in the folder of a fleet, spread over folders of two hexadecimal digits."""
+
+
+def part_path(folder: Path, keys: Iterable[str]) -> Path:
+    """Where the part with these units lies."""
+    name = hashlib.sha256("\n".join(keys).encode()).hexdigest()[:32]
+    return folder / FOLDER / name[:2] / f"{name}.parquet"
+
+
+def write_part(folder: Path, rows: Mapping[str, Sequence[Row]]) -> Path:
+    """Write the rows of some units, durably.
+
+    Args:
+        folder: Of the fleet.
+        rows: Those of each unit, by its key.
+
+    Returns:
+        The path of the part.
+
+    Raises:
+        OSError: The disk is full or the folder cannot be written; nothing is left behind.
+    """
+    path = part_path(folder, rows)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, part_bytes([(key, row) for key, several in rows.items() for row in several], rows))
+    return path
+
+
+def find_parts(folder: Path) -> dict[str, Path]:
+    """Where each finished unit lies, by its key. What is no part, or cannot be read, counts for nothing."""
+    found: dict[str, Path] = {}
+    for path in _files(folder, ".parquet"):
+        for key in units_of(path) or ():
+            found.setdefault(key, path)
+    return found
+
+
+def sweep(folder: Path, keep: Iterable[Path] | None = None) -> None:
+    """Remove the temporary files of killed runs, and the parts that are not to be kept.
+
+    Args:
+        folder: Of the fleet, which this run holds.
+        keep: The parts that are needed; None = all.
+    """
+    kept = None if keep is None else set(keep)
+    useless = [path for path in _files(folder, ".parquet") if kept is not None and path not in kept]
+    tops = [folder / name for name in os.listdir(folder) if name.startswith(".") and name.endswith(".tmp")]
+    for path in (*_files(folder, ".tmp"), *tops, *useless):
+        with suppress(OSError):
+            path.unlink()
+    for path in (folder / FOLDER).glob("??"):
+        with suppress(OSError):
+            path.rmdir()  # only where it is empty
+
+
+def _files(folder: Path, ending: str) -> Iterator[Path]:
+    """The files of the parts with this ending, in the order of their names."""
+    return iter(sorted(path for path in (folder / FOLDER).glob(f"??/*{ending}")))

@@ -1,0 +1,50 @@
+"""A row of the table: one channel of one recording, or the reason why there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+FAILED = "failed"
+"""Verdict of a recording that could not be read or fitted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What is known of one channel of one recording. None where it is not known."""
+
+    id: str
+    """Name of the recording: its path below the folder that was given, or the id of its series."""
+    channel: str = ""
+    """Name of the channel; "" where the recording could not be read."""
+    unit: str = ""
+    """Unit of the signal, "" where unknown."""
+    samples: int = 0
+    """Samples, missing ones included."""
+    rate_hz: float | None = None
+    """Sample rate, Hz."""
+    q: float | None = None
+    """Process-noise variance per sample, unit²."""
+    r: float | None = None
+    """Measurement-noise variance, unit²."""
+    momentum: float | None = None
+    """Momentum, sample periods; 0 = none."""
+    gate: float | None = None
+    """Outlier gate on v²/s; None = off."""
+    lag_samples: float | None = None
+    """Lag of the settled filter behind a slope, sample periods."""
+    verdict: str = FAILED
+    """That of the estimate, "chosen" where the filter was specified, or "failed"."""
+    nis: float | None = None
+    """Mean of v²/s over the samples that the filter takes; 1 fits."""
+    spikes: int = 0
+    """Samples that the fit set aside."""
+    rejected_lines: int = 0
+    """Lines of the file that could not be read."""
+    seconds: float = 0.0
+    """Processor time that it took, s."""
+    reason: str = ""
+    """Why there is no q and r; "" where there are."""
+
+
+COLUMNS = tuple(one.name for one in fields(Row))
+"""The columns of the table, in order."""

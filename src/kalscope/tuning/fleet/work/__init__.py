@@ -1,0 +1,1 @@
+"""What a worker does: read a unit, fit its channels, write a part."""

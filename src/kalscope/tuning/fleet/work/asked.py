@@ -1,0 +1,49 @@
+"""What is to be done with each recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from kalscope.common.version import program
+from kalscope.estimation.finding import Request
+from kalscope.recording import Recording
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+
+FORMAT = 1
+"""Raised when the same recording would give another row: parts of another format are not used."""
+
+
+class Question(Protocol):
+    """What the user of `kalscope tune` asks for; a dataclass whose `repr` says all of it."""
+
+    @property
+    def gate(self) -> float | None:
+        """Outlier gate on v²/s; NaN = off, None = as it is found."""
+        ...
+
+    def request(self, recording: Recording) -> Request:
+        """The same in the words of `find_parameters`, for this recording."""
+        ...
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The options of a fleet."""
+
+    question: Question
+    """What is asked of each channel."""
+    reading: ReadOptions = DEFAULTS
+    """How files are read."""
+    sample_period: float | None = None
+    """Sample period in s in place of that of the recordings."""
+    channel: str | None = None
+    """The channel of each recording; None = the first that measures something."""
+    every: bool = False
+    """Whether all channels are fitted."""
+    row_groups: bool = False
+    """Whether each row group of a Parquet file is a recording of its own."""
+
+    def fingerprint(self) -> str:
+        """A text that is another where the rows would be others."""
+        return f"{FORMAT} {program()} {self!r}"

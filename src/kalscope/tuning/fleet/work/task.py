@@ -1,0 +1,97 @@
+"""One task: a batch of units becomes a part, on whichever machine it runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from kalscope.errors import BadSetting
+from kalscope.tuning.fleet.recordings.unit import Unit
+from kalscope.tuning.fleet.store.lock import NAME as LOCK
+from kalscope.tuning.fleet.store.parts import write_part
+from kalscope.tuning.fleet.store.row import FAILED, Row
+from kalscope.tuning.fleet.work.asked import Asked
+from kalscope.tuning.fleet.work.fit import fit, reason_of
+from kalscope.tuning.fleet.work.read import read_unit
+
+MAX_SECONDS = 10.0
+"""A batch that takes longer ends after the unit that it is at; what is left is shared out to idle workers."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """What the driver hears of a task; the rows themselves are in the part."""
+
+    units: int
+    """Units done; the rest of the batch was left."""
+    rows: int
+    """Rows written."""
+    failed: int
+    """Rows among them with a reason in place of q and r."""
+    fitting_s: float
+    """Processor time of the fits, s."""
+    total_s: float
+    """Processor time of the whole task, s."""
+    peak_bytes: int
+    """Most memory that the worker has used so far, bytes; 0 where the system does not say."""
+
+
+def run_batch(units: Sequence[Unit], asked: Asked, folder: str) -> Done:
+    """Fit the units of a batch and write their part.
+
+    Args:
+        units: The batch; at least the first is done.
+        asked: The options.
+        folder: Of the results, as the worker sees it.
+
+    Raises:
+        BadSetting: the worker does not see the folder.
+        OSError: the part cannot be written.
+    """
+    if not (Path(folder) / LOCK).exists():
+        raise BadSetting(f"-o must name a folder that every worker of --cluster sees (got {folder!r})")
+    begun, end, options = time.thread_time(), time.monotonic() + MAX_SECONDS, asked.fingerprint()
+    rows: dict[str, list[Row]] = {}
+    for unit in units:
+        rows[unit.key(options)] = fit_unit(unit, asked)
+        if time.monotonic() > end:
+            break
+    write_part(Path(folder), rows)
+    written = [row for several in rows.values() for row in several]
+    return Done(
+        units=len(rows),
+        rows=len(written),
+        failed=sum(bool(row.reason) for row in written),
+        fitting_s=sum(row.seconds for row in written),
+        total_s=time.thread_time() - begun,
+        peak_bytes=_peak_bytes(),
+    )
+
+
+def fit_unit(unit: Unit, asked: Asked) -> list[Row]:
+    """The rows of a unit: those of its channels, or one that says why there are none."""
+    rows: list[Row] = []
+    try:
+        for series in read_unit(unit, asked):
+            rows.append(fit(series, asked.question))
+    except Exception as error:  # one bad file must not end the others
+        rows.append(lost_row(unit, reason_of(error)))
+    return rows
+
+
+def lost_row(unit: Unit, reason: str) -> Row:
+    """The row of a unit that could not be read."""
+    return Row(id=unit.id, channel=unit.channel or "", verdict=FAILED, reason=reason)
+
+
+def _peak_bytes() -> int:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0
+    import sys
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024
