@@ -15,7 +15,7 @@ from kalscope.analysis.actions import as_sentences
 from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.analysis.fit.goal import request_in, still_met
-from kalscope.analysis.judgement import Judgement, advice_words, judge
+from kalscope.analysis.judgement import advice_words, judge
 from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel
 from kalscope.common.text import (
@@ -110,9 +110,8 @@ def make_report(
     result = kalman_filter(z, own.params, dt)
     steady = steady_state(own.params, recording.sample_period)
     found = compare_alternatives(z, own.params, dt=dt, truth=truth)
-    judged = diagnose(result)
-    asked = request_in(own.how, own.r)
-    checks = judged if isinstance(judged, Diagnostics) else judged[0]
+    diagnosed = diagnose(result)
+    checks = diagnosed if isinstance(diagnosed, Diagnostics) else diagnosed[0]
     error = "" if truth is None else f"{number(rmse(result.x, truth))} {own.unit}".strip()
     return Report(
         title=f"{recording.title or recording.source or 'Recording'}: {name}",
@@ -126,10 +125,7 @@ def make_report(
             pinned_settings(own, pins, z, dt, truth, recording.sample_period),
         ),
         texts=(
-            (
-                "Does the filter fit?",
-                _fits(judge(checks, request=still_met(asked, own.params, recording.sample_period))),
-            ),
+            ("Does the filter fit?", _fits(own, checks, recording.sample_period)),
             ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
         ),
         command=command or _command(recording, config, options),
@@ -137,7 +133,8 @@ def make_report(
     )
 
 
-def _fits(judgement: Judgement) -> str:
+def _fits(own: ChannelTuning, checks: Diagnostics, period: float | None) -> str:
+    judgement = judge(checks, request=still_met(request_in(own.how, own.r), own.params, period))
     advice = f" {as_sentences(advice_words(judgement))}" if judgement.advice else ""
     return f"{judgement.headline}{advice}"
 
