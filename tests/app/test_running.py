@@ -111,7 +111,7 @@ from kalscope_app.views.source.source import SourceView
 def raising(*_):
     raise LookupError("no such " + threading.current_thread().name)
 
-def on_the_loop(self):
+def on_the_loop(self, *_):
     raise LookupError("no such save")
 
 def in_the_pool(self, *_):

@@ -96,6 +96,20 @@ def test_a_second_save_asks_before_it_overwrites(screen, tmp_path):
     screen.page.get_by_role("dialog").wait_for(state="detached")
     wait_until(lambda: without_date(header.read_text()) == whole)
 
+    path = tmp_path / "tuning.toml"
+    other = Tuning((ChannelTuning("other", "", 1.0, 2.0),))
+    save_tuning(other, path)
+    button(screen, "Save tuning file").click()
+    button(screen, "Choose another name").click()
+    screen.page.get_by_role("dialog").wait_for(state="detached")
+    assert load_tuning(path).channels[0].name == "other"
+    button(screen, "Save tuning file").click()
+    button(screen, "Overwrite").click()
+    wait_until(lambda: load_tuning(path).channels[0].name == HOSTILE)
+    save_tuning(other, path)
+    button(screen, "Save tuning file").click()  # its own file by now
+    wait_until(lambda: load_tuning(path).channels[0].name == HOSTILE)
+
 
 def test_the_goal_is_met_at_the_period_of_the_device(screen, tmp_path):
     screen.tab("Tune")

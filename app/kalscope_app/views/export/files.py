@@ -43,14 +43,18 @@ def show_refusal(client: viser.ClientHandle, message: str) -> None:
 
 
 def ask_to_overwrite(
-    client: viser.ClientHandle, folder: str, names: Iterable[str], overwrite: Callable[[], object]
+    client: viser.ClientHandle,
+    folder: str,
+    names: Iterable[str],
+    overwrite: Callable[[], object],
+    other: str = "folder",
 ) -> None:
-    """Ask in one browser whether the files that are there may be overwritten."""
+    """Ask in one browser whether existing files may be overwritten, or another folder or name is chosen."""
     with client.gui.add_modal("Overwrite files?") as window:
         there = ", ".join(escape_markdown(name, 80) for name in names)
         client.gui.add_markdown(f"These files exist in **{escape_markdown(folder, 200)}**: {there}. Overwrite?")
         yes = client.gui.add_button("Overwrite", color=PRIMARY)
-        no = client.gui.add_button("Choose another folder", hint="Saves nothing.")
+        no = client.gui.add_button(f"Choose another {other}", hint="Saves nothing.")
 
     def accept() -> None:
         window.close()

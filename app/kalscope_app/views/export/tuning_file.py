@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,14 @@ import viser
 
 from kalscope.common.files import check_inside
 from kalscope.errors import BadSetting
-from kalscope.tuning.tuning import dumps, load_tuning, save_tuning
+from kalscope.tuning.tuning import Tuning, dumps, load_tuning, save_tuning
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
 from kalscope_app.session.changes.settings_file import ENDING, uploaded_settings, use_settings
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
+from kalscope_app.views.export.files import ask_to_overwrite
 
 DEFAULT_NAME = f"tuning{ENDING}"
 
@@ -30,6 +32,7 @@ class TuningFileView:
     ) -> None:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
         self._building = threading.Lock()
+        self._ours = set[Path]()  # files saved or loaded here: saving again asks nothing
         with gui.add_folder("Tuning file") as self._widgets:
             self._path = gui.add_text(
                 "tuning file", DEFAULT_NAME, hint="A file name in the folder in which Kalscope was started."
@@ -37,7 +40,7 @@ class TuningFileView:
             save = gui.add_button("Save tuning file", hint="q, r, momentum, p0 and x0 of every channel.")
             load = gui.add_button("Load tuning file", hint="Its values for the open recording; Undo reverts it.")
             download = gui.add_button("Download tuning file", hint="The same file, as a download.")
-        on_user(save.on_click, lambda _client: self._ask_to_save())
+        on_user(save.on_click, self._ask_to_save)
         on_user(load.on_click, lambda _client: self._ask_to_load())
         on_user(
             download.on_click,
@@ -76,17 +79,29 @@ class TuningFileView:
         self._jobs.run(lambda: self._load(name), Failed.OPEN)
 
     def _load(self, name: str) -> None:
-        tuning = load_tuning(self._checked(name))
+        path = self._checked(name)
+        tuning = load_tuning(path)
+        self._ours.add(path)
         self._session.request(use_settings(tuning, name), failed=Failed.OPEN)
 
-    def _ask_to_save(self) -> None:
+    def _ask_to_save(self, client: viser.ClientHandle) -> None:
         name = self._name
-        self._jobs.run_with_state(self._session, lambda state: self._save_to(state, name), Failed.SAVE)
 
-    def _save_to(self, state: State, name: str) -> None:
-        path = self._checked(name)
-        state.require_standard_filter(state.recording.names)
-        save_tuning(state.as_tuning(), path)
+        def save(state: State) -> None:
+            path = self._checked(name)
+            state.require_standard_filter(state.recording.names)
+            write = partial(self._write, state.as_tuning(), path)
+            if path.exists() and path not in self._ours:
+                place = self._folder.resolve().name
+                ask_to_overwrite(client, place, [name], lambda: self._jobs.run(write, Failed.SAVE), "name")
+            else:
+                write()
+
+        self._jobs.run_with_state(self._session, save, Failed.SAVE)
+
+    def _write(self, tuning: Tuning, path: Path) -> None:
+        save_tuning(tuning, path)
+        self._ours.add(path)
         self._tell(f"Saved {path}", good=True)
 
 
