@@ -18,20 +18,24 @@ from kalscope_app.views.source.samples import experiment_label, sample_label, ta
 
 
 @pytest.mark.parametrize(
-    ("shown", "typed", "before", "now", "expected"),
+    ("shown", "kept", "before", "now", "expected"),
     [
-        (TYPED, "", (), (), TYPED),
-        (TYPED, "", (), ("A", "B"), "A"),
-        (TYPED, "socket://x:1", (), ("A",), TYPED),
-        (TYPED, "socket://x:1", ("A",), ("A", "B"), TYPED),
-        ("A", "", ("A",), ("A", "B"), "B"),
-        ("B", "", ("A", "B"), ("A",), "A"),
-        ("B", "", ("A", "B"), ("B",), "B"),
-        ("A", "", ("A",), (), TYPED),
+        (TYPED, False, (), (), TYPED),
+        (TYPED, False, (), ("A", "B"), "A"),
+        (TYPED, True, (), ("A",), TYPED),
+        (TYPED, True, ("A",), ("A", "B"), TYPED),
+        ("A", False, ("A",), ("A", "B"), "B"),
+        ("A", True, ("A",), ("A", "B"), "A"),
+        ("A", True, ("A", "B"), ("B", "C"), "C"),
+        ("B", False, ("A", "B"), ("A",), "A"),
+        ("B", False, ("A", "B"), ("B",), "B"),
+        ("A", False, ("A",), (), TYPED),
     ],
 )
-def test_the_port_that_was_just_plugged_in_is_shown_unless_an_address_is_typed(shown, typed, before, now, expected):
-    assert port_to_show(shown, typed, before, now) == expected
+def test_the_port_that_was_just_plugged_in_is_shown_unless_the_user_chose_another(
+    shown, kept, before, now, expected
+):
+    assert port_to_show(shown, before, now, kept=kept) == expected
 
 
 def test_the_menus_say_what_was_not_measured():

@@ -43,6 +43,7 @@ class LiveView:
         """Args: the usual; the connection's own jobs; the connection; its recording; opens the file at a path."""
         self._session, self._jobs, self._connection = session, jobs, connection
         self._devices: dict[str, str] = {}
+        self._chosen = ""
         with gui.add_folder("Live board"):
             self._add_port(gui)
             self._connect = gui.add_button("Connect", hint="Opens the port and shows what the board sends.")
@@ -74,7 +75,7 @@ class LiveView:
             hint="As in the sketch: Serial.begin().",
         )
         self._rate = gui.add_text("rate", "", hint="Any other baud rate.", visible=False)
-        on_user(self._port.on_update, lambda _client: self._show_typed())
+        on_user(self._port.on_update, lambda _client: self._choose_port())
         on_user(self._baud.on_update, lambda _client: self._show_typed())
 
     def _add_options(self, gui: viser.GuiApi) -> None:
@@ -90,6 +91,10 @@ class LiveView:
                 list[str]([NO_CURVE]),
                 hint="The channel in which the board sends its own filtered value.",
             )
+
+    def _choose_port(self) -> None:
+        self._chosen = self._port.value
+        self._show_typed()
 
     def _show_typed(self) -> None:
         away = not self._connect.visible  # a port is open
@@ -110,7 +115,8 @@ class LiveView:
         devices = {f"{port.device} {port.description}".strip(): port.device for port in list_ports()}
         if devices == self._devices:
             return
-        value = port_to_show(self._port.value, self._typed.value, tuple(self._devices), tuple(devices))
+        kept = bool(self._typed.value.strip()) if self._port.value == TYPED else self._port.value == self._chosen
+        value = port_to_show(self._port.value, tuple(self._devices), tuple(devices), kept=kept)
         self._devices = devices
         offer(self._port, (*devices, TYPED), value)
         self._show_typed()  # else it would be typed in vain
@@ -140,16 +146,16 @@ class LiveView:
         offer(self._board, (NO_CURVE, *frame.state.recording.names), frame.state.board or NO_CURVE)
 
 
-def port_to_show(shown: str, typed: str, before: tuple[str, ...], now: tuple[str, ...]) -> str:
-    """Which port of a new list to show: the one that was just plugged in, unless an address is being typed.
+def port_to_show(shown: str, before: tuple[str, ...], now: tuple[str, ...], *, kept: bool) -> str:
+    """Which port of a new list to show: the one that was just plugged in, unless the user chose another.
 
     Args:
         shown: the one on screen, or TYPED.
-        typed: the address beside it.
         before: the list until now.
         now: the new list.
+        kept: whether the user chose the one on screen, or is typing an address.
     """
-    if shown == TYPED and typed.strip():
+    if kept and shown in (*now, TYPED):
         return shown
     rest = shown if shown in now else next(iter(now), TYPED)
     return next((port for port in now if port not in before), rest) if before else rest
