@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
     from kalscope.estimation.agreement.comparison import compare_methods
     from kalscope.estimation.estimate import estimate
+    from kalscope.estimation.fleet.many.estimate_many import estimate_many
+    from kalscope.estimation.fleet.many.table import EstimateTable
     from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio, params_for_specification
     from kalscope.estimation.likelihood.profile import log_likelihood
     from kalscope.estimation.momentum.profile import likelihood_profile
@@ -42,6 +44,7 @@ __all__ = [
     "ChannelTuning",
     "Diagnostics",
     "Estimate",
+    "EstimateTable",
     "FilterParams",
     "FilterResult",
     "KalmanFilter",
@@ -60,6 +63,7 @@ __all__ = [
     "estimate",
     "estimate_fixed_r",
     "estimate_fixed_ratio",
+    "estimate_many",
     "export_tuning",
     "kalman_filter",
     "likelihood_profile",
@@ -95,6 +99,8 @@ _NAMES = {
     ),
     "estimation.agreement.comparison": ("compare_methods",),
     "estimation.estimate": ("estimate",),
+    "estimation.fleet.many.estimate_many": ("estimate_many",),
+    "estimation.fleet.many.table": ("EstimateTable",),
     "estimation.known": (
         "estimate_fixed_r",
         "estimate_fixed_ratio",

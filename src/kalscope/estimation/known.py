@@ -185,6 +185,11 @@ def above_rounding(fit: Fit) -> Fit:
     return whole
 
 
+def may_be_below_resolution(z: Array, r: float) -> bool:
+    """Whether rounding adds more than the r, unit², that was found in one channel, shape (n,)."""
+    return r < _step_of(z[np.isfinite(z)]) ** 2 / 12.0
+
+
 def _step_of(readings: Array) -> float:
     """The step of the readings; 0 of only two levels, which may be a switch, or one value and a stand-in for it."""
     if not len(readings):

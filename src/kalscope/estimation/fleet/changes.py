@@ -1,0 +1,111 @@
+"""Which device has changed: its files in order of date, held against the standard errors of their q and r."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kalscope.common.array import Array, Indices
+from kalscope.errors import BadSetting
+
+FALSE_ALARM = 0.05
+"""Chance that any device of a fleet in which none changes is called changed."""
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What several files of each of d devices say about one quantity, arrays of shape (d,)."""
+
+    device: NDArray[np.generic]
+    """The devices, sorted."""
+    files: NDArray[np.int64]
+    """Files of each with a value and a standard error."""
+    mean: Array
+    """Their mean, weighted by the standard errors; NaN without any."""
+    chi2: Array
+    """Σ(value − mean)²/error²; of a device that does not change its law is χ² with `files` − 1 degrees of
+    freedom."""
+    p: Array
+    """Chance of so large a value of a device that does not change, 0 … 1; 1 with fewer than two files."""
+    adjusted_p: Array
+    """The same for the whole fleet (Holm): below 0.05 the device has changed, at most one fleet in twenty names one
+    wrongly."""
+    step: Array
+    """Largest difference between the means before and after one date, later minus earlier; 0 with fewer than
+    two."""
+    step_at: Indices
+    """The file (its place in the arrays given) from which on that holds; −1 with fewer than two."""
+    changed: Indices
+    """Devices whose `adjusted_p` is below 0.05, smallest first."""
+    expected: float
+    """Devices with p below 0.05 that chance alone would show."""
+
+
+def changes(values: ArrayLike, errors: ArrayLike, device: ArrayLike, date: ArrayLike) -> Changes:
+    """Which devices have changed by more than their standard errors allow.
+
+    Args:
+        values: ln r or ln q of each file, shape (f,).
+        errors: its standard error, shape (f,): q_se/q and r_se/r; files with an infinite one or without a finite
+            value do not count.
+        device: the device of each file, numbers or names, shape (f,).
+        date: the order of the files of one device, shape (f,).
+
+    Raises:
+        BadSetting: the arrays have different lengths.
+
+    Source: Cochran (1954), Biometrics 10, 101, for Σ(value − mean)²/error²; Holm (1979), Scand. J. Statist. 6, 65.
+    """
+    from scipy.special import chdtrc  # pyright: ignore[reportUnknownVariableType]
+
+    values, errors = np.asarray(values, dtype=np.float64), np.asarray(errors, dtype=np.float64)
+    names, places = np.unique(np.asarray(device), return_inverse=True)
+    dates = np.asarray(date)
+    if not values.shape == errors.shape == places.shape == dates.shape or values.ndim != 1:
+        raise BadSetting(f"values, errors, device and date must have one entry a file (got {values.shape} values)")
+    used = np.flatnonzero(np.isfinite(values) & np.isfinite(errors) & (errors > 0.0))
+    used = used[np.lexsort((dates[used], places[used]))]
+    weights = 1.0 / errors[used] ** 2
+    group = places[used]
+    files = np.bincount(group, minlength=len(names))
+    total = np.bincount(group, weights, len(names))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.bincount(group, weights * values[used], len(names)) / total
+    chi2 = np.asarray(np.bincount(group, weights * (values[used] - mean[group]) ** 2, len(names)), dtype=np.float64)
+    p = np.where(files > 1, np.asarray(chdtrc(np.maximum(files - 1, 1), chi2), dtype=np.float64), 1.0)
+    step, step_at = _steps(values[used], weights, group, used, len(names))
+    adjusted = holm(p)
+    low = np.flatnonzero(adjusted < FALSE_ALARM)
+    changed = low[np.lexsort((-chi2[low], adjusted[low]))]
+    expected = FALSE_ALARM * int((files > 1).sum())
+    return Changes(names, files, mean, chi2, p, adjusted, step, step_at, changed, expected)
+
+
+def holm(p: Array) -> Array:
+    """Holm's adjusted p of each of several tests, shape (k,): those below α hold together at the false alarm α."""
+    order = np.argsort(p, kind="stable")
+    raised = np.maximum.accumulate(np.minimum(p[order] * (len(p) - np.arange(len(p))), 1.0))
+    out = np.empty_like(p)
+    out[order] = raised
+    return out
+
+
+def _steps(
+    values: Array, weights: Array, group: NDArray[np.intp], files: Indices, count: int
+) -> tuple[Array, Indices]:
+    """The split of each device's files, in order, that explains most of their scatter: its step, and where."""
+    best, step, at = np.zeros(count), np.zeros(count), np.full(count, -1, np.intp)
+    for k in range(count):
+        low, high = np.searchsorted(group, [k, k + 1])
+        v, w = values[low:high], weights[low:high]
+        if len(v) < 2:
+            continue
+        before_w, before = np.cumsum(w)[:-1], np.cumsum(w * v)[:-1]
+        after_w, after = w.sum() - before_w, (w * v).sum() - before
+        jumps = after / after_w - before / before_w
+        gains = jumps**2 * before_w * after_w / w.sum()
+        i = int(np.argmax(gains))
+        best[k], step[k], at[k] = gains[i], jumps[i], files[low + i + 1]
+    return step, at

@@ -1,0 +1,200 @@
+"""`estimate_many` finds, row for row, what `estimate` finds one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, Cancelled, estimate, estimate_fixed_r, estimate_fixed_ratio, estimate_many
+from kalscope.estimation import known
+from kalscope.estimation.fleet.many import fit_kernels, search_kernels
+from kalscope.estimation.fleet.many.series import Series
+from kalscope.estimation.fleet.many.table import VERDICTS
+from kalscope.estimation.likelihood import search
+from kalscope.estimation.verdict import conclude, words
+
+NAN = np.nan
+
+
+def walk(seed, n, ratio, size=1.0):
+    """A random walk in noise: r = size², q = ratio · size²."""
+    rng = np.random.default_rng(seed)
+    return size * (np.cumsum(rng.standard_normal(n)) * np.sqrt(ratio) + rng.standard_normal(n))
+
+
+def simulated(count):
+    rng = np.random.default_rng(19)
+    for seed in range(count):
+        z = walk(seed, int(rng.integers(8, 1500)), 10.0 ** rng.uniform(-6, 3), 10.0 ** rng.uniform(-4, 4))
+        if seed % 5 == 0:
+            z[rng.random(len(z)) < 0.2] = NAN
+        if seed % 7 == 0:
+            z = np.round(4.0 * z / np.nanstd(z))
+        yield z
+
+
+EDGES = {
+    "empty": [],
+    "one": [1.0],
+    "seven": walk(1, 7, 1.0),
+    "eight": walk(1, 8, 1.0),
+    "eight finite": np.append(walk(1, 8, 1.0), [NAN] * 5),
+    "all missing": [NAN] * 50,
+    "constant": [2.5] * 50,
+    "one step": [0.0] * 20 + [1.0] * 20,
+    "a straight line": np.arange(60.0),
+    "noise alone": walk(3, 300, 0.0),
+    "movement alone": np.cumsum(np.random.default_rng(4).standard_normal(300)),
+    "alternating": [1.0, -1.0] * 40,
+    "huge": 1e120 * walk(5, 200, 0.1),
+    "tiny": 1e-120 * walk(5, 200, 0.1),
+    "too huge": 1e200 * walk(5, 200, 0.1),
+    "too tiny": 1e-200 * walk(5, 200, 0.1),
+    "far from zero": 1e9 + walk(6, 400, 0.05),
+    "rounded": np.round(0.3 * np.cumsum(np.random.default_rng(7).standard_normal(500))),
+    "rounded finely": np.round(walk(7, 500, 0.02, 5.0)),
+    "first missing": np.append([NAN] * 9, walk(8, 90, 0.3)),
+    "long": walk(9, 20_000, 0.01),
+}
+
+
+def assert_same(table, row, one, named=""):
+    assert table.verdict[row] == one.verdict, named
+    for name in ("q", "r", "ratio", "loglik"):
+        assert getattr(table, name)[row] == pytest.approx(getattr(one, name), rel=1e-9, abs=0.0), (named, name)
+    for name in ("q_se", "r_se"):
+        assert getattr(table, name)[row] == pytest.approx(getattr(one, name), rel=1e-6, abs=0.0), (named, name)
+    for name in ("ratio_interval", "gain_interval", "lag_interval"):
+        ends = [float(end[row]) for end in getattr(table, name)]
+        assert ends == pytest.approx(getattr(one, name), rel=1e-9, abs=0.0), (named, name)
+
+
+def test_simulated_series_give_the_numbers_of_estimate():
+    series = list(simulated(120))
+    table = estimate_many(series)
+    assert len(set(table.verdict)) >= 4  # the sample is worth the comparison
+    for row, z in enumerate(series):
+        assert_same(table, row, estimate(z, momentum=0.0, robust=False), row)
+
+
+def test_edge_series_give_the_verdicts_of_estimate():
+    table = estimate_many(list(EDGES.values()))
+    assert {"too_few", "constant", "no_noise", "no_movement", "bad_unit", "below_resolution"} <= set(table.verdict)
+    for row, (name, z) in enumerate(EDGES.items()):
+        assert_same(table, row, estimate(np.asarray(z, float), momentum=0.0, robust=False), name)
+
+
+def steps_for(z, seed):
+    rng = np.random.default_rng(seed)
+    return (
+        rng.choice([0.0, 0.5, 1.0, 1.0, 1.0, 7.25], len(z))
+        if seed % 3
+        else rng.integers(1, 3, len(z)).astype(float)
+    )
+
+
+def test_irregular_steps_give_the_numbers_of_estimate():
+    series = [walk(seed, 200 + seed, 0.1) for seed in range(30)]
+    series[4][50:60] = NAN
+    series[5][:] = np.repeat(series[5][::5], 5)[: len(series[5])]
+    steps = [steps_for(z, seed) for seed, z in enumerate(series)]
+    steps[6] = np.ones(len(series[6]))
+    table = estimate_many(series, steps)
+    for row, (z, dt) in enumerate(zip(series, steps, strict=True)):
+        assert_same(table, row, estimate(z, dt=dt, momentum=0.0, robust=False), row)
+
+
+def test_a_known_r_or_ratio_gives_the_numbers_of_the_single_fits():
+    series = [walk(seed, 150, 10.0 ** (seed % 5 - 3)) for seed in range(20)]
+    values = np.linspace(0.2, 3.0, 20)
+    by_r, by_ratio = estimate_many(series, r=values), estimate_many(series, ratio=0.01)
+    for row, z in enumerate(series):
+        assert_same(by_r, row, estimate_fixed_r(z, values[row], robust=False), row)
+        assert_same(by_ratio, row, estimate_fixed_ratio(z, 0.01, robust=False), row)
+
+
+def test_a_known_r_of_another_unit_is_said():
+    assert estimate_many([walk(1, 50, 1.0)], r=1e200).verdict.tolist() == ["bad_unit"]
+
+
+def test_momentum_and_spikes_are_those_of_estimate():
+    rng = np.random.default_rng(2)
+    spiky = walk(2, 300, 0.01)
+    spiky[rng.integers(0, 300, 6)] += 30.0
+    series = [spiky, walk(3, 300, 0.01), np.sin(np.arange(400.0) / 9.0) + 0.05 * rng.standard_normal(400)]
+    table = estimate_many(series, momentum="auto", robust="auto")
+    assert table.spikes[0] > 0
+    assert table.gate[0] < np.inf == table.gate[1]
+    assert table.momentum[2] > 0.0
+    for row, z in enumerate(series):
+        one = estimate(z)
+        assert (table.q[row], table.r[row], table.momentum[row]) == (one.q, one.r, one.momentum)
+
+
+def test_rows_of_an_array_a_list_and_one_piece_of_memory_are_the_same():
+    rows = np.stack([walk(seed, 60, 0.1) for seed in range(5)])
+    whole = Series(rows.ravel(), np.arange(6, dtype=np.int64) * 60, np.empty(0))
+    tables = [estimate_many(given) for given in (rows, list(rows), whole)]
+    assert tables[0].q.tolist() == tables[1].q.tolist() == tables[2].q.tolist()
+    assert tables[0].q.shape == (5,)
+
+
+def test_a_series_that_cannot_be_fitted_is_a_row_and_hurts_no_other():
+    good = walk(1, 100, 0.1)
+    bad = good.copy()
+    bad[40] = np.inf
+    table = estimate_many([good, bad, good[:3], good])
+    assert table.verdict.tolist() == ["ok", "infinite", "too_few", "ok"]
+    assert table.q[0] == table.q[3] > 0.0 == table.q[1]
+    assert not np.isnan([table.q, table.r, table.loglik, *table.ratio_interval]).any()
+    steps = [np.ones(100), np.full(100, -1.0)]
+    assert estimate_many([good, good], steps).verdict.tolist() == ["ok", "bad_steps"]
+
+
+def test_no_series_is_an_empty_table():
+    assert len(estimate_many([])) == 0
+    assert len(estimate_many(np.empty((0, 10)))) == 0
+
+
+@pytest.mark.parametrize(
+    ("series", "options"),
+    [
+        (np.zeros(5), {}),
+        ([np.zeros((2, 2))], {}),
+        (["a", "b"], {}),
+        (3.0, {}),
+        ([np.zeros(5)], {"dt": [np.ones(4)]}),
+        ([np.zeros(5)], {"r": 0.0}),
+        ([np.zeros(5)], {"r": [1.0, 2.0]}),
+        ([np.zeros(5)], {"ratio": np.nan}),
+        ([np.zeros(5)], {"r": 1.0, "ratio": 1.0}),
+        ([np.zeros(5)], {"r": 1.0, "momentum": 3.0}),
+        ([np.zeros(5)], {"momentum": -1.0}),
+        ([np.zeros(5)], {"robust": "yes"}),
+        (Series(np.zeros(5), np.array([0, 6]), np.empty(0)), {}),
+        (Series(np.zeros(5), np.array([3, 1, 5]), np.empty(0)), {}),
+        (Series(np.zeros(5, np.float32), np.array([0, 5]), np.empty(0)), {}),
+    ],
+)
+def test_wrong_arguments_are_refused(series, options):
+    with pytest.raises(BadSetting, match="must"):
+        estimate_many(series, **options)
+
+
+def test_a_stop_is_seen_between_two_calls_and_progress_ends_at_one():
+    rows, seen = np.random.default_rng(1).standard_normal((30, 50)), []
+    estimate_many(rows, progress=lambda share, _: seen.append(share))
+    assert seen[-1] == 1.0
+    with pytest.raises(Cancelled):
+        estimate_many(rows, cancelled=lambda: True)
+
+
+def test_the_compiled_loops_use_the_limits_of_the_modules_that_they_follow():
+    assert (search_kernels.STEP, search_kernels.DROP) == (search.STEP, search.DROP)
+    assert search_kernels.MAX_PEAKS == search._MAX_PEAKS
+    assert fit_kernels.MIN_SAMPLES == words.MIN_SAMPLES
+    assert fit_kernels.MIN_VARIANCE == conclude.MIN_VARIANCE
+    assert (fit_kernels.MIN_CHANGES, fit_kernels.MAX_CHANGING) == (known._MIN_CHANGES, known._MAX_CHANGING)
+    assert fit_kernels.MAX_FACTOR == known._MAX_FACTOR
+    assert VERDICTS[fit_kernels.NO_MOVEMENT] == "no_movement"
+    assert VERDICTS[fit_kernels.BAD_STEPS] == "bad_steps"
