@@ -33,6 +33,9 @@ def fleet_command(
         str | None, typer.Option(metavar="NAME", help="Default: the first that measures something.")
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
+    row_groups: Annotated[
+        bool, typer.Option("--row-groups", help="Each row group of a Parquet file is a recording of its own.")
+    ] = False,
     asked: TuneOptions = NOTHING,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
@@ -47,7 +50,7 @@ def fleet_command(
     if every and channel is not None:
         raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
     check_libraries()
-    options = Asked(asked, reading, sample_period, channel, every)
+    options = Asked(asked, reading, sample_period, channel, every, row_groups)
     line = TerminalLine(sys.stderr)
     try:
         with stop_signals() as stop:

@@ -105,7 +105,7 @@ def run_fleet(
     folder = folder.absolute()
     with locked(folder):
         sweep(folder)
-        units = find_units(sources, folder)
+        units = find_units(sources, folder, asked.row_groups)
         options = asked.fingerprint()
         keys = [unit.key(options) for unit in units]
         parts = find_parts(folder)

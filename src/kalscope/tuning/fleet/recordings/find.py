@@ -8,11 +8,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from kalscope.errors import BadSetting, describe
+from kalscope.tuning.fleet.recordings.data_set import ENDINGS, data_set_units, is_data_set, row_group_units
 from kalscope.tuning.fleet.recordings.listed import read_list
 from kalscope.tuning.fleet.recordings.unit import Piece, Unit, unit_of
 
 
-def find_units(sources: Sequence[str], output: str | os.PathLike[str]) -> list[Unit]:
+def find_units(sources: Sequence[str], output: str | os.PathLike[str], row_groups: bool = False) -> list[Unit]:
     """Everything that the sources name, each once, in the order of the names.
 
     A folder stands for all that is below it but hidden names; what is no recording becomes a row with its reason.
@@ -20,6 +21,7 @@ def find_units(sources: Sequence[str], output: str | os.PathLike[str]) -> list[U
     Args:
         sources: Paths of files and folders, patterns such as "logs/*.csv", and @LIST.
         output: The folder of the results, which is no source.
+        row_groups: Whether each row group of a Parquet file is a recording of its own.
 
     Raises:
         BadSetting: A source names nothing, or all of them nothing.
@@ -39,7 +41,27 @@ def find_units(sources: Sequence[str], output: str | os.PathLike[str]) -> list[U
         units.setdefault((unit.pieces[0].path, channel), unit)
     if not units:
         raise BadSetting(f"SOURCE must name at least one file (got {', '.join(map(repr, sources))}, all empty)")
-    return sorted(units.values(), key=lambda unit: (unit.id, unit.channel or ""))
+    return sorted(
+        _spread(units.values(), row_groups), key=lambda unit: (unit.data_set, unit.id, unit.channel or "")
+    )
+
+
+def _spread(units: Iterable[Unit], row_groups: bool) -> Iterator[Unit]:
+    """The units with those of Parquet data sets in place of their files; the files of a folder are one data set."""
+    sets: dict[str, list[Unit]] = {}
+    for unit in units:
+        path = unit.pieces[0].path
+        if unit.reason or unit.channel or not path.lower().endswith(ENDINGS):
+            yield unit
+        elif row_groups:
+            yield from row_group_units(path, unit.id)
+        elif is_data_set(path):
+            sets.setdefault(os.path.dirname(path), []).append(unit)
+        else:
+            yield unit
+    for several in sets.values():
+        folder = os.path.dirname(several[0].id)
+        yield from data_set_units([unit.pieces[0].path for unit in several], f"{folder}/" if folder else "")
 
 
 def _matches(source: str) -> list[str]:
@@ -95,8 +117,3 @@ def _below(root: str, skipped: str) -> Iterator[tuple[str, str]]:
 
 def _unreadable(path: str, base: str, reason: str) -> Unit:
     return Unit(_name(path, base), (Piece(path),), reason=reason)
-
-
-def total_bytes(units: Iterable[Unit]) -> int:
-    """Bytes of all of them."""
-    return sum(unit.size for unit in units)

@@ -7,6 +7,7 @@ import json
 import os
 import stat
 from dataclasses import dataclass
+from typing import Any
 
 from kalscope.errors import describe
 
@@ -37,6 +38,10 @@ class Unit:
     """The channel that a list names; None = that of the options."""
     reason: str = ""
     """Why it cannot be read, where that is known without opening it."""
+    span: tuple[Any, Any] | None = None
+    """Of a data set in the long form: its ids lie above the first and up to the second; None = a recording."""
+    data_set: str = ""
+    """Folder of the data set in the table, with which the ids of its series begin."""
 
     @property
     def size(self) -> int:
@@ -50,7 +55,8 @@ class Unit:
             options: The fingerprint of the options and of the program.
         """
         pieces = [(piece.path, piece.size, piece.stamp, piece.groups) for piece in self.pieces]
-        text = json.dumps([options, self.id, self.channel, self.reason, pieces])
+        own = [self.id, self.channel, self.reason, self.span, self.data_set, pieces]
+        text = json.dumps([options, *own], default=str)
         return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:32]
 
 

@@ -12,6 +12,7 @@ from kalscope.recording import Recording
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.tuning.fleet.recordings.unit import Unit
 from kalscope.tuning.fleet.work.asked import Asked
+from kalscope.tuning.fleet.work.row_groups import read_groups
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,12 @@ def read_unit(unit: Unit, asked: Asked) -> Iterator[Series]:
     """
     if unit.reason:
         raise BadFile(unit.reason)
-    recording = read_recording(unit.pieces[0].path, asked.reading, sample_period=asked.sample_period)
+    path = unit.pieces[0].path
+    if unit.span is not None or unit.pieces[0].groups:
+        for name, recording in read_groups(unit, asked.reading, asked.sample_period):
+            yield from channels_of(recording, name, unit.channel, asked)
+        return
+    recording = read_recording(path, asked.reading, sample_period=asked.sample_period)
     yield from channels_of(recording, unit.id, unit.channel, asked)
 
 

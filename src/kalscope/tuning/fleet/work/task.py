@@ -83,7 +83,8 @@ def fit_unit(unit: Unit, asked: Asked) -> list[Row]:
 
 def lost_row(unit: Unit, reason: str) -> Row:
     """The row of a unit that could not be read."""
-    return Row(id=unit.id, channel=unit.channel or "", verdict=FAILED, reason=reason)
+    name = unit.id if unit.span is None else f"{unit.data_set}ids up to {unit.span[1]}"
+    return Row(id=name, channel=unit.channel or "", verdict=FAILED, reason=reason)
 
 
 def _peak_bytes() -> int:

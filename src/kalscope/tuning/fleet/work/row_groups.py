@@ -1,0 +1,187 @@
+"""Row groups of Parquet files into the recordings that lie in them.
+
+Stamps of one even step, the usual case, need no search for the sample rate; all others take the way of every file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kalscope.common.array import Array
+from kalscope.errors import BadFile, BadSetting
+from kalscope.recording import Recording
+from kalscope.sources.containers.table import Table
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.time_units import SECONDS_PER_UNIT, UNIT_OF_WORD
+from kalscope.sources.layout.columns import named_column
+from kalscope.sources.readers.assemble import assemble
+from kalscope.sources.readers.table_reading import reading_of
+from kalscope.tuning.fleet.libraries import library
+from kalscope.tuning.fleet.recordings.data_set import id_column, plain_ids
+from kalscope.tuning.fleet.recordings.unit import Unit
+
+TIME_NAMES = ("time", "timestamp", "t", "ts", "ds", "datetime", "date", "time_s", "time_ms", "time_us", "time_ns")
+"""Names of the time column, in lower case, the first one found; a column of dates comes before all."""
+EVEN = 1e-6
+"""Steps that differ by less than this share are one step."""
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """The columns of a table and what they are."""
+
+    names: tuple[str, ...]
+    """Names of the channels."""
+    units: tuple[str, ...]
+    """Their units."""
+    values: tuple[Array, ...]
+    """Their samples, NaN where missing."""
+    time: Array | None
+    """Stamps in s, from 0 at the first; None where there are none."""
+
+
+def read_groups(unit: Unit, options: ReadOptions, sample_period: float | None) -> Iterator[tuple[str, Recording]]:
+    """The recordings of a unit, each with its name in the table.
+
+    Args:
+        unit: Some row groups; with a span the ids within it, else one recording.
+        options: How files are read. Of a numeric time column the unit is that of its name, or s.
+        sample_period: Sample period in s in place of that of the stamps.
+
+    Raises:
+        BadFile: the row groups cannot be read, or hold no channel.
+        BadSetting: an option does not suit them.
+    """
+    table = _table(unit)
+    if unit.span is None:
+        columns = _columns(table, options, None)
+        yield unit.id, _recording(columns, slice(None), options, sample_period, unit.id)
+        return
+    name = str(id_column(table.column_names))
+    ids, table = _own(table, name, unit.span)
+    if not len(table):
+        return
+    codes = ids.dictionary_encode()
+    places, texts = codes.indices.to_numpy(), [str(one) for one in codes.dictionary.to_pylist()]
+    columns = _columns(table, options, name)
+    places, columns = _sorted(places, columns)
+    starts = np.flatnonzero(np.diff(places, prepend=-1))
+    for start, stop in zip(starts, [*starts[1:], len(places)], strict=True):
+        series = f"{unit.data_set}{texts[places[start]]}"
+        yield series, _recording(columns, slice(start, stop), options, sample_period, series)
+
+
+def _table(unit: Unit) -> Any:
+    """All row groups of a unit, one below the other."""
+    pa, parquet = library("pyarrow"), library("pyarrow.parquet")
+    try:
+        tables = [
+            parquet.ParquetFile(piece.path, memory_map=False).read_row_groups(list(piece.groups), use_threads=False)
+            for piece in unit.pieces
+        ]
+        return pa.concat_tables(tables, promote_options="default").combine_chunks()
+    except (pa.ArrowException, ValueError) as error:
+        raise BadFile(f"the row groups cannot be read: {str(error).splitlines()[0]}") from None
+
+
+def _own(table: Any, name: str, span: tuple[Any, Any]) -> tuple[Any, Any]:
+    """The ids within the span, and their rows."""
+    compute = library("pyarrow.compute")
+    low, high = span
+    ids = plain_ids(table[name])
+    own = compute.less_equal(ids, high)
+    if low is not None:
+        own = compute.and_(own, compute.greater(ids, low))
+    if not compute.all(own).as_py() or ids.null_count:
+        table, ids = table.filter(own), ids.filter(own)
+    return library("pyarrow").concat_arrays(ids.chunks), table
+
+
+def _columns(table: Any, options: ReadOptions, ids: str | None) -> _Columns:
+    """The columns that are channels, and the time."""
+    types = library("pyarrow").types
+    names = [name for name in table.column_names if name != ids]
+    dates = [name for name in names if types.is_timestamp(table[name].type) or types.is_date(table[name].type)]
+    numeric = [name for name in names if types.is_floating(table[name].type) or types.is_integer(table[name].type)]
+    time = _time_name(names, dates, numeric, options)
+    channels = [named_column(name) for name in numeric if name != time]
+    if not channels:
+        raise BadFile(f"there must be a column of numbers beside id and time (got {', '.join(table.column_names)})")
+    return _Columns(
+        tuple(one.name for one in channels),
+        tuple(one.unit for one in channels),
+        tuple(_numbers(table[name]) for name in numeric if name != time),
+        None if time is None else _seconds(table[time], time, time in dates, options),
+    )
+
+
+def _time_name(names: list[str], dates: list[str], numeric: list[str], options: ReadOptions) -> str | None:
+    chosen = options.time_column
+    if chosen == "none":
+        return None
+    if chosen is not None:
+        name = chosen if isinstance(chosen, str) else names[chosen] if chosen < len(names) else str(chosen)
+        if name not in (*dates, *numeric):
+            raise BadSetting(f"time_column must be one of {', '.join((*dates, *numeric))} (got {name!r})")
+        return name
+    if dates:
+        return dates[0]
+    lower = {named_column(name).name.lower(): name for name in reversed(numeric)}
+    return next((lower[name] for name in TIME_NAMES if name in lower), None)
+
+
+def _numbers(column: Any) -> Array:
+    return np.ascontiguousarray(column.cast(library("pyarrow").float64()).to_numpy(), dtype=np.float64)
+
+
+def _seconds(column: Any, name: str, date: bool, options: ReadOptions) -> Array:
+    """Stamps in s; of dates from the first one, so that they keep their digits."""
+    pa = library("pyarrow")
+    if date:
+        stamps = column.cast(pa.timestamp("ns"), safe=False).cast(pa.int64()).to_numpy()
+        return (stamps - stamps[0]) * 1e-9
+    word = options.time_unit or named_column(name).unit
+    return _numbers(column) * SECONDS_PER_UNIT[UNIT_OF_WORD.get(word.lower(), "s")]
+
+
+def _sorted(places: Array, columns: _Columns) -> tuple[Array, _Columns]:
+    """The rows by id and time, where they are not already."""
+    steps = np.diff(places)
+    time = columns.time
+    back = np.zeros(len(steps), dtype=bool) if time is None else np.diff(time) < 0
+    if not np.any((steps < 0) | ((steps == 0) & back)):
+        return places, columns
+    order = np.lexsort((places,)) if time is None else np.lexsort((time, places))
+    values = tuple(column[order] for column in columns.values)
+    return places[order], _Columns(columns.names, columns.units, values, None if time is None else time[order])
+
+
+def _recording(
+    columns: _Columns, rows: slice, options: ReadOptions, sample_period: float | None, name: str
+) -> Recording:
+    """The recording of some rows."""
+    values = tuple(column[rows] for column in columns.values)
+    time = None if columns.time is None else columns.time[rows]
+    plain = options.gaps == "rows" and not options.missing and options.rate is None and sample_period is None
+    if plain and not any(np.isinf(column).any() for column in values):
+        if time is None:
+            stamps = np.arange(len(values[0]), dtype=np.float64)
+            return Recording(stamps, columns.names, columns.units, np.stack(values, axis=1), None, title=name)
+        if (period := _even_step(time)) is not None:
+            return Recording(time, columns.names, columns.units, np.stack(values, axis=1), period, title=name)
+    table = Table(columns.names, columns.units, values, time)
+    plain_options = ReadOptions(missing=options.missing, gaps=options.gaps, rate=options.rate)
+    return assemble(reading_of(table, plain_options), plain_options, sample_period, name)
+
+
+def _even_step(time: Array) -> float | None:
+    """The step of even stamps in s; None where they are not even."""
+    if len(time) < 3:
+        return None
+    steps = np.diff(time)
+    period = float(time[-1] - time[0]) / len(steps)
+    return period if period > 0.0 and bool(np.all(np.abs(steps - period) <= EVEN * period)) else None

@@ -1,0 +1,183 @@
+"""Parquet data sets: every series whole and once, however the rows lie in row groups and files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from required import not_here
+
+from kalscope.catalogue import open_source
+from kalscope.cli.tune.options import NOTHING
+from kalscope.errors import BadFile
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.tuning.fleet.recordings import data_set
+from kalscope.tuning.fleet.recordings.find import find_units
+from kalscope.tuning.fleet.work.asked import Asked
+from kalscope.tuning.fleet.work.read import read_unit
+
+try:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+except ImportError:
+    not_here("pyarrow is not installed")
+
+RNG = np.random.default_rng(5)
+
+
+def fleet(devices=7, n=40, rate=100.0):
+    """{id: (time, value)} of some devices with different lengths."""
+    return {
+        f"dev{i:02d}": (np.arange(n + i) / rate, np.cumsum(RNG.normal(size=n + i)) + RNG.normal(size=n + i))
+        for i in range(devices)
+    }
+
+
+def long_table(series, **more):
+    ids = np.concatenate([[name] * len(time) for name, (time, _) in series.items()])
+    time, value = (np.concatenate([one[k] for one in series.values()]) for k in (0, 1))
+    return pa.table({"id": ids, "time": time, "value": value, **more})
+
+
+def read(folder, asked=None, **options):
+    """{id: (samples, rate)} of all series; each must come once."""
+    found = {}
+    asked = asked or Asked(NOTHING, **options)
+    for unit in find_units([str(folder)], folder / "out", asked.row_groups):
+        for one in read_unit(unit, asked):
+            assert (one.id, one.channel) not in found
+            found[one.id, one.channel] = (one.z, one.recording.sample_period)
+    return found
+
+
+def equal(found, series, channel="value"):
+    assert set(found) == {(name, channel) for name in series}
+    return all(np.array_equal(found[name, channel][0], value) for name, (_, value) in series.items())
+
+
+@pytest.mark.parametrize("rows", [1, 13, 40, 47, 100, 10_000])
+@pytest.mark.parametrize("files", [1, 3])
+def test_every_series_is_whole_and_once_wherever_row_groups_end(tmp_path, rows, files):
+    series = fleet()
+    table = long_table(series)
+    for i in range(files):
+        part = table.slice(i * len(table) // files, (i + 1) * len(table) // files - i * len(table) // files)
+        pq.write_table(part, tmp_path / f"part-{i}.parquet", row_group_size=rows)
+    assert equal(read(tmp_path), series)
+
+
+def test_a_row_group_a_series_is_read_once(tmp_path):
+    series = {f"d{i}": (time[:40], value[:40]) for i, (time, value) in enumerate(fleet().values())}
+    pq.write_table(long_table(series), tmp_path / "x.parquet", row_group_size=40)
+    units = find_units([str(tmp_path)], tmp_path / "out")
+    assert [unit.pieces[0].groups for unit in units] == [(i,) for i in range(len(series))]
+
+
+@given(st.randoms(use_true_random=False))
+def test_mixed_rows_within_a_row_group_are_sorted(tmp_path_factory, draw):
+    folder = tmp_path_factory.mktemp("mixed")
+    series = fleet()
+    table = long_table(series)
+    order = list(range(len(table)))
+    draw.shuffle(order)
+    pq.write_table(table.take(order), folder / "x.parquet")
+    assert equal(read(folder), series)
+
+
+def test_a_small_data_set_may_be_in_any_order(tmp_path):
+    series = fleet()
+    table = long_table(series).sort_by([("time", "ascending")])
+    pq.write_table(table, tmp_path / "x.parquet", row_group_size=10)
+    assert equal(read(tmp_path), series)
+
+
+def test_ids_mixed_over_more_bytes_than_a_worker_holds_are_refused_with_what_to_do(tmp_path, monkeypatch):
+    table = long_table(fleet()).sort_by([("time", "ascending")])
+    pq.write_table(table, tmp_path / "x.parquet", row_group_size=50)
+    monkeypatch.setattr(data_set, "MAX_UNIT_BYTES", 1000)
+    with pytest.raises(BadFile, match=r"must be sorted by id, .* ORDER BY"):
+        find_units([str(tmp_path)], tmp_path / "out")
+
+
+def test_row_groups_that_would_be_read_many_times_are_refused(tmp_path):
+    ids = RNG.permutation(10_000).repeat(2)
+    pq.write_table(pa.table({"id": ids, "value": ids * 1.0}), tmp_path / "x.parquet", row_group_size=1000)
+    with pytest.raises(BadFile, match=r"must be sorted by id, .* ORDER BY"):
+        find_units([str(tmp_path)], tmp_path / "out")
+
+
+def test_numbers_as_ids_dictionaries_and_missing_statistics(tmp_path):
+    series = {str(i): one for i, one in enumerate(fleet().values())}
+    table = long_table(series)
+    numbers = table.set_column(0, "id", table["id"].cast(pa.int32()))
+    for name, one, options in (
+        ("int", numbers, {}),
+        ("dictionary", table.set_column(0, "id", table["id"].dictionary_encode()), {}),
+        ("bare", table, {"write_statistics": False}),
+    ):
+        (tmp_path / name).mkdir()
+        pq.write_table(one, tmp_path / name / "x.parquet", row_group_size=50, **options)
+        assert equal(read(tmp_path / name), series), name
+
+
+def test_two_folders_are_two_data_sets(tmp_path):
+    series = fleet(3)
+    for site in ("north", "south"):
+        (tmp_path / site).mkdir()
+        pq.write_table(long_table(series), tmp_path / site / "x.parquet")
+    assert {name for name, _ in read(tmp_path)} == {
+        f"{site}/{name}" for site in ("north", "south") for name in series
+    }
+
+
+def test_the_rate_comes_from_the_stamps_whatever_their_form(tmp_path):
+    series = fleet(3)
+    time = np.concatenate([one for one, _ in series.values()])
+    dates = np.datetime64("2026-01-01T00:00:00", "us") + (time * 1e6).round().astype("timedelta64[us]")
+    for name, column in (("time", time), ("time_ms", 1000 * time), ("ds", dates)):
+        table = long_table(series)
+        (tmp_path / name).mkdir()
+        pq.write_table(table.set_column(1, name, pa.array(column)), tmp_path / name / "x.parquet")
+        assert {round(period, 12) for _, period in read(tmp_path / name).values()} == {0.01}, name
+
+
+def test_a_series_is_read_as_the_same_rows_in_a_file_of_their_own(tmp_path):
+    """Jitter, a gap and missing values: the quick way for even stamps must not be taken."""
+    time = np.arange(200) / 50 + RNG.uniform(-0.002, 0.002, size=200)
+    time[120:] += 3.0
+    value = np.cumsum(RNG.normal(size=200))
+    value[[5, 6, 90]] = np.nan
+    (tmp_path / "set").mkdir()
+    pq.write_table(long_table({"a": (time, value)}), tmp_path / "set" / "x.parquet")
+    pq.write_table(pa.table({"time (s)": time, "value": value}), tmp_path / "one.parquet")
+    for options in (ReadOptions(), ReadOptions(gaps="missing"), ReadOptions(rate=40.0)):
+        alone = open_source(str(tmp_path / "one.parquet"), options)
+        ((samples, period),) = read(tmp_path / "set", reading=options).values()
+        assert np.array_equal(samples, alone.channel("value"), equal_nan=True)
+        assert period == pytest.approx(alone.sample_period, rel=1e-9)
+
+
+def test_columns_beside_id_and_time_are_channels(tmp_path):
+    series = fleet(2)
+    more = -np.concatenate([value for _, value in series.values()])
+    pq.write_table(long_table(series, **{"hum (%)": more}), tmp_path / "x.parquet")
+    found = read(tmp_path, every=True)
+    assert {channel for _, channel in found} == {"value", "hum"}
+    assert np.array_equal(found["dev00", "hum"][0], -found["dev00", "value"][0])
+    assert set(read(tmp_path, channel="hum")) == {("dev00", "hum"), ("dev01", "hum")}
+
+
+def test_each_row_group_is_a_recording_where_that_is_said(tmp_path):
+    series = [value[:40] for _, value in fleet(4).values()]
+    table = pa.table({"time": np.tile(np.arange(40) / 10, 4), "value": np.concatenate(series)})
+    pq.write_table(table, tmp_path / "x.parquet", row_group_size=40)
+    found = read(tmp_path, row_groups=True)
+    assert [name for name, _ in found] == [f"x.parquet#{i}" for i in range(4)]
+    assert all(np.array_equal(z, value) for (z, _), value in zip(found.values(), series, strict=True))
+
+
+def test_a_recording_that_numbers_its_rows_is_no_data_set(tmp_path):
+    pq.write_table(pa.table({"id": np.arange(100), "value": RNG.normal(size=100)}), tmp_path / "x.parquet")
+    (unit,) = find_units([str(tmp_path)], tmp_path / "out")
+    assert unit.span is None
