@@ -1,6 +1,6 @@
 """The programs that `slider_budget.py` watches, each with a clock at every step of a slider move.
 
-    python benchmarks/budget_server.py kalscope|bare MARKS SOURCE [options of `kalscope open`]
+    python benchmarks/budget_server.py kalscope|viser MARKS SOURCE [options of `kalscope open`]
 
 When it ends it writes to MARKS what happened when: [seconds since 1970, name, bytes].
 """
@@ -10,28 +10,20 @@ from __future__ import annotations
 import functools
 import json
 import os
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import viser
 import viser.infra._infra as viser_infra
+from peer_servers import serve_viser
 from viser.infra import _messages
 from viser.infra._async_message_buffer import AsyncMessageBuffer
-from viser.uplot import Scale, Series
 from websockets.asyncio.server import ServerConnection
 
-from kalscope import FilterParams, Recording, denoise, open_source
-from kalscope_app.engine.decimation import choose_samples
-
 MARKS: list[tuple[float, str, int]] = []
-
-SIGMA = 0.5
 
 
 def mark(name: str, size: int = 0) -> None:
@@ -59,20 +51,18 @@ def watch_viser() -> None:
     """Mark what comes from the browser, the arrays of each chart, and what goes to the browser."""
     marked(viser_infra.WebsockMessageHandler, "_handle_incoming_message", before="handled")
     marked(_messages.Message, "as_serializable_dict", before="taken")
-    marked(viser_infra, "_append_aligned_buffers", before="packed")
     push, send = AsyncMessageBuffer.push, ServerConnection.send
 
     def push_and_mark(buffer: AsyncMessageBuffer, message: Any) -> None:
         data = getattr(message, "updates", {}).get("data", ())
         if isinstance(data, tuple):
             size = sum(one.nbytes for one in data if isinstance(one, np.ndarray))
-            mark(f"chart {message.uuid}" if size else "push", size)
+            mark(f"pushed {message.uuid}" if size else "push", size)
         push(buffer, message)
 
     async def send_and_mark(connection: ServerConnection, message: Any, *rest: Any) -> None:
         mark("sending", len(message))
         await send(connection, message, *rest)
-        mark("sent", len(message))
 
     for owner, name, watched in (
         (AsyncMessageBuffer, "push", push_and_mark),
@@ -82,7 +72,6 @@ def watch_viser() -> None:
 
 
 def serve_kalscope(arguments: list[str]) -> None:
-    from kalscope_app import dashboard
     from kalscope_app.engine import engine
     from kalscope_app.guard.message_filter import MessageFilter
     from kalscope_app.main import run
@@ -92,50 +81,19 @@ def serve_kalscope(arguments: list[str]) -> None:
     marked(Session, "request", before="requested")
     marked(Session, "apply_requests", before="turn", after="applied")
     marked(engine, "compute_frame", after="computed")
-    marked(dashboard.Dashboard, "show", after="shown")
     run(["open", *arguments])
 
 
 def serve_bare(source: str) -> None:
     """Bare viser with the same two lines of as many points, and a slider that filters."""
     marked(viser_infra.WebsockMessageHandler, "_handle_incoming_message", before="arrived")  # no guard
-    recording: Recording = open_source(source)
-    drawn = choose_samples(recording, recording.names[0], None)
-    z = np.ascontiguousarray(recording.values[:, 0])
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-
-    def line(exponent: float) -> np.ndarray[Any, np.dtype[np.float64]]:
-        return denoise(z, FilterParams(10.0**exponent, SIGMA**2))[drawn.indices]
-
-    q = server.gui.add_slider("log₁₀ q", -9.0, 3.0, 0.01, 0.0)
-    chart = server.gui.add_uplot(
-        (drawn.time, drawn.raw, line(0.0)),
-        (Series(label="time"), Series(label="raw", stroke="gray"), Series(label="filtered", stroke="red")),
-        scales={"x": Scale(time=False)},
-        padding=(8, 24, 0, 0),
-        height=400,
-    )
-
-    @q.on_update
-    def _(_: Any) -> None:
-        mark("requested")
-        filtered = line(q.value)
-        mark("computed")
-        chart.data = (drawn.time, drawn.raw, filtered)
-        server.flush()
-        mark("shown")
-
-    end = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: end.set())
-    print(f"Kalscope: http://127.0.0.1:{server.get_port()}", flush=True)
-    end.wait()
-    server.stop()
+    serve_viser(source, mark)
 
 
 def main() -> None:
     kind, marks, source, *options = sys.argv[1:]
     watch_viser()
-    if kind == "bare":
+    if kind == "viser":
         serve_bare(source)
     else:
         serve_kalscope([source, *options])

@@ -49,10 +49,14 @@ FILTERED = "chart.data[chart.series.findIndex(series => series.label === 'filter
 class Program:
     """`kalscope open SOURCE`, or a program with the same arguments, in a process of its own; use it in a `with`."""
 
-    def __init__(self, source: str, program: Sequence[str | Path] = (PROGRAM, "open")) -> None:
+    def __init__(
+        self, source: str, program: Sequence[str | Path] = (PROGRAM, "open"), *, map_shown: bool = False
+    ) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="kalscope-bench-")
         self.folder = Path(self._folder.name)
-        UserSettings(self.folder).keep(tour_seen=True)  # its window would cover what is measured
+        UserSettings(self.folder).keep(
+            tour_seen=True, map_shown=map_shown
+        )  # its window would cover what is measured
         self.process = subprocess.Popen(
             [*program, source, "--port", "0", "--no-browser"],
             cwd=self.folder,  # recordings go there
@@ -122,17 +126,6 @@ def dashboard_page(browser: Browser, url: str, *, live: bool = False) -> Iterato
         yield page
     finally:
         context.close()
-
-
-def rss_mb(pid: int) -> float:
-    """Resident memory of a process, MB."""
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def cpu_seconds(pid: int) -> float:
-    """Processor time of a process so far, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def wait_until_quiet(page: Page, milliseconds: int = 400) -> None:

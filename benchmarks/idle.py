@@ -13,16 +13,15 @@ import json
 import os
 import statistics
 import sys
-import tempfile
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from dashboard_page import Program, chromium, cpu_seconds, dashboard_page
-from live_latency import children_cpu
+from dashboard_page import Program, chromium, dashboard_page
+from machine import children_cpu, cpu_seconds
 from numbered_board import NumberedBoard
+from peer_servers import PEERS
 from playwright.sync_api import Browser
 
 SETTLE = 6.0
@@ -79,13 +78,11 @@ def open_map(browser: Browser, program: Program) -> None:
 def measure(rounds: int, seconds: float, samples: int) -> dict[str, dict[str, Any]]:
     """Medians of all cases."""
     source = f"synthetic:random_walk?n={samples}&sigma=0.5&seed=1"
-    server = Path(__file__).with_name("budget_server.py")
     board = NumberedBoard(LIVE_RATE, 2, 60.0)
     with ExitStack() as stack:
-        folder = stack.enter_context(tempfile.TemporaryDirectory())
         stack.enter_context(board)
         browser = stack.enter_context(chromium())
-        bare = stack.enter_context(Program(source, (sys.executable, server, "bare", Path(folder) / "marks")))
+        bare = stack.enter_context(Program(source, (sys.executable, PEERS, "viser")))
         closed, opened = (stack.enter_context(Program(source)) for _ in range(2))
         live = stack.enter_context(Program(f"serial:{board.port}@115200"))
         open_map(browser, opened)

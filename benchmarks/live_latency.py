@@ -14,12 +14,11 @@ import json
 import os
 import sys
 import time
-from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from dashboard_page import Program, choose, chromium, cpu_seconds, dashboard_page, rss_mb
+from dashboard_page import Program, choose, chromium, dashboard_page
+from machine import busy_seconds, children_cpu, cpu_seconds, rss_mb
 from numbered_board import NumberedBoard
 from playwright.sync_api import Page
 from starved import Probe
@@ -29,36 +28,6 @@ SETTLE = 3.0
 """Seconds after a change of the window that do not count."""
 REDRAWS = 15.0
 """The promise: redraws a second."""
-MACHINE = "/proc/stat"
-
-
-def busy_seconds() -> float:
-    """Processor time that the whole machine has used so far, s."""
-    fields = [int(word) for word in Path(MACHINE).read_text().split("\n", 1)[0].split()[1:]]
-    return (sum(fields) - fields[3] - fields[4]) / os.sysconf("SC_CLK_TCK")
-
-
-def children_cpu(pid: int) -> dict[str, float]:
-    """Processor time so far of the browser's processes, by what they are, s."""
-    found: dict[str, float] = {}
-    for entry in Path("/proc").iterdir():
-        with suppress(OSError, IndexError):  # it has ended
-            if entry.name.isdigit() and _descends(int(entry.name), pid):
-                kind = _kind_of(int(entry.name))
-                found[kind] = found.get(kind, 0.0) + cpu_seconds(int(entry.name))
-    return found
-
-
-def _descends(pid: int, ancestor: int) -> bool:
-    while pid > 1 and pid != ancestor:
-        pid = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
-    return pid == ancestor
-
-
-def _kind_of(pid: int) -> str:
-    command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-    kind = next((word[7:].decode() for word in command if word.startswith(b"--type=")), "main")
-    return f"chromium {kind}" if b"chrom" in command[0] else "driver"
 
 
 def watched(

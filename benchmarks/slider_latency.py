@@ -1,10 +1,8 @@
-"""Key press on the slider of q or momentum -> changed chart drawn, in a real Chromium, for records of some lengths.
+"""Key press on the slider of q or momentum -> changed line drawn, in a real Chromium, for records of some lengths.
 
 The lengths take turns (a fresh page each, ten presses a turn), and on each page the two sliders do, so that a noisy
 machine hurts all of them. The momentum moves around some ten samples, where each press filters anew with momentum.
-A press counts as drawn at the end of the first draw whose filtered line has other numbers than before, and as shown
-when the browser begins the frame after next, for which it must be done with this one. The clock starts at the time
-stamp of the key event itself.
+The clock is that of `press_clock.py`.
 
     python benchmarks/slider_latency.py [--json] [--presses 30] [--samples 4000,100000,1000000] [--map]
 """
@@ -14,97 +12,59 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import statistics
-from contextlib import ExitStack
-from dataclasses import dataclass
+import random
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from dashboard_page import (
-    FILTERED,
-    SIGNAL_CHART,
-    Program,
-    chromium,
-    dashboard_page,
-    map_open,
-    slider,
-    text_box,
-    wait_until_quiet,
-)
+from dashboard_page import Program, chromium, dashboard_page, map_open, slider, text_box, wait_until_quiet
 from playwright.sync_api import Browser, Locator, Page
+from press_clock import TURNS, Times, milliseconds, press_often, summary, watch
 
-WHAT = ("drawn", "shown")
-TURNS = 3
-WARM_UP = 3
-"""First presses of each page that do not count: the browser still compiles what it runs."""
-PAUSE = 120
-"""Milliseconds between two presses: viser holds back what comes within 50 ms of the last."""
+WHAT = ("drawn", "painted")
 MOMENTUM = "12"
 """Samples around which the momentum moves."""
 SLIDERS = ("q", "momentum")
 WITH_MAP = "q, map open"
 
-WATCH = f"""() => {{
-    const print = (numbers) => numbers.reduce((hash, value, i) => hash + value * (1 + i % 7), 0);
-    window.addEventListener('keydown', (event) => {{ window.__pressed = event.timeStamp }}, true);
-    window.__arm = () => {{
-        const chart = {SIGNAL_CHART};
-        window.__drawn = window.__shown = null;
-        window.__before = print({FILTERED});
-        if (chart.__watched) return;
-        chart.__watched = true;
-        (chart.hooks.draw = chart.hooks.draw ?? []).push((chart) => {{
-            if (window.__drawn !== null || print({FILTERED}) === window.__before) return;
-            window.__drawn = performance.now();
-            requestAnimationFrame(() => requestAnimationFrame(() => {{ window.__shown = performance.now() }}));
-        }});
-    }};
-}}"""
 
-
-@dataclass(frozen=True)
-class Press:
-    """One key press, ms from it."""
-
-    drawn: float
-    """To the end of the draw of the changed chart."""
-    shown: float
-    """To the frame after next."""
-
-
-def press_times(browser: Browser, url: str, presses: int, with_map: bool) -> dict[str, list[Press]]:
+def press_times(browser: Browser, url: str, presses: int, with_map: bool) -> dict[str, list[Times]]:
     """Key presses on the sliders of a fresh page, by the name of the slider."""
     with dashboard_page(browser, url) as page:
-        page.evaluate(WATCH)
+        watch(page)
         times = {"q": presses_on(page, slider(page, "q"), presses)}
         if with_map:
             with map_open(page):
                 times[WITH_MAP] = presses_on(page, slider(page, "q"), presses)
-        text_box(page, "momentum").fill(MOMENTUM)
-        wait_until_quiet(page, 1500)
-        times["momentum"] = presses_on(page, slider(page, "momentum"), presses)
+        with momentum_on(page):
+            times["momentum"] = presses_on(page, slider(page, "momentum"), presses)
     return times
 
 
-def presses_on(page: Page, thumb: Locator, presses: int) -> list[Press]:
+@contextmanager
+def momentum_on(page: Page) -> Iterator[None]:
+    """The filter with momentum; without it after it, because the next page shows the same session."""
+    if text_box(page, "momentum").count() == 0:
+        page.get_by_text("Start and outliers", exact=True).click()
+        page.get_by_role("button", name="Add momentum").click()
+    for value in (MOMENTUM, "off"):
+        text_box(page, "momentum").fill(value)
+        text_box(page, "momentum").press("Enter")
+        wait_until_quiet(page, 1500)
+        if value == MOMENTUM:
+            yield
+
+
+def presses_on(page: Page, thumb: Locator, count: int) -> list[Times]:
     """Key presses on one slider, those of the warm-up left out."""
     thumb.focus()
-    times = [one_press(page, "ArrowRight" if i % 2 else "ArrowLeft") for i in range(WARM_UP + presses)]
-    return times[WARM_UP:]
-
-
-def one_press(page: Page, key: str) -> Press:
-    page.evaluate("() => window.__arm()")
-    page.keyboard.press(key)
-    page.wait_for_function("() => window.__shown !== null")
-    drawn, shown = page.evaluate("() => [window.__drawn, window.__shown].map(time => time - window.__pressed)")
-    page.wait_for_timeout(PAUSE)
-    return Press(drawn, shown)
+    return press_often(page, count, random.Random(1))
 
 
 def measure(samples: list[int], presses: int, with_map: bool) -> list[dict[str, Any]]:
     """One row for each slider and number of samples, beside q at the first number, and q at its own."""
     names = (*SLIDERS, WITH_MAP) if with_map else SLIDERS
-    taken: dict[tuple[str, int], list[Press]] = {(name, n): [] for n in samples for name in names}
+    taken: dict[tuple[str, int], list[Times]] = {(name, n): [] for n in samples for name in names}
     with ExitStack() as stack:
         browser = stack.enter_context(chromium())
         programs = {
@@ -119,7 +79,7 @@ def measure(samples: list[int], presses: int, with_map: bool) -> list[dict[str, 
             for n in samples if turn % 2 == 0 else samples[::-1]:
                 for name, times in press_times(browser, programs[n].url, share, with_map).items():
                     taken[name, n] += times
-    rows = {key: summary(*key, times) for key, times in taken.items()}
+    rows = {key: row_of(*key, times) for key, times in taken.items()}
     first = rows["q", samples[0]]
     for (_, n), row in rows.items():
         for what in WHAT:
@@ -129,13 +89,11 @@ def measure(samples: list[int], presses: int, with_map: bool) -> list[dict[str, 
     return list(rows.values())
 
 
-def summary(name: str, n: int, times: list[Press]) -> dict[str, Any]:
+def row_of(name: str, n: int, times: list[Times]) -> dict[str, Any]:
     """Medians and 95th percentiles, ms."""
     row: dict[str, Any] = {"slider": name, "samples": n, "presses": len(times)}
     for what in WHAT:
-        sorted_times = sorted(getattr(press, what) for press in times)
-        row[f"median_{what}_ms"] = statistics.median(sorted_times)
-        row[f"p95_{what}_ms"] = sorted_times[math.ceil(0.95 * len(sorted_times)) - 1]
+        row |= {f"{how}_{what}_ms": value for how, value in summary(milliseconds(times, what)).items()}
     return row
 
 

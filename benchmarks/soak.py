@@ -24,12 +24,11 @@ from dashboard_page import (
     Program,
     choose,
     chromium,
-    cpu_seconds,
     dashboard_page,
-    rss_mb,
     slider,
     text_box,
 )
+from machine import cpu_seconds, rss_mb
 from numbered_board import NumberedBoard, RecordedRows
 from playwright.sync_api import CDPSession, Page
 from starved import Probe

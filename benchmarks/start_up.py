@@ -21,7 +21,8 @@ from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
-from dashboard_page import PROGRAM, Program, cpu_seconds
+from dashboard_page import PROGRAM, Program
+from machine import cpu_seconds
 
 SAMPLE = Path(__file__).parents[1] / "sample_data" / "nile.csv"
 BARE_VISER = """
