@@ -35,7 +35,7 @@ def main() -> None:
 
 def leave(status: int) -> None:
     """End the program, even while something hangs that nothing can interrupt (a device, a network file)."""
-    gc.freeze()  # Python would look through all objects for garbage before it drops them: 0.3 s after `kalscope tune`
+    gc.freeze()  # before it drops all objects Python would look for garbage among them: 0.3 s
     if threading.active_count() > 1:
         with contextlib.suppress(OSError):  # the terminal is gone
             sys.stdout.flush()

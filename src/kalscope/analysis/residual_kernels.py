@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from kalscope.common.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -12,7 +13,7 @@ LONE, STAYS = 1, 2
 """What a spike was: the signal came back at once; or it stayed where it had gone."""
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def find_spikes(v: Array, k: Array, limit: Array, kind: NDArray[np.int8], size: Array) -> None:
     """Mark in `kind` the innovations v beyond `limit` with LONE or STAYS, the rest with 0; steps go to `size`.
 

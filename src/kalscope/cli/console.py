@@ -119,6 +119,13 @@ def progress_line() -> Generator[OnProgress]:
 
 def tell_compiling() -> None:
     """Say on a terminal, from now on, when loops are compiled: the first start after an installation takes long."""
+    from kalscope.common.compiled import when_numba_loads
+
+    if sys.stderr.isatty():
+        when_numba_loads(_tell_compiling)
+
+
+def _tell_compiling() -> None:
     from numba.core import event
 
     class Telling(event.Listener):
@@ -138,8 +145,7 @@ def tell_compiling() -> None:
             if self.depth == 0:  # else inside of another one
                 self.line.clear()
 
-    if sys.stderr.isatty():
-        cast("Any", event).register("numba:compile", Telling())
+    cast("Any", event).register("numba:compile", Telling())
 
 
 @contextmanager

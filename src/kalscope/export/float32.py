@@ -11,9 +11,9 @@ from dataclasses import asdict, dataclass
 from typing import cast
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from kalscope.common.compiled import compiled
 from kalscope.errors import BadSetting
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.momentum.constants import step_constants
@@ -161,7 +161,7 @@ def _settled_gain(params: FilterParams) -> np.float32:
     return np.float32(gain if 0.0 < gain < STALLING_GAIN else 0.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _filter(
     z: Floats,
     q: np.float32,
@@ -200,7 +200,7 @@ def _filter(
         out[i] = x
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _filter_with_momentum(
     z: Floats,
     over: tuple[np.float32, np.float32, np.float32, np.float32, np.float32],

@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from kalscope.common.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ MAX_DOUBLE = float(np.finfo(np.float64).max)
 Step = tuple[float, float, float, float, float, int]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(plain=True, inline="always")
 def step(z: float, dt: float, q: float, r: float, gate: float, x: float, p: float, rejected: int) -> Step:
     """One sample: predict over `dt` periods, then update; `rejected` counts gate refusals in a row.
 
@@ -56,7 +57,7 @@ def step(z: float, dt: float, q: float, r: float, gate: float, x: float, p: floa
     return x + k * v, (1.0 - k) * p, k, v, s, UPDATED
 
 
-@njit(cache=True, nogil=True)
+@compiled(plain=True)
 def filter_channel(
     z: Array,
     dt: Array,
@@ -111,7 +112,7 @@ def filter_channel(
     return -0.5 * (m * math.log(2.0 * math.pi) + logdet + chi2), m, refused, in_a_row
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def denoise_channel(z: Array, dt: Array, q: float, r: float, gate: float, x: float, p: float, out: Array) -> int:
     """Filter one channel into `out` (not z itself), x only: in chunks once the variance has settled.
 
@@ -133,7 +134,7 @@ def denoise_channel(z: Array, dt: Array, q: float, r: float, gate: float, x: flo
     return -1
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def advance_settled(z: Array, k: float, x: float, i: int, out: Array) -> tuple[int, float]:
     """Constant gain from sample `i` on, chunk by chunk, up to the first sample that is not finite.
 
@@ -151,7 +152,7 @@ def advance_settled(z: Array, k: float, x: float, i: int, out: Array) -> tuple[i
     return i, x
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
+@compiled(fastmath={"contract", "reassoc", "nsz"})
 def advance_chunk(z: Array, k: float, x: float, out: Array) -> float:
     """Constant gain over one chunk, eight samples at once; returns the last x.
 

@@ -8,15 +8,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kalscope.common.compiled import compiled
 from kalscope.filtering.kernels import MISSING, REJECTED, UPDATED, step
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def smooth_channel(
     z: Array, dt: Array, q: float, r: float, gate: float, x: float, p: float, out_x: Array, out_p: Array
 ) -> None:
@@ -49,7 +49,7 @@ def smooth_channel(
         out_x[i], out_p[i] = x, p
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def filter_forward(
     z: Array, dt: Array, q: float, r: float, gate: float, x: float, p: float, out_x: Array, out_p: Array
 ) -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from kalscope.common.compiled import compiled
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def one_euro(z: Array, slowest: float, beta: float, speed_cutoff: float, out: Array) -> None:
     """Exponential smoothing with cut-off slowest + beta·|speed|, cycles a sample; the speed has one of its own.
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from kalscope.cli.bench.contest import PARAMS, Contest, Q, R, Work
 from kalscope.common.array import Array
+from kalscope.common.compiled import compiled
 from kalscope.estimation.momentum.profile import likelihood_profile
 from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -21,7 +21,7 @@ SETTLED = 5_000
 SAME_MEMORY = "both write to an existing array"
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def five_lines(z: Array, q: float, r: float, out: Array) -> Array:
     """The plain loop of the source documents, compiled; the first sample sets x = z, p = r."""
     x, p = z[0], r

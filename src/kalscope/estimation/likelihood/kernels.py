@@ -15,8 +15,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from kalscope.common.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,7 @@ FULL = 1e150
 """A product of f beyond this is turned into its logarithm, so that a logarithm a sample is not needed."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def scan_ratios(d: Array, gap: Array, ratio: Array, chi2: Array, logdet: Array) -> None:
     """Write Σ v²/f and Σ ln f of every lane into `chi2` and `logdet`.
 
@@ -86,14 +87,14 @@ def scan_ratios(d: Array, gap: Array, ratio: Array, chi2: Array, logdet: Array) 
         logdet[j] += math.log(product[j])
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def fixed_points(ratio: Array) -> tuple[Array, Array]:
     """Steady gain K of every λ, and 1 − K = K²/λ without its cancellation."""
     root, wide = np.sqrt(ratio), np.sqrt(ratio + 4.0)
     return 2.0 * root / (root + wide), (2.0 / (root + wide)) ** 2
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def fold(product: Array, logdet: Array) -> None:
     """Take the logarithm of the products that have grown (or shrunk) far."""
     for j in range(product.shape[0]):
@@ -102,7 +103,7 @@ def fold(product: Array, logdet: Array) -> None:
             product[j] = 1.0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def all_ones(gap: Array) -> bool:
     """Whether every step of the block is one nominal period."""
     whole = True
@@ -111,7 +112,7 @@ def all_ones(gap: Array) -> bool:
     return whole
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def near_steady(p: Array, gain: Array, first: int) -> bool:
     """Whether the group of lanes from `first` on has settled, as closely as rounding lets the variance come.
 
@@ -123,7 +124,7 @@ def near_steady(p: Array, gain: Array, first: int) -> bool:
     return near
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@compiled(error_model="numpy", fastmath={"contract"})
 def step_lanes(
     d: float, gap: float, ratio: Array, v: Array, p: Array, kept: Array, chi2: Array, logdet: Array
 ) -> None:
@@ -139,7 +140,7 @@ def step_lanes(
         logdet[j] += math.log(f)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@compiled(error_model="numpy", fastmath={"contract"})
 def advance(
     d: Array, gap: Array, ratio: Array, v: Array, p: Array, kept: Array, chi2: Array, product: Array
 ) -> None:
@@ -160,7 +161,7 @@ def advance(
             v[j], p[j], kept[j], chi2[j], product[j] = vj, pj, w, total, f_all
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy", fastmath={"contract"})
+@compiled(inline="always", error_model="numpy", fastmath={"contract"})
 def advance_lane(
     d: float, gap: float, lam: float, v: float, p: float, kept: float, chi2: float, product: float
 ) -> tuple[float, float, float, float, float]:
@@ -172,7 +173,7 @@ def advance_lane(
     return v, p * kept, kept, chi2 + v * v * kept, product * f
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@compiled(error_model="numpy", fastmath={"contract"})
 def advance_settled(d: Array, kept: Array, v: Array, squares: Array) -> None:
     """Some blocks of samples of the settled lanes: two fused multiply-adds a sample."""
     for t in range(0, d.shape[0], BLOCK):

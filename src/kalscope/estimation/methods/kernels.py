@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from kalscope.common.compiled import compiled
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def em_pass(z: Array, gap: Array, q: float, r: float, x: Array, p: Array) -> tuple[float, float, float]:
     """One EM step from q, r > 0: filter forward, smooth backward, new variances. Works in `x` and `p`.
 
@@ -47,7 +48,7 @@ def em_pass(z: Array, gap: Array, q: float, r: float, x: Array, p: Array) -> tup
     return movement / max(moves, 1), noise / n, loglik
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@compiled(fastmath={"contract", "reassoc"})
 def lagged_products(v: Array, sums: Array) -> None:
     """Σ v(i) v(i + j) into `sums[j]`; numpy's dot would start threads for it, which wait for each other."""
     for j in range(sums.shape[0]):
@@ -57,7 +58,7 @@ def lagged_products(v: Array, sums: Array) -> None:
         sums[j] = total
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def fixed_gain_innovations(d: Array, gap: Array, gain: float, warm_up: int, out: Array) -> None:
     """Innovations v' = d + (1 − gain) v of the filter with a fixed gain; NaN for `warm_up` samples after a gap."""
     v, left = 0.0, warm_up

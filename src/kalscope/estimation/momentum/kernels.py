@@ -9,9 +9,9 @@ left.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kalscope.common.compiled import compiled
 from kalscope.filtering.momentum.kernels import transition
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ K, ELL = 112, 120
 ROOM = 128
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def scan_lanes(z: Array, gap: Array, q: Array, r: Array, tau: Array, chi2: Array, logdet: Array) -> None:
     """Write Σ v²/s and Σ ln s of every lane into `chi2` and `logdet`.
 
@@ -56,7 +56,7 @@ def scan_lanes(z: Array, gap: Array, q: Array, r: Array, tau: Array, chi2: Array
             chi2[first + j] = lanes[SUM + j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def scan_eight(z: Array, gap: Array, tau: Array, lanes: Array, logdet: Array) -> None:
     """`scan_lanes` of eight lanes that hold their start."""
     n, regular = z.shape[0], gap.shape[0] == 0
@@ -87,7 +87,7 @@ def scan_eight(z: Array, gap: Array, tau: Array, lanes: Array, logdet: Array) ->
         logdet[j] += np.log(lanes[PRODUCT + j])
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def after_last_gap(gap: Array) -> int:
     """The first block from which on every step is one period, with a block before it in which the step was set."""
     for i in range(gap.shape[0] - 1, -1, -1):
@@ -96,7 +96,7 @@ def after_last_gap(gap: Array) -> int:
     return 0
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def set_step(gap: float, tau: Array, lanes: Array) -> None:
     """The transition of every lane over `gap` periods, for q = 1."""
     over = transition(gap, 1.0, tau[0])
@@ -111,7 +111,7 @@ def set_step(gap: float, tau: Array, lanes: Array) -> None:
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@compiled(error_model="numpy", fastmath={"contract"})
 def advance(z: float, lanes: Array) -> None:
     """One sample of eight lanes."""
     for j in range(LANES):
@@ -134,7 +134,7 @@ def advance(z: float, lanes: Array) -> None:
         lanes[W + j] = e * e * w + lanes[C + j] - ell * joint
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def fold(lanes: Array, logdet: Array) -> None:
     """Take the logarithm of the products that have grown or shrunk far."""
     for j in range(LANES):
@@ -143,7 +143,7 @@ def fold(lanes: Array, logdet: Array) -> None:
             lanes[PRODUCT + j] = 1.0
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def has_settled(before: Array, lanes: Array) -> bool:
     """True where no variance of x and of v of the eight lanes changed by more than rounding."""
     for j in range(LANES):
@@ -154,7 +154,7 @@ def has_settled(before: Array, lanes: Array) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def set_gains(lanes: Array) -> None:
     """The gains that the lanes keep; s takes the place of c, which is no longer needed."""
     for j in range(LANES):
@@ -166,7 +166,7 @@ def set_gains(lanes: Array) -> None:
         lanes[C + j] = s
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@compiled(error_model="numpy", fastmath={"contract"})
 def advance_settled(z: Array, lanes: Array) -> None:
     """All further samples of eight lanes with the gains that they keep."""
     squares = np.zeros(3 * LANES)

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kalscope.common.compiled import compiled
 from kalscope.filtering import kernels as plain
 from kalscope.filtering.kernels import MISSING, REJECTED, START
 from kalscope.filtering.momentum import kernels as moving
@@ -23,7 +23,7 @@ AT_END = 2
 """Spikes side by side that are recognised at either end of the record."""
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def judge_samples(
     z: Array,
     dt: Array,

@@ -17,9 +17,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kalscope.common.compiled import compiled
 from kalscope.filtering.kernels import GATE_LIMIT, MISSING, REJECTED, START, UPDATED
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ State = tuple[float, float, float, float, float]
 Gains = tuple[float, float]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def transition(dt: float, q: float, tau: float) -> Transition:
     """e, f, a, b, c over `dt` periods, tau > 0."""
     h = dt / tau
@@ -61,7 +61,7 @@ def transition(dt: float, q: float, tau: float) -> Transition:
     return math.exp(-h), tau * u, q * tau * a, 0.5 * q * u * u, -0.5 * q / tau * math.expm1(-2.0 * h)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def predict(over: Transition, state: State) -> State:
     """The state one step later."""
     e, f, a, b, c = over
@@ -69,7 +69,7 @@ def predict(over: Transition, state: State) -> State:
     return x + f * v, e * v, p + f * (2.0 * g + f * w) + a, e * (g + f * w) + b, e * e * w + c
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def step(
     z: float, over: Transition, r: float, gate: float, state: State, rejected: int
 ) -> tuple[State, float, float, float, int]:
@@ -96,7 +96,7 @@ def step(
     return (x + k * innovation, v + ell * innovation, kept[0], kept[1], kept[2]), k, innovation, s, UPDATED
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def filter_channel(
     z: Array,
     dt: Array,
@@ -135,7 +135,7 @@ def filter_channel(
     return state, -0.5 * (m * math.log(2.0 * math.pi) + logdet + chi2), m, refused, in_a_row
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def denoise_channel(
     z: Array, dt: Array, q: float, r: float, tau: float, gate: float, state: State, out: Array
 ) -> int:
@@ -165,7 +165,7 @@ def denoise_channel(
     return -1
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def after_missing(z: Array, i: int) -> int:
     """Where to try the next chunk after the one at `i` failed: behind its first sample that is not finite."""
     for j in range(i, min(i + CHUNK, z.shape[0])):
@@ -174,7 +174,7 @@ def after_missing(z: Array, i: int) -> int:
     return i + CHUNK
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def has_settled(before: State, after: State) -> bool:
     """True where no variance changed by more than rounding."""
     return (
@@ -184,7 +184,7 @@ def has_settled(before: State, after: State) -> bool:
     )
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def advance_settled(
     z: Array, gains: Gains, over: Transition, state: State, i: int, out: Array
 ) -> tuple[int, State]:
@@ -204,7 +204,7 @@ def advance_settled(
     return i, (x, v, p, g, w)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def block_response(gains: Gains, over: Transition, response: Array) -> None:
     """What a block of the settled filter takes over: row j is sample j of BLOCK.
 
@@ -225,7 +225,7 @@ def block_response(gains: Gains, over: Transition, response: Array) -> None:
         response[j, 0], response[j, 1], response[j, 2], response[j, 3] = a11, a12, a21, a22
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def advance_chunk(
     z: Array, gains: Gains, over: Transition, response: Array, x: float, v: float, out: Array
 ) -> tuple[float, float]:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kalscope.common.compiled import compiled
 from kalscope.filtering.momentum.kernels import MISSING, REJECTED, State, Transition, predict, step, transition
 
 Array = NDArray[np.float64]
 FourRows = tuple[Array, Array, Array, Array]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def smooth_channel(
     z: Array,
     dt: Array,
@@ -66,14 +66,14 @@ def smooth_channel(
         out_x[i], out_v[i], out_p[i], out_g[i], out_w[i] = after
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def backwards(over: Transition, after: State) -> State:
     """The state before a diffuse start: nothing but what comes later is known, and time may run backwards."""
     e, f, a, b, c = over
     return predict((e, -f, a, -b, c), after)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def corrected(over: Transition, state: State, after: State) -> State:
     """The filtered `state`, given the smoothed state `after` it."""
     e, f, a, b, c = over
@@ -105,7 +105,7 @@ def corrected(over: Transition, state: State, after: State) -> State:
     )
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def quadratic(a1: float, a2: float, b1: float, b2: float, p: float, g: float, w: float) -> float:
     """(a1, a2) [[p, g], [g, w]] (b1, b2)'."""
     return a1 * (p * b1 + g * b2) + a2 * (g * b1 + w * b2)

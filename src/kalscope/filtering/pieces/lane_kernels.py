@@ -6,8 +6,9 @@ One recursion waits 12 processor cycles for each sample; eight that do not wait 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from kalscope.common.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -18,7 +19,7 @@ BLOCK = 384
 """Samples that every lane takes before what is drawn of them is picked; a multiple of all periods of the gain."""
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def filter_lanes(
     z: Array,
     warm: int,
@@ -67,7 +68,7 @@ def filter_lanes(
     return lanes, last, total
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def filter_blocks(z: Array, n: int, k: Array, rows: Array) -> None:
     """One block in all lanes: rows[l, 0] is the x before, rows[l, 1:] becomes that after each sample of z[l n:]."""
     a, b, c, d, e, f, g, h = rows
@@ -85,7 +86,7 @@ def filter_blocks(z: Array, n: int, k: Array, rows: Array) -> None:
         e[j + 1], f[j + 1], g[j + 1], h[j + 1] = e0, f0, g0, h0
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
+@compiled(fastmath={"contract", "reassoc", "nsz"})
 def weighted_squares(z: Array, x: Array, weight: Array) -> float:
     """Σ weight (z − x)² of one block, added in any order."""
     total = 0.0

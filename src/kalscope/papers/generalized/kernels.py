@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from kalscope.common.compiled import compiled
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def step(m: float, sigma_m: float, e: float, sigma_e: float) -> tuple[float, float, float, float, float]:
     """One sample: returns E, σE, K, M − E and σE + σM. NaN for e or inf for sigma_e say "not started".
 
@@ -32,7 +33,7 @@ def step(m: float, sigma_m: float, e: float, sigma_e: float) -> tuple[float, flo
     return e, (1.0 - k) * before, k, v, s
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def run(z: Array, sigma_m: float, e: float, sigma_e: float, out: tuple[Array, Array, Array, Array, Array]) -> int:
     """Filter one channel into `out` = (E, σE, K, M − E, σE + σM).
 

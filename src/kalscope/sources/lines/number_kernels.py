@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from kalscope.common.compiled import compiled
 
 Bytes = NDArray[np.uint8]
 
@@ -49,7 +50,7 @@ def _fives() -> NDArray[np.uint64]:
 _FIVES = _fives()
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
     """The upper and the lower 64 bits of a product."""
     a_low, a_high, b_low, b_high = a & _LOW, a >> _HALF, b & _LOW, b >> _HALF
@@ -59,7 +60,7 @@ def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
     return a_high * b_high + (middle >> _HALF) + (other >> _HALF), (other << _HALF) | (low & _LOW)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def scaled(digits: int, tens: int) -> float:
     """A number of at most MAX_DIGITS digits times a power of ten of at most MAX_TENS, up or down, rounded once."""
     if digits <= _MAX_PLAIN and -_MAX_PLAIN_TENS <= tens <= _MAX_PLAIN_TENS:
@@ -86,7 +87,7 @@ def scaled(digits: int, tens: int) -> float:
     return math.ldexp(float(found), ((217706 * tens) >> 16) + 63 + int(upper) - zeros - 52)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _roughly(data: Bytes, at: int, end: int) -> float:
     """The digits between two places as one whole number, with a rounding each."""
     rough = 0.0
@@ -96,7 +97,7 @@ def _roughly(data: Bytes, at: int, end: int) -> float:
     return rough
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _exponent(data: Bytes, at: int) -> tuple[int, int]:
     """The power of ten behind an e, and its end; 1000 where it is as large or none."""
     down = data[at] == 45
@@ -110,7 +111,7 @@ def _exponent(data: Bytes, at: int) -> tuple[int, int]:
     return (-power if down else power), at
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def read_number(data: Bytes, at: int, decimal: int) -> tuple[float, int, int]:
     """The number, or nan, that begins at `at`; where it ends; and EXACT, ROUNDED or BAD.
 

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kalscope.common.compiled import compiled
 from kalscope.sources.lines.number_kernels import BAD, EXACT, ROUNDED, TENS, Bytes, read_number
 
 NEVER, ALWAYS, AFTER_ITS_LIKE = 0, 1, 2
@@ -24,14 +24,14 @@ _EMPTY, _NO_CELL = -1, -2
 """What `_odd_cell` found besides what `read_number` finds: nothing between two marks; the end of the line."""
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _past_blanks(data: Bytes, at: int, delimiter: int) -> int:
     while data[at] == _BLANK or (data[at] == _TAB and delimiter != _TAB):
         at += 1
     return at
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _past_text(data: Bytes, at: int, delimiter: int) -> int:
     """The end of a cell of text; −1 where a byte may change what the line means: a quote, a bracket."""
     if data[at] in _LINE_MARKS:
@@ -44,7 +44,7 @@ def _past_text(data: Bytes, at: int, delimiter: int) -> int:
     return at
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _odd_cell(data: Bytes, at: int, marks: tuple[int, int], wanted: int) -> tuple[float, int, int]:
     """The cell at `at`, however it is written: its value, the byte before the next cell or the newline, kind."""
     delimiter, decimal = marks
@@ -79,7 +79,7 @@ class RowForm(NamedTuple):
     """The column of the time; −1 where there is none."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def read_plain_rows(
     data: Bytes, at: int, form: RowForm, before: int, out: NDArray[np.float64], rounded: NDArray[np.int64]
 ) -> tuple[int, int, int, int]:
@@ -140,7 +140,7 @@ def read_plain_rows(
     return row, end, before, hard
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _is_row(form: RowForm, fields: int, before: int, values: NDArray[np.float64]) -> bool:
     """Whether a line of so many fields is a row, and its stamp no damage."""
     kind = form.widths[fields] if fields < len(form.widths) else NEVER

@@ -1,0 +1,105 @@
+"""Loops that numba compiles, or loads from its cache on the disk, when they are first needed.
+
+numba takes 0.4 s to import and to set up, longer than all else that a command does with a small file. So some loops
+run at first as the Python that they are written in, and are compiled once they have taken many samples.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+from collections.abc import Callable
+from typing import Any, Generic, ParamSpec, TypeVar, cast
+
+import numpy as np
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+MAX_PLAIN = 20_000
+"""Samples that a loop takes as plain Python, in about 20 ms; a stream that goes on needs the compiled loop."""
+
+_numba = threading.Event()
+"""Set once numba is loaded: from then on every loop is compiled."""
+_at_load: list[Callable[[], None]] = []
+
+
+def compiled(*, plain: bool = False, **options: Any) -> Callable[[Callable[P, R]], Compiled[P, R]]:
+    """Make a compiled loop of a function; it releases the GIL (a reader thread must not starve).
+
+    Args:
+        plain: it may run as plain Python at first, because this gives the same numbers to the last bit: neither
+            fast-math flags, nor numpy's division by zero, nor integers that overflow.
+        options: further options of numba's `njit`.
+    """
+    return lambda function: Compiled(function, plain, options)
+
+
+def when_numba_loads(action: Callable[[], None]) -> None:
+    """Call `action` right before the first loop is compiled or loaded; at once where that was before."""
+    if _numba.is_set():
+        action()
+    else:
+        _at_load.append(action)
+
+
+class Compiled(Generic[P, R]):
+    """A function of numbers and contiguous arrays; the first argument holds its samples."""
+
+    def __init__(self, function: Callable[P, R], plain: bool, options: dict[str, Any]) -> None:
+        self.py_func, self.may_be_plain, self.options = function, plain, options
+        self._plain_left = MAX_PLAIN if plain else -1
+        self._dispatcher: Any = None
+        self._loading = threading.Lock()
+        self._run: Callable[P, R] = self._while_few_samples
+        functools.update_wrapper(cast("Any", self), function, updated=())
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Run the loop."""
+        return self._run(*args, **kwargs)
+
+    def _while_few_samples(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        self._plain_left -= getattr(args[0], "size", 1)
+        if self._plain_left >= 0 and not _numba.is_set():
+            return self.py_func(*cast("Any", map(_plain, args)), **kwargs)
+        self._run = self.dispatcher
+        return self._run(*args, **kwargs)
+
+    @property
+    def dispatcher(self) -> Any:
+        """Numba's object."""
+        with self._loading:  # two of them would be compiled twice
+            if self._dispatcher is None:
+                self._dispatcher = _dispatcher(self.py_func, self.options)
+            return self._dispatcher
+
+    @property
+    def _numba_type_(self) -> Any:  # numba asks for this and the next where a compiled loop calls this one
+        return self.dispatcher._numba_type_
+
+    @property
+    def targetoptions(self) -> Any:
+        """Whether it is inlined."""
+        return self.dispatcher.targetoptions
+
+
+def _plain(value: Any) -> Any:
+    """What makes plain Python of an argument: arrays as memory that holds Python's own numbers."""
+    if isinstance(value, np.ndarray):
+        return memoryview(cast("Any", value))
+    if isinstance(value, tuple):
+        return tuple(map(_plain, cast("tuple[Any, ...]", value)))
+    return cast("Any", value).item() if isinstance(value, np.generic) else value
+
+
+def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    from numba import njit
+
+    while _at_load:
+        _at_load.pop()()
+    _numba.set()
+    jit = cast("Any", njit)
+    try:
+        return jit(cache=True, nogil=True, **options)(function)
+    except RuntimeError:  # there is no folder that the cache may be written to
+        return jit(nogil=True, **options)(function)

@@ -1,0 +1,125 @@
+"""Compiled loops: what runs as plain Python at first gives the same bits, and the compiler waits until it pays."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import kalscope
+from kalscope.common import compiled
+from kalscope.common.compiled import Compiled
+from kalscope.filtering import kernels
+
+
+def loops():
+    """Every compiled loop of the package, by its full name."""
+    names = [one.name for one in pkgutil.walk_packages(kalscope.__path__, "kalscope.")]
+    modules = [importlib.import_module(name) for name in names if name.endswith("kernels")]
+    return {
+        f"{one.__module__}.{one.__name__}": one
+        for module in modules
+        for one in vars(module).values()
+        if isinstance(one, Compiled)
+    }
+
+
+def plainly(loop, *args):
+    """What the loop gives as plain Python."""
+    return loop.py_func(*map(compiled._plain, args))
+
+
+def bits(value):
+    """A value with its type, by which two are equal only to the last bit."""
+    if isinstance(value, tuple):
+        return tuple(map(bits, value))
+    return type(value), value.hex() if isinstance(value, float) else value
+
+
+def test_only_loops_that_cannot_differ_run_as_plain_python():
+    plain = {name: loop for name, loop in loops().items() if loop.may_be_plain}
+    assert {name.rpartition(".")[2] for name in plain} >= {"step", "filter_channel"}
+    assert all(set(loop.options) <= {"inline"} for loop in plain.values()), plain
+    assert len(loops()) > 40
+
+
+@pytest.fixture
+def plain_steps(monkeypatch):
+    """`filter_channel` as plain Python calls the plain `step`."""
+    monkeypatch.setattr(kernels, "step", kernels.step.py_func)
+
+
+def records():
+    """Records of all kinds: gaps, steps of any length, jumps for the gate, values of any size."""
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        n = int(random.integers(0, 400))
+        z = random.normal(size=n).cumsum() * 10.0 ** random.integers(-160, 150)
+        z[random.random(n) < random.choice([0.0, 0.02, 0.5])] = np.nan
+        z[random.random(n) < 0.01] *= 50.0
+        dt = random.choice([0.0, 0.5, 1.0, 3.0], size=n) if seed % 3 == 0 else np.empty(0)
+        scale = max(float(np.nanvar(z)) if n and np.isfinite(z).any() else 1.0, 1e-300)
+        q, r = scale * random.choice([0.0, 1e-6, 0.1, 1.0]), scale * random.choice([1e-3, 1.0])
+        gate = random.choice([np.inf, 9.0, 1.0])
+        x, p = (np.nan, np.inf) if seed % 2 else (float(random.choice([np.nan, 0.0])), random.choice([0.0, scale]))
+        yield z, dt, float(q), float(r if seed % 7 else 0.0 if q else r), float(gate), x, float(p)
+
+
+@pytest.mark.usefixtures("plain_steps")
+@pytest.mark.filterwarnings("error")
+def test_the_filter_gives_the_same_bits_plain_and_compiled():
+    compared = 0
+    for z, dt, *numbers in records():
+        outs = [tuple(np.full(len(z), -7.0) for _ in range(5)) for _ in range(2)]
+        plain = plainly(kernels.filter_channel, z, dt, *numbers, 0, outs[0])
+        whole = kernels.filter_channel.dispatcher(z, dt, *numbers, 0, outs[1])
+        assert bits(plain) == bits(whole)
+        for one, other in zip(*outs, strict=True):
+            assert one.tobytes() == other.tobytes()
+        compared += len(z)
+    assert compared > 5000
+
+
+def test_one_step_gives_the_same_bits_plain_and_compiled():
+    step, values = kernels.step.dispatcher, [0.0, -0.0, 1.0, 3e-9, 1e200, np.nan, np.inf]
+    for seed in range(2000):
+        random = np.random.default_rng(seed)
+        z, x = random.choice(values[:6], 2)
+        dt, q, r = np.abs(random.choice(values[:5], 3)) if seed % 2 else random.random(3)
+        p, gate = random.choice([0.0, 1.0, 1e300, np.inf]), random.choice([1.0, 9.0, np.inf])
+        given = (*map(float, (z, dt, q, r, gate, x, p)), int(random.integers(0, 7)))
+        assert bits(kernels.step.py_func(*given)) == bits(step(*given)), given
+
+
+FEW = """
+import sys, numpy as np
+from kalscope.common.compiled import MAX_PLAIN
+from kalscope import FilterParams, KalmanFilter, kalman_filter
+z = np.sin(np.arange(MAX_PLAIN / 2))
+few = kalman_filter(z, FilterParams(0.1, 1.0))
+assert "numba" not in sys.modules
+more = kalman_filter(np.r_[z, z], FilterParams(0.1, 1.0))
+assert "numba" in sys.modules
+assert few.x.tobytes() == more.x[: len(z)].tobytes()
+print(few.x[-1])
+"""
+
+
+def test_a_short_record_is_filtered_without_the_compiler_and_a_long_one_with_it():
+    assert subprocess.run([sys.executable, "-c", FEW], check=True, capture_output=True).stdout
+
+
+def test_loops_run_where_no_folder_takes_their_cache(monkeypatch):
+    from numba.core import caching
+
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
+    loop = compiled.compiled()(doubled)
+    assert loop(np.ones(3)) == 6.0
+
+
+def doubled(z):
+    return 2.0 * z.sum()
