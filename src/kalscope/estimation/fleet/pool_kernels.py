@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kalscope.common.compiled import compiled
 from kalscope.estimation.fleet.many.fit_kernels import FREE, LOGLIK, MIN_SAMPLES, ROWS, Q, R, fit_one
 from kalscope.estimation.fleet.many.lane_kernels import loglik_of, sums_at, walk_sums
 from kalscope.estimation.fleet.many.record_kernels import GOOD, take_apart
@@ -29,13 +29,13 @@ SLOPE_STEP = 1e-3
 """Step in ln λ for the slope of the log-likelihood."""
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def is_fit(d: Array, found: int, n: int, scale: float) -> bool:
     """Whether a series counts in the pool: it can be fitted, and its squares fit a double."""
     return found == GOOD and n >= MIN_SAMPLES and bool(d.any()) and SMALLEST < scale < LARGEST
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def add_up(
     values: Array,
     steps: Array,
@@ -73,7 +73,7 @@ def add_up(
         counts[1] += m
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def lose_each(
     values: Array,
     steps: Array,
@@ -96,7 +96,7 @@ def lose_each(
             lose_one(d[:m], gap[:gaps], scale, ratio[i], noise, out, losses[:, i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def lose_one(d: Array, gap: Array, scale: float, ratio: float, noise: float, out: Array, loss: Array) -> None:
     """`lose_each` of one series."""
     m, half = d.shape[0], d.shape[0] // 2
@@ -124,7 +124,7 @@ def lose_one(d: Array, gap: Array, scale: float, ratio: float, noise: float, out
         loss[HELD_OUT_OWN] = scale * unseen_error(d, gap, out[Q] / out[R], half)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def unseen_error(d: Array, gap: Array, ratio: float, since: int) -> float:
     """Root mean square of the innovations from `since` on of the filter of one λ, 0 … ∞."""
     v, p, kept, squares = 0.0, 1.0, 0.0, 0.0

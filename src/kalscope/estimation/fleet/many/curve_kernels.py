@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from kalscope.common.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -30,7 +31,7 @@ _TO_SERIES: Array = np.array(
 )
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def fit_series(values: Array, series: Array) -> None:
     """The series through the values at NODES, all shape (POINTS,); the first value is added last, without loss."""
     for k in range(POINTS):
@@ -41,7 +42,7 @@ def fit_series(values: Array, series: Array) -> None:
     series[0] += values[0]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def differentiate(series: Array, slope: Array) -> None:
     """The series of the derivative, by x in −1 … 1; the same shape, its last coefficient 0."""
     n = series.shape[0]
@@ -52,7 +53,7 @@ def differentiate(series: Array, slope: Array) -> None:
     slope[0] *= 0.5
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def value_of(series: Array, x: float) -> float:
     """The series at x, by Clenshaw's rule."""
     one = two = 0.0
@@ -61,7 +62,7 @@ def value_of(series: Array, x: float) -> float:
     return series[0] + x * one - two
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def root_between(series: Array, slope: Array, low: float, high: float) -> float:
     """The root between two places of different sign: Newton's steps, halves where these leave the bracket."""
     rising = value_of(series, high) > 0.0
@@ -83,7 +84,7 @@ def root_between(series: Array, slope: Array, low: float, high: float) -> float:
     return x
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def top_of(series: Array) -> tuple[float, float, float]:
     """The highest place on −1 … 1: x, the height there, and the second derivative by x."""
     slope, bend = np.empty_like(series), np.empty_like(series)
@@ -106,7 +107,7 @@ def top_of(series: Array) -> tuple[float, float, float]:
     return at, height, value_of(bend, at)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def outermost_crossing(series: Array, level: float, from_left: bool) -> float:
     """The first x from one end of −1 … 1 at which the series reaches the level; that end where it never does."""
     shifted, slope = series.copy(), np.empty_like(series)

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kalscope.common.compiled import compiled
 from kalscope.estimation.fleet.many.lane_kernels import loglik_of, sums_at, walk_sums
 from kalscope.estimation.fleet.many.record_kernels import GOOD, INFINITE, shows_steps, take_apart
 from kalscope.estimation.fleet.many.search_kernels import find_peak
@@ -33,7 +33,7 @@ DERIVATIVE_STEP = 1e-3
 """As in the modules that are followed; a test holds them equal."""
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def fit_each(
     values: Array,
     steps: Array,
@@ -67,7 +67,7 @@ def fit_each(
             stepped[i] = codes[i] <= NO_NOISE and shows_steps(d[:m], MIN_CHANGES, MAX_CHANGING)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def fit_one(d: Array, gap: Array, scale: float, kind: int, known: float, out: Array) -> int:
     """Fit the differences of one series into `out`; its code."""
     noise, highest = 0.0, 24.0
@@ -102,7 +102,7 @@ def fit_one(d: Array, gap: Array, scale: float, kind: int, known: float, out: Ar
     return FLAT if low == -math.inf and high == math.inf else OK
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def pair_at(
     d: Array, gap: Array, scale: float, kind: int, place: float, bend: float, noise: float
 ) -> tuple[tuple[float, float, float, float], float]:

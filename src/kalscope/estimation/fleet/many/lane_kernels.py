@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kalscope.common.compiled import compiled
 from kalscope.estimation.likelihood.kernels import LANES, scan_ratios
 
 Array = NDArray[np.float64]
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 LOG_2_PI = math.log(2.0 * math.pi)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def sums_at(d: Array, gap: Array, log_ratios: Array, chi2: Array, logdet: Array) -> None:
     """Σv²/f (in scale²) and Σln f for each ln λ, in any order; −inf is λ = 0."""
     count = log_ratios.shape[0]
@@ -32,7 +32,7 @@ def sums_at(d: Array, gap: Array, log_ratios: Array, chi2: Array, logdet: Array)
         chi2[order[j]], logdet[order[j]] = squares[j], logs[j]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def falling(values: Array) -> NDArray[np.intp]:
     """The places of some dozens of values in falling order; of equal ones the first comes first."""
     order = np.empty(values.shape[0], np.intp)
@@ -45,7 +45,7 @@ def falling(values: Array) -> NDArray[np.intp]:
     return order
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def loglik_of(chi2: float, logdet: float, m: int, scale: float, noise: float) -> float:
     """Log-likelihood of the sums in the unit of the data: with `noise` as r in scale², or 0 for the best r."""
     if noise > 0.0:
@@ -54,7 +54,7 @@ def loglik_of(chi2: float, logdet: float, m: int, scale: float, noise: float) ->
     return -0.5 * (m * (LOG_2_PI + 1.0 + log_r) + logdet)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def logliks_at(d: Array, gap: Array, log_ratios: Array, scale: float, noise: float, values: Array) -> None:
     """`loglik_of` each ln λ into `values`."""
     logdet = np.empty_like(values)
@@ -63,7 +63,7 @@ def logliks_at(d: Array, gap: Array, log_ratios: Array, scale: float, noise: flo
         values[j] = loglik_of(values[j], logdet[j], d.shape[0], scale, noise)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def walk_sums(d: Array, gap: Array) -> tuple[float, float, int]:
     """λ = ∞: Σd²/g in scale², Σln g, and the steps that count; inf where two samples of one instant differ."""
     chi2 = logdet = 0.0

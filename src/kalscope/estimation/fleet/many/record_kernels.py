@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from kalscope.common.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -17,7 +18,7 @@ _MAX_GAP = 1e150
 """Periods; a longer gap changes nothing, and its product with λ must fit a double."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def take_apart(z: Array, steps: Array, d: Array, gap: Array) -> tuple[int, int, int, int, float]:
     """The differences of neighbouring finite samples into `d`, the periods between them into `gap`.
 
@@ -54,7 +55,7 @@ def take_apart(z: Array, steps: Array, d: Array, gap: Array) -> tuple[int, int, 
     return GOOD, m, 0 if even else m, min(m + 1, finite), math.ldexp(1.0, exponent + 1)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def shows_steps(d: Array, least: int, most: float) -> bool:
     """Whether many readings repeat, and enough do not."""
     changes = 0

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kalscope.common.compiled import compiled
 from kalscope.estimation.fleet.many.curve_kernels import NODES, POINTS, fit_series, outermost_crossing, top_of
 from kalscope.estimation.fleet.many.lane_kernels import logliks_at
 
@@ -20,7 +20,7 @@ Peak = tuple[float, float, float, float, float]
 """ln λ of the maximum, log-likelihood there, its second derivative, and the interval of ln λ."""
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def find_peak(d: Array, gap: Array, scale: float, noise: float, highest: float, at_infinity: float) -> Peak:
     """The maximum over ln λ and its interval; `noise` is r in scale² where it is known, 0 where not."""
     lowest = min(-24.0, -2.0 * math.log(d.shape[0]) - 6.0)
@@ -47,7 +47,7 @@ def find_peak(d: Array, gap: Array, scale: float, noise: float, highest: float, 
     return top, best, curvature, low, high
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def inserted(values: Array, place: int, value: float) -> Array:
     """The values with one more before `place`."""
     longer = np.empty(values.shape[0] + 1)
@@ -56,7 +56,7 @@ def inserted(values: Array, place: int, value: float) -> Array:
     return longer
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def highest_tops(values: Array) -> NDArray[np.intp]:
     """The places of the highest local maxima of the grid, at most MAX_PEAKS."""
     tops = np.empty(MAX_PEAKS + 1, np.intp)
@@ -73,7 +73,7 @@ def highest_tops(values: Array) -> NDArray[np.intp]:
     return tops[:found]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def refine(
     d: Array, gap: Array, scale: float, noise: float, grid: Array, values: Array
 ) -> tuple[float, float, float]:
@@ -97,7 +97,7 @@ def refine(
     return top, best, curvature
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def interval(
     d: Array,
     gap: Array,
@@ -141,7 +141,7 @@ def interval(
     return low, high
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def place_nodes(stretch: tuple[float, float], points: Array) -> None:
     """The points of a polynomial on a stretch."""
     for j in range(POINTS):
