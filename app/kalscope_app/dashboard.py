@@ -99,8 +99,8 @@ class Dashboard:
         self._note = ""
         self._last: Frame | None = None
         self._toasts = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
-        self._map = TuningMapView(server, self.session)
-        self._phones = PhonePictures(server, self._map.set_phone)
+        self._map = TuningMapView(self.session)
+        self._phones = PhonePictures(server)
         self._build(folder)
         make_map, still = MapMaker(), StillStretches()
         rounds = [
@@ -264,11 +264,10 @@ class Dashboard:
         self._checks.show(checks)
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
-        """A new browser: its own upload button, its view of the map, and the tour."""
+        """A new browser: its own upload button, its picture if it is on a phone, and the tour."""
         self._source.add_upload(client)
         self._tuning_file.add_upload(client)
         self._phones.attach(client)
-        self._map.attach(client)
         self._tour.attach(client)
         if client.client_id not in self._server.get_clients():  # gone already: both run in a pool, in any order
             self._on_disconnect(client)
@@ -276,7 +275,6 @@ class Dashboard:
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         self._phones.detach(client)
         self._toasts.pop(client, None)
-        self._map.detach(client)
 
 
 def only_grown(last: Frame, frame: Frame) -> bool:

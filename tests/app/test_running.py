@@ -14,6 +14,7 @@ from waiting import PATIENCE, wait_until
 from wire import Guest
 
 from kalscope_app.session.session import Failed
+from kalscope_app.views.window.page_script import MAP_POINTED
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and modes as POSIX has them")
 
@@ -120,21 +121,20 @@ def in_the_pool(self, *_):
 def in_a_thread(self, client):
     threading.Thread(target=raising, name="reader").start()
 
-async def in_the_scene(self, event):
-    raise LookupError("no such node")
+def on_the_map(self):
+    raise LookupError("no such point")
 
 TuningFileView._ask_to_save = on_the_loop
 SourceView._upload = in_the_pool
 report.filtered_csv = raising
 CodeView._save = in_a_thread
-TuningMapView._on_click = in_the_scene
+TuningMapView._on_pointed = on_the_map
 """
 BUTTONS = {
     "Save tuning file": "no such save",
     "Download filtered CSV": "no such kalscope-jobs",
     "Save to the folder": "no such reader",
 }
-CLICK = {"instance_index": None, "screen_pos": (0.5, 0.5), "modifier": None, "owner": ""}
 
 
 def test_an_uncaught_error_is_shown_and_logged_and_the_dashboard_goes_on(tmp_path):
@@ -150,10 +150,8 @@ def test_an_uncaught_error_is_shown_and_logged_and_the_dashboard_goes_on(tmp_pat
             guest.send("FileTransferStartUpload", **transfer, **size, filename="x.csv", mime_type="text/csv")
             guest.send("FileTransferPart", **transfer, part_index=0, content=b"1")
             guest.read_until(lambda: "no such upload" in "".join(guest.notices))
-            guest.read_until(lambda: "/map/glass" in guest.nodes)
-            ray = {"ray_origin": (0.0, 0.0, 60.0), "ray_direction": (0.0, 0.0, -1.0)}
-            guest.send("SceneNodeClickMessage", name="/map/glass", **ray, **CLICK)
-            guest.read_until(lambda: "no such node" in "".join(guest.notices))
+            guest.set(guest.find(MAP_POINTED), (0.5, 0.5, -1.0))
+            guest.read_until(lambda: "no such point" in "".join(guest.notices))
             told = "".join(guest.notices)
             assert told.count("Something went wrong") >= len(BUTTONS) + 2
             assert all(failed not in told for failed in Failed)
@@ -167,7 +165,7 @@ def test_an_uncaught_error_is_shown_and_logged_and_the_dashboard_goes_on(tmp_pat
     log = (tmp_path / "kalscope.log").read_text()
     assert "Traceback" in log
     assert "Traceback" not in err
-    assert [said for said in (*BUTTONS.values(), "no such upload", "no such node") if said not in log] == []
+    assert [said for said in (*BUTTONS.values(), "no such upload", "no such point") if said not in log] == []
 
 
 # --- the end ----------------------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
-"""Where things lie on the tuning map: the sizes of its picture, pixels ⇄ scene ⇄ (q, r), lines of equal lag. Pure.
+"""Where things lie on the tuning map: the sizes of its picture, pixels ⇄ (q, r), lines of equal lag. Pure.
 
-Pixels are those of the page, counted from the top left of the canvas. The scene counts hundreds of them from the
-centre, y upwards. Exponents are log₁₀ of q and r in unit².
+Pixels are counted from the top left of the picture. Exponents are log₁₀ of q and r in unit².
 """
 
 from __future__ import annotations
@@ -11,15 +10,6 @@ from dataclasses import dataclass
 
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import ratio_for, steady_state
-
-PIXELS = 100.0
-"""Pixels in one unit of the scene."""
-
-DISTANCE = 60.0
-"""From the camera to the map, in units of the scene: so far that the view is nearly parallel."""
-
-GRIP = 16.0
-"""Pixels around the present point within which a drag takes hold of it instead of calling it."""
 
 Point = tuple[float, float]
 Range = tuple[int, int]
@@ -67,14 +57,6 @@ class MapFrame:
         q, r = point
         return min(max(q, self.q[0]), self.q[1]), min(max(r, self.r[0]), self.r[1])
 
-    def scene(self, pixel: Point) -> Point:
-        """Place in the scene of a pixel."""
-        return (pixel[0] - 0.5 * self.width) / PIXELS, (0.5 * self.height - pixel[1]) / PIXELS
-
-    def of_scene(self, place: Point) -> Point:
-        """Pixel of a place in the scene."""
-        return 0.5 * self.width + PIXELS * place[0], 0.5 * self.height - PIXELS * place[1]
-
     def inside(self, pixel: Point) -> bool:
         """Whether a pixel lies in the rectangle or on its edge."""
         return self.left <= pixel[0] <= self.right and self.top <= pixel[1] <= self.bottom
@@ -89,33 +71,6 @@ def frame_for(width: float, height: float, q: Range, r: Range, momentum: float =
 
 LEGEND_HEIGHT = 258.0
 """Pixels under the map: numbers, name of the axis, colour bar, legend, a sentence."""
-
-
-def grabbed(frame: MapFrame, present: Point, pressed: Point) -> Point:
-    """Pixels from where a drag began to the present point, (0, 0) if it did not take hold of it.
-
-    Args:
-        frame: where the map is.
-        present: exponents of the present point.
-        pressed: pixel at which the drag began.
-    """
-    x, y = frame.pixel(frame.held(present))
-    away = (x - pressed[0], y - pressed[1])
-    return away if math.hypot(*away) <= GRIP else (0.0, 0.0)
-
-
-def hit(origin: tuple[float, ...], direction: tuple[float, ...]) -> Point | None:
-    """Where a ray meets the plane of the map, z = 0; None if it does not."""
-    if not all(map(math.isfinite, (*origin, *direction))) or direction[2] == 0.0:
-        return None
-    way = -origin[2] / direction[2]
-    return (origin[0] + way * direction[0], origin[1] + way * direction[1]) if way > 0.0 else None
-
-
-def field_of_view(frame: MapFrame, shape: float) -> float:
-    """Vertical angle, radians, under which the whole picture fits into a canvas of `shape` = width : height."""
-    seen = max(frame.height, frame.width / shape) / PIXELS
-    return 2.0 * math.atan(0.5 * seen / DISTANCE)
 
 
 @dataclass(frozen=True)

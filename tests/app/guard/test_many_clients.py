@@ -16,9 +16,11 @@ from pathlib import Path
 import msgspec
 import pytest
 from effort import FUZZ
-from program import end, port_of, running, token_of
+from program import end, labels, port_of, running, token_of
 from websockets.exceptions import ConnectionClosed
 from wire import CAMERA, PATIENCE, Guest, client, packed
+
+from kalscope_app.views.window.page_script import MAP_POINTED
 
 DRAG_S = float(os.environ.get("KALSCOPE_DRAG", "2"))
 MESSAGES = 400 * FUZZ
@@ -82,13 +84,13 @@ def everything_on(guest):
 
     Buttons that start a job are left out: a thousand fits are honest work, and take their time.
     """
-    quick = {"Apply preset", "Reset map view", "Show the tour", "Copy", "Record", "Disconnect"}
+    quick = {"Apply preset", "Show the tour", "Copy", "Record", "Disconnect"}
     widgets = [
         uuid
         for uuid, made in guest.widgets.items()
         if made["type"] != "GuiButtonMessage" or made["props"]["label"] in quick
     ]
-    return Target(widgets, dict(guest.values), sorted(guest.nodes), [*guest.commands, "unknown"])
+    return Target(widgets, dict(guest.values), ["", "/node", *sorted(guest.nodes)], [*guest.commands, "unknown"])
 
 
 # --- fuzz -------------------------------------------------------------------------------------------------
@@ -178,7 +180,7 @@ DRAG = {
     "modifier": None,
     "owner": "",
 }
-"""What the mouse does on the tuning map."""
+"""What a scene sends that has nodes to click and to drag; ours has none."""
 
 HONEST = [
     ("GuiUpdateMessage", {"uuid": "", "updates": {"value": 0.5}}),
@@ -241,7 +243,7 @@ def send_hostile(program, rng, known, count):
 
 def test_whatever_a_client_sends_the_next_one_is_served_as_before(program):
     with settled(program) as before:
-        before.read_until(lambda: "/map/glass" in before.nodes)
+        before.read_until(lambda: MAP_POINTED in labels(before))
         known = before.widgets
     target = everything_on(before)
     assert len(target.commands) > 3
@@ -279,7 +281,7 @@ def within_range(guest, uuid):
     if made["type"] == "GuiTextMessage":
         return isinstance(value, str)
     numbers = value if isinstance(value, list) else [value]
-    if "min" in props and "max" in props:
+    if props.get("min") is not None and props.get("max") is not None:
         return all(props["min"] <= number <= props["max"] for number in numbers)
     return True
 

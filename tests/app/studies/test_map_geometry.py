@@ -1,4 +1,4 @@
-"""Pixels, scene and exponents of the tuning map, as laws and truth tables."""
+"""Pixels and exponents of the tuning map, as laws and truth tables."""
 
 from __future__ import annotations
 
@@ -9,18 +9,7 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, steady_state
-from kalscope_app.studies.map_geometry import (
-    DISTANCE,
-    GRIP,
-    PIXELS,
-    decades,
-    diagonal,
-    field_of_view,
-    frame_for,
-    grabbed,
-    hit,
-    lag_lines,
-)
+from kalscope_app.studies.map_geometry import decades, diagonal, frame_for, lag_lines
 
 FRAME = frame_for(452, 900, (-6, 2), (-4, 2))
 
@@ -44,12 +33,6 @@ def test_there_and_back_is_the_same_place():
     for q, r in np.random.default_rng(0).uniform(-9, 9, (50, 2)):
         pixel = FRAME.pixel((q, r))
         assert FRAME.point(pixel) == pytest.approx((q, r))
-        assert FRAME.of_scene(FRAME.scene(pixel)) == pytest.approx(pixel)
-
-
-def test_the_middle_of_the_canvas_is_the_origin_of_the_scene_and_y_goes_up():
-    assert FRAME.scene((226, 450)) == (0.0, 0.0)
-    assert FRAME.scene((226 + PIXELS, 450 - PIXELS)) == (1.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -74,35 +57,6 @@ def test_the_map_leaves_room_for_its_legend_and_stays_in_the_canvas(size):
     if min(size) >= 380:
         assert frame.right < frame.width
         assert frame.bottom < frame.height - 200
-
-
-@pytest.mark.parametrize(("away", "taken"), [((0, 0), True), ((10, -10), True), ((GRIP + 1, 0), False)])
-def test_a_drag_near_the_point_takes_hold_of_it_and_one_far_away_calls_it(away, taken):
-    x, y = FRAME.pixel((0.0, 0.0))
-    offset = grabbed(FRAME, (0.0, 0.0), (x + away[0], y + away[1]))
-    assert offset == pytest.approx((-away[0], -away[1]) if taken else (0.0, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("origin", "direction", "place"),
-    [
-        ((1.0, 2.0, 60.0), (0.0, 0.0, -1.0), (1.0, 2.0)),
-        ((0.0, 0.0, 60.0), (0.1, 0.0, -1.0), (6.0, 0.0)),
-        ((0.0, 0.0, 60.0), (0.0, 0.0, 1.0), None),
-        ((0.0, 0.0, 60.0), (1.0, 0.0, 0.0), None),
-        ((math.nan, 0.0, 60.0), (0.0, 0.0, -1.0), None),
-    ],
-)
-def test_where_a_ray_meets_the_map(origin, direction, place):
-    assert hit(origin, direction) == (None if place is None else pytest.approx(place))
-
-
-@pytest.mark.parametrize("shape", [0.3, 452 / 900, 1.0, 2.0])
-def test_the_whole_picture_is_seen_and_touches_one_pair_of_edges(shape):
-    height = 2 * DISTANCE * math.tan(field_of_view(FRAME, shape) / 2) * PIXELS
-    assert height >= FRAME.height - 1e-6
-    assert height * shape >= FRAME.width - 1e-6
-    assert height == pytest.approx(FRAME.height) or height * shape == pytest.approx(FRAME.width)
 
 
 @pytest.mark.parametrize("ratio", [1e-5, 0.01, 1.0, 300.0])

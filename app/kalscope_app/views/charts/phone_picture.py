@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +18,7 @@ from kalscope_app.views.charts.pen import Pen
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette
 from kalscope_app.views.charts.time_axis import time_axis
 from kalscope_app.views.scales import range_text, scale_for
-from kalscope_app.views.window.layout import gutter, shape_of
+from kalscope_app.views.window.layout import shape_of
 from kalscope_app.views.window.page_script import PHONE_CHECKBOX
 
 if TYPE_CHECKING:
@@ -38,9 +37,8 @@ MARGIN = 0.04
 class PhonePictures:
     """Draws every frame into the canvas of each phone. A hidden checkbox reports which browsers are on phones."""
 
-    def __init__(self, server: viser.ViserServer, set_phone: Callable[[viser.ClientHandle, bool], None]) -> None:
-        """Args: the server; called when a browser turns out to be a phone's, or no longer to be one."""
-        self._server, self._set_phone = server, set_phone
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
         self._lock = threading.RLock()  # reports, cameras and disconnects arrive in several threads, in any order
         self._shapes: dict[viser.ClientHandle, float | None] = {}
         self._frame: Frame | None = None
@@ -69,13 +67,11 @@ class PhonePictures:
             if client.client_id not in self._server.get_clients():
                 return
             is_phone = checkbox.value  # read here: the last thread to enter must act on the last report
-            self._set_phone(client, is_phone)
             if is_phone:
                 self._shapes[client] = None
                 self._follow_shape(client)
             elif client in self._shapes:
                 self.detach(client)
-                client.scene.set_background_image(gutter(dark=bool(self._frame and self._frame.state.view.dark)))
 
     def _follow_shape(self, client: viser.ClientHandle) -> None:
         """Draw again once the canvas has another shape, as when the phone is turned."""

@@ -50,9 +50,6 @@ th:not(:empty) { padding-bottom: 0.15em; }
 .mantine-Slider-markWrapper { width: 0; }
 .mantine-Slider-markLabel { width: max-content; }
 .uplot:has(> .u-wrap[style*="width: 0px"]) { width: 100%; visibility: hidden; }
-.kalscope-no-map [data-dock-region="right"] { box-sizing: content-box; padding-left: 116px; }
-.kalscope-no-map [data-dock-region="right"] > div:not([data-dock-region-resize]) { margin-left: -116px; }
-.kalscope-no-map [data-dock-region="right"] > div > div:has([data-dock-column]) { width: 100% !important; }
 div:has(> .kalscope-header) + div { padding-bottom: 3px !important; }
 div:has(> .kalscope-verdict) + div button {
   height: 28px; color: var(--button-bg); background: color-mix(in srgb, var(--button-bg) 12%, transparent);
@@ -79,8 +76,7 @@ lets a long path run out of its panel. Beside a slider it repeats the position a
 has the value, its marks reach past the panel, and its column of labels is too narrow for "measurement noise r". On
 a phone a wide table would make all of its panel move sideways.
 
-A chart does not know its width when it is made: it is hidden until it does, and as high as it will be. Without the
-map the chart panel covers the strip of canvas that viser keeps.
+A chart does not know its width when it is made: it is hidden until it does, and as high as it will be.
 
 The last rules hold the header in sight: every box around it, and around the tab below it, is as high as its panel
 allows, so that only the tab scrolls. The verdict is a word in its colour, not a filled button."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
 import viser
-from numpy.typing import NDArray
 
 LEFT_WIDTH = 345
 """Width of the control panel, px."""
@@ -30,11 +28,6 @@ def height_of(share: float, charts: int = 3) -> int:
     return round(share * (WINDOW_HEIGHT - CHROME_HEIGHT - charts * FRAME_HEIGHT))
 
 
-def gutter(*, dark: bool) -> NDArray[np.uint8]:
-    """A plain picture for the canvas between the panels."""
-    return np.full((2, 2, 3), (30, 32, 36) if dark else (236, 239, 242), dtype=np.uint8)
-
-
 def shape_of(client: viser.ClientHandle) -> float | None:
     """Width : height of a browser's canvas; None before it is known."""
     width, height = client.camera.image_width, client.camera.image_height
@@ -49,6 +42,7 @@ class Panels:
         self._dark: bool | None = None
         self._map_shown = False
         self.set_theme(dark=False)
+        server.scene.configure_default_lights(False, cast_shadow=False)  # only phones see it: a flat picture
         server.gui.main_panel.dock_left()
         server.gui.main_panel.set_width(LEFT_WIDTH)
         self.right = server.gui.add_panel()
@@ -62,7 +56,6 @@ class Panels:
         if dark == self._dark:
             return
         self._dark = dark
-        self._server.scene.set_background_image(gutter(dark=dark), format="png")
         self._server.gui.configure_theme(
             dark_mode=dark,
             show_logo=False,

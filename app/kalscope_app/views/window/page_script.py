@@ -7,7 +7,8 @@ resized it repeats those messages with new sizes. Without the script the layout 
 It also lets the charts write the numbers under the mouse to six digits; uPlot itself writes three decimals, and so
 0 for whatever is below 0.0005, and marks a sample that is missing in the corner of the chart.
 
-A second script, `text_boxes.js`, decides when a typed text counts and what may be written over it.
+`text_boxes.js` decides when a typed text counts and what may be written over it, `keyboard.js` makes the page work
+without a mouse, and `map.js` beside `views/map/view.py` shows the tuning map without viser's scene.
 """
 
 from __future__ import annotations
@@ -29,6 +30,16 @@ PHONE_CHECKBOX = "phone"
 ZOOM_SLIDER = "zoom"
 """Label of the hidden slider with which a page asks for the part of the window that was dragged over."""
 
+MAP_PICTURE, MAP_MARK = "map picture", "map mark"
+"""Labels of the hidden images that the page shows as the tuning map."""
+
+MAP_PRESENT = "map present"
+"""Label of the hidden vector that says where the mark is, in shares of the picture; below 0: there is none."""
+
+MAP_POINTED = "map pointed"
+"""Label of the hidden vector with which a page says where the user points, in shares of the picture, and in which
+gesture: a number of its own, negative where it is a click and no drag."""
+
 SIZES = {
     "phone": PHONE_CHECKBOX,
     "zoom": ZOOM_SLIDER,
@@ -43,12 +54,18 @@ SIZES = {
     "noMap": 120,  # px of canvas that viser keeps in any case
     "height": WINDOW_HEIGHT,
     "minHeight": CHROME_HEIGHT + 480,  # px; lower windows scroll
+    "mapPicture": MAP_PICTURE,
+    "mapMark": MAP_MARK,
+    "mapPresent": MAP_PRESENT,
+    "mapPointed": MAP_POINTED,
+    "mapGrip": 0.04,  # of the picture's width: so far from the mark a drag takes hold of it instead of calling it
     "typingPause": 900,  # ms without a key after which a complete number counts without Enter
 }
 
 
 def page_script() -> str:
     """The script for the head of the page."""
-    folder, sizes = files("kalscope_app.views.window"), json.dumps(SIZES)
-    parts = (folder.joinpath(f"{name}.js").read_text("utf-8") for name in ("page_script", "text_boxes", "keyboard"))
+    views, sizes = files("kalscope_app.views"), json.dumps(SIZES)
+    names = "window/page_script", "window/text_boxes", "window/keyboard", "map/map"
+    parts = (views.joinpath(f"{name}.js").read_text("utf-8") for name in names)
     return "".join(f"{{ const sizes = {sizes};\n{part}}}\n" for part in parts)
