@@ -70,4 +70,19 @@ def test_every_action_is_a_command_and_every_heading_a_button_for_keys(browser, 
         for key, opened in (("Enter", "true"), (" ", "false")):
             screen.page.keyboard.press(key)
             screen.wait("([at, value]) => at.ariaExpanded === value", [heading.element_handle(), opened])
+        assert arrows_that_leave(screen, screen.slider("q")) == []
         assert screen.slider("q").get_attribute("aria-label")
+
+
+def arrows_that_leave(screen, slider):
+    """The keys of a move of the slider that are heard outside of it, where viser would turn its camera."""
+    screen.page.evaluate(
+        "() => { window.heard = []; document.addEventListener('keydown', e => heard.push(e.key)) }"
+    )
+    before = slider.get_attribute("aria-valuenow")
+    slider.focus()
+    screen.page.keyboard.press("ArrowRight")
+    screen.page.keyboard.press("Shift")
+    screen.wait("() => heard.includes('Shift')")
+    assert slider.get_attribute("aria-valuenow") != before
+    return screen.page.evaluate("() => heard.filter(key => key !== 'Shift')")

@@ -22,6 +22,14 @@ addEventListener("keydown", (event) => {
   }
 });
 
+// viser turns the camera of its scene by the arrow keys, also while a slider or a tab has the focus: a dozen frames for
+// each press. It listens on the document; React has had the key by then.
+addEventListener("DOMContentLoaded", () =>
+  document.body.addEventListener("keydown", (event) => {
+    if (event.key.startsWith("Arrow") && event.target.matches("[role=slider], [role=tab]")) event.stopPropagation();
+  }),
+);
+
 let waiting = 0;
 const onChange = () => (waiting ||= setTimeout(() => ((waiting = 0), label()), 200));
 addEventListener("DOMContentLoaded", () =>
