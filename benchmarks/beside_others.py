@@ -13,13 +13,15 @@ import importlib.util
 import json
 import sys
 from contextlib import ExitStack
-from typing import Any, NamedTuple
+from dataclasses import asdict
+from typing import Any
 
 from dashboard_page import PROGRAM, Program, chromium
 from machine import Load
 from peer_servers import PEERS
 from playwright.sync_api import Browser
 from press_clock import PLOTLY, UPLOT, in_turns, milliseconds, summary
+from targets import Target
 
 KINDS = {
     "kalscope": ((PROGRAM, "open"), UPLOT),
@@ -30,24 +32,6 @@ VERY_LONG = 10_000_000
 """Samples from which Dash is left out, and twice the time of bare viser is enough."""
 HAS_DASH = importlib.util.find_spec("dash") is not None
 WHAT = {"drawn": "press to changed line", "painted": "press to painted"}
-
-
-class Target(NamedTuple):
-    """One line of the verdict."""
-
-    what: str
-    got: float
-    limit: float
-    unit: str
-
-    @property
-    def met(self) -> bool:
-        """Whether it is kept."""
-        return self.got <= self.limit
-
-    def __str__(self) -> str:
-        verdict = "met   " if self.met else "MISSED"
-        return f"{verdict} {self.what}: {self.got:.2f} {self.unit} (at most {self.limit:.4g} {self.unit})"
 
 
 def measure(browser: Browser, samples: int, presses: int, names: list[str]) -> dict[str, Any]:
@@ -111,7 +95,7 @@ def main() -> None:
     if options.json:
         print(
             json.dumps(
-                {"found": all_found, "targets": [one._asdict() | {"met": one.met} for one in verdict]}, indent=1
+                {"found": all_found, "targets": [asdict(one) | {"met": one.met} for one in verdict]}, indent=1
             )
         )
     else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -47,11 +48,12 @@ def _descends(pid: int, ancestor: int) -> bool:
 
 
 def _kind_of(pid: int) -> str:
-    command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-    kind = next((word[7:].decode() for word in command if word.startswith(b"--type=")), "main")
-    if b"chrom" in command[0]:
-        return f"chromium {kind}"
-    return "driver" if b"node" in command[0] else "program"
+    command = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ")  # chromium parts its own by spaces
+    program, _, arguments = command.partition(b" ")
+    if b"chrom" not in program:
+        return "driver" if b"node" in program else "program"
+    kind = re.search(rb"--type=([\w-]+)", arguments)
+    return f"chromium {kind[1].decode() if kind else 'main'}"
 
 
 class Load:
