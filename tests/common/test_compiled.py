@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import pickle
 import pkgutil
 import subprocess
 import sys
@@ -93,6 +94,10 @@ def test_one_step_gives_the_same_bits_plain_and_compiled():
         p, gate = random.choice([0.0, 1.0, 1e300, np.inf]), random.choice([1.0, 9.0, np.inf])
         given = (*map(float, (z, dt, q, r, gate, x, p)), int(random.integers(0, 7)))
         assert bits(kernels.step.py_func(*given)) == bits(step(*given)), given
+
+
+def test_a_loop_goes_to_another_process_by_its_name():
+    assert pickle.loads(pickle.dumps(kernels.step)) is kernels.step
 
 
 FEW = """

@@ -65,6 +65,10 @@ class Compiled(Generic[P, R]):
         self._run = self.dispatcher
         return self._run(*args, **kwargs)
 
+    def __reduce__(self) -> str:
+        """Another process imports it by its name."""
+        return self.py_func.__name__
+
     @property
     def dispatcher(self) -> Any:
         """Numba's object."""

@@ -39,6 +39,13 @@ SEEDS = {
 }
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _blocks_of_any_size():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(csv_rows, "MAX_BYTES_BY_LINE", 0)
+        yield
+
+
 @pytest.fixture
 def taken(monkeypatch):
     """The number of lines in each plain block."""

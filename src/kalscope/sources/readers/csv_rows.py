@@ -28,6 +28,9 @@ MAX_WORDS = 8
 BLOCK_SIZE = 1 << 19
 """Characters read at once, between two progress reports."""
 
+MAX_BYTES_BY_LINE = 1 << 15
+"""A file up to this size is read line by line, in less time than the compiled loops take to load."""
+
 MAX_SLOW = 64
 """Lines read one by one before plain rows are looked for again, where there are none."""
 
@@ -82,8 +85,8 @@ def read_rows(
     path: Path, encoding: str, layout: Layout, options: ReadOptions = DEFAULTS, progress: Progress | None = None
 ) -> tuple[Array, Tally]:
     """All rows, shape (rows, width), NaN in the columns that are not read, and the account."""
-    reader = _TableReader(layout, options)
     size, progress = path.stat().st_size, progress or Progress()
+    reader = _TableReader(layout, options, by_line=size <= MAX_BYTES_BY_LINE)
     # The next block is read and decoded on another thread while the loops, which release the GIL, parse this one.
     with path.open("rb") as file, ThreadPoolExecutor(1) as ahead:
         text = open_text(file, encoding)
@@ -103,12 +106,12 @@ def _read_block(text: TextIO) -> bytes:
 class _TableReader:
     """Takes the lines of a log in blocks: plain rows at once, all others one by one."""
 
-    def __init__(self, layout: Layout, options: ReadOptions) -> None:
+    def __init__(self, layout: Layout, options: ReadOptions, *, by_line: bool) -> None:
         self.tally = Tally()
         self._layout = layout
         is_gathered = layout.form.kind == "teleplot" or layout.lead is not None
         self._rows = GatheredRows(layout) if is_gathered else Rows(layout)
-        self._plain = block_parser(layout, options)
+        self._plain = None if by_line else block_parser(layout, options)
         self._reader = LineReader(layout, options.without_numbers())
         self._number = 1
         self._above = b""
