@@ -63,9 +63,9 @@ class Overviews:
     def compute(self, state: State) -> Overview:
         """The overview of a state."""
         recording, window = state.recording, state.view.window
-        clock = np.maximum.accumulate(recording.time)
         if len(recording.names) < 2:
-            return Overview(state, clock[:0], ())
+            return Overview(state, np.empty(0), ())
+        clock = np.maximum.accumulate(recording.time)
         at = self._drawn.once(lambda: _drawn_samples(recording, clock, window), recording, window)
         self._filtered.begin(recording, window)
         lanes: list[Lane] = []

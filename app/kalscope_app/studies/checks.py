@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, without_residuals
 from kalscope.analysis.fit.goal import request_in, still_met
+from kalscope.analysis.fit.run import Run
 from kalscope.analysis.judgement import Judgement, judge, needs_noise
 from kalscope.common.array import Array
 from kalscope.estimation.agreement.words import disagreement
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import METHOD_NAMES
-from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope_app.session.state import State
 from kalscope_app.studies.still_stretch import Stretch
@@ -51,9 +51,7 @@ def compute_checks(state: State, still: Callable[[State], Stretch] = lambda _sta
     if not state.filter.is_standard:
         return None
     z, dt = state.z, state.dt
-    whole = diagnose(kalman_filter(z, state.params, dt))
-    if isinstance(whole, tuple):
-        whole = whole[0]
+    whole = diagnose_run(Run.of_samples(z, state.params, dt))
     # q and r that were fitted to the whole recording have seen the second half: estimate again, on the first.
     estimated = state.tuning.how in METHOD_NAMES.values()
 
@@ -62,7 +60,7 @@ def compute_checks(state: State, still: Callable[[State], Stretch] = lambda _sta
 
     held_out = diagnose_held_out(z, fit if estimated else state.params, dt)
     judgement, search = _of_filter(state, whole, held_out, still), _of_search(state, still)
-    return Checks(state, whole, held_out, estimated, judgement, search)
+    return Checks(state, without_residuals(whole), without_residuals(held_out), estimated, judgement, search)
 
 
 def _of_filter(

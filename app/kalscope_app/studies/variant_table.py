@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.filtering.batch import kalman_filter
+from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
+from kalscope.analysis.fit.run import Run
+from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
+from kalscope.filtering.pieces.chosen import filter_at
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope_app.engine.cache import Cache
 from kalscope_app.session.state import State
@@ -78,17 +80,17 @@ class VariantTable:
 
 def measure(state: State, params: FilterParams) -> Measures:
     """What a setting does to the channel on screen, over the whole recording."""
-    recording = state.recording
-    result = kalman_filter(recording.channel(state.channel), params, state.dt)
-    diagnostics = diagnose(result)
+    recording, z = state.recording, state.z
+    run = filter_at(z, params, np.empty(0, dtype=np.intp), state.dt)
     rmse = None
     if recording.truth is not None:
-        error = result.x - recording.truth[:, recording.index(state.channel)]
-        rmse = float(np.sqrt(np.nanmean(error * error))) if np.isfinite(error).any() else None
+        error = denoise(z, params, state.dt)
+        error -= recording.truth[:, state.index]
+        rmse = float(np.sqrt(np.nanmean(np.square(error, out=error)))) if np.isfinite(error).any() else None
     return Measures(
         steady=steady_state(params, recording.sample_period),
         rmse=rmse,
-        diagnostics=diagnostics[0] if isinstance(diagnostics, tuple) else diagnostics,
-        loglik=float(result.loglik),
-        scored=int(result.m),
+        diagnostics=without_residuals(diagnose_run(Run.of_samples(z, params, state.dt))),
+        loglik=float(run.loglik),
+        scored=int(run.m),
     )

@@ -15,13 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.analysis import residual_tests
 from kalscope.analysis.fit.correction import MIN_SAMPLES
-from kalscope.analysis.fit.findings import Columns, Findings, find_misfits
+from kalscope.analysis.fit.findings import Findings, find_misfits
+from kalscope.analysis.fit.record import finite
+from kalscope.analysis.fit.run import Columns, Run
 from kalscope.analysis.fit.spikes import Spikes
 from kalscope.analysis.fit.words import NO_FAULT, Known, advice_text, findings_in_words
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import samples_of
-from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.batch import FilterResult
 from kalscope.filtering.params import FilterParams
 
 Fit = Callable[[Array, Array | None], FilterParams]
@@ -119,15 +121,9 @@ def diagnose(
     Source: Durbin & Koopman (2012), section 2.12; Bar-Shalom et al. (2001), section 5.4; Mehra (1970).
     """
     _check_lags(lags)
-    columns = (result.x, result.p, result.k, result.innovation, result.s)
-    momentum = _has_momentum(result)
     if result.x.ndim == 1:
-        return _diagnose_channel(columns, lags, fitted, _prior_was_given(columns), momentum=bool(momentum[0]))
-    channels = [tuple(np.ascontiguousarray(a[:, c]) for a in columns) for c in range(result.x.shape[1])]
-    return tuple(
-        _diagnose_channel(c, lags, fitted, _prior_was_given(c), momentum=bool(moves))
-        for c, moves in zip(channels, momentum, strict=True)
-    )
+        return diagnose_run(Run.of_result(result), lags, fitted)
+    return tuple(diagnose_run(Run.of_result(result, c), lags, fitted) for c in range(result.x.shape[1]))
 
 
 def diagnose_held_out(
@@ -158,42 +154,47 @@ def diagnose_held_out(
     steps = None if dt is None else np.asarray(dt, dtype=np.float64)
     half = len(samples) // 2
     params = fit if isinstance(fit, FilterParams) else fit(samples[:half], None if steps is None else steps[:half])
-    result = kalman_filter(samples, params, steps)
-    columns = (result.x, result.p, result.k, result.innovation, result.s)
-    judged = _diagnose_channel(
-        tuple(a[half:] for a in columns), lags, False, False, first=half, momentum=bool(_has_momentum(result)[0])
-    )
-    seen = _standardised(tuple(a[:half] for a in columns))
-    seen = seen[np.isfinite(seen)]
-    return replace(judged, nis_before=residual_tests.dot(seen, seen) / len(seen)) if seen.any() else judged
+    whole = Run.of_samples(samples, params, steps)
+    judged = diagnose_run(whole.part(half, whole.n), lags, first=half)
+    squares, count = 0.0, 0
+    for _, columns in whole.part(0, half).pieces():
+        seen = finite(_standardised(columns))
+        squares, count = squares + residual_tests.dot(seen, seen), count + len(seen)
+    return replace(judged, nis_before=squares / count) if squares else judged
 
 
-def _has_momentum(result: FilterResult) -> NDArray[np.bool_]:
-    """Whether each channel was filtered with momentum, shape (channels,)."""
-    if result.velocity is None:
-        return np.zeros(1 if result.x.ndim == 1 else result.x.shape[1], dtype=np.bool_)
-    return np.atleast_1d(np.isfinite(result.velocity).any(axis=0))
+def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, first: int = 0) -> Diagnostics:
+    """`diagnose` of one channel, whose filter need not have been kept.
 
-
-def _diagnose_channel(
-    columns: Columns, lags: int | None, fitted: bool, prior: bool, *, first: int = 0, momentum: bool
-) -> Diagnostics:
-    e = _standardised(columns)
+    Args:
+        run: the filter over the channel.
+        lags: as for `diagnose`.
+        fitted: as for `diagnose`.
+        first: where its first sample stands in the record; 0 = it is the first, and may follow a given start.
+    """
+    e, residuals = np.empty(run.n), _Residuals(run.n)
+    for begin, columns in run.pieces():
+        own = _standardised(columns)
+        e[begin : begin + len(own)] = own
+        residuals.take(begin, own, columns)
     seen = np.flatnonzero(np.isfinite(e))
-    scored, n = e[seen], len(seen)
+    n = len(seen)
+    in_a_row = n > 0 and seen[-1] - seen[0] == n - 1
+    scored = e[seen[0] : seen[0] + n] if in_a_row else e[seen]
     known = Known(estimated=fitted)
     if n < MIN_SAMPLES:
-        few = Findings(n, momentum=momentum)
+        few = Findings(n, momentum=run.momentum)
         return Diagnostics(e=e, n=n, advice=advice_text(findings_in_words(few, known)), findings=few)
+    spikes = Spikes.among(scored, *residuals.taken(), residuals.prior and not first)
+    refusals = residuals.refusals()
+    del residuals
     h = lags or min(max(round(math.sqrt(n)), 4), 20)
     white = residual_tests.correlation(e, h, fitted)
     nis_low, nis_high = residual_tests.nis_band(n)
-    k, v, s = (column[seen] for column in columns[2:])
-    spikes = Spikes.among(scored, k, v, s, prior)
     variance_ratio, variance_ratio_p = residual_tests.variance_change(scored)
     skewness, excess, normality, normality_p = residual_tests.normality(scored)
     slow_share, slow_samples, slow_p = residual_tests.low_frequency_share(scored)
-    found = find_misfits(columns, seen, scored, spikes, h, momentum=momentum)
+    found = find_misfits(run, seen, scored, spikes, refusals, h)
     return Diagnostics(
         e=e,
         n=n,
@@ -225,6 +226,12 @@ def _diagnose_channel(
     )
 
 
+def without_residuals(one: Diagnostics) -> Diagnostics:
+    """The same without its arrays of all samples, to be kept: no view shows each residual."""
+    correction = replace(one.findings.correction, e=None)
+    return replace(one, e=np.empty(0), findings=replace(one.findings, correction=correction))
+
+
 def _standardised(columns: Columns) -> Array:
     """Innovations over √s, NaN where none was scored: missing, the start, refused (k = 0 though p > 0)."""
     _, p, k, v, s = columns
@@ -234,11 +241,37 @@ def _standardised(columns: Columns) -> Array:
     return np.clip(e, -MAX_RESIDUAL, MAX_RESIDUAL, out=e)
 
 
-def _prior_was_given(columns: Columns) -> bool:
-    """Whether the first sample was scored: x0 was given, and no sample set the start."""
-    _, _, k, v, _ = columns
-    met = (k > 0.0) | np.isfinite(v)
-    return bool(met.any()) and bool(np.isfinite(v[np.argmax(met)]))
+class _Residuals:
+    """What the search for spikes needs of the scored samples, collected piece by piece."""
+
+    def __init__(self, n: int) -> None:
+        self._rows, self._count = np.empty((3, n)), 0
+        self._refused: list[NDArray[np.int64]] = []
+        self._begun = False
+        self.prior = False
+        """Whether the first sample was scored: x0 was given, and no sample set the start."""
+
+    def take(self, first: int, e: Array, columns: Columns) -> None:
+        """The rows of a piece, and its standardised innovations."""
+        _, p, k, v, s = columns
+        scored = np.isfinite(e)
+        end = self._count + int(np.count_nonzero(scored))
+        for row, column in zip(self._rows, (k, v, s), strict=True):
+            row[self._count : end] = column[scored]
+        self._count = end
+        self._refused.append(first + np.flatnonzero((k == 0.0) & (p > 0.0) & np.isfinite(v)))
+        met = (k > 0.0) | np.isfinite(v)
+        if not self._begun and met.any():
+            self._begun, self.prior = True, bool(np.isfinite(v[np.argmax(met)]))
+
+    def taken(self) -> tuple[Array, Array, Array]:
+        """Gain, innovation and its variance of the scored samples, shape (N,) each."""
+        k, v, s = self._rows[:, : self._count]
+        return k, v, s
+
+    def refusals(self) -> NDArray[np.int64]:
+        """The samples that the gate refused, rising."""
+        return np.concatenate(self._refused) if self._refused else np.zeros(0, dtype=np.int64)
 
 
 def _check_lags(lags: object) -> None:

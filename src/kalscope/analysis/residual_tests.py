@@ -63,7 +63,8 @@ def correlation(e: Array, lags: int, fitted: bool = False) -> Correlation:
         first, last = np.argmax(seen), len(e) - np.argmax(seen[::-1])
         e, seen = e[first:last], seen[first:last]
         whole = n == len(e)
-        d = e - e.mean() if whole else np.where(seen, e - e[seen].mean(), 0.0)
+        d = e - (e.mean() if whole else e[seen].mean())
+        d[~seen] = 0.0
         total = dot(d, d)
         for k in range(1, min(lags, n - 1) + 1):
             pairs = n - k if whole else int(np.count_nonzero(seen[k:] & seen[:-k]))
@@ -103,7 +104,7 @@ def variance_change(e: Array) -> tuple[float, float]:
 def normality(e: Array) -> tuple[float, float, float, float]:
     """Skewness S, excess kurtosis K, N (S²/6 + K²/24) and its p value from χ²₂ (Bowman & Shenton 1975)."""
     d = e - e.mean()
-    largest = float(np.abs(d).max())
+    largest = max(float(d.max()), -float(d.min()))
     if largest == 0.0:
         return 0.0, 0.0, 0.0, 1.0
     d /= largest  # fourth powers must neither overflow nor vanish

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.filtering.arrays import one_channel, scalar
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.batch import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import settled_transfer, steady_state
 
@@ -91,7 +91,7 @@ def spectrum(
     """
     samples = one_channel(z, params)
     period = 1.0 if sample_period is None else float(sample_period)
-    curve = kalman_filter(samples, params, dt).x
+    curve = denoise(samples, params, dt)
     part, note = whole_stretch(samples)
     length = part.stop - part.start
     if length < MIN_SAMPLES:

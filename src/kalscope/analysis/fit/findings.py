@@ -8,15 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.analysis.fit.correction import Correction, find_correction, find_scale
-from kalscope.analysis.fit.record import Record
+from kalscope.analysis.fit.record import Indices, Record
+from kalscope.analysis.fit.run import Run
 from kalscope.analysis.fit.spikes import CLEAR, MAX_OUTLIERS, Spikes, burst_of
 from kalscope.analysis.fit.structure import Structure, find_change, find_shape, find_structure, with_momentum
 from kalscope.analysis.residual_tests import SPIKE
 from kalscope.common.array import Array
-
-Columns = tuple[Array, ...]
-"""x, p, k, innovation and s of one channel."""
-
 
 MAX_SHARE = 0.25
 """Share of low frequencies from which residuals follow each other so long that parts of them differ by chance."""
@@ -69,35 +66,36 @@ class Findings:
 
 
 def find_misfits(
-    columns: Columns, seen: NDArray[np.int64], e: Array, spikes: Spikes, lags: int, *, momentum: bool
+    run: Run, seen: NDArray[np.int64], e: Array, spikes: Spikes, refusals: Indices, lags: int
 ) -> Findings:
     """Everything that speaks against the filter, found in all samples of the record.
 
     Args:
-        columns: of the channel, shape (n,) each.
+        run: the filter over the channel.
         seen: indices of the scored samples, shape (N,).
         e: their standardised residuals, shape (N,).
         spikes: the spikes among them.
+        refusals: the samples that the gate refused, rising.
         lags: of the Ljung-Box test.
-        momentum: whether the filter has momentum.
     """
+    momentum = run.momentum
     n = len(seen)
-    refusals, in_a_row = _refusals(columns)
-    refused = len(refusals)
+    refused, in_a_row = len(refusals), _longest_run(refusals)
     if not e.any():
         return Findings(n, constant=True, momentum=momentum, refused=refused, refused_in_a_row=in_a_row)
     lone_ones = spikes.lone > spikes.jumps
     spiky = lone_ones and spikes.too_many(n, lone=True)
     steps = not lone_ones and spikes.too_many(n)
     outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * n else spikes.off[:0]
-    record = Record.of(columns, seen, seen[outliers])
+    skewness, excess = find_shape(np.delete(e, spikes.off))
+    record = Record.of(run, seen, seen[outliers])
     if not record.moves and not len(outliers):  # what is left is the way from a given x0
         start = abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0
         return Findings(
             n, constant=True, momentum=momentum, start=start, refused=refused, refused_in_a_row=in_a_row
         )
     if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are no outliers
-        record, outliers = Record.of(columns, seen, seen[:0]), outliers[:0]
+        record, outliers = Record.of(run, seen, seen[:0]), outliers[:0]
     correction = find_scale(e, outliers) if momentum else find_correction(record, e, outliers)
     structure, change = None, 1.0
     if correction.e is not None:
@@ -108,7 +106,6 @@ def find_misfits(
         if structure is not None and not momentum:
             structure = with_momentum(structure, record, lags)
     burst = burst_of(seen[np.sort(spikes.at[~spikes.stays])], len(e)) if spiky else burst_of(refusals, len(e))
-    skewness, excess = find_shape(np.delete(e, spikes.off))
     return Findings(
         n=n,
         ratio=record.ratio,
@@ -130,11 +127,6 @@ def find_misfits(
     )
 
 
-def _refusals(columns: Columns) -> tuple[NDArray[np.int64], int]:
-    """The samples that the gate refused, rising, and how many of them at most came in a row."""
-    _, p, k, v, _ = columns
-    refused = (k == 0.0) & (p > 0.0) & np.isfinite(v)
-    if not refused.any():
-        return np.zeros(0, dtype=np.int64), 0
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], refused.view(np.int8), [0]])))
-    return np.flatnonzero(refused), int((edges[1::2] - edges[::2]).max())
+def _longest_run(at: Indices) -> int:
+    """How many of the places, rising, come in a row at most."""
+    return max((len(run) for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)), default=0)

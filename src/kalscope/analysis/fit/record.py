@@ -9,10 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.analysis.fit.run import Run
 from kalscope.common.array import Array
 from kalscope.estimation.likelihood.profile import Differences, differences
-from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
+from kalscope.filtering.pieces.passing import filter_pieces
 
 Indices = NDArray[np.int64]
 
@@ -40,30 +41,30 @@ class Record:
     """Whether spikes were left out."""
 
     @staticmethod
-    def of(columns: tuple[Array, ...], scored: Indices, spikes: Indices) -> Record:
+    def of(run: Run, scored: Indices, spikes: Indices) -> Record:
         """Invert the filter: z = x + (1 − k) v, r = (1 − k) s, q·dt = k s − p before.
 
         Args:
-            columns: x, p, k, innovation and s of one channel, shape (n,) each.
+            run: the filter over the channel.
             scored: indices of the scored samples, at least one.
             spikes: indices of those to leave out.
         """
-        _, _, k, _, s = columns
-        last = scored[-1]
-        r = float(s[last] - k[last] * s[last])
-        r = r if r > 1e-13 * s[last] else 0.0
-        z, steps = _undo(columns, spikes)
+        z, steps, k, s = _undo(run, int(scored[-1]))
+        r = s - k * s
+        r = r if r > 1e-13 * s else 0.0
+        z[spikes] = math.nan
         there = steps[steps > 0.0]
-        q = float(np.median(there)) if len(there) else 0.0
-        regular = not len(there) or bool(np.all(np.abs(there - q) <= 1e-3 * q))
-        unit = math.sqrt(r or q or float(s[last]))
+        q = float(np.median(there, overwrite_input=True)) if len(there) else 0.0
+        regular = not len(there) or bool(np.all(np.abs(np.subtract(there, q, out=there), out=there) <= 1e-3 * q))
+        unit = math.sqrt(r or q or s)
         ratio = math.inf if r == 0.0 else q / r
-        return Record(z / unit, None if regular else steps / q, ratio, len(spikes) > 0)
+        z /= unit
+        return Record(z, None if regular else steps / q, ratio, len(spikes) > 0)
 
     @property
     def moves(self) -> bool:
         """Whether z has two values that differ by more than the filter's rounding."""
-        z = self.z[np.isfinite(self.z)]
+        z = finite(self.z)
         return len(z) > 0 and float(np.ptp(z)) > 1e-13 * float(np.abs(z).max())
 
     @property
@@ -97,22 +98,35 @@ class Record:
 
     def residuals(self, ratio: float, momentum: float = 0.0) -> Array:
         """Standardised innovations at λ, size 1, shape (n,); NaN where none was scored."""
-        result = kalman_filter(self.z, FilterParams(ratio, 1.0, momentum=momentum), self.dt)
-        e = result.innovation / np.sqrt(result.s)
+        e = np.empty(len(self.z))
+        for first, piece in filter_pieces(self.z, FilterParams(ratio, 1.0, momentum=momentum), self.dt):
+            e[first : first + len(piece.x)] = piece.innovation / np.sqrt(piece.s)
         e[~np.isfinite(e)] = math.nan
-        seen = e[np.isfinite(e)]
+        seen = finite(e)
         size = math.sqrt(float(np.einsum("i,i", seen, seen)) / max(len(seen), 1))
-        return e / size if size > 0.0 else e
+        return np.divide(e, size, out=e) if size > 0.0 else e
 
 
-def _undo(columns: tuple[Array, ...], spikes: Indices) -> tuple[Array, Array]:
-    """Samples and q·dt from x, p, k, innovation and s; NaN at the spikes."""
-    x, p, k, v, s = columns
-    with np.errstate(invalid="ignore"):
-        z = np.where(np.isnan(v), np.where(k > 0.0, x, math.nan), x + (1.0 - k) * v)
-        z[(k == 0.0) & (p > 0.0)] = math.nan
-        predicted = np.where(k > 0.0, k * s, p)
-        steps = predicted[1:] - p[:-1]
-        known = np.isfinite(steps) & (steps > 1e-12 * predicted[1:])
-    z[spikes] = math.nan
-    return z, np.r_[0.0, np.where(known, steps, 0.0)]
+def finite(values: Array) -> Array:
+    """Those of the values that are finite; the array itself where all are."""
+    there = np.isfinite(values)
+    return values if there.all() else values[there]
+
+
+def _undo(run: Run, last: int) -> tuple[Array, Array, float, float]:
+    """Samples and q·dt from x, p, k, innovation and s; then k and s of the sample `last`."""
+    z, steps = np.empty(run.n), np.empty(run.n)
+    before = last_k = last_s = math.nan
+    for first, (x, p, k, v, s) in run.pieces():
+        own = slice(first, first + len(x))
+        with np.errstate(invalid="ignore"):
+            samples = np.where(np.isnan(v), np.where(k > 0.0, x, math.nan), x + (1.0 - k) * v)
+            samples[(k == 0.0) & (p > 0.0)] = math.nan
+            predicted = np.where(k > 0.0, k * s, p)
+            step = predicted - np.concatenate(([before], p[:-1]))
+            known = np.isfinite(step) & (step > 1e-12 * predicted)
+        z[own], steps[own] = samples, np.where(known, step, 0.0)
+        before = p[-1]
+        if first <= last < first + len(x):
+            last_k, last_s = float(k[last - first]), float(s[last - first])
+    return z, steps, last_k, last_s

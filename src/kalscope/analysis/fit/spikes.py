@@ -55,7 +55,10 @@ class Spikes:
         kind = np.empty(len(e), dtype=np.int8)
         limit = residual_tests.spike_limits(e)
         step = np.empty(len(e))
-        residual_kernels.find_spikes(v, k, limit * np.sqrt(s), kind, step)
+        reach = np.sqrt(s)
+        reach *= limit
+        residual_kernels.find_spikes(v, k, reach, kind, step)
+        del reach
         start = residual_tests.SPIKE * abs(float(e[0])) / float(limit[0]) if prior and kind[0] else 0.0
         if start:
             kind[0] = 0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kalscope.analysis.fit.record import Record
+from kalscope.analysis.fit.record import Record, finite
 from kalscope.analysis.fit.spikes import ALARM
 from kalscope.analysis.residual_tests import SPIKE, correlation, dot, low_frequency_share, normality
 from kalscope.common.array import Array
@@ -60,12 +60,12 @@ class Structure:
 def find_structure(e: Array, lags: int) -> Structure | None:
     """Low frequencies or correlation in the residuals e, shape (n,), NaN where not scored; None for neither."""
     e = calmed(e)
-    scored = e[np.isfinite(e)]
-    share, _, p = low_frequency_share(scored)
+    share, _, p = low_frequency_share(finite(e))
     if p < ALARM and share >= MIN_SHARE:
         return Structure(share)
     left = correlation(e, lags, fitted=True)
-    return Structure(0.0) if left.p < ALARM and left.q >= MIN_SHARE * len(scored) else None
+    scored = np.count_nonzero(np.isfinite(e))
+    return Structure(0.0) if left.p < ALARM and left.q >= MIN_SHARE * scored else None
 
 
 def with_momentum(found: Structure, record: Record, lags: int) -> Structure:
@@ -89,19 +89,18 @@ def find_change(e: Array) -> float:
     """
     from scipy.special import chdtri
 
-    calm = calmed(e)
-    there = np.isfinite(e)
-    count = min(MAX_PARTS, int(np.count_nonzero(there)) // MIN_PART)
+    calm = finite(calmed(e))
+    count = min(MAX_PARTS, len(calm) // MIN_PART)
     if count < 2:
         return 1.0
-    parts = np.array_split(calm[there] ** 2, count)
-    means = np.array([part.mean() for part in parts])
+    parts = np.array_split(calm, count)
     sizes = np.array([len(part) for part in parts])
-    scatter = float(np.mean([part.var() for part in parts]))
+    means, variances = np.transpose([(square.mean(), square.var()) for square in (part**2 for part in parts)])
     spread = float(np.sum(sizes * (means - np.average(means, weights=sizes)) ** 2))
-    if float(means.max()) < MIN_CHANGE * float(means.min()) or spread <= float(chdtri(count - 1, ALARM)) * scatter:
+    chance = float(chdtri(count - 1, ALARM)) * float(np.mean(variances))
+    if float(means.max()) < MIN_CHANGE * float(means.min()) or spread <= chance:
         return 1.0
-    seen = np.array([part.mean() for part in np.array_split(e[there] ** 2, count)])
+    seen = np.array([(part**2).mean() for part in np.array_split(finite(e), count)])
     return float(seen.max()) / max(float(seen.min()), 1e-12 * float(seen.max()))
 
 
@@ -118,9 +117,10 @@ def find_shape(e: Array) -> tuple[float, float]:
 
 def calmed(e: Array) -> Array:
     """The residuals with those beyond 4 σ (1.4826 · median) cut there: a few must not outweigh all others."""
-    sizes = np.abs(e[np.isfinite(e)])
-    scale = 1.4826 * float(np.median(sizes)) if len(sizes) else 0.0
-    if scale <= 0.01 * math.sqrt(dot(sizes, sizes) / max(len(sizes), 1)):  # most of it is constant, or nearly
+    sizes = np.abs(finite(e))
+    size = math.sqrt(dot(sizes, sizes) / max(len(sizes), 1))
+    scale = 1.4826 * float(np.median(sizes, overwrite_input=True)) if len(sizes) else 0.0
+    if scale <= 0.01 * size:  # most of it is constant, or nearly
         return e
     return np.clip(e, -SPIKE * scale, SPIKE * scale)
 

@@ -101,15 +101,18 @@ def differences(column: Array, steps: Array) -> Differences:
         elif len(steps):
             gap = np.add.reduceat(steps[: where[-1] + 1], where[:-1] + 1)
         else:
-            gap = np.diff(where).astype(np.float64)
+            gap = np.subtract(where[1:], where[:-1], out=np.empty(len(where) - 1))
+        del where
     if len(gap) and np.all(gap == 1.0):
         gap = np.empty(0)
     half = np.diff(0.5 * samples)  # halved: two values near the largest double may lie two of them apart
-    largest = float(np.abs(half).max(initial=0.0))
+    largest = max(float(half.max(initial=0.0)), -float(half.min(initial=0.0)))
     if largest == 0.0:
         return Differences(half, np.minimum(gap, _MAX_GAP), 1.0)
     exponent = min(math.frexp(largest)[1], 1022)
-    return Differences(np.ldexp(half, -exponent), np.minimum(gap, _MAX_GAP), math.ldexp(1.0, exponent + 1))
+    return Differences(
+        np.ldexp(half, -exponent, out=half), np.minimum(gap, _MAX_GAP), math.ldexp(1.0, exponent + 1)
+    )
 
 
 @dataclass(frozen=True)

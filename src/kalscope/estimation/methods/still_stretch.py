@@ -8,7 +8,6 @@ fewer than one walk of a thousand has such a window. A likelihood ratio exceeds 
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 
@@ -24,8 +23,8 @@ from kalscope.estimation.likelihood.profile import differences
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.sensor.resolution import resolution_of
 from kalscope.filtering.arrays import refuse_infinite, samples_of, steps_of
-from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
+from kalscope.filtering.pieces.passing import filter_pieces
 
 BLOCK = 13
 """Samples of a block."""
@@ -81,7 +80,10 @@ def find_still_stretch(z: ArrayLike, dt: ArrayLike | None = None) -> tuple[int, 
     count = len(good) // BLOCK
     if count < MIN_BLOCKS:
         return None
-    blocks = _Blocks.of(column[good], np.diff(good) == 1, _surprise(column, steps, good), step, count)
+    del place
+    surprise = _surprise(column, steps, good)
+    blocks = _Blocks.of(column[good], np.diff(good) == 1, surprise, step, count)
+    del surprise, column
     found = _best(blocks)
     return None if found is None else (int(good[found[0] * BLOCK]), int(good[found[1] * BLOCK - 1]) + 1)
 
@@ -231,26 +233,36 @@ def _trimmed(first: int, last: int, count: int) -> tuple[int, int]:
 
 def _far(readings: Array, step: float) -> NDArray[np.bool_]:
     """The samples far from the running median of five: spikes."""
-    away = np.abs(readings - running_median(readings, 5))
+    away = running_median(readings, 5)
+    np.abs(np.subtract(readings, away, out=away), out=away)
     scale = np.empty(len(readings))
-    edges = [*range(0, max(len(readings) - MIN_SAMPLES, 1), MIN_SAMPLES), len(readings)]
-    for a, b in itertools.pairwise(edges):
-        scale[a:b] = float(np.median(away[a:b])) if b > a else 0.0
-    return away > _SPIKE * np.maximum(_NORMAL * scale, 0.5 * step)
+    last = max(len(readings) - MIN_SAMPLES - 1, 0) // MIN_SAMPLES * MIN_SAMPLES  # the last part may be longer
+    scale[:last].reshape(-1, MIN_SAMPLES)[:] = np.median(away[:last].reshape(-1, MIN_SAMPLES), axis=1)[:, None]
+    scale[last:] = np.median(away[last:]) if len(away) else 0.0
+    scale *= _NORMAL
+    np.maximum(scale, 0.5 * step, out=scale)
+    scale *= _SPIKE
+    return away > scale
 
 
 def _surprise(column: Array, steps: Array, good: NDArray[np.intp]) -> Array:
     """Minus the log-likelihood of each good sample under the most likely random walk of the record."""
-    z = np.full(len(column), np.nan)
-    z[good] = column[good] - column[good[0]]
+    z = column - column[good[0]]
+    away = np.ones(len(z), dtype=np.bool_)
+    away[good] = False
+    z[away] = np.nan
     data = differences(z, steps)
     if not data.d.any():
         return np.zeros(len(good))
     pair = ml.fit(data, ml.search(data, Progress()))
     scale = data.scale * data.scale
-    fit = kalman_filter(z, FilterParams(q=pair.q * scale, r=pair.r * scale), steps if len(steps) else None)
-    v, s = fit.innovation[good], fit.s[good]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        surprise = 0.5 * (np.log(2.0 * math.pi * s) + v * v / s)
+    params = FilterParams(q=pair.q * scale, r=pair.r * scale)
+    del data
+    surprise = np.empty(len(z))
+    for first, one in filter_pieces(z, params, steps if len(steps) else None):
+        v, s = one.innovation, one.s
+        with np.errstate(divide="ignore", invalid="ignore"):
+            surprise[first : first + len(v)] = 0.5 * (np.log(2.0 * math.pi * s) + v * v / s)
+    surprise = surprise[good]
     surprise[0] = np.mean(surprise[1:])  # the first sample sets the start: no worse than the others
     return surprise

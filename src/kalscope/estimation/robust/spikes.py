@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,16 +69,25 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
     for side, (samples, gaps) in enumerate(((z, steps), (np.ascontiguousarray(z[::-1]), back))):
         start = _start(samples, gaps, q, noise)
         judge_samples(samples, gaps, q, noise, tau, SIDE_SIGMAS**2, start, LONGEST, v[side], s[side], refused[side])
-    v[1], s[1], refused[1] = v[1, ::-1].copy(), s[1, ::-1].copy(), refused[1, ::-1].copy()
+    for rows in (v, s, refused):
+        rows[1] = rows[1, ::-1].copy()
     away, present = refused[0] & refused[1], np.isfinite(z)
+    at = np.flatnonzero(away)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        lively = _mean_around(np.min(v / s * v, axis=0).clip(max=MOST), present & ~away)
-        scores = _together(v, s, noise)
-    away &= scores > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
-    crowded = (lively > VERY_LIVELY) & (_mean_around(away.astype(float), present) > CROWDED)
-    away &= ~crowded | (scores > SIGMAS**4 * lively)
+        found = _together(v[:, at], s[:, at], noise)
+        s = np.divide(v, s, out=s)  # v²/s, in the memory of s
+        s *= v
+        del v
+        lively = _mean_around(np.minimum(s[0], s[1], out=s[0]).clip(max=MOST, out=s[0]), present & ~away)[at]
+    del s
+    kept = found > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
+    away[at] = kept
+    crowded = (lively > VERY_LIVELY) & (_mean_around(away.astype(float), present)[at] > CROWDED)
+    away[at] = kept & (~crowded | (found > SIGMAS**4 * lively))
     away[present] &= ~_lone_pulses(away[present])
-    return np.where(away, scores, 0.0)
+    scores = np.zeros(len(z))
+    scores[at] = np.where(away[at], found, 0.0)
+    return scores
 
 
 def _start(z: Array, steps: Array, q: float, noise: float) -> tuple[float, float]:
@@ -111,11 +121,15 @@ def _lone_pulses(refused: Mask) -> Mask:
 
 def _mean_around(values: Array, counted: Mask) -> Array:
     """Mean of the values that count within NEAR samples of each, shape (n,); 0 where there are none."""
-    sums = np.cumsum(np.append(0.0, np.where(counted, values, 0.0)))
-    counts = np.cumsum(np.append(0, counted))
-    place = np.arange(len(values))
-    first, stop = np.maximum(place - NEAR, 0), np.minimum(place + NEAR + 1, len(values))
-    return (sums[stop] - sums[first]) / np.maximum(counts[stop] - counts[first], 1)
+    sums = _sum_around(np.cumsum(np.where(counted, values, 0.0)))
+    return np.divide(sums, np.maximum(_sum_around(np.cumsum(counted)), 1), out=sums)
+
+
+def _sum_around(total: NDArray[Any]) -> NDArray[Any]:
+    """The sum within NEAR samples of each, shape (n,), from the sums up to each."""
+    ends = np.zeros(NEAR + 1, total.dtype), np.full(NEAR, total[-1] if len(total) else 0, total.dtype)
+    padded = np.concatenate((ends[0], total, ends[1]))
+    return padded[2 * NEAR + 1 :] - padded[: -2 * NEAR - 1]
 
 
 @dataclass(frozen=True)
@@ -131,8 +145,9 @@ class Start:
 def far_from_median(z: Array) -> Start:
     """The samples of z, shape (n,), that are far from the running median."""
     present = np.isfinite(z)
-    samples = z[present]
-    away = np.abs(samples - running_median(samples, WINDOW))
+    samples = z if present.all() else z[present]
+    away = running_median(samples, WINDOW)
+    np.abs(np.subtract(samples, away, out=away), out=away)
     scale = _NORMAL * float(np.median(away))
     if scale == 0.0 and away.any():
         scale = float(np.median(away[away > 0.0]))
@@ -161,7 +176,8 @@ def _beyond_chance(distances: Array, least: float) -> bool:
 
 def rounding_variance(z: Array) -> float:
     """Δ²/12 of a record of which many readings equal the one before, else 0: one step of Δ is not a spike."""
-    readings = z[np.isfinite(z)]
+    present = np.isfinite(z)
+    readings = z if present.all() else z[present]
     if np.count_nonzero(np.diff(readings) == 0.0) <= _EQUAL_SHARE * (len(readings) - 1):
         return 0.0
     return resolution_of(readings) ** 2 / 12.0

@@ -18,9 +18,7 @@ from kalscope.filtering.batch import FilterResult
 from kalscope.filtering.channels import ChannelFilter, FiveLines, channel_filters
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.pieces.lanes import Cycle, cycle_of, filter_stretch
-
-PIECE = 16384
-"""Samples that are filtered at once: their rows, 0.9 MB with momentum, stay in the processor's cache."""
+from kalscope.filtering.pieces.passing import PIECE
 
 
 def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLike | None = None) -> FilterResult:

@@ -1,0 +1,68 @@
+"""A filter over one channel as the judgement reads it: piece by piece, as all of its rows are 40 bytes a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kalscope.common.array import Array
+from kalscope.filtering.batch import FilterResult
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.pieces.passing import PIECE, filter_pieces
+
+Columns = tuple[Array, ...]
+"""x, p, k, innovation and s of one channel."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """The rows of a filter, as often as they are asked for."""
+
+    n: int
+    """Samples."""
+    momentum: bool
+    """Whether the filter has momentum."""
+    pieces: Callable[[], Iterator[tuple[int, Columns]]]
+    """From the first to the last: the first sample of a piece, and its rows, which the next one may overwrite."""
+
+    @staticmethod
+    def of_result(result: FilterResult, channel: int | None = None) -> Run:
+        """A run that was kept whole; of several channels one."""
+        rows = (result.x, result.p, result.k, result.innovation, result.s)
+        velocity = result.velocity
+        if channel is not None:
+            rows = tuple(row[:, channel] for row in rows)
+            velocity = None if velocity is None else velocity[:, channel]
+        n, momentum = len(rows[0]), velocity is not None and bool(np.isfinite(velocity).any())
+
+        def pieces() -> Iterator[tuple[int, Columns]]:
+            for first in range(0, n, PIECE):
+                yield first, tuple(row[first : first + PIECE] for row in rows)
+
+        return Run(n, momentum, pieces)
+
+    @staticmethod
+    def of_samples(z: Array, params: FilterParams, dt: ArrayLike | None = None) -> Run:
+        """The run over z, shape (n,): filtered again whenever it is asked for, and never kept."""
+
+        def pieces() -> Iterator[tuple[int, Columns]]:
+            for first, one in filter_pieces(z, params, dt):
+                yield first, (one.x, one.p, one.k, one.innovation, one.s)
+
+        return Run(len(z), bool(params.momentum), pieces)
+
+    def part(self, first: int, last: int) -> Run:
+        """The samples from `first` to before `last`, counted from 0 again."""
+
+        def pieces() -> Iterator[tuple[int, Columns]]:
+            for begin, rows in self.pieces():
+                if begin >= last:
+                    return
+                low, high = max(first - begin, 0), min(last - begin, len(rows[0]))
+                if low < high:
+                    yield begin + low - first, tuple(row[low:high] for row in rows)
+
+        return Run(last - first, self.momentum, pieces)
