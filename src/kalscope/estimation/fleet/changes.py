@@ -1,4 +1,4 @@
-"""Which device has changed: its files in order of date, held against the standard errors of their q and r."""
+"""Which device has changed: its files in order of date, held against the intervals of their q and r."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.array import Array, Indices
 from kalscope.errors import BadSetting
+from kalscope.estimation.fleet.intervals import NORMAL, Interval, checked, distances
 
 FALSE_ALARM = 0.05
 """Chance that any device of a fleet in which none changes is called changed."""
@@ -21,9 +22,9 @@ class Changes:
     device: NDArray[np.generic]
     """The devices, sorted."""
     files: NDArray[np.int64]
-    """Files of each with a value and a standard error."""
+    """Files of each that say something about it."""
     mean: Array
-    """Their mean, weighted by the standard errors; NaN without any."""
+    """Their mean, weighted by their standard errors; NaN without any."""
     chi2: Array
     """Σ(value − mean)²/error²; of a device that does not change its law is χ² with `files` − 1 degrees of
     freedom."""
@@ -43,44 +44,47 @@ class Changes:
     """Devices with p below 0.05 that chance alone would show."""
 
 
-def changes(values: ArrayLike, errors: ArrayLike, device: ArrayLike, date: ArrayLike) -> Changes:
-    """Which devices have changed by more than their standard errors allow.
+def changes(values: ArrayLike, interval: Interval, device: ArrayLike, date: ArrayLike) -> Changes:
+    """Which devices have changed by more than the intervals of their files allow.
 
     Args:
-        values: ln r or ln q of each file, shape (f,).
-        errors: its standard error, shape (f,): q_se/q and r_se/r; files with an infinite one or without a finite
-            value do not count.
+        values: ln r or ln q of each file, shape (f,); NaN where there is none.
+        interval: the 95 % interval of each, two arrays of shape (f,), ends may be infinite.
         device: the device of each file, numbers or names, shape (f,).
         date: the order of the files of one device, shape (f,).
 
     Raises:
-        BadSetting: the arrays have different lengths.
+        BadSetting: the arrays have different lengths, or a value lies outside its interval.
 
     Source: Cochran (1954), Biometrics 10, 101, for Σ(value − mean)²/error²; Holm (1979), Scand. J. Statist. 6, 65.
     """
     from scipy.special import chdtrc  # pyright: ignore[reportUnknownVariableType]
 
-    values, errors = np.asarray(values, dtype=np.float64), np.asarray(errors, dtype=np.float64)
-    names, places = np.unique(np.asarray(device), return_inverse=True)
-    dates = np.asarray(date)
-    if not values.shape == errors.shape == places.shape == dates.shape or values.ndim != 1:
-        raise BadSetting(f"values, errors, device and date must have one entry a file (got {values.shape} values)")
-    used = np.flatnonzero(np.isfinite(values) & np.isfinite(errors) & (errors > 0.0))
-    used = used[np.lexsort((dates[used], places[used]))]
-    weights = 1.0 / errors[used] ** 2
-    group = places[used]
-    files = np.bincount(group, minlength=len(names))
-    total = np.bincount(group, weights, len(names))
+    values, down, up = checked(values, interval)
+    names, group = np.unique(np.asarray(device), return_inverse=True)
+    dates, k = np.asarray(date), len(names)
+    if not values.shape == group.shape == dates.shape:
+        raise BadSetting(f"device and date must have one entry a file, {values.shape} (got {group.shape})")
+    both = np.where(np.isinf(down), up, np.where(np.isinf(up), down, 0.5 * (down + up)))
+    told = np.isfinite(values) & np.isfinite(both) & (both > 0.0)
+    weights = np.where(told, 1.0 / np.maximum(both, 1e-150) ** 2, 0.0)
+    total = np.bincount(group, weights, k)
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.bincount(group, weights * values[used], len(names)) / total
-    chi2 = np.asarray(np.bincount(group, weights * (values[used] - mean[group]) ** 2, len(names)), dtype=np.float64)
+        mean = np.bincount(group, weights * np.where(told, values, 0.0), k) / total
+    z = distances(values, interval, down, up, mean[group], 0.0)
+    used = np.isfinite(z) & (told | (np.abs(z) > NORMAL))  # an edge counts where it excludes the mean
+    files = np.bincount(group[used], minlength=k)
+    chi2 = np.asarray(np.bincount(group[used], z[used] ** 2, k), dtype=np.float64)
     p = np.where(files > 1, np.asarray(chdtrc(np.maximum(files - 1, 1), chi2), dtype=np.float64), 1.0)
-    step, step_at = _steps(values[used], weights, group, used, len(names))
+    order = np.lexsort((dates, group))
+    order = order[weights[order] > 0.0]
+    step, step_at = _steps(values[order], weights[order], group[order], order, k)
     adjusted = holm(p)
     low = np.flatnonzero(adjusted < FALSE_ALARM)
     changed = low[np.lexsort((-chi2[low], adjusted[low]))]
-    expected = FALSE_ALARM * int((files > 1).sum())
-    return Changes(names, files, mean, chi2, p, adjusted, step, step_at, changed, expected)
+    return Changes(
+        names, files, mean, chi2, p, adjusted, step, step_at, changed, FALSE_ALARM * int((files > 1).sum())
+    )
 
 
 def holm(p: Array) -> Array:

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.array import Array, Mask
 from kalscope.errors import BadSetting
 from kalscope.estimation.fleet import pool_kernels as kernels
+from kalscope.estimation.fleet.many import fit_kernels as fits
 from kalscope.estimation.fleet.many.series import Series, series_of
 from kalscope.estimation.fleet.many.table import lags_of, reductions_of
 from kalscope.filtering.params import MAX_VARIANCE
@@ -83,19 +84,40 @@ def fleet_loss(
         raise BadSetting(f"ratio must be finite and above 0 (got {ratios.min()} to {ratios.max()})")
     if r is not None and not 0.0 < r <= MAX_VARIANCE:
         raise BadSetting(f"r must be finite and above 0 (got {r})")
-    losses, counted = np.full((kernels.LOSSES, k), math.nan), np.zeros(k, np.bool_)
+    own_ratio, own_loglik = _fitted(many, many.starts[1:])
+    half_ratio, _ = _fitted(many, (many.starts[:-1] + many.starts[1:]) // 2)
+    numbers, counted = np.full((k, kernels.SHARED), math.nan), np.zeros(k, np.bool_)
     if k:
-        kernels.lose_each(many.values, many.steps, many.starts, ratios, r or 0.0, losses, counted)
+        kernels.share_each(many.values, many.steps, many.starts, ratios, r or 0.0, half_ratio, numbers, counted)
+    shared = np.ascontiguousarray(numbers.T)
     return FleetLoss(
         counted=counted,
         ratio=ratios,
-        own_ratio=losses[kernels.OWN_RATIO],
-        r=losses[kernels.NOISE],
-        loglik_loss=losses[kernels.OWN_LOGLIK] - losses[kernels.GIVEN_LOGLIK],
-        error=losses[kernels.HELD_OUT],
-        own_error=losses[kernels.HELD_OUT_OWN],
-        slope=losses[kernels.SLOPE],
+        own_ratio=np.where(counted, own_ratio, math.nan),
+        r=shared[kernels.NOISE],
+        loglik_loss=own_loglik - shared[kernels.LOGLIK],
+        error=shared[kernels.ERROR],
+        own_error=shared[kernels.OWN_ERROR],
+        slope=shared[kernels.SLOPE],
     )
+
+
+def _fitted(many: Series, ends: NDArray[np.int64]) -> tuple[Array, Array]:
+    """The most likely λ of each series up to an end, and its log-likelihood; NaN where nothing can be fitted."""
+    k = len(many)
+    numbers, codes, samples, stepped = (
+        np.empty((k, fits.NUMBERS)),
+        np.empty(k, np.uint8),
+        np.empty(k, np.int64),
+        np.empty(k, np.bool_),
+    )
+    fits.fit_each(
+        many.values, many.steps, many.starts[:-1], ends, fits.FREE, np.empty(k), numbers, codes, samples, stepped
+    )
+    q, r, loglik = numbers[:, fits.Q], numbers[:, fits.R], numbers[:, fits.LOGLIK]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = codes <= fits.NO_MOVEMENT
+        return np.where(found, q / r, math.nan), np.where(found, loglik, math.nan)
 
 
 def share_served(error_ratio: ArrayLike, within: float = 0.1) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.compiled import compiled
-from kalscope.estimation.fleet.many.fit_kernels import FREE, LOGLIK, MIN_SAMPLES, ROWS, Q, R, fit_one
+from kalscope.estimation.fleet.many.fit_kernels import MIN_SAMPLES
 from kalscope.estimation.fleet.many.lane_kernels import loglik_of, sums_at, walk_sums
 from kalscope.estimation.fleet.many.record_kernels import GOOD, take_apart
 
@@ -21,10 +21,10 @@ SUMS = 4
 SMALLEST, LARGEST = 1e-145, 1e145
 """Scales whose squares stay within a double."""
 
-OWN_RATIO, OWN_LOGLIK, NOISE, SHARED_LOGLIK, GIVEN_LOGLIK, SLOPE, HELD_OUT, HELD_OUT_OWN = range(8)
-"""The rows of what a device loses."""
+NOISE, LOGLIK, SLOPE, ERROR, OWN_ERROR = range(5)
+"""The columns of what a device has under a shared λ."""
 
-LOSSES = 8
+SHARED = 5
 SLOPE_STEP = 1e-3
 """Step in ln λ for the slope of the log-likelihood."""
 
@@ -74,54 +74,46 @@ def add_up(
 
 
 @compiled(error_model="numpy")
-def lose_each(
+def share_each(
     values: Array,
     steps: Array,
     starts: NDArray[np.int64],
     ratio: Array,
     noise: float,
-    losses: Array,
+    half_ratio: Array,
+    shared: Array,
     counted: NDArray[np.bool_],
 ) -> None:
-    """What each series loses by its `ratio`, (k,), and the common `noise`, unit² (0 = none): (LOSSES, k)."""
+    """What each series has under its `ratio`, (k,), and the common `noise`, unit² (0 = none): (k, SHARED).
+
+    `half_ratio` is the λ that fits the first half of each, NaN where nothing does.
+    """
     longest = np.max(starts[1:] - starts[:-1])
-    d, gap, out = np.empty(longest), np.empty(longest), np.empty(ROWS)
+    d, gap = np.empty(longest), np.empty(longest)
+    near, chi2, logdet, logliks = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(starts.shape[0] - 1):
-        here = slice(starts[i], starts[i + 1])
-        found, m, gaps, n, scale = take_apart(values[here], steps[here] if len(steps) else steps, d, gap)
+        first, middle, stop = starts[i], (starts[i] + starts[i + 1]) // 2, starts[i + 1]
+        known = take_apart(values[first:middle], steps[first:middle] if len(steps) else steps, d, gap)[1]
+        found, m, gaps, n, scale = take_apart(
+            values[first:stop], steps[first:stop] if len(steps) else steps, d, gap
+        )
         counted[i] = is_fit(d[:m], found, n, scale)
-        for row in range(LOSSES):
-            losses[row, i] = math.nan
-        if counted[i]:
-            lose_one(d[:m], gap[:gaps], scale, ratio[i], noise, out, losses[:, i])
-
-
-@compiled(error_model="numpy")
-def lose_one(d: Array, gap: Array, scale: float, ratio: float, noise: float, out: Array, loss: Array) -> None:
-    """`lose_each` of one series."""
-    m, half = d.shape[0], d.shape[0] // 2
-    log_ratio = math.log(ratio)
-    near = np.array([log_ratio, log_ratio - SLOPE_STEP, log_ratio + SLOPE_STEP])
-    chi2, logdet = np.empty(3), np.empty(3)
-    sums_at(d, gap, near, chi2, logdet)
-    loss[NOISE] = chi2[0] / m * scale * scale
-    loss[SHARED_LOGLIK] = loglik_of(chi2[0], logdet[0], m, scale, 0.0)
-    loss[GIVEN_LOGLIK] = loss[SHARED_LOGLIK]
-    around = [loss[SHARED_LOGLIK], 0.0, 0.0]
-    for j in range(3):
-        around[j] = loglik_of(chi2[j], logdet[j], m, scale, noise / scale / scale)
-    if noise > 0.0:
-        loss[GIVEN_LOGLIK] = around[0]
-    loss[SLOPE] = (around[2] - around[1]) / (2.0 * SLOPE_STEP)
-    if fit_one(d, gap, scale, FREE, 0.0, out) < MIN_SAMPLES and out[Q] + out[R] > 0.0:
-        loss[OWN_RATIO], loss[OWN_LOGLIK] = out[Q] / out[R], out[LOGLIK]
-    first = gap[:half] if gap.shape[0] else gap
-    if half < MIN_SAMPLES or not d[:half].any():
-        return
-    fit_one(d[:half], first, scale, FREE, 0.0, out)
-    if out[Q] + out[R] > 0.0:
-        loss[HELD_OUT] = scale * unseen_error(d, gap, ratio, half)
-        loss[HELD_OUT_OWN] = scale * unseen_error(d, gap, out[Q] / out[R], half)
+        for j in range(SHARED):
+            shared[i, j] = math.nan
+        if not counted[i]:
+            continue
+        near[:] = math.log(ratio[i])
+        near[1] -= SLOPE_STEP
+        near[2] += SLOPE_STEP
+        sums_at(d[:m], gap[:gaps], near, chi2, logdet)
+        for j in range(3):
+            logliks[j] = loglik_of(chi2[j], logdet[j], m, scale, noise / scale / scale)
+        shared[i, NOISE] = chi2[0] / m * scale * scale
+        shared[i, LOGLIK] = logliks[0]
+        shared[i, SLOPE] = (logliks[2] - logliks[1]) / (2.0 * SLOPE_STEP)
+        if not math.isnan(half_ratio[i]) and known < m:
+            shared[i, ERROR] = scale * unseen_error(d[:m], gap[:gaps], ratio[i], known)
+            shared[i, OWN_ERROR] = scale * unseen_error(d[:m], gap[:gaps], half_ratio[i], known)
 
 
 @compiled(error_model="numpy")

@@ -119,7 +119,7 @@ class _Columns:
     """The table while it is filled."""
 
     def __init__(self, count: int) -> None:
-        self.numbers = np.empty((kernels.ROWS, count))
+        self.numbers = np.empty((count, kernels.NUMBERS))
         self.codes = np.empty(count, np.uint8)
         self.samples = np.empty(count, np.int64)
         self.stepped = np.empty(count, np.bool_)
@@ -129,35 +129,41 @@ class _Columns:
 
     def fit(self, many: Series, asked: _Asked, rows: slice) -> None:
         """Fit some series, in one compiled call."""
-        numbers = np.empty((kernels.ROWS, len(many)))
         kernels.fit_each(
-            many.values, many.steps, many.starts, asked.kind, asked.known[rows],
-            numbers, self.codes[rows], self.samples[rows], self.stepped[rows],
+            many.values, many.steps, many.starts[:-1], many.starts[1:], asked.kind, asked.known[rows],
+            self.numbers[rows], self.codes[rows], self.samples[rows], self.stepped[rows],
         )  # fmt: skip
-        self.numbers[:, rows] = numbers
 
     def refine(self, i: int, z: Array, steps: Array, asked: _Asked) -> None:
         """Fit one series as `estimate` does, unless nothing in it can be fitted or its numbers would stay."""
         if self.codes[i] in (kernels.HOLDS_INF, kernels.BAD_STEPS, kernels.TOO_FEW, kernels.CONSTANT):
             return
         plain = asked.tau == 0.0 and asked.robust is False
-        if plain and not may_be_below_resolution(z, float(self.numbers[kernels.R, i])):
+        if plain and not may_be_below_resolution(z, float(self.numbers[i, kernels.R])):
             return
         one = asked.of_one(i, z, steps if len(steps) else None)
-        row = (one.q, one.r, one.q_se, one.r_se, one.loglik, *one.ratio_interval)
-        self.numbers[:, i] = row
+        ends = (*_around(one.q, one.q_se), *_around(one.r, one.r_se))
+        self.numbers[i] = (one.q, one.r, one.q_se, one.r_se, one.loglik, *one.ratio_interval, *ends)
         self.codes[i] = VERDICTS.index(str(one.verdict))
         self.momentum[:, i] = (one.momentum, *one.momentum_interval)
         self.spikes[i] = 0 if one.outliers is None else int(one.outliers.sum())
         self.gate[i] = math.inf if one.gate is None else float(one.gate)
 
     def as_table(self) -> EstimateTable:
-        q, r, q_se, r_se, loglik, low, high = self.numbers
+        q, r, q_se, r_se, loglik, *ends = np.ascontiguousarray(self.numbers.T)
         tau, tau_low, tau_high = self.momentum
         return EstimateTable(
-            q, r, q_se, r_se, loglik, (low, high), self.codes, self.samples, tau, (tau_low, tau_high),
-            self.spikes, self.gate,
+            q, r, q_se, r_se, loglik, (ends[0], ends[1]), (ends[2], ends[3]), (ends[4], ends[5]),
+            self.codes, self.samples, tau, (tau_low, tau_high), self.spikes, self.gate,
         )  # fmt: skip
+
+
+def _around(value: Any, error: Any) -> tuple[float, float]:
+    """The 95 % interval of a variance from its standard error, on the scale of the logarithm."""
+    if not (value > 0.0 and math.isfinite(error)):
+        return 0.0, math.inf
+    factor = math.exp(min(kernels.NORMAL * error / value, 700.0))
+    return value / factor, value * factor
 
 
 def _positive(name: str, value: Any, count: int) -> Array:

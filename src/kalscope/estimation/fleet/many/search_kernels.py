@@ -22,7 +22,10 @@ Peak = tuple[float, float, float, float, float]
 
 @compiled()
 def find_peak(d: Array, gap: Array, scale: float, noise: float, highest: float, at_infinity: float) -> Peak:
-    """The maximum over ln λ and its interval; `noise` is r in scale² where it is known, 0 where not."""
+    """The maximum over ln λ and its interval; `noise` is r in scale² where it is known, 0 where not.
+
+    The likelihood is called here only: each level of functions above it would compile it again.
+    """
     lowest = min(-24.0, -2.0 * math.log(d.shape[0]) - 6.0)
     count = math.ceil((highest - lowest) / STEP) + 1
     grid = np.empty(count + 1)
@@ -33,7 +36,11 @@ def find_peak(d: Array, gap: Array, scale: float, noise: float, highest: float, 
     logliks_at(d, gap, grid, scale, noise, values)
     at_zero = values[count]
     grid, values = grid[:count], values[:count]
-    top, best, curvature = refine(d, gap, scale, noise, grid, values)
+
+    stretches = around_tops(grid, values)
+    heights = np.empty(POINTS * stretches.shape[0])
+    logliks_at(d, gap, nodes_on(stretches), scale, noise, heights)
+    top, best, curvature = highest_of(stretches, heights)
     slack = 1e-9 + 1e-12 * abs(best)  # an inner maximum must stand above the rounding of the sums
     if max(at_zero, at_infinity) >= best - slack:
         top = -math.inf if at_zero >= at_infinity else math.inf
@@ -43,7 +50,15 @@ def find_peak(d: Array, gap: Array, scale: float, noise: float, highest: float, 
         while place < count and grid[place] < top:
             place += 1
         grid, values = inserted(grid, place, top), inserted(values, place, best)
-    low, high = interval(d, gap, scale, noise, grid, values, (at_zero, at_infinity), top, best - DROP)
+
+    stretches, has_low, has_high, low, high = around_ends(grid, values, at_zero, at_infinity, top, best - DROP)
+    if has_low or has_high:
+        heights = np.empty(POINTS * stretches.shape[0])
+        logliks_at(d, gap, nodes_on(stretches), scale, noise, heights)
+        if has_low:
+            low = crossing(stretches, heights, 0, best - DROP, True)
+        if has_high:
+            high = crossing(stretches, heights, stretches.shape[0] - 1, best - DROP, False)
     return top, best, curvature, low, high
 
 
@@ -74,42 +89,45 @@ def highest_tops(values: Array) -> NDArray[np.intp]:
 
 
 @compiled()
-def refine(
-    d: Array, gap: Array, scale: float, noise: float, grid: Array, values: Array
-) -> tuple[float, float, float]:
-    """The best inner maximum: ln λ, log-likelihood, curvature."""
-    tops = highest_tops(values)
-    points = np.empty(POINTS * tops.shape[0])
+def around_tops(grid: Array, values: Array) -> Array:
+    """The stretches of one step on either side of the highest local maxima of the grid, shape (tops, 2)."""
+    tops, n = highest_tops(values), grid.shape[0]
+    stretches = np.empty((tops.shape[0], 2))
     for i in range(tops.shape[0]):
-        low, high = float(grid[max(tops[i] - 1, 0)]), float(grid[min(tops[i] + 1, grid.shape[0] - 1)])
-        place_nodes((low, high), points[POINTS * i : POINTS * (i + 1)])
-    heights = np.empty_like(points)
-    logliks_at(d, gap, points, scale, noise, heights)
+        stretches[i, 0], stretches[i, 1] = grid[max(tops[i] - 1, 0)], grid[min(tops[i] + 1, n - 1)]
+    return stretches
+
+
+@compiled()
+def nodes_on(stretches: Array) -> Array:
+    """The points of a polynomial on each stretch, one after the other."""
+    points = np.empty(POINTS * stretches.shape[0])
+    for i in range(stretches.shape[0]):
+        low, high = stretches[i, 0], stretches[i, 1]
+        for j in range(POINTS):
+            points[POINTS * i + j] = 0.5 * (low + high) + 0.5 * (high - low) * NODES[j]
+    return points
+
+
+@compiled()
+def highest_of(stretches: Array, heights: Array) -> tuple[float, float, float]:
+    """The best inner maximum: ln λ, log-likelihood, curvature."""
     series = np.empty(POINTS)
     top, best, curvature = 0.0, -math.inf, 0.0
-    for i in range(tops.shape[0]):
-        low, high = float(grid[max(tops[i] - 1, 0)]), float(grid[min(tops[i] + 1, grid.shape[0] - 1)])
-        half = 0.5 * (high - low)
+    for i in range(stretches.shape[0]):
+        middle, half = 0.5 * (stretches[i, 0] + stretches[i, 1]), 0.5 * (stretches[i, 1] - stretches[i, 0])
         fit_series(heights[POINTS * i : POINTS * (i + 1)], series)
         x, height, bend = top_of(series)
         if height > best:
-            top, best, curvature = 0.5 * (low + high) + half * x, height, bend / (half * half)
+            top, best, curvature = float(middle + half * x), height, float(bend / (half * half))
     return top, best, curvature
 
 
 @compiled()
-def interval(
-    d: Array,
-    gap: Array,
-    scale: float,
-    noise: float,
-    grid: Array,
-    values: Array,
-    edges: tuple[float, float],
-    top: float,
-    cut: float,
-) -> tuple[float, float]:
-    """The outermost ln λ whose log-likelihood reaches `cut`."""
+def around_ends(
+    grid: Array, values: Array, at_zero: float, at_infinity: float, top: float, cut: float
+) -> tuple[Array, bool, bool, float, float]:
+    """The steps of the grid in which the interval ends, whether it does below and above, and its ends where not."""
     n = grid.shape[0]
     first, last = 0, n - 1
     while first < n and not values[first] >= cut:
@@ -117,32 +135,24 @@ def interval(
     while last >= 0 and not values[last] >= cut:
         last -= 1
     if last < first:  # the maximum is an edge so sharp that no point of the grid comes near
-        return (-math.inf, float(grid[0])) if top < 0.0 else (float(grid[n - 1]), math.inf)
-    has_low = edges[0] < cut and first > 0
-    has_high = edges[1] < cut and last < n - 1
-    lows = float(grid[max(first - 1, 0)]), float(grid[first])
-    highs = float(grid[last]), float(grid[min(last + 1, n - 1)])
-    points = np.empty(POINTS * (has_low + has_high))
+        if top < 0.0:
+            return np.empty((0, 2)), False, False, -math.inf, float(grid[0])
+        return np.empty((0, 2)), False, False, float(grid[n - 1]), math.inf
+    has_low = at_zero < cut and first > 0
+    has_high = at_infinity < cut and last < n - 1
+    stretches = np.empty((int(has_low) + int(has_high), 2))
     if has_low:
-        place_nodes(lows, points[:POINTS])
+        stretches[0, 0], stretches[0, 1] = grid[first - 1], grid[first]
     if has_high:
-        place_nodes(highs, points[POINTS * has_low :])
-    heights = np.empty_like(points)
-    if points.shape[0]:
-        logliks_at(d, gap, points, scale, noise, heights)
-    series = np.empty(POINTS)
-    low, high = -math.inf, math.inf
-    if has_low:
-        fit_series(heights[:POINTS], series)
-        low = 0.5 * (lows[0] + lows[1]) + 0.5 * (lows[1] - lows[0]) * outermost_crossing(series, cut, True)
-    if has_high:
-        fit_series(heights[POINTS * has_low :], series)
-        high = 0.5 * (highs[0] + highs[1]) + 0.5 * (highs[1] - highs[0]) * outermost_crossing(series, cut, False)
-    return low, high
+        stretches[int(has_low), 0], stretches[int(has_low), 1] = grid[last], grid[last + 1]
+    return stretches, has_low, has_high, -math.inf, math.inf
 
 
 @compiled()
-def place_nodes(stretch: tuple[float, float], points: Array) -> None:
-    """The points of a polynomial on a stretch."""
-    for j in range(POINTS):
-        points[j] = 0.5 * (stretch[0] + stretch[1]) + 0.5 * (stretch[1] - stretch[0]) * NODES[j]
+def crossing(stretches: Array, heights: Array, index: int, cut: float, from_left: bool) -> float:
+    """Where the log-likelihood on one stretch reaches `cut`, seen from outside."""
+    series = np.empty(POINTS)
+    fit_series(heights[POINTS * index : POINTS * (index + 1)], series)
+    middle = 0.5 * (stretches[index, 0] + stretches[index, 1])
+    half = 0.5 * (stretches[index, 1] - stretches[index, 0])
+    return float(middle + half * outermost_crossing(series, cut, from_left))

@@ -36,6 +36,10 @@ class EstimateTable:
     """Log-likelihood at (q, r), exact diffuse start; 0 where nothing could be fitted."""
     ratio_interval: tuple[Array, Array]
     """The λ = q/r that the record allows: profile-likelihood 95 %, ends 0 … inf."""
+    q_interval: tuple[Array, Array]
+    """The q that the record allows, 95 %, from 0 where it does not exclude it, unit²; 0 and inf without any fit."""
+    r_interval: tuple[Array, Array]
+    """The r that the record allows, 95 %, from 0 where it does not exclude it, unit²; 0 and inf without any fit."""
     code: NDArray[np.uint8]
     """The verdict as its place in VERDICTS."""
     samples: NDArray[np.int64]
