@@ -30,7 +30,7 @@ MAX_COLUMNS = 10
 
 STUDIES = {
     "variants": lambda state: VariantTable().compute(state),
-    "map": lambda state: MapMaker()(state),
+    "map": lambda state: MapMaker().__call__(state),
     "checks": compute_checks,
     "channels": lambda state: Overviews().compute(state),
     "spectra": compute_spectra,

@@ -95,10 +95,10 @@ def find_change(e: Array) -> float:
         return 1.0
     parts = np.array_split(calm, count)
     sizes = np.array([len(part) for part in parts])
-    means, variances = np.transpose([(square.mean(), square.var()) for square in (part**2 for part in parts)])
+    means = np.array([np.square(part).mean() for part in parts])
+    scatter = float(np.mean([np.square(part).var() for part in parts]))
     spread = float(np.sum(sizes * (means - np.average(means, weights=sizes)) ** 2))
-    chance = float(chdtri(count - 1, ALARM)) * float(np.mean(variances))
-    if float(means.max()) < MIN_CHANGE * float(means.min()) or spread <= chance:
+    if float(means.max()) < MIN_CHANGE * float(means.min()) or spread <= float(chdtri(count - 1, ALARM)) * scatter:
         return 1.0
     seen = np.array([(part**2).mean() for part in np.array_split(finite(e), count)])
     return float(seen.max()) / max(float(seen.min()), 1e-12 * float(seen.max()))
