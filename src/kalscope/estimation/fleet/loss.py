@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.array import Array, Mask
-from kalscope.errors import BadSetting
+from kalscope.common.checks import above_zero
 from kalscope.estimation.fleet import pool_kernels as kernels
 from kalscope.estimation.fleet.many import fit_kernels as fits
-from kalscope.estimation.fleet.many.series import Series, series_of
+from kalscope.estimation.fleet.many.series import Series, above_zero_each, series_of
 from kalscope.estimation.fleet.many.table import lags_of, reductions_of
 from kalscope.filtering.params import MAX_VARIANCE
 
@@ -79,16 +79,13 @@ def fleet_loss(
     """
     many = series_of(series, dt)
     k = len(many)
-    ratios = np.array(np.broadcast_to(np.asarray(ratio, dtype=np.float64), (k,)))
-    if k and not (ratios.min() > 0.0 and ratios.max() <= MAX_VARIANCE):
-        raise BadSetting(f"ratio must be finite and above 0 (got {ratios.min()} to {ratios.max()})")
-    if r is not None and not 0.0 < r <= MAX_VARIANCE:
-        raise BadSetting(f"r must be finite and above 0 (got {r})")
+    ratios = above_zero_each("ratio", ratio, k)
+    common = 0.0 if r is None else above_zero("r", r, MAX_VARIANCE)
     own_ratio, own_loglik = _fitted(many, many.starts[1:])
     half_ratio, _ = _fitted(many, (many.starts[:-1] + many.starts[1:]) // 2)
     numbers, counted = np.full((k, kernels.SHARED), math.nan), np.zeros(k, np.bool_)
     if k:
-        kernels.share_each(many.values, many.steps, many.starts, ratios, r or 0.0, half_ratio, numbers, counted)
+        kernels.share_each(many.values, many.steps, many.starts, ratios, common, half_ratio, numbers, counted)
     shared = np.ascontiguousarray(numbers.T)
     return FleetLoss(
         counted=counted,

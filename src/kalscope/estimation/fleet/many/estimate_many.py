@@ -8,19 +8,18 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import checked_momentum, estimate
 from kalscope.estimation.fleet.many import fit_kernels as kernels
-from kalscope.estimation.fleet.many.series import Series, series_of
+from kalscope.estimation.fleet.many.series import Series, above_zero_each, series_of
 from kalscope.estimation.fleet.many.table import VERDICTS, EstimateTable
 from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio, may_be_below_resolution
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import checked_robust
-from kalscope.filtering.params import MAX_VARIANCE
 
 _AT_ONCE = 4_000_000
 """Samples of one compiled call, a fraction of a second: progress is reported, and a stop seen, between two."""
@@ -102,8 +101,8 @@ class _Asked:
         kind = kernels.KNOWN_R if r is not None else kernels.KNOWN_RATIO if ratio is not None else kernels.FREE
         if kind != kernels.FREE and tau != 0.0:
             raise BadSetting(f"momentum must be 0 where r or ratio is given (got {momentum!r})")
-        value = _positive("r", r, count) if r is not None else _positive("ratio", ratio, count)
-        return _Asked(tau, checked_robust(robust), kind, value)
+        known = above_zero_each("r", r, count) if r is not None else above_zero_each("ratio", ratio, count)
+        return _Asked(tau, checked_robust(robust), kind, known)
 
     def of_one(self, index: int, z: Array, dt: Array | None) -> Estimate:
         """The estimate of one series, as the library finds it for a single one."""
@@ -164,16 +163,3 @@ def _around(value: Any, error: Any) -> tuple[float, float]:
         return 0.0, math.inf
     factor = math.exp(min(kernels.NORMAL * error / value, 700.0))
     return value / factor, value * factor
-
-
-def _positive(name: str, value: Any, count: int) -> Array:
-    """One value a series, above 0; NaN each where none is given."""
-    if value is None:
-        return np.full(count, np.nan)
-    try:
-        array: NDArray[np.float64] = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (count,)))
-    except (TypeError, ValueError):
-        raise BadSetting(f"{name} must be one number, or one a series, {count} (got something else)") from None
-    if count and not (array.min() > 0.0 and array.max() <= MAX_VARIANCE):
-        raise BadSetting(f"{name} must be finite and above 0 (got {array.min()} to {array.max()})")
-    return array

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import samples_of
+from kalscope.filtering.params import MAX_VARIANCE
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,19 @@ def series_of(
     if not np.array_equal(starts, others):
         raise BadSetting("dt must have one value a sample of each series (got other lengths)")
     return Series(values, starts, steps)
+
+
+def above_zero_each(name: str, value: ArrayLike | None, count: int) -> Array:
+    """One number above 0 a series, shape (count,), of one for all or one each; NaN each for None."""
+    if value is None:
+        return np.full(count, np.nan)
+    try:
+        array: Array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (count,)))
+    except (TypeError, ValueError):
+        raise BadSetting(f"{name} must be one number, or one a series, {count} (got something else)") from None
+    if count and not (array.min() > 0.0 and array.max() <= MAX_VARIANCE):
+        raise BadSetting(f"{name} must be finite and above 0 (got {array.min():g} to {array.max():g})")
+    return array
 
 
 def _joined(series: ArrayLike | Sequence[ArrayLike], name: str) -> tuple[Array, NDArray[np.int64]]:
