@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -50,17 +50,31 @@ class Program:
     """`kalscope open SOURCE`, or a program with the same arguments, in a process of its own; use it in a `with`."""
 
     def __init__(
-        self, source: str, program: Sequence[str | Path] = (PROGRAM, "open"), *, map_shown: bool = False
+        self,
+        source: str,
+        program: Sequence[str | Path] = (PROGRAM, "open"),
+        *,
+        map_shown: bool = False,
+        folder: Path | None = None,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
+        """Start it, and wait until it prints its link.
+
+        Args:
+            source: what it opens.
+            program: the command before the source.
+            map_shown: whether the map was open when it was last used.
+            folder: where it runs and keeps its settings; None = a new one, deleted at the end.
+            environment: variables that take the place of those of this process.
+        """
         self._folder = tempfile.TemporaryDirectory(prefix="kalscope-bench-")
-        self.folder = Path(self._folder.name)
-        UserSettings(self.folder).keep(
-            tour_seen=True, map_shown=map_shown
-        )  # its window would cover what is measured
+        self.folder = folder or Path(self._folder.name)
+        # the window of the tour would cover what is measured
+        UserSettings(self.folder).keep(tour_seen=True, map_shown=map_shown)
         self.process = subprocess.Popen(
             [*program, source, "--port", "0", "--no-browser"],
             cwd=self.folder,  # recordings go there
-            env={**os.environ, FOLDER_VARIABLE: self._folder.name},
+            env={**os.environ, **(environment or {}), FOLDER_VARIABLE: str(self.folder)},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
