@@ -9,13 +9,15 @@ from hypothesis import strategies as st
 from required import not_here
 
 from kalscope.catalogue import open_source
-from kalscope.cli.tune.options import NOTHING
+from kalscope.cli.tune.options import NOTHING, TuneOptions
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.tuning.fleet.recordings import data_set
 from kalscope.tuning.fleet.recordings.find import find_units
 from kalscope.tuning.fleet.work.asked import Asked
-from kalscope.tuning.fleet.work.read import read_unit
+from kalscope.tuning.fleet.work.block import fit_block
+from kalscope.tuning.fleet.work.read import channels_of
+from kalscope.tuning.fleet.work.row_groups import read_block
 
 try:
     import pyarrow as pa
@@ -41,13 +43,15 @@ def long_table(series, **more):
 
 
 def read(folder, asked=None, **options):
-    """{id: (samples, rate)} of all series; each must come once."""
+    """{(id, channel): (samples, rate)} of all series; each must come once."""
     found = {}
     asked = asked or Asked(NOTHING, **options)
     for unit in find_units([str(folder)], folder / "out", asked.row_groups):
-        for one in read_unit(unit, asked):
-            assert (one.id, one.channel) not in found
-            found[one.id, one.channel] = (one.z, one.recording.sample_period)
+        block = read_block(unit, asked.reading)
+        for i, name in enumerate(block.ids):
+            for one in channels_of(block.recording(i, asked.reading, asked.sample_period), name, None, asked):
+                assert (one.id, one.channel) not in found
+                found[one.id, one.channel] = (one.z, one.recording.sample_period)
     return found
 
 
@@ -156,6 +160,35 @@ def test_a_series_is_read_as_the_same_rows_in_a_file_of_their_own(tmp_path):
         ((samples, period),) = read(tmp_path / "set", reading=options).values()
         assert np.array_equal(samples, alone.channel("value"), equal_nan=True)
         assert period == pytest.approx(alone.sample_period, rel=1e-9)
+
+
+PLAIN = TuneOptions(momentum=0.0, robust=False)
+
+
+def test_the_compiled_way_gives_the_rows_and_the_pool_of_the_way_of_a_file(tmp_path, monkeypatch):
+    """Even stamps take the compiled way, others not; a constant and a short series have a reason in both."""
+    series = fleet(8, n=200)
+    series["dev02"] = (series["dev02"][0], np.full(202, 3.0))
+    series["dev03"] = (series["dev03"][0][:2], series["dev03"][1][:2])
+    series["dev04"] = (series["dev04"][0] * RNG.uniform(1.0, 1.001, size=204), series["dev04"][1])
+    series["dev05"][1][7] = np.inf
+    series["dev06"] = (series["dev06"][0], np.round(series["dev06"][1]))
+    pq.write_table(long_table(series), tmp_path / "x.parquet")
+    (unit,) = find_units([str(tmp_path)], tmp_path / "out")
+    quick = fit_block(unit, Asked(PLAIN))
+    monkeypatch.setattr("kalscope.tuning.fleet.work.block.PLAIN", None)
+    slow = fit_block(unit, Asked(PLAIN))
+    assert [row.id for row in quick.rows] == list(series)
+    assert [row.verdict for row in quick.rows][2:4] == ["constant", "too_few"]
+    for one, other in zip(quick.rows, slow.rows, strict=True):
+        for name in ("id", "channel", "unit", "samples", "verdict", "spikes", "rejected_lines", "gate", "reason"):
+            assert getattr(one, name) == getattr(other, name), (one.id, name)
+        for name in ("rate_hz", "q", "r", "q_se", "r_se", "momentum", "lag_samples", "nis"):
+            value, expected = getattr(one, name), getattr(other, name)
+            assert (value is None) == (expected is None), (one.id, name)
+            assert value is None or value == pytest.approx(expected, rel=1e-6), (one.id, name)
+    assert quick.pool.devices == slow.pool.devices
+    assert quick.pool.sums == pytest.approx(slow.pool.sums, rel=1e-9)
 
 
 def test_columns_beside_id_and_time_are_channels(tmp_path):

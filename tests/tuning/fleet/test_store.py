@@ -9,11 +9,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from required import not_here
 
 from kalscope.common import files
 from kalscope.errors import BadSetting
+from kalscope.estimation.fleet.pool import Pool, pool_of
 from kalscope.tuning.fleet.store.lock import NAME, locked
 from kalscope.tuning.fleet.store.merge import TABLE, merge
 from kalscope.tuning.fleet.store.parts import find_parts, sweep, write_part
@@ -27,7 +29,9 @@ except ImportError:
 
 
 def rows_of(key, n=2):
-    return [Row(f"file {key}", f"channel {i}", q=float(i), r=1.0, verdict="ok") for i in range(n)]
+    """The rows of a unit and its pool, another one for each key."""
+    rows = [Row(f"file {key}", f"channel {i}", q=float(i), r=1.0, verdict="ok") for i in range(n)]
+    return rows, pool_of(np.random.default_rng(list(key.encode())).normal(size=(n, 20)))
 
 
 def read(folder):
@@ -36,11 +40,11 @@ def read(folder):
 
 def test_rows_come_back_as_they_were(tmp_path):
     rows = [
-        Row("a", "light", "lx", 5, 100.0, 1e-300, 0.1, 0.0, 16.0, 3.0, "ok", 1.0, 2, 1, 0.5),
+        Row("a", "light", "lx", 5, 100.0, 1e-300, 0.1, None, 0.01, 0.0, 16.0, 3.0, "ok", 1.0, 2, 1, 0.5),
         Row("b", reason="bad"),
     ]
-    write_part(tmp_path, {"k": rows})
-    assert merge(tmp_path, [["k"]], find_parts(tmp_path)) == 2
+    write_part(tmp_path, {"k": (rows, Pool.empty())})
+    assert merge(tmp_path, [["k"]], find_parts(tmp_path)).devices == 0
     assert read(tmp_path) == rows
     assert tuple(read_table(tmp_path / TABLE).column_names) == COLUMNS
 
@@ -63,12 +67,17 @@ def test_the_table_is_the_same_however_the_parts_came_about(tmp_path, seed):
     for key in keys:
         if key not in find_parts(tmp_path):
             write_part(tmp_path, {key: contents[key]})
-    merge(tmp_path, batches, find_parts(tmp_path))
-    assert read(tmp_path) == [row for key in keys for row in contents[key]]
+    pool = merge(tmp_path, batches, find_parts(tmp_path))
+    assert read(tmp_path) == [row for key in keys for row in contents[key][0]]
+    whole = Pool.empty()
+    for key in keys:
+        whole = whole + contents[key][1]
+    assert np.array_equal(pool.sums, whole.sums)  # bit by bit: added up in the order of the fleet
+    assert (pool.devices, pool.innovations) == (whole.devices, whole.innovations)
 
 
 def test_a_unit_without_rows_is_done(tmp_path):
-    write_part(tmp_path, {"none": []})
+    write_part(tmp_path, {"none": ([], Pool.empty())})
     assert set(find_parts(tmp_path)) == {"none"}
 
 

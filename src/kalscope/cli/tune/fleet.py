@@ -60,7 +60,7 @@ def fleet_command(
     finally:
         line.clear()
     tally = outcome.tally
-    if outcome.rows is None:
+    if outcome.pool is None:
         done = tally.kept + tally.done
         say(f"stopped with {done} of {tally.units} done, all kept: run the same command again to go on")
         raise typer.Exit(INTERRUPTED)

@@ -33,7 +33,7 @@ class TaskLost(Exception):
     """The task was forgotten: the scheduler was lost, or another one took its place."""
 
 
-class Pool:
+class Workers:
     """Workers that take batches and give back what came of them, in any order."""
 
     def __init__(self, client: Any) -> None:
@@ -81,7 +81,7 @@ class Pool:
 
 
 @contextmanager
-def workers(address: str | None, tasks: int) -> Generator[Pool]:
+def open_workers(address: str | None, tasks: int) -> Generator[Workers]:
     """The workers of a scheduler, or those of this machine while the block runs, one for each core.
 
     Args:
@@ -105,9 +105,9 @@ def workers(address: str | None, tasks: int) -> Generator[Pool]:
         except (OSError, ValueError, TimeoutError) as error:
             reason = " ".join(str(error).split())[:200]
             raise BadDevice(f"--cluster must name a scheduler with workers (got {address!r}: {reason})") from None
-        pool = Pool(client)
-        stack.callback(pool.cancel)
-        yield pool
+        found = Workers(client)
+        stack.callback(found.cancel)
+        yield found
 
 
 @contextmanager

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kalscope.errors import KalscopeError
+from kalscope.estimation.fleet.pool import Pool
 from kalscope.tuning.fleet.batches import Dispatcher, lay_out, window
-from kalscope.tuning.fleet.cluster import Pool, TaskLost, WorkerDied, workers
+from kalscope.tuning.fleet.cluster import TaskLost, WorkerDied, Workers, open_workers
 from kalscope.tuning.fleet.recordings.find import find_units
 from kalscope.tuning.fleet.recordings.unit import Unit
 from kalscope.tuning.fleet.store.lock import locked
@@ -72,8 +73,8 @@ class Outcome:
 
     tally: Tally
     """What it did."""
-    rows: int | None
-    """Rows of the merged table; None where the run was stopped before it was complete."""
+    pool: Pool | None
+    """What the whole fleet says about one filter for all; None where the run was stopped before it was complete."""
 
 
 OnTally = Callable[[Tally], None]
@@ -114,14 +115,13 @@ def run_fleet(
         todo = [i for some in missing for i in some]
         tally = Tally(len(units), len(units) - len(todo), sum(units[i].size for i in todo))
         if todo:
-            with workers(cluster, sum(map(bool, missing))) as pool:
-                _Run(units, keys, asked, folder, tally).all_of(missing, pool, show, stopped)
+            with open_workers(cluster, sum(map(bool, missing))) as workers:
+                _Run(units, keys, asked, folder, tally).all_of(missing, workers, show, stopped)
             parts = find_parts(folder)
         if any(key not in parts for key in keys):
             return Outcome(tally, None)
         sweep(folder, {parts[key] for key in keys})
-        rows = merge(folder, [[keys[i] for i in batch] for batch in batches], parts)
-        return Outcome(tally, rows)
+        return Outcome(tally, merge(folder, [[keys[i] for i in batch] for batch in batches], parts))
 
 
 @dataclass(frozen=True)
@@ -137,18 +137,18 @@ class _Run:
     def all_of(
         self,
         missing: Sequence[Sequence[int]],
-        pool: Pool,
+        workers: Workers,
         show: OnTally | None,
         stopped: Callable[[], bool] | None,
     ) -> None:
         """Do the units, given batch by batch, until all are done or the run is stopped."""
         jobs, tally = Dispatcher.of(missing), self.tally
-        tally.begun, tally.threads = time.monotonic(), pool.threads
+        tally.begun, tally.threads = time.monotonic(), workers.threads
         while jobs.active and not (stopped is not None and stopped()):
-            limit = window(max(tally.threads, pool.threads))
+            limit = window(max(tally.threads, workers.threads))
             while len(jobs.running) < limit and (batch := jobs.next()) is not None:
-                pool.submit(batch, run_batch, [self.units[i] for i in batch.units], self.asked, str(self.folder))
-            ended = pool.ended(LOOK_S)
+                workers.submit(batch, run_batch, [self.units[i] for i in batch.units], self.asked, str(self.folder))
+            ended = workers.ended(LOOK_S)
             if ended is not None:
                 batch, result = ended
                 if isinstance(result, Done):
@@ -169,7 +169,7 @@ class _Run:
         """A row for each unit that kills its worker."""
         while jobs.lost:
             i = jobs.lost.pop()
-            write_part(self.folder, {self.keys[i]: [lost_row(self.units[i], LOST)]})
+            write_part(self.folder, {self.keys[i]: ([lost_row(self.units[i], LOST)], Pool.empty())})
             self.tally.done += 1
             self.tally.done_bytes += self.units[i].size
             self.tally.rows += 1

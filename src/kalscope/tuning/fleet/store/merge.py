@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from kalscope.common.files import atomic_file
+from kalscope.estimation.fleet.pool import Pool
 from kalscope.tuning.fleet.libraries import library
-from kalscope.tuning.fleet.store.table import KEY, read_table, schema
+from kalscope.tuning.fleet.store.table import KEY, POOL, read_table, schema, unpacked
 
 TABLE = "fleet.parquet"
 """Name of the table in the folder of a fleet."""
@@ -36,8 +37,8 @@ class _Parts:
         return table.filter(library("pyarrow.compute").is_in(table[KEY], value_set=wanted))
 
 
-def merge(folder: Path, batches: Sequence[Sequence[str]], parts: Mapping[str, Path]) -> int:
-    """Write the table, whole or not at all.
+def merge(folder: Path, batches: Sequence[Sequence[str]], parts: Mapping[str, Path]) -> Pool:
+    """Write the table, whole or not at all, and add up the pools in its order.
 
     Args:
         folder: Of the fleet.
@@ -45,13 +46,13 @@ def merge(folder: Path, batches: Sequence[Sequence[str]], parts: Mapping[str, Pa
         parts: Where each unit lies. A unit that lies in none, because its run was stopped, has no rows.
 
     Returns:
-        The number of rows.
+        What the whole fleet says about one filter for all.
 
     Raises:
         OSError: The disk is full; a table of an earlier run stays as it was.
     """
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")
-    cache, count = _Parts(OrderedDict()), 0
+    cache, pool = _Parts(OrderedDict()), Pool.empty()
     with atomic_file(folder / TABLE) as file, parquet.ParquetWriter(file, schema(), compression="zstd") as writer:
         for keys in batches:
             found = _by_part(keys, parts)
@@ -61,10 +62,11 @@ def merge(folder: Path, batches: Sequence[Sequence[str]], parts: Mapping[str, Pa
             place = {key: i for i, key in enumerate(keys)}
             order = pa.array([place[key] for key in rows[KEY].to_pylist()], pa.int64())
             rows = rows.append_column("_place", order).append_column("_row", pa.array(range(len(rows))))
-            rows = rows.sort_by([("_place", "ascending"), ("_row", "ascending")]).select(schema().names)
-            writer.write_table(rows.cast(schema()))
-            count += len(rows)
-    return count
+            rows = rows.sort_by([("_place", "ascending"), ("_row", "ascending")])
+            writer.write_table(rows.select(schema().names).cast(schema()))
+            for content in rows[POOL].drop_null().to_pylist():
+                pool = pool + unpacked(content)
+    return pool
 
 
 def _by_part(keys: Sequence[str], parts: Mapping[str, Path]) -> dict[Path, list[str]]:

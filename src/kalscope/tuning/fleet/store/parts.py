@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from kalscope.common.files import write_atomic
+from kalscope.estimation.fleet.pool import Pool
 from kalscope.tuning.fleet.store.row import Row
 from kalscope.tuning.fleet.store.table import part_bytes, units_of
 
@@ -27,12 +28,12 @@ def part_path(folder: Path, keys: Iterable[str]) -> Path:
     return folder / FOLDER / name[:2] / f"{name}.parquet"
 
 
-def write_part(folder: Path, rows: Mapping[str, Sequence[Row]]) -> Path:
-    """Write the rows of some units, durably.
+def write_part(folder: Path, units: Mapping[str, tuple[Sequence[Row], Pool]]) -> Path:
+    """Write what came of some units, durably.
 
     Args:
         folder: Of the fleet.
-        rows: Those of each unit, by its key.
+        units: The rows and the pool of each, by its key.
 
     Returns:
         The path of the part.
@@ -40,9 +41,9 @@ def write_part(folder: Path, rows: Mapping[str, Sequence[Row]]) -> Path:
     Raises:
         OSError: The disk is full or the folder cannot be written; nothing is left behind.
     """
-    path = part_path(folder, rows)
+    path = part_path(folder, units)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(path, part_bytes([(key, row) for key, several in rows.items() for row in several], rows))
+    write_atomic(path, part_bytes(units))
     return path
 
 

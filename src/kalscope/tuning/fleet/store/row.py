@@ -26,6 +26,10 @@ class Row:
     """Process-noise variance per sample, unit²."""
     r: float | None = None
     """Measurement-noise variance, unit²."""
+    q_se: float | None = None
+    """Standard error of q, unit²; None where there is none."""
+    r_se: float | None = None
+    """Standard error of r, unit²."""
     momentum: float | None = None
     """Momentum, sample periods; 0 = none."""
     gate: float | None = None

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from kalscope.estimation.fleet.pool import Pool
 from kalscope.tuning.fleet.libraries import library
 from kalscope.tuning.fleet.store.row import COLUMNS, Row
 
 KEY = "unit_key"
 """Column of a part that says which unit a row belongs to."""
+POOL = "unit_pool"
+"""Column of a part that holds the pool of a unit, on its first row."""
+IN_PART = [KEY, *COLUMNS, POOL]
+"""The columns of a part."""
 UNITS = b"kalscope_units"
 """Entry of the metadata of a part: the keys of all its units, those without rows too."""
 
@@ -25,21 +32,34 @@ def schema() -> Any:
     return pa.schema([pa.field(one.name, kinds[str(one.type)]) for one in fields(Row)])
 
 
-def part_bytes(rows: Sequence[tuple[str, Row]], keys: Iterable[str]) -> bytes:
-    """The content of a part.
+def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]]) -> bytes:
+    """The content of a part: the rows of some units, and on the first row of each its pool.
 
     Args:
-        rows: Each with the key of its unit.
-        keys: Of all its units.
+        units: The rows and the pool of each, by its key.
     """
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")
-    columns = [pa.array([key for key, _ in rows], pa.string())]
-    columns += [pa.array([getattr(row, one.name) for _, row in rows], one.type) for one in schema()]
-    names = [KEY, *COLUMNS]
-    table = pa.table(columns, names=names).replace_schema_metadata({UNITS: json.dumps(list(keys))})
+    rows = [row for several, _ in units.values() for row in several]
+    columns = [pa.array([key for key, (several, _) in units.items() for _ in several], pa.string())]
+    columns += [pa.array([getattr(row, one.name) for row in rows], one.type) for one in schema()]
+    pools = [_packed(pool) if i == 0 else None for several, pool in units.values() for i in range(len(several))]
+    columns.append(pa.array(pools, pa.binary()))
+    table = pa.table(columns, names=IN_PART).replace_schema_metadata({UNITS: json.dumps(list(units))})
     buffer = io.BytesIO()
-    parquet.write_table(table, buffer, compression="zstd")
+    parquet.write_table(table, buffer, compression="zstd", use_dictionary=[KEY, "channel", "unit", "verdict"])
     return buffer.getvalue()
+
+
+def _packed(pool: Pool) -> bytes | None:
+    """The pool as bytes; None for one of no device."""
+    counts = np.array([pool.devices, pool.innovations], dtype="<f8")
+    return np.concatenate((counts, pool.sums.ravel())).astype("<f8").tobytes() if pool.devices else None
+
+
+def unpacked(content: bytes) -> Pool:
+    """The pool in a cell of a part."""
+    numbers = np.frombuffer(content, dtype="<f8")
+    return Pool(numbers[2:].reshape(Pool.empty().sums.shape).copy(), int(numbers[0]), int(numbers[1]))
 
 
 def units_of(path: Path) -> list[str] | None:
@@ -51,7 +71,7 @@ def units_of(path: Path) -> list[str] | None:
         names = [footer.schema.column(i).name for i in range(footer.num_columns)]
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError):
         return None
-    return keys if names == [KEY, *COLUMNS] else None
+    return keys if names == IN_PART else None
 
 
 def read_table(path: Path) -> Any:

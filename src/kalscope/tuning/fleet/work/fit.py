@@ -1,16 +1,18 @@
-"""The fit of a channel as a row of the table."""
+"""The fit of a channel as a row of the table, and what it says about one filter for all."""
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.errors import KalscopeError, describe
 from kalscope.estimation.finding import Found, find_parameters
+from kalscope.estimation.fleet.pool import Pool, pool_of
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -23,14 +25,39 @@ CHOSEN = "chosen"
 """Verdict where the filter follows from the options alone."""
 
 
-def fit(series: Series, question: Question) -> Row:
-    """The row of one channel. A channel that cannot be fitted gives one with the reason, never an exception."""
-    begun = time.thread_time()
-    try:
-        row = _fitted(series, question)
-    except Exception as error:  # whatever is wrong with one recording, the others go on
-        row = replace(_row(series), reason=reason_of(error))
-    return replace(row, seconds=time.thread_time() - begun)
+@dataclass(frozen=True)
+class Fitted:
+    """What came of some recordings."""
+
+    rows: list[Row]
+    """A row for each channel."""
+    pool: Pool
+    """What all of them say about one filter for all."""
+
+    @staticmethod
+    def lost(row: Row) -> Fitted:
+        """A recording that could not be read."""
+        return Fitted([row], Pool.empty())
+
+
+def fit_each(several: Sequence[Series], question: Question) -> Fitted:
+    """Fit some channels, one after the other. One that cannot be fitted gives a row with the reason."""
+    rows: list[Row] = []
+    pool = Pool.empty()
+    for series in several:
+        begun, row = time.thread_time(), _row(series)
+        try:
+            z, dt, recording = series.z, series.dt, series.recording
+            request = question.request(recording)
+            found = find_parameters(z, request, dt=dt, sample_period=recording.sample_period)
+            row = filled(row, z, dt, found, question.gate)
+            outliers = None if found.estimate is None else found.estimate.outliers
+            used = z if outliers is None else np.where(outliers, np.nan, z)
+            pool = pool + pool_of([used], None if dt is None else [dt])
+        except Exception as error:  # whatever is wrong with one recording, the others go on
+            row = replace(_row(series), reason=reason_of(error))
+        rows.append(replace(row, seconds=time.thread_time() - begun))
+    return Fitted(rows, pool)
 
 
 def reason_of(error: Exception) -> str:
@@ -54,12 +81,6 @@ def _row(series: Series) -> Row:
     )
 
 
-def _fitted(series: Series, question: Question) -> Row:
-    z, dt, recording = series.z, series.dt, series.recording
-    found = find_parameters(z, question.request(recording), dt=dt, sample_period=recording.sample_period)
-    return filled(_row(series), z, dt, found, question.gate)
-
-
 def filled(row: Row, z: Array, dt: Array | None, found: Found, gate: float | None) -> Row:
     """The row with the result of its fit.
 
@@ -73,13 +94,15 @@ def filled(row: Row, z: Array, dt: Array | None, found: Found, gate: float | Non
     estimate = found.estimate
     verdict = CHOSEN if estimate is None else str(estimate.verdict)
     if found.params is None:
-        return replace(row, verdict=verdict, reason=_first_sentence(found.message))
+        return replace(row, verdict=verdict, reason=first_sentence(found.message))
     params = found.params if gate is None else replace(found.params, gate=None if math.isnan(gate) else gate)
     spikes = 0 if estimate is None or estimate.outliers is None else int(np.count_nonzero(estimate.outliers))
     return replace(
         row,
         q=scalar(params.q),
         r=scalar(params.r),
+        q_se=None if estimate is None else _finite(scalar(estimate.q_se)),
+        r_se=None if estimate is None else _finite(scalar(estimate.r_se)),
         momentum=scalar(params.momentum),
         gate=None if params.gate is None else scalar(params.gate),
         lag_samples=scalar(steady_state(params).lag_samples),
@@ -97,5 +120,10 @@ def mean_nis(z: Array, params: FilterParams, dt: Array | None) -> float | None:
     return float(scored.mean()) if len(scored) else None
 
 
-def _first_sentence(text: str) -> str:
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def first_sentence(text: str) -> str:
+    """The text up to its first full stop, without it."""
     return text.split(". ", 1)[0].rstrip(".")

@@ -1,8 +1,7 @@
-"""A unit into the channels to fit."""
+"""A file into the channels to fit."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from kalscope.analysis.channel_kinds import default_channel
@@ -12,7 +11,6 @@ from kalscope.recording import Recording
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.tuning.fleet.recordings.unit import Unit
 from kalscope.tuning.fleet.work.asked import Asked
-from kalscope.tuning.fleet.work.row_groups import read_groups
 
 
 @dataclass(frozen=True)
@@ -37,8 +35,8 @@ class Series:
         return self.recording.steps() if self.recording.gaps == "dt" else None
 
 
-def read_unit(unit: Unit, asked: Asked) -> Iterator[Series]:
-    """The channels of a unit.
+def read_file(unit: Unit, asked: Asked) -> list[Series]:
+    """The channels of a file.
 
     Raises:
         BadFile: it cannot be read.
@@ -46,16 +44,11 @@ def read_unit(unit: Unit, asked: Asked) -> Iterator[Series]:
     """
     if unit.reason:
         raise BadFile(unit.reason)
-    path = unit.pieces[0].path
-    if unit.span is not None or unit.pieces[0].groups:
-        for name, recording in read_groups(unit, asked.reading, asked.sample_period):
-            yield from channels_of(recording, name, unit.channel, asked)
-        return
-    recording = read_recording(path, asked.reading, sample_period=asked.sample_period)
-    yield from channels_of(recording, unit.id, unit.channel, asked)
+    recording = read_recording(unit.pieces[0].path, asked.reading, sample_period=asked.sample_period)
+    return channels_of(recording, unit.id, unit.channel, asked)
 
 
-def channels_of(recording: Recording, name: str, channel: str | None, asked: Asked) -> Iterator[Series]:
+def channels_of(recording: Recording, name: str, channel: str | None, asked: Asked) -> list[Series]:
     """The channels of a recording that are asked for.
 
     Args:
@@ -68,5 +61,4 @@ def channels_of(recording: Recording, name: str, channel: str | None, asked: Ask
     if chosen is not None:
         recording.index(chosen)
     names = (chosen,) if chosen else recording.names if asked.every else (default_channel(recording),)
-    for one in names:
-        yield Series(name, recording, one)
+    return [Series(name, recording, one) for one in names]

@@ -5,13 +5,12 @@ Stamps of one even step, the usual case, need no search for the sample rate; all
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Indices
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.containers.table import Table
@@ -31,7 +30,7 @@ EVEN = 1e-6
 
 
 @dataclass(frozen=True)
-class _Columns:
+class Columns:
     """The columns of a table and what they are."""
 
     names: tuple[str, ...]
@@ -44,35 +43,67 @@ class _Columns:
     """Stamps in s, from 0 at the first; None where there are none."""
 
 
-def read_groups(unit: Unit, options: ReadOptions, sample_period: float | None) -> Iterator[tuple[str, Recording]]:
-    """The recordings of a unit, each with its name in the table.
+@dataclass(frozen=True)
+class Block:
+    """The recordings of a unit, one below the other."""
+
+    ids: list[str]
+    """Their names in the table."""
+    starts: Indices
+    """First row of each, and one past the last of all, shape (k + 1,)."""
+    columns: Columns
+    """The rows."""
+
+    def recording(self, i: int, options: ReadOptions, sample_period: float | None) -> Recording:
+        """One of them, as a file with these rows would be read.
+
+        Raises:
+            BadSetting: an option does not suit it.
+        """
+        columns, rows = self.columns, slice(int(self.starts[i]), int(self.starts[i + 1]))
+        values = tuple(column[rows] for column in columns.values)
+        table = Table(columns.names, columns.units, values, None if columns.time is None else columns.time[rows])
+        own = ReadOptions(missing=options.missing, gaps=options.gaps, rate=options.rate)
+        return assemble(reading_of(table, own), own, sample_period, self.ids[i])
+
+    def even_steps(self) -> Array:
+        """The step of each recording's stamps in s, shape (k,); NaN where they are uneven, or fewer than three."""
+        first, sizes = self.starts[:-1], np.diff(self.starts)
+        time = self.columns.time
+        if time is None or not len(first):
+            return np.full(len(first), np.nan)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            period = (time[self.starts[1:] - 1] - time[first]) / (sizes - 1)
+        apart = np.abs(np.append(np.diff(time), 0.0) / np.repeat(period, sizes) - 1.0)
+        apart[self.starts[1:] - 1] = 0.0  # from one recording to the next
+        even = (np.maximum.reduceat(apart, first) <= EVEN) & (sizes >= 3) & (period > 0.0)
+        return np.where(even, period, np.nan)
+
+
+def read_block(unit: Unit, options: ReadOptions) -> Block | None:
+    """The recordings of a unit; None where it has no rows.
 
     Args:
         unit: Some row groups; with a span the ids within it, else one recording.
         options: How files are read. Of a numeric time column the unit is that of its name, or s.
-        sample_period: Sample period in s in place of that of the stamps.
 
     Raises:
         BadFile: the row groups cannot be read, or hold no channel.
-        BadSetting: an option does not suit them.
+        BadSetting: there is no such time column.
     """
     table = _table(unit)
     if unit.span is None:
-        columns = _columns(table, options, None)
-        yield unit.id, _recording(columns, slice(None), options, sample_period, unit.id)
-        return
+        return Block([unit.id], np.array([0, len(table)]), _columns(table, options, None)) if len(table) else None
     name = str(id_column(table.column_names))
     ids, table = _own(table, name, unit.span)
     if not len(table):
-        return
+        return None
     codes = ids.dictionary_encode()
-    places, texts = codes.indices.to_numpy(), [str(one) for one in codes.dictionary.to_pylist()]
-    columns = _columns(table, options, name)
-    places, columns = _sorted(places, columns)
+    places, names = codes.indices.to_numpy(), codes.dictionary.to_pylist()
+    places, columns = _sorted(places, _columns(table, options, name))
     starts = np.flatnonzero(np.diff(places, prepend=-1))
-    for start, stop in zip(starts, [*starts[1:], len(places)], strict=True):
-        series = f"{unit.data_set}{texts[places[start]]}"
-        yield series, _recording(columns, slice(start, stop), options, sample_period, series)
+    texts = [f"{unit.data_set}{names[place]}" for place in places[starts]]
+    return Block(texts, np.append(starts, len(places)), columns)
 
 
 def _table(unit: Unit) -> Any:
@@ -101,7 +132,7 @@ def _own(table: Any, name: str, span: tuple[Any, Any]) -> tuple[Any, Any]:
     return library("pyarrow").concat_arrays(ids.chunks), table
 
 
-def _columns(table: Any, options: ReadOptions, ids: str | None) -> _Columns:
+def _columns(table: Any, options: ReadOptions, ids: str | None) -> Columns:
     """The columns that are channels, and the time."""
     types = library("pyarrow").types
     names = [name for name in table.column_names if name != ids]
@@ -111,7 +142,7 @@ def _columns(table: Any, options: ReadOptions, ids: str | None) -> _Columns:
     channels = [named_column(name) for name in numeric if name != time]
     if not channels:
         raise BadFile(f"there must be a column of numbers beside id and time (got {', '.join(table.column_names)})")
-    return _Columns(
+    return Columns(
         tuple(one.name for one in channels),
         tuple(one.unit for one in channels),
         tuple(_numbers(table[name]) for name in numeric if name != time),
@@ -148,7 +179,7 @@ def _seconds(column: Any, name: str, date: bool, options: ReadOptions) -> Array:
     return _numbers(column) * SECONDS_PER_UNIT[UNIT_OF_WORD.get(word.lower(), "s")]
 
 
-def _sorted(places: Array, columns: _Columns) -> tuple[Array, _Columns]:
+def _sorted(places: Array, columns: Columns) -> tuple[Array, Columns]:
     """The rows by id and time, where they are not already."""
     steps = np.diff(places)
     time = columns.time
@@ -157,31 +188,4 @@ def _sorted(places: Array, columns: _Columns) -> tuple[Array, _Columns]:
         return places, columns
     order = np.lexsort((places,)) if time is None else np.lexsort((time, places))
     values = tuple(column[order] for column in columns.values)
-    return places[order], _Columns(columns.names, columns.units, values, None if time is None else time[order])
-
-
-def _recording(
-    columns: _Columns, rows: slice, options: ReadOptions, sample_period: float | None, name: str
-) -> Recording:
-    """The recording of some rows."""
-    values = tuple(column[rows] for column in columns.values)
-    time = None if columns.time is None else columns.time[rows]
-    plain = options.gaps == "rows" and not options.missing and options.rate is None and sample_period is None
-    if plain and not any(np.isinf(column).any() for column in values):
-        if time is None:
-            stamps = np.arange(len(values[0]), dtype=np.float64)
-            return Recording(stamps, columns.names, columns.units, np.stack(values, axis=1), None, title=name)
-        if (period := _even_step(time)) is not None:
-            return Recording(time, columns.names, columns.units, np.stack(values, axis=1), period, title=name)
-    table = Table(columns.names, columns.units, values, time)
-    plain_options = ReadOptions(missing=options.missing, gaps=options.gaps, rate=options.rate)
-    return assemble(reading_of(table, plain_options), plain_options, sample_period, name)
-
-
-def _even_step(time: Array) -> float | None:
-    """The step of even stamps in s; None where they are not even."""
-    if len(time) < 3:
-        return None
-    steps = np.diff(time)
-    period = float(time[-1] - time[0]) / len(steps)
-    return period if period > 0.0 and bool(np.all(np.abs(steps - period) <= EVEN * period)) else None
+    return places[order], Columns(columns.names, columns.units, values, None if time is None else time[order])

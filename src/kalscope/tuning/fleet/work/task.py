@@ -13,8 +13,9 @@ from kalscope.tuning.fleet.store.lock import NAME as LOCK
 from kalscope.tuning.fleet.store.parts import write_part
 from kalscope.tuning.fleet.store.row import FAILED, Row
 from kalscope.tuning.fleet.work.asked import Asked
-from kalscope.tuning.fleet.work.fit import fit, reason_of
-from kalscope.tuning.fleet.work.read import read_unit
+from kalscope.tuning.fleet.work.block import fit_block
+from kalscope.tuning.fleet.work.fit import Fitted, fit_each, reason_of
+from kalscope.tuning.fleet.work.read import read_file
 
 MAX_SECONDS = 10.0
 """A batch that takes longer ends after the unit that it is at; what is left is shared out to idle workers."""
@@ -53,15 +54,15 @@ def run_batch(units: Sequence[Unit], asked: Asked, folder: str) -> Done:
     if not (Path(folder) / LOCK).exists():
         raise BadSetting(f"-o must name a folder that every worker of --cluster sees (got {folder!r})")
     begun, end, options = time.thread_time(), time.monotonic() + MAX_SECONDS, asked.fingerprint()
-    rows: dict[str, list[Row]] = {}
+    fitted: dict[str, Fitted] = {}
     for unit in units:
-        rows[unit.key(options)] = fit_unit(unit, asked)
+        fitted[unit.key(options)] = fit_unit(unit, asked)
         if time.monotonic() > end:
             break
-    write_part(Path(folder), rows)
-    written = [row for several in rows.values() for row in several]
+    write_part(Path(folder), {key: (one.rows, one.pool) for key, one in fitted.items()})
+    written = [row for one in fitted.values() for row in one.rows]
     return Done(
-        units=len(rows),
+        units=len(fitted),
         rows=len(written),
         failed=sum(bool(row.reason) for row in written),
         fitting_s=sum(row.seconds for row in written),
@@ -70,15 +71,14 @@ def run_batch(units: Sequence[Unit], asked: Asked, folder: str) -> Done:
     )
 
 
-def fit_unit(unit: Unit, asked: Asked) -> list[Row]:
-    """The rows of a unit: those of its channels, or one that says why there are none."""
-    rows: list[Row] = []
+def fit_unit(unit: Unit, asked: Asked) -> Fitted:
+    """What comes of a unit: the rows of its channels, or one that says why there are none."""
     try:
-        for series in read_unit(unit, asked):
-            rows.append(fit(series, asked.question))
+        if unit.pieces[0].groups:
+            return fit_block(unit, asked)
+        return fit_each(read_file(unit, asked), asked.question)
     except Exception as error:  # one bad file must not end the others
-        rows.append(lost_row(unit, reason_of(error)))
-    return rows
+        return Fitted.lost(lost_row(unit, reason_of(error)))
 
 
 def lost_row(unit: Unit, reason: str) -> Row:
