@@ -15,9 +15,9 @@ from required import not_here
 from waiting import PATIENCE, wait_until
 
 try:
+    import distributed  # noqa: F401
     import psutil
     import pyarrow.parquet as pq
-    from distributed import LocalCluster
 except ImportError:
     not_here("dask, distributed or pyarrow is not installed")
 
@@ -101,9 +101,8 @@ def test_every_file_is_accounted_for(tmp_path):
     rows = {row["id"]: row for row in table(tmp_path / "out")}
     assert set(rows) == {path.name for path in logs.iterdir()}
     assert all((row["q"] is None) == bool(row["reason"]) for row in rows.values())
-    for name, reason in (
-        ("empty.csv", "empty file"), ("picture.png", "PNG image"), ("x.csv", "folder is empty"), ("gone.csv", "No such"),
-    ):  # fmt: skip
+    said = {"empty.csv": "empty file", "picture.png": "PNG image", "x.csv": "is empty", "gone.csv": "No such"}
+    for name, reason in said.items():
         assert rows[name]["verdict"] == "failed"
         assert reason in rows[name]["reason"]
     assert f"{len(rows)} rows" in done.stdout
@@ -122,7 +121,7 @@ def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, devices):
     (tmp_path / "logs" / "dev0008.csv").unlink()
     write_devices(tmp_path / "logs" / "new", 1)
     done = run(tmp_path / "logs", "-o", out, *PLAIN)
-    assert "2 of 400 files read" in done.stdout
+    assert "2 of 400 files or row groups read" in done.stdout
     assert len(set(parts(out)) - before) <= 2
     rows = {row["id"]: row for row in table(out)}
     assert rows["dev0007.csv"]["samples"] == 3
@@ -131,7 +130,7 @@ def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, devices):
     same = [row for row in whole if row["id"] not in ("dev0007.csv", "dev0008.csv")]
     assert [rows[row["id"]] for row in same] == same
     assert "nothing was missing" in run(tmp_path / "logs", "-o", out, *PLAIN).stdout
-    assert "400 of 400 files read" in run(tmp_path / "logs", "-o", out, "--lag-ms", "50").stdout
+    assert "400 of 400 files or row groups read" in run(tmp_path / "logs", "-o", out, "--lag-ms", "50").stdout
 
 
 @pytest.mark.slow

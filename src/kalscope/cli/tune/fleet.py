@@ -41,10 +41,13 @@ def fleet_command(
     reading: ReadOptions = DEFAULTS,
 ) -> None:
     """Tune many recordings on all cores or a Dask cluster: a table, one row a recording, whatever fails or dies."""
-    from kalscope.cli.console import INTERRUPTED, TerminalLine, say, stop_signals
+    from kalscope.cli.console import INTERRUPTED, TerminalLine, say, stop_signals, write_output
+    from kalscope.tuning.fleet.answer.answer import answer_for
+    from kalscope.tuning.fleet.answer.devices import read_devices
+    from kalscope.tuning.fleet.answer.save import save_answer
+    from kalscope.tuning.fleet.answer.words import summary
     from kalscope.tuning.fleet.libraries import check_libraries
     from kalscope.tuning.fleet.run import run_fleet
-    from kalscope.tuning.fleet.words import summary
     from kalscope.tuning.fleet.work.asked import Asked
 
     if every and channel is not None:
@@ -64,7 +67,9 @@ def fleet_command(
         done = tally.kept + tally.done
         say(f"stopped with {done} of {tally.units} done, all kept: run the same command again to go on")
         raise typer.Exit(INTERRUPTED)
-    print(summary(output, tally), end="")
+    answer = answer_for(read_devices(output), outcome.pool, asked)
+    save_answer(answer, output)
+    write_output(iter([summary(answer, tally, output)]), None)
 
 
 def progress_text(tally: Tally) -> str:

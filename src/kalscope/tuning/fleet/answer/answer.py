@@ -1,0 +1,134 @@
+"""One filter for all devices of a fleet, what each loses by it, and which devices are unlike the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kalscope.common.array import Array, Indices
+from kalscope.errors import BadSetting
+from kalscope.estimation.fleet.loss import share_served
+from kalscope.estimation.fleet.many.table import gains_of
+from kalscope.estimation.fleet.pool import Pool
+from kalscope.estimation.fleet.pooled import PooledFit, fit_pool, pool_at
+from kalscope.estimation.fleet.unlike import Unlike, unlike
+from kalscope.estimation.known import params_for_specification
+from kalscope.filtering.arrays import scalar
+from kalscope.filtering.params import FilterParams
+from kalscope.recording import Recording
+from kalscope.tuning.fleet.answer.devices import Devices
+from kalscope.tuning.fleet.work.asked import Question
+
+WITHIN = 0.1
+"""Growth of the prediction error up to which a device counts as served."""
+EXPECTED = 0.05
+"""Devices that chance alone names as unlike the others, in each quantity: one in twenty fleets."""
+QUANTITIES = ("r", "q", "rate_hz")
+"""In which devices are compared."""
+
+
+@dataclass(frozen=True)
+class Shared:
+    """One filter for all."""
+
+    fit: PooledFit
+    """The most likely one, or the one that meets the goal."""
+    params: FilterParams
+    """The filter itself."""
+    how: str
+    """How it was found, in a few words, for the tuning file."""
+    growth: Array
+    """By which share the error of predicting the next sample is larger than with the device's own filter, if its q
+    and r are true, shape (rows,); NaN for a device without q and r, or with momentum."""
+
+    @property
+    def served(self) -> float:
+        """Share of the judged devices whose prediction error grows by at most WITHIN, 0 … 1."""
+        return share_served(1.0 + self.growth, WITHIN)
+
+    @property
+    def not_served(self) -> Indices:
+        """The others, the worst first."""
+        beyond = np.flatnonzero(self.growth > WITHIN)
+        return beyond[np.argsort(-self.growth[beyond], kind="stable")]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer for a fleet."""
+
+    devices: Devices
+    """The table."""
+    shared: Shared | None
+    """One filter for all; None where there is none, and `refusal` says why."""
+    refusal: str
+    """Why there is no such filter; "" where there is one."""
+    unlike: dict[str, Unlike]
+    """Which devices are unlike the others in each of QUANTITIES."""
+
+
+def answer_for(devices: Devices, pool: Pool, question: Question) -> Answer:
+    """The answer for a fleet.
+
+    Args:
+        devices: Its table.
+        pool: What all recordings say about one filter without momentum.
+        question: What was asked of each recording; a goal holds for the filter of all too.
+    """
+    shared, refusal = None, ""
+    try:
+        shared = _shared(devices, pool, question)
+    except BadSetting as error:
+        refusal = str(error)
+    return Answer(devices, shared, refusal, {name: _unlike(devices, name) for name in QUANTITIES})
+
+
+def _shared(devices: Devices, pool: Pool, question: Question) -> Shared:
+    period = devices.sample_period
+    time = np.arange(3.0) * (period or 1.0)
+    request = question.request(Recording(time, ("",), ("",), np.zeros((3, 1)), period))
+    momentum = 0.0
+    if request.target:
+        tau = request.checked_momentum() or 0.0
+        wanted = params_for_specification(
+            1.0, **request.target, sample_period=period, momentum=tau, overshoot=request.overshoot
+        )
+        fit, how, momentum = pool_at(pool, scalar(wanted.ratio)), request.goal, scalar(wanted.momentum)
+    elif request.ratio is not None:
+        fit, how = pool_at(pool, request.ratio), f"q/r = {request.ratio:g}"
+    else:
+        fit, how = fit_pool(pool), "pooled maximum likelihood"
+    if fit.params is None:
+        raise BadSetting(f"q and r of all must both be above 0 (got {fit.verdict} for {fit.devices} recordings)")
+    params = FilterParams(fit.q, fit.r, momentum=momentum)
+    return Shared(fit, params, f"one filter for {fit.devices} recordings, {how}", growth_of(devices, fit.ratio))
+
+
+def growth_of(devices: Devices, ratio: float) -> Array:
+    """By which share the prediction error grows with λ in place of each device's own, by its own q and r.
+
+    A settled filter of gain K on a walk of q under noise of r predicts the next sample with the variance
+    r + (q + K²r)/(K(2 − K)), which is smallest at the device's own gain.
+
+    Args:
+        devices: The table.
+        ratio: λ that all share, > 0.
+    """
+    own = np.where(devices.usable & ~(devices.momentum > 0.0), devices.q / devices.r, np.nan)
+    shared, best = (_prediction(own, gains_of(value)) for value in (np.full(len(own), ratio), own))
+    return np.sqrt(shared / best) - 1.0
+
+
+def _prediction(ratio: Array, gain: Array) -> Array:
+    """Variance of predicting the next sample over r."""
+    return 1.0 + (ratio + gain * gain) / (gain * (2.0 - gain))
+
+
+def _unlike(devices: Devices, name: str) -> Unlike:
+    values: Array = getattr(devices, name)
+    usable = devices.usable & (values > 0.0)
+    logs = np.log(np.where(usable, values, np.nan))
+    error = {"q": devices.q_se, "r": devices.r_se}.get(name)
+    errors = None if error is None else np.where(np.isfinite(error), error / values, np.inf)
+    return unlike(logs, errors, min(EXPECTED, 0.5 * max(int(usable.sum()), 1)))

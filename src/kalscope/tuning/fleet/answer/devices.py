@@ -1,0 +1,98 @@
+"""The table of a fleet as arrays, one entry a device: what the answer is computed from."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from kalscope.common.array import Array, Mask
+from kalscope.tuning.fleet.store.merge import TABLE
+from kalscope.tuning.fleet.store.table import read_table
+
+
+@dataclass(frozen=True)
+class Devices:
+    """The rows of a table, arrays of shape (rows,), NaN where there is nothing."""
+
+    ids: list[str]
+    """Name of each recording."""
+    channels: list[str]
+    """Its channel."""
+    units: list[str]
+    """Its unit."""
+    rate_hz: Array
+    """Sample rate, Hz."""
+    q: Array
+    """Process-noise variance, unit²."""
+    r: Array
+    """Measurement-noise variance, unit²."""
+    q_se: Array
+    """Standard error of q, unit²."""
+    r_se: Array
+    """Standard error of r, unit²."""
+    momentum: Array
+    """Momentum, sample periods."""
+    reasons: Counter[str]
+    """Why rows have no q and r, and how many for each reason."""
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def usable(self) -> Mask:
+        """Where q and r are both above 0."""
+        return (self.q > 0.0) & (self.r > 0.0)
+
+    @property
+    def channel(self) -> str:
+        """The most common channel of those with q and r, "signal" without any."""
+        return self._usual(self.channels) or "signal"
+
+    @property
+    def unit(self) -> str:
+        """Their most common unit."""
+        return self._usual(self.units)
+
+    @property
+    def sample_period(self) -> float | None:
+        """The median sample period of those with q and r, s; None where none is known."""
+        known = self.rate_hz[self.usable & np.isfinite(self.rate_hz)]
+        return 1.0 / float(np.median(known)) if len(known) else None
+
+    @property
+    def rates_differ(self) -> bool:
+        """Whether some rates differ by more than a tenth from the median: one q a sample suits them badly."""
+        known = self.rate_hz[self.usable & np.isfinite(self.rate_hz)]
+        return bool(len(known)) and bool(np.any(np.abs(known / np.median(known) - 1.0) > 0.1))
+
+    def name(self, i: int) -> str:
+        """The recording, with its channel where that is another than usual."""
+        return self.ids[i] if self.channels[i] == self.channel else f"{self.ids[i]} {self.channels[i]}"
+
+    def _usual(self, texts: list[str]) -> str:
+        common = Counter(text for text, usable in zip(texts, self.usable, strict=True) if usable).most_common(1)
+        return common[0][0] if common else ""
+
+
+def read_devices(folder: Path) -> Devices:
+    """The table in the folder of a fleet."""
+    table = read_table(folder / TABLE)
+
+    def numbers(name: str) -> Array:
+        return np.asarray(table[name].to_numpy(), dtype=np.float64)
+
+    return Devices(
+        ids=table["id"].to_pylist(),
+        channels=table["channel"].to_pylist(),
+        units=table["unit"].to_pylist(),
+        rate_hz=numbers("rate_hz"),
+        q=numbers("q"),
+        r=numbers("r"),
+        q_se=numbers("q_se"),
+        r_se=numbers("r_se"),
+        momentum=numbers("momentum"),
+        reasons=Counter(reason for reason in table["reason"].to_pylist() if reason),
+    )

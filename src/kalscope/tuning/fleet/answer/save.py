@@ -1,0 +1,108 @@
+"""The answer as files: the tuning of the filter for all, and fleet.json for programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from kalscope.common.files import write_atomic
+from kalscope.common.version import program
+from kalscope.filtering.arrays import scalar
+from kalscope.filtering.steady_state import steady_state
+from kalscope.tuning.fleet.answer.answer import WITHIN, Answer
+from kalscope.tuning.tuning import ChannelTuning, Tuning, save_tuning
+
+TUNING = "tuning.toml"
+"""The tuning of the filter for all, as every tuning file."""
+SUMMARY = "fleet.json"
+"""The answer for programs."""
+MAX_LISTED = 1000
+"""Devices of a list in it; the table has all."""
+
+
+def save_answer(answer: Answer, folder: Path) -> None:
+    """Write both files, each whole or not at all. Without a filter for all there is no tuning file.
+
+    Raises:
+        OSError: The folder cannot be written; the files are unchanged.
+        BadFile: tuning.toml is no tuning file.
+    """
+    if answer.shared is None:
+        (folder / TUNING).unlink(missing_ok=True)
+    else:
+        save_tuning(tuning_of(answer), folder / TUNING)
+    text = json.dumps(as_plain(answer), indent=1, ensure_ascii=False, allow_nan=False)
+    write_atomic(folder / SUMMARY, (text + "\n").encode("utf-8", "replace"))
+
+
+def tuning_of(answer: Answer) -> Tuning:
+    """The tuning of the filter for all; there must be one."""
+    devices, shared = answer.devices, answer.shared
+    assert shared is not None
+    q, r, momentum = (scalar(value) for value in (shared.params.q, shared.params.r, shared.params.momentum))
+    channel = ChannelTuning(devices.channel, devices.unit, q, r, how=shared.how, momentum=momentum)
+    return Tuning((channel,), source_name=f"fleet of {len(devices)}", sample_period=devices.sample_period)
+
+
+def as_plain(answer: Answer) -> dict[str, Any]:
+    """The answer in values that JSON can say; None for what is not finite."""
+    devices = answer.devices
+    return {
+        "tool": program(),
+        "rows": len(devices),
+        "usable": int(devices.usable.sum()),
+        "reasons": dict(devices.reasons.most_common(MAX_LISTED)),
+        "channel": devices.channel,
+        "unit": devices.unit,
+        "sample_period": devices.sample_period,
+        "one_filter": _shared(answer),
+        "why_not": answer.refusal or None,
+        "unlike": {name: _unlike(answer, name) for name in answer.unlike},
+    }
+
+
+def _shared(answer: Answer) -> dict[str, Any] | None:
+    shared, devices = answer.shared, answer.devices
+    if shared is None:
+        return None
+    settled = steady_state(shared.params, devices.sample_period)
+    return {
+        "q": scalar(shared.params.q),
+        "r": scalar(shared.params.r),
+        "ratio": shared.fit.ratio,
+        "ratio_interval": [_finite(end) for end in shared.fit.ratio_interval],
+        "momentum": scalar(shared.params.momentum),
+        "lag_samples": scalar(settled.lag_samples),
+        "noise_reduction_db": scalar(settled.noise_reduction_db),
+        "how": shared.how,
+        "within": WITHIN,
+        "served": shared.served,
+        "not_served": [
+            {"id": devices.ids[i], "channel": devices.channels[i], "growth": float(shared.growth[i])}
+            for i in shared.not_served[:MAX_LISTED]
+        ],
+    }
+
+
+def _unlike(answer: Answer, name: str) -> dict[str, Any]:
+    one, devices = answer.unlike[name], answer.devices
+    values = getattr(devices, name)
+    return {
+        "expected_by_chance": one.expected,
+        "middle": None if math.isnan(one.middle) else math.exp(one.middle),
+        "devices": [
+            {
+                "id": devices.ids[i],
+                "channel": devices.channels[i],
+                name: float(values[i]),
+                "z": _finite(float(one.z[i])),
+            }
+            for i in one.devices[:MAX_LISTED]
+        ],
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

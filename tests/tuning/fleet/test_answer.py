@@ -1,0 +1,121 @@
+"""The answer for a simulated fleet whose truth is known."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from kalscope.cli.tune.options import NOTHING, TuneOptions
+from kalscope.estimation.fleet.many.estimate_many import estimate_many
+from kalscope.estimation.fleet.pool import Pool, pool_of
+from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import steady_state
+from kalscope.tuning.fleet.answer.answer import answer_for, growth_of
+from kalscope.tuning.fleet.answer.devices import Devices
+from kalscope.tuning.fleet.answer.save import SUMMARY, TUNING, save_answer
+from kalscope.tuning.fleet.answer.words import summary
+from kalscope.tuning.fleet.run import Tally
+from kalscope.tuning.tuning import load_tuning
+
+RNG = np.random.default_rng(2)
+TALLY = Tally(units=500, kept=0, bytes=1, done=500, rows=500, seconds=2.0)
+NOISY, DRIFTING = range(5), range(5, 10)
+
+
+def devices_of(series, rate=100.0):
+    table = estimate_many(series)
+    n = len(series)
+    usable = table.usable
+    q, r, q_se, r_se = (np.where(usable, one, np.nan) for one in (table.q, table.r, table.q_se, table.r_se))
+    reasons = Counter(str(verdict) for verdict in table.verdict[~usable])
+    ids = [f"dev{i:03d}" for i in range(n)]
+    return Devices(ids, ["light"] * n, ["lx"] * n, np.full(n, rate), q, r, q_se, r_se, np.zeros(n), reasons)
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    """500 devices with q = 0.04 and r = 1; five have ten times the noise, five move thirty times as much."""
+    q, r = np.full(500, 0.04), np.ones(500)
+    r[NOISY], q[DRIFTING] = 10.0, 1.2
+    steps, noise = RNG.normal(size=(500, 1000)), RNG.normal(size=(500, 1000))
+    series = np.cumsum(np.sqrt(q)[:, None] * steps, axis=1) + np.sqrt(r)[:, None] * noise
+    return devices_of(series), pool_of(series)
+
+
+def test_the_odd_devices_are_found_and_no_others(fleet):
+    answer = answer_for(*fleet, NOTHING)
+    assert set(answer.unlike["r"].devices) == set(NOISY)
+    assert set(answer.unlike["q"].devices) == set(DRIFTING)
+    assert len(answer.unlike["rate_hz"].devices) == 0
+    assert all(one.expected == 0.05 for one in answer.unlike.values())
+
+
+def test_one_filter_for_all_is_that_of_the_many_and_names_those_it_does_not_serve(fleet):
+    shared = answer_for(*fleet, NOTHING).shared
+    assert shared.fit.ratio == pytest.approx(0.04, rel=0.1)
+    assert set(shared.not_served) == set(DRIFTING) | set(NOISY) & set(shared.not_served)
+    assert shared.served >= 0.98
+
+
+def test_the_pair_of_a_fleet_of_one_kind_lies_in_its_interval():
+    series = np.cumsum(0.2 * RNG.normal(size=(200, 500)), axis=1) + RNG.normal(size=(200, 500))
+    shared = answer_for(devices_of(series), pool_of(series), NOTHING).shared
+    low, high = shared.fit.ratio_interval
+    assert low < 0.04 < high
+    assert shared.params.r == pytest.approx(1.0, rel=0.02)
+    assert shared.served == 1.0
+
+
+@pytest.mark.parametrize(("own", "given"), [(0.04, 1.0), (1.0, 0.01), (0.3, 0.3)])
+def test_the_growth_of_the_error_is_that_of_a_long_record(own, given):
+    z = np.cumsum(math.sqrt(own) * RNG.normal(size=400_000)) + RNG.normal(size=400_000)
+    errors = [kalman_filter(z, FilterParams(ratio, 1.0)).innovation[1000:] for ratio in (given, own)]
+    seen = math.sqrt(np.mean(errors[0] ** 2) / np.mean(errors[1] ** 2)) - 1.0
+    one = Devices(["a"], [""], [""], *(np.array([value]) for value in (1.0, own, 1.0, 0.0, 0.0, 0.0)), Counter())
+    assert growth_of(one, given)[0] == pytest.approx(seen, abs=0.01)
+
+
+def test_a_goal_holds_for_the_filter_of_all(fleet):
+    shared = answer_for(*fleet, TuneOptions(numbers={"--lag-ms": 50.0})).shared
+    assert steady_state(shared.params, 0.01).lag_s == pytest.approx(0.05)
+    assert "a lag of 50 ms" in shared.how
+    assert answer_for(*fleet, TuneOptions(numbers={"--ratio": 0.5})).shared.fit.ratio == 0.5
+
+
+def test_the_answer_is_saved_as_a_tuning_and_for_programs(fleet, tmp_path):
+    answer = answer_for(*fleet, NOTHING)
+    save_answer(answer, tmp_path)
+    (channel,) = load_tuning(tmp_path / TUNING).channels
+    assert (channel.name, channel.unit) == ("light", "lx")
+    assert channel.params == answer.shared.params
+    assert load_tuning(tmp_path / TUNING).sample_period == pytest.approx(0.01)
+    plain = json.loads((tmp_path / SUMMARY).read_text())
+    assert plain["rows"] == plain["usable"] == 500
+    assert {one["id"] for one in plain["unlike"]["r"]["devices"]} == {f"dev{i:03d}" for i in NOISY}
+
+
+def test_the_report_says_it_in_words(fleet, tmp_path):
+    text = summary(answer_for(*fleet, NOTHING), TALLY, tmp_path)
+    lines = text.splitlines()
+    assert lines[0] == "500 rows: 500 of 500 files or row groups read in 2 s, 250 rows/s"
+    assert lines[1].startswith("One filter for all: q = 0.04")
+    assert "Unlike the others in r, 0.05 expected by chance: dev00" in text
+    assert text.count(" ×)") == 10
+    assert len(lines) <= 7
+
+
+def test_a_fleet_without_a_filter_says_why(tmp_path):
+    constant = np.ones((3, 100))
+    answer = answer_for(devices_of(constant), pool_of(constant), NOTHING)
+    save_answer(answer, tmp_path)
+    assert not (tmp_path / TUNING).exists()
+    assert json.loads((tmp_path / SUMMARY).read_text())["one_filter"] is None
+    text = summary(answer, TALLY, tmp_path)
+    assert "3 without q and r:\n  3 × constant\n" in text
+    assert "No filter for all: the fleet must hold at least one series that can be fitted (got none)" in text
+    assert answer_for(devices_of(constant), Pool.empty(), NOTHING).shared is None
