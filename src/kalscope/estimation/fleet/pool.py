@@ -56,9 +56,11 @@ class Pool:
     def noise(self, log_ratio: float, common: bool) -> float:
         """The best r at ln λ, unit²: the common one, or the geometric mean of those of the devices; q at inf."""
         with np.errstate(divide="ignore"):
-            row = self.sums[kernels.CHI2] / self.innovations if common else self.sums[kernels.LOG_R] / self.devices
-            logs = np.log(row) if common else row
-        return math.exp(float(self._between(logs, np.array([log_ratio]))[0]))
+            total = np.log(self.sums[kernels.CHI2] / self.innovations)
+        level = total if common else self.sums[kernels.LOG_R] / self.devices
+        level[:-2] += np.logaddexp(0.0, DEFAULT_LOG_RATIOS)  # ln r(1 + λ) is level at both ends
+        size = float(self._between(level, np.array([log_ratio]))[0])
+        return math.exp(size - (np.logaddexp(0.0, log_ratio) if math.isfinite(log_ratio) else 0.0))
 
     def _logliks(self, common: bool) -> Array:
         m, sums = self.innovations, self.sums
@@ -67,13 +69,18 @@ class Pool:
         return -0.5 * (m * (math.log(2.0 * math.pi) + 1.0) + scales + sums[kernels.LOGDET])
 
     def _between(self, row: Array, log_ratios: Array) -> Array:
-        """A row of sums at each ln λ; beyond the grid its end is kept."""
+        """A row that is level at both ends at each ln λ; beyond the grid its end is kept."""
         grid = DEFAULT_LOG_RATIOS
         out = np.empty(len(log_ratios))
         zero, infinite = np.isneginf(log_ratios), np.isposinf(log_ratios)
         out[zero], out[infinite] = row[-2], row[-1]
         inner = ~(zero | infinite)
-        out[inner] = _interpolated(row[: len(grid)], (np.clip(log_ratios[inner], grid[0], grid[-1]) - grid[0]))
+        ends = row[-2], row[-1] if np.isfinite(row[-1]) else row[-3]
+        longer = np.concatenate([np.full(_NEAREST, ends[0]), row[:-2], np.full(_NEAREST, ends[1])])
+        step = float(grid[1] - grid[0])
+        out[inner] = _interpolated(
+            longer, (np.clip(log_ratios[inner], grid[0], grid[-1]) - grid[0]) / step + _NEAREST
+        )
         return out
 
 
@@ -106,10 +113,8 @@ def refuse_empty(pool: Pool) -> None:
         raise BadSetting("the fleet must hold at least one series that can be fitted (got none)")
 
 
-def _interpolated(values: Array, distance: Array) -> Array:
-    """Values at equal steps, read between them: the polynomial through the nearest points, barycentric."""
-    step = float(DEFAULT_LOG_RATIOS[1] - DEFAULT_LOG_RATIOS[0])
-    where = distance / step
+def _interpolated(values: Array, where: Array) -> Array:
+    """Values at 0, 1, 2 …, read between them: the polynomial through the nearest points, barycentric."""
     first = np.clip(np.floor(where).astype(np.int64) - _NEAREST // 2 + 1, 0, len(values) - _NEAREST)
     points = first[:, None] + np.arange(_NEAREST)
     away = where[:, None] - points
