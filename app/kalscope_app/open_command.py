@@ -69,7 +69,7 @@ def open_dashboard(
         state, board = first_state(source, reading, config, sample_period)
         state = apply_options(state, channel, q, r, p0, x0, gate, momentum)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
-        start = functools.partial(start, token=token, page_script=page_script(), label="Kalscope")
+        start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
         with stop_signals() as end:
             serve(state, board, start, end, running_log, browser=browser)
 
@@ -84,7 +84,6 @@ def serve(
     browser: bool,
 ) -> None:
     """Show `state` and its board in a dashboard until `end` is set; `start_server` lacks only `on_refused`."""
-    from kalscope_app.dashboard import Dashboard
     from kalscope_app.guard.token_file import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
     from kalscope_app.program.error_reporting import ErrorReporter
@@ -102,12 +101,15 @@ def serve(
         try:
             log.hidden.append(guarded.token)
             errors.watch_server(guarded.server.get_event_loop(), thread_pool(guarded.server))
-            dashboard = Dashboard(guarded.server, state, Path.cwd(), log.file, board)
-            errors.notify_with(dashboard.tell)
-            dashboard.start()
             print(f"Kalscope: {guarded.url}", flush=True)
             if browser:
                 webbrowser.open(opened.enter_context(opening_page(guarded.url)).as_uri())
+            from kalscope_app.dashboard import Dashboard  # while the page loads
+
+            dashboard = Dashboard(guarded.server, state, Path.cwd(), log.file, board)
+            errors.notify_with(dashboard.tell)
+            dashboard.start()
+            guarded.let_in()
             while not end.wait(timeout=0.5):  # Windows wakes for Ctrl+C only between two waits
                 pass
         finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gzip
 import http
 import logging
@@ -37,6 +38,8 @@ class RequestFilter:
         self._clients = 0
         self.is_open = False
         """Pages are served at once, sockets after the self-test: an old tab may already be reconnecting."""
+        self.ready = asyncio.Event()
+        """Browsers that connect before it is set wait: there is nothing to show yet."""
         self.installed = False
         """Whether viser's socket was really opened behind this filter."""
 
@@ -83,6 +86,7 @@ class RequestFilter:
                 return
             self._clients += 1
             try:
+                await self.ready.wait()
                 await handler(connection)
             finally:
                 self._clients -= 1

@@ -16,7 +16,7 @@ import socket
 import threading
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rich
 import viser
@@ -28,6 +28,9 @@ from kalscope_app.guard.message_filter import MessageFilter
 from kalscope_app.guard.request_filter import RequestFilter
 from kalscope_app.guard.self_test import GuardFailed, run_self_test
 from kalscope_app.guard.viser_private import replaced
+
+if TYPE_CHECKING:
+    import asyncio
 
 _construction = threading.Lock()
 
@@ -50,9 +53,12 @@ class GuardedServer:
     """The port that was really taken."""
     token: str
     """The secret alone, so that logs can leave it out."""
+    let_in: Callable[[], None]
+    """Connects the browsers that waited, and from then on all that come."""
 
     def stop(self) -> None:
         """Stop the server and free its port. A second call does nothing."""
+        self.let_in()  # a connection that waits could not be closed
         _stop(self.server)
 
     def __enter__(self) -> GuardedServer:
@@ -72,6 +78,7 @@ def guarded_server(
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
     on_refused: Callable[[str], None] | None = None,
     page_script: str = "",
+    hold: bool = False,
     **viser_kwargs: Any,
 ) -> GuardedServer:
     """Start viser behind the guard. When this returns, the server has passed the self-test.
@@ -89,6 +96,7 @@ def guarded_server(
         on_refused: called with a sentence for each upload that was refused. It runs on the event loop:
             it may show a notification, and must not block.
         page_script: JavaScript that runs in the dashboard's page before viser's own.
+        hold: a page may load at once, but its connection waits until `let_in` is called.
         viser_kwargs: passed to `viser.ViserServer`.
 
     Raises:
@@ -115,7 +123,10 @@ def guarded_server(
         undo.pop_all()
     shown_host = f"[{link_host}]" if ":" in link_host else link_host
     origin = f"https://{policy.behind}" if policy.behind else f"http://{shown_host}:{bound_port}"
-    return GuardedServer(server, f"{origin}/?token={policy.token}", bound_port, policy.token)
+    let_in = functools.partial(_set, requests.ready, server)
+    if not hold:
+        let_in()
+    return GuardedServer(server, f"{origin}/?token={policy.token}", bound_port, policy.token, let_in)
 
 
 # --- the socket -------------------------------------------------------------------------------------------
@@ -194,6 +205,11 @@ def _serving_behind(requests: RequestFilter, listener: socket.socket) -> context
 def _without_viser_output() -> contextlib.AbstractContextManager[None]:
     """Standard output is for our one line, the link; viser prints as it starts and stops, verbose or not."""
     return replaced(rich, "print", lambda *_args, **_kwargs: None)
+
+
+def _set(event: asyncio.Event, server: viser.ViserServer) -> None:
+    with contextlib.suppress(RuntimeError):  # the server has stopped
+        server.get_event_loop().call_soon_threadsafe(event.set)
 
 
 def _stop(server: viser.ViserServer) -> None:

@@ -258,6 +258,26 @@ def test_stop_frees_the_port_even_with_a_client_connected():
         assert again.port == running.port
 
 
+def test_a_page_loads_while_its_connection_waits_for_the_screen():
+    with guarded_server(port=0, token=TOKEN, hold=True) as running:
+        assert status_of(get(running.port, extra=f"Cookie: {cookie(running.port)}\r\n")) == 200
+        with client(running.port) as waiting:
+            running.server.gui.add_button("built meanwhile")
+            with pytest.raises(TimeoutError):
+                waiting.recv(timeout=0.2)
+            assert running.server.get_clients() == {}
+            running.let_in()
+            waiting.recv(timeout=PATIENCE)
+
+
+def test_a_server_stops_while_a_connection_waits():
+    before = threads_of_viser()
+    running = guarded_server(port=0, token=TOKEN, hold=True)
+    with client(running.port):
+        running.stop()
+    assert threads_of_viser() <= before
+
+
 def test_a_bad_token_leaves_the_port_free():
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
