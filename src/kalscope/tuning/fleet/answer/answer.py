@@ -8,6 +8,7 @@ import numpy as np
 
 from kalscope.common.array import Array, Indices
 from kalscope.errors import BadSetting
+from kalscope.estimation.fleet.intervals import NORMAL
 from kalscope.estimation.fleet.loss import share_served
 from kalscope.estimation.fleet.many.table import gains_of
 from kalscope.estimation.fleet.pool import Pool
@@ -130,5 +131,8 @@ def _unlike(devices: Devices, name: str) -> Unlike:
     usable = devices.usable & (values > 0.0)
     logs = np.log(np.where(usable, values, np.nan))
     error = {"q": devices.q_se, "r": devices.r_se}.get(name)
-    errors = None if error is None else np.where(np.isfinite(error), error / values, np.inf)
-    return unlike(logs, errors, min(EXPECTED, 0.5 * max(int(usable.sum()), 1)))
+    interval = None
+    if error is not None:
+        wide = NORMAL * np.where(np.isfinite(error), error / values, np.inf)
+        interval = logs - wide, logs + wide
+    return unlike(logs, interval, min(EXPECTED, 0.05 * max(int(usable.sum()), 1)))
