@@ -31,10 +31,11 @@ def devices_of(series, rate=100.0):
     table = estimate_many(series)
     n = len(series)
     usable = table.usable
-    q, r, q_se, r_se = (np.where(usable, one, np.nan) for one in (table.q, table.r, table.q_se, table.r_se))
+    q, r = (np.where(usable, one, np.nan) for one in (table.q, table.r))
     reasons = Counter(str(verdict) for verdict in table.verdict[~usable])
     ids = [f"dev{i:03d}" for i in range(n)]
-    return Devices(ids, ["light"] * n, ["lx"] * n, np.full(n, rate), q, r, q_se, r_se, np.zeros(n), reasons)
+    intervals = (table.q_interval, table.r_interval)
+    return Devices(ids, ["light"] * n, ["lx"] * n, np.full(n, rate), q, r, *intervals, np.zeros(n), reasons)
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +77,8 @@ def test_the_growth_of_the_error_is_that_of_a_long_record(own, given):
     z = np.cumsum(math.sqrt(own) * RNG.normal(size=400_000)) + RNG.normal(size=400_000)
     errors = [kalman_filter(z, FilterParams(ratio, 1.0)).innovation[1000:] for ratio in (given, own)]
     seen = math.sqrt(np.mean(errors[0] ** 2) / np.mean(errors[1] ** 2)) - 1.0
-    one = Devices(["a"], [""], [""], *(np.array([value]) for value in (1.0, own, 1.0, 0.0, 0.0, 0.0)), Counter())
+    rate, q, r, momentum = (np.array([value]) for value in (1.0, own, 1.0, 0.0))
+    one = Devices(["a"], [""], [""], rate, q, r, (q, q), (r, r), momentum, Counter())
     assert growth_of(one, given)[0] == pytest.approx(seen, abs=0.01)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import random
 import subprocess
@@ -40,7 +41,27 @@ def read(folder):
 
 def test_rows_come_back_as_they_were(tmp_path):
     rows = [
-        Row("a", "light", "lx", 5, 100.0, 1e-300, 0.1, None, 0.01, 0.0, 16.0, 3.0, "ok", 1.0, 2, 1, 0.5),
+        Row(
+            "a",
+            "light",
+            "lx",
+            5,
+            100.0,
+            1e-300,
+            0.1,
+            0.0,
+            0.2,
+            0.05,
+            math.inf,
+            0.0,
+            16.0,
+            3.0,
+            "ok",
+            1.0,
+            2,
+            1,
+            0.5,
+        ),
         Row("b", reason="bad"),
     ]
     write_part(tmp_path, {"k": (rows, Pool.empty())})

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kalscope.common.array import Array, Indices
+from kalscope.common.array import Array, Indices, Mask
 from kalscope.errors import BadSetting
-from kalscope.estimation.fleet.intervals import NORMAL
 from kalscope.estimation.fleet.loss import share_served
 from kalscope.estimation.fleet.many.table import gains_of
 from kalscope.estimation.fleet.pool import Pool
@@ -129,10 +128,20 @@ def _prediction(ratio: Array, gain: Array) -> Array:
 def _unlike(devices: Devices, name: str) -> Unlike:
     values: Array = getattr(devices, name)
     usable = devices.usable & (values > 0.0)
-    logs = np.log(np.where(usable, values, np.nan))
-    error = {"q": devices.q_se, "r": devices.r_se}.get(name)
-    interval = None
-    if error is not None:
-        wide = NORMAL * np.where(np.isfinite(error), error / values, np.inf)
-        interval = logs - wide, logs + wide
-    return unlike(logs, interval, min(EXPECTED, 0.05 * max(int(usable.sum()), 1)))
+    return unlike(_logs(values, usable), _log_interval(devices, name, usable), EXPECTED)
+
+
+def _log_interval(devices: Devices, name: str, usable: Mask) -> tuple[Array, Array] | None:
+    """The interval of a quantity in logarithms, which is without end where nothing was estimated."""
+    if name == "rate_hz":
+        return None
+    low, high = devices.q_interval if name == "q" else devices.r_interval
+    logs = _logs(getattr(devices, name), usable)
+    below, above = _logs(low, usable & (low > 0.0)), _logs(high, usable)
+    return np.where(np.isnan(below), -np.inf, np.minimum(below, logs)), np.where(
+        np.isnan(above), np.inf, np.maximum(above, logs)
+    )
+
+
+def _logs(values: Array, usable: Mask) -> Array:
+    return np.log(np.where(usable, values, np.nan))

@@ -29,10 +29,10 @@ class Devices:
     """Process-noise variance, unit²."""
     r: Array
     """Measurement-noise variance, unit²."""
-    q_se: Array
-    """Standard error of q, unit²."""
-    r_se: Array
-    """Standard error of r, unit²."""
+    q_interval: tuple[Array, Array]
+    """The q that each record allows, 95 %, unit²."""
+    r_interval: tuple[Array, Array]
+    """The r that each record allows."""
     momentum: Array
     """Momentum, sample periods."""
     reasons: Counter[str]
@@ -91,8 +91,8 @@ def read_devices(folder: Path) -> Devices:
         rate_hz=numbers("rate_hz"),
         q=numbers("q"),
         r=numbers("r"),
-        q_se=numbers("q_se"),
-        r_se=numbers("r_se"),
+        q_interval=(numbers("q_low"), numbers("q_high")),
+        r_interval=(numbers("r_low"), numbers("r_high")),
         momentum=numbers("momentum"),
         reasons=Counter(reason for reason in table["reason"].to_pylist() if reason),
     )

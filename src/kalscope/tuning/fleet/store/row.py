@@ -26,10 +26,14 @@ class Row:
     """Process-noise variance per sample, unit²."""
     r: float | None = None
     """Measurement-noise variance, unit²."""
-    q_se: float | None = None
-    """Standard error of q, unit²; None where there is none."""
-    r_se: float | None = None
-    """Standard error of r, unit²."""
+    q_low: float | None = None
+    """The least q that the record allows, 95 %, unit²; None where nothing was estimated."""
+    q_high: float | None = None
+    """The largest q that it allows; inf where it excludes none."""
+    r_low: float | None = None
+    """The least r that the record allows, 95 %, unit²."""
+    r_high: float | None = None
+    """The largest r that it allows."""
     momentum: float | None = None
     """Momentum, sample periods; 0 = none."""
     gate: float | None = None

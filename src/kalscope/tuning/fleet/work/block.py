@@ -28,6 +28,9 @@ from kalscope.tuning.fleet.work.row_groups import Block, read_block
 PLAIN = Request(momentum=0.0, robust=False)
 """The question that `estimate_many` answers in one compiled call."""
 
+NUMBERS = ("q", "r", "q_low", "q_high", "r_low", "r_high", "lag_samples")
+"""What of a row the compiled call gives."""
+
 
 def fit_block(unit: Unit, asked: Asked) -> Fitted:
     """Fit the recordings of a unit that is made of row groups.
@@ -102,18 +105,15 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices) -> Fitted:
     channel, unit = block.columns.names[0], block.columns.units[0]
     names = [block.ids[int(i)] for i in chosen]
     heads = zip(names, sizes[chosen].tolist(), steps[chosen].tolist(), map(str, table.verdict), strict=True)
-    pairs = (table.q, table.r, table.q_se, table.r_se, table.lag_samples)
+    pairs = (table.q, table.r, *table.q_interval, *table.r_interval, table.lag_samples)
     numbers: list[list[float]] = np.stack(pairs, axis=1).tolist()
     rows: list[Row] = []
-    for (name, n, step, verdict), (q, r, q_se, r_se, lag), usable in zip(heads, numbers, table.usable, strict=True):
+    for (name, n, step, verdict), found, usable in zip(heads, numbers, table.usable, strict=True):
         head = Row(name, channel, unit, n, 1.0 / step, verdict=verdict, seconds=seconds)
         if usable:
-            errors = [error if error < math.inf else None for error in (q_se, r_se)]
             # The scale of the likelihood's maximum makes the mean of v²/s one; a floor of r does not.
-            nis = 1.0 if verdict != "below_resolution" else _nis(many, len(rows), q, r)
-            rows.append(
-                replace(head, q=q, r=r, q_se=errors[0], r_se=errors[1], momentum=0.0, lag_samples=lag, nis=nis)
-            )
+            nis = 1.0 if verdict != "below_resolution" else _nis(many, len(rows), found[0], found[1])
+            rows.append(replace(head, **dict(zip(NUMBERS, found, strict=True)), momentum=0.0, nis=nis))
         else:
             message = find_parameters(many.one(len(rows))[0], PLAIN).message
             rows.append(replace(head, reason=first_sentence(message)))

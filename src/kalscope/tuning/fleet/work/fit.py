@@ -12,7 +12,9 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.errors import KalscopeError, describe
 from kalscope.estimation.finding import Found, find_parameters
+from kalscope.estimation.fleet.intervals import NORMAL
 from kalscope.estimation.fleet.pool import Pool, pool_of
+from kalscope.estimation.result import Value
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -97,12 +99,13 @@ def filled(row: Row, z: Array, dt: Array | None, found: Found, gate: float | Non
         return replace(row, verdict=verdict, reason=first_sentence(found.message))
     params = found.params if gate is None else replace(found.params, gate=None if math.isnan(gate) else gate)
     spikes = 0 if estimate is None or estimate.outliers is None else int(np.count_nonzero(estimate.outliers))
+    if estimate is not None:
+        (q_low, q_high), (r_low, r_high) = interval(estimate.q, estimate.q_se), interval(estimate.r, estimate.r_se)
+        row = replace(row, q_low=q_low, q_high=q_high, r_low=r_low, r_high=r_high)
     return replace(
         row,
         q=scalar(params.q),
         r=scalar(params.r),
-        q_se=None if estimate is None else _finite(scalar(estimate.q_se)),
-        r_se=None if estimate is None else _finite(scalar(estimate.r_se)),
         momentum=scalar(params.momentum),
         gate=None if params.gate is None else scalar(params.gate),
         lag_samples=scalar(steady_state(params).lag_samples),
@@ -120,8 +123,10 @@ def mean_nis(z: Array, params: FilterParams, dt: Array | None) -> float | None:
     return float(scored.mean()) if len(scored) else None
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def interval(value: Value, error: Value) -> tuple[float, float]:
+    """The 95 % interval of a variance above 0 from its standard error, on the scale of the logarithm."""
+    spread = NORMAL * scalar(error) / scalar(value)
+    return scalar(value) * math.exp(-spread), scalar(value) * math.exp(min(spread, 700.0))
 
 
 def first_sentence(text: str) -> str:
