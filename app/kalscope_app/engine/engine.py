@@ -29,11 +29,17 @@ MIN_INTERVAL = 0.04
 LIVE_INTERVAL = 0.055
 """Seconds between two frames of a live record: 18 a second; a browser without a graphics card draws no more."""
 
+SILENT_INTERVAL = 0.2
+"""Seconds after which a board that has become silent is looked at again: each look costs, and nothing waits."""
+
 MAX_LIVE_POINTS = 2000
 """Points that a line is drawn with while a board sends, at most: every frame draws all of them again."""
 
 STATUS_INTERVAL = 0.5
-"""Seconds after which a live record without new samples is drawn anyway, because its status may have changed."""
+"""Seconds after which a live record without new samples is drawn if its status has changed."""
+
+SETTLING = 1.5
+"""Seconds after its newest sample in which it is drawn so often anyway: the range control moves once a second."""
 
 STUDY_INTERVAL = 3.0
 """Seconds between two rounds of idle-time computations for a live record that is not being tuned."""
@@ -66,7 +72,7 @@ class Engine:
         self._samples = Cache[DrawnSamples]()
         self._runs, self._facts, self._curves = FilterRuns(), RecordFacts(), VariantCurves()
         self._frame: Frame | None = None
-        self._frame_at = self._study_at = -math.inf
+        self._frame_at = self._news_at = self._looked_at = self._study_at = -math.inf
         self.first_frame = threading.Event()
 
     def start(self) -> None:
@@ -83,14 +89,19 @@ class Engine:
     def _run(self) -> None:
         last = 0.0
         while not self._stopping.is_set():
-            session = self._session
-            session.wakeup.wait(timeout=LIVE_INTERVAL if session.is_live else None)
+            self._session.wakeup.wait(timeout=self._patience())
             time.sleep(pause_before_frame(time.monotonic(), last))
             self._session.wakeup.clear()
             if self._stopping.is_set():
                 return
             last = time.monotonic()
             self._guarded(self._turn)
+
+    def _patience(self) -> float | None:
+        """Seconds to wait for a request before a look at the board; None: there is none."""
+        if not self._session.is_live:
+            return None
+        return LIVE_INTERVAL if time.monotonic() - self._news_at < SETTLING else SILENT_INTERVAL
 
     def _guarded(self, step: Callable[[], None]) -> None:
         try:
@@ -110,9 +121,14 @@ class Engine:
 
     def _is_news(self, state: State, serial: int) -> bool:
         """Whether a frame of this would differ from the last one; a wake-up of a live record may bring nothing."""
-        last = self._frame
-        quiet = last is not None and state is last.state and serial == last.serial and state.live is not None
-        return not quiet or time.monotonic() - self._frame_at > STATUS_INTERVAL
+        last, now = self._frame, time.monotonic()
+        if last is None or state is not last.state or serial != last.serial or state.live is None:
+            self._news_at = self._looked_at = now
+            return True
+        if now - self._looked_at < STATUS_INTERVAL:
+            return False
+        self._looked_at = now
+        return now - self._news_at < SETTLING or self._session.connection() != last.connection
 
     def _draw(self, state: State, serial: int) -> None:
         limit = MAX_POINTS if state.live is None else MAX_LIVE_POINTS

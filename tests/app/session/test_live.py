@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from feed import Board
-from waiting import PATIENCE
+from waiting import PATIENCE, wait_until
 
 from kalscope import BadSetting, Recording, kalman_filter
 from kalscope.sources.live.live_status import RecordingStatus
@@ -284,6 +284,25 @@ def test_the_engine_draws_what_comes_without_being_asked(board):
             assert news.wait_for(lambda: frames[-1].serial >= sent, timeout=PATIENCE)
         board.send(10)
         assert len(frames[-1].state.recording) == 700
+    finally:
+        engine.stop()
+
+
+def test_a_silent_board_is_drawn_again_only_when_its_status_changes(board, monkeypatch):
+    for name, seconds in (("SETTLING", 0.0), ("STATUS_INTERVAL", 0.0), ("SILENT_INTERVAL", 0.01)):
+        monkeypatch.setattr(f"kalscope_app.engine.engine.{name}", seconds)
+    frames, looks = [], board.looked_at
+    engine = Engine(Session(opened_board(board.send(500), "x"), board), frames.append, pytest.fail)
+    engine.start()
+    try:
+        wait_until(lambda: frames and len(looks) > 10, "ten turns of the engine")
+        assert len(frames) == 1
+        status = SimpleNamespace(word="disconnected, waiting", hint="", recording=None)
+        board.state = lambda _board=None: ConnectionState(True, False, status)
+        wait_until(lambda: frames[-1].connection.status is status, "a frame of the new status")
+        turns = len(looks)
+        wait_until(lambda: len(looks) > turns + 10, "ten more turns")
+        assert len(frames) == 2
     finally:
         engine.stop()
 
