@@ -23,7 +23,7 @@ export PYTHONDONTWRITEBYTECODE :=
 WORKERS ?= 4
 PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-test: can-test .venv/test.stamp
+test: can-test .venv/warm.stamp
 	$(PYTEST) $(COVERAGE)
 
 # The same with the branch coverage of the tests' own processes, which takes a seventh more work.
@@ -33,7 +33,7 @@ coverage: test
 # What answers in seconds, for the minute between two edits: no browser, no board, no process, no long law. Nothing
 # waits there, so a worker for each core.
 test-fast: WORKERS := auto
-test-fast: .venv/test.stamp
+test-fast: .venv/warm.stamp
 	$(PYTEST) -m "not (browser or device or server or slow)"
 
 check: .venv/check.stamp
@@ -76,6 +76,11 @@ can-test:
 
 .venv/%.stamp: .venv/run.stamp
 	$(BIN)/python -m pip install --quiet --editable ".[$*]"
+	touch $@
+
+# In a fresh checkout every worker would compile the same kernels and tests, all at the same time.
+.venv/warm.stamp: .venv/test.stamp
+	$(BIN)/python tests/support/starting/warm_program.py & $(BIN)/python -m pytest --collect-only -qqq >/dev/null; wait
 	touch $@
 
 .venv/check.stamp: .venv/test.stamp .venv/bench.stamp
