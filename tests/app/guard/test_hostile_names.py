@@ -6,14 +6,12 @@ One real program for all tests of this file, as a browser gets it.
 from __future__ import annotations
 
 import re
-import socket
-import threading
-from contextlib import contextmanager, suppress
+from itertools import cycle
 from pathlib import Path
 
 import pytest
+from line_sender import line_sender
 from program import end, labels, port_of, running, token_of
-from waiting import PATIENCE
 from wire import Guest
 
 from kalscope.common.text import count
@@ -120,7 +118,7 @@ def test_labels_that_a_board_sends_are_shown_as_text(guest):
         ",".join(f"{name}:{(i * k) % 9}" for k, name in enumerate(LABELS, 1)).encode() + b"\n" for i in range(99)
     ]
     lines += [b"# <img src=x onerror=alert(3)>\n", b"<iframe srcdoc='x'>:1,2\n"]
-    with talking(lines) as address:
+    with line_sender(500.0, lambda: cycle(lines)) as address:
         guest.set(guest.find("port"), "Other address …")
         guest.set(guest.find("address"), address)
         guest.set(guest.find("Connect"), True)
@@ -129,32 +127,6 @@ def test_labels_that_a_board_sends_are_shown_as_text(guest):
         guest.read_until(lambda: any("onerror" in text for text in guest.texts))
         guest.set(guest.find("Disconnect"), True)
         guest.read_until(lambda: any("**closed**" in text for text in guest.markdown.values()))
-
-
-@contextmanager
-def talking(lines):
-    """The address of a board that says these lines over and over, slowly enough to be read."""
-    over = threading.Event()
-
-    def say(listener):
-        with suppress(OSError):
-            other, _ = listener.accept()
-            with other:
-                other.settimeout(10.0)  # the other side may have stopped reading
-                while not over.is_set():
-                    for line in lines:
-                        other.sendall(line)
-                        over.wait(0.002)
-
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        listener.settimeout(PATIENCE)
-        thread = threading.Thread(target=say, args=(listener,))
-        thread.start()
-        try:
-            yield f"socket://127.0.0.1:{listener.getsockname()[1]}"
-        finally:
-            over.set()
-            thread.join()
 
 
 UPLOADS = [
