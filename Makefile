@@ -9,7 +9,7 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
   && command -v avr-gcc >/dev/null 2>&1 && test -d /usr/share/arduino/hardware/arduino/avr \
   && test -e /usr/include/simavr/sim_avr.h
 
-.PHONY: run test coverage test-fast check format bench soak system can-test clean
+.PHONY: run test test-fast check format bench soak system can-test clean
 
 run: .venv/run.stamp
 	$(BIN)/kalscope
@@ -24,11 +24,7 @@ WORKERS ?= 4
 PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 test: can-test .venv/warm.stamp
-	$(PYTEST) $(COVERAGE)
-
-# The same with the branch coverage of the tests' own processes, which takes a seventh more work.
-coverage: COVERAGE := --cov --cov-report=term
-coverage: test
+	$(PYTEST) --cov --cov-report=term
 
 # What answers in seconds, for the minute between two edits: no browser, no board, no process, no long law. Nothing
 # waits there, so a worker for each core.

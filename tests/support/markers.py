@@ -1,8 +1,9 @@
 """Which tests start a browser, a simulated board, a server or another process, read from what they use.
 
-So no test can be forgotten: `make test-fast` leaves out every marked one. What reads the recordings beside the
-repository runs without coverage: it is skipped where they are absent, so the report is the same everywhere; and it
-reads millions of lines, which takes twice as long traced.
+So no test can be forgotten: `make test-fast` leaves out every marked one. Coverage is not measured in the long ones
+that drive a browser or a board or are slow: they would take half as long again, and reach almost nothing that no
+short one reaches. Neither is it in what reads the recordings beside the repository, which is skipped where they are
+absent: so the report is the same everywhere.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ FIXTURES = {"browser": "browser", "workshop": "device"}
 """Markers by the fixture that starts the thing."""
 STARTERS = {"attack_table", "forked", "kalscope_app.guard.server", "program", "viser._viser", "wire"}
 """Modules whose functions and classes start or meet a server or the program."""
+UNTRACED = ("browser", "device", "slow")
+"""Markers of tests in which coverage is not measured."""
 SHARED_DATA = (Path(__file__).parents[3] / "shared" / "data").resolve()
 
 
@@ -36,7 +39,8 @@ def mark(item: pytest.Item) -> None:
     if any(uses_any(function, starts_something) for function in functions):
         item.add_marker("server")
     parameters = item.callspec.params.values() if hasattr(item, "callspec") else ()
-    if any(map(is_shared, parameters)) or any(uses_any(function, names_shared) for function in functions):
+    untraced = any(map(item.get_closest_marker, UNTRACED)) or any(map(is_shared, parameters))
+    if untraced or any(uses_any(function, names_shared) for function in functions):
         item.add_marker("no_cover")
 
 
