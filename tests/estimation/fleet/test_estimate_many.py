@@ -7,10 +7,11 @@ import pytest
 
 from kalscope import BadSetting, Cancelled, estimate, estimate_fixed_r, estimate_fixed_ratio, estimate_many
 from kalscope.estimation import known
-from kalscope.estimation.fleet.many import fit_kernels, search_kernels
-from kalscope.estimation.fleet.many.series import Series
+from kalscope.estimation.fleet.many import fit_kernels, search_kernels, spike_kernels
+from kalscope.estimation.fleet.many.series import Series, series_of
 from kalscope.estimation.fleet.many.table import VERDICTS
 from kalscope.estimation.likelihood import search
+from kalscope.estimation.robust import spikes
 from kalscope.estimation.verdict import conclude, words
 
 NAN = np.nan
@@ -71,14 +72,14 @@ def assert_same(table, row, one, named=""):
 
 def test_simulated_series_give_the_numbers_of_estimate():
     series = list(simulated(120))
-    table = estimate_many(series)
+    table = estimate_many(series, robust=False)
     assert len(set(table.verdict)) >= 4  # the sample is worth the comparison
     for row, z in enumerate(series):
         assert_same(table, row, estimate(z, momentum=0.0, robust=False), row)
 
 
 def test_edge_series_give_the_verdicts_of_estimate():
-    table = estimate_many(list(EDGES.values()))
+    table = estimate_many(list(EDGES.values()), robust=False)
     assert {"too_few", "constant", "no_noise", "no_movement", "bad_unit", "below_resolution"} <= set(table.verdict)
     for row, (name, z) in enumerate(EDGES.items()):
         assert_same(table, row, estimate(np.asarray(z, float), momentum=0.0, robust=False), name)
@@ -99,7 +100,7 @@ def test_irregular_steps_give_the_numbers_of_estimate():
     series[5][:] = np.repeat(series[5][::5], 5)[: len(series[5])]
     steps = [steps_for(z, seed) for seed, z in enumerate(series)]
     steps[6] = np.ones(len(series[6]))
-    table = estimate_many(series, steps)
+    table = estimate_many(series, steps, robust=False)
     for row, (z, dt) in enumerate(zip(series, steps, strict=True)):
         assert_same(table, row, estimate(z, dt=dt, momentum=0.0, robust=False), row)
 
@@ -107,7 +108,7 @@ def test_irregular_steps_give_the_numbers_of_estimate():
 def test_a_known_r_or_ratio_gives_the_numbers_of_the_single_fits():
     series = [walk(seed, 150, 10.0 ** (seed % 5 - 3)) for seed in range(20)]
     values = np.linspace(0.2, 3.0, 20)
-    by_r, by_ratio = estimate_many(series, r=values), estimate_many(series, ratio=0.01)
+    by_r, by_ratio = estimate_many(series, r=values, robust=False), estimate_many(series, ratio=0.01, robust=False)
     for row, z in enumerate(series):
         assert_same(by_r, row, estimate_fixed_r(z, values[row], robust=False), row)
         assert_same(by_ratio, row, estimate_fixed_ratio(z, 0.01, robust=False), row)
@@ -115,6 +116,53 @@ def test_a_known_r_or_ratio_gives_the_numbers_of_the_single_fits():
 
 def test_a_known_r_of_another_unit_is_said():
     assert estimate_many([walk(1, 50, 1.0)], r=1e200).verdict.tolist() == ["bad_unit"]
+
+
+def with_spikes(count):
+    """Series with and without spikes, steps of the level, rounding and gaps."""
+    rng = np.random.default_rng(5)
+    for i, z in enumerate(simulated(count)):
+        size = np.nanstd(np.diff(z))
+        if i % 3 == 0:
+            z[rng.integers(0, len(z), 3)] += size * rng.uniform(2.0, 30.0)
+        if i % 11 == 0:
+            z[len(z) // 2 :] += 10.0 * size
+        yield z
+
+
+@pytest.mark.parametrize("options", [{}, {"r": 1.0}, {"ratio": 0.05}])
+def test_spikes_are_set_aside_where_estimate_does_it(options):
+    series = list(with_spikes(90))
+    table = estimate_many(series, **options)
+    assert 10 < np.count_nonzero(table.spikes) < 60
+    for row, z in enumerate(series):
+        if "r" in options:
+            one = estimate_fixed_r(z, 1.0)
+        elif "ratio" in options:
+            one = estimate_fixed_ratio(z, 0.05)
+        else:
+            one = estimate(z, momentum=0.0)
+        assert_same(table, row, one, row)
+        assert table.spikes[row] == (0 if one.outliers is None else one.outliers.sum())
+        assert table.gate[row] == (np.inf if one.gate is None else one.gate)
+
+
+def test_steps_and_spikes_together_are_those_of_estimate():
+    series = list(with_spikes(24))
+    steps = [steps_for(z, seed) for seed, z in enumerate(series)]
+    table = estimate_many(series, steps)
+    for row, (z, dt) in enumerate(zip(series, steps, strict=True)):
+        assert_same(table, row, estimate(z, dt=dt, momentum=0.0), row)
+
+
+def test_few_series_without_spikes_are_looked_at_twice():
+    rows = np.stack([walk(seed, 400, 0.05) for seed in range(300)])
+    many, table = series_of(rows, None), estimate_many(rows, robust=False)
+    suspect = np.empty(300, np.bool_)
+    spike_kernels.suspect_each(
+        many.values, many.steps, many.starts[:-1], many.starts[1:], table.q, table.r, suspect
+    )
+    assert suspect.sum() <= 6
 
 
 def test_momentum_and_spikes_are_those_of_estimate():
@@ -196,5 +244,8 @@ def test_the_compiled_loops_use_the_limits_of_the_modules_that_they_follow():
     assert fit_kernels.MIN_VARIANCE == conclude.MIN_VARIANCE
     assert (fit_kernels.MIN_CHANGES, fit_kernels.MAX_CHANGING) == (known._MIN_CHANGES, known._MAX_CHANGING)
     assert fit_kernels.MAX_FACTOR == known._MAX_FACTOR
+    for name in ("SIGMAS", "SIDE_SIGMAS", "LONGEST", "START_SIGMAS", "WINDOW", "FALSE_ALARM"):
+        assert getattr(spike_kernels, name) == getattr(spikes, name)
+    assert (spike_kernels.NORMAL, spike_kernels.EQUAL_SHARE) == (spikes._NORMAL, spikes._EQUAL_SHARE)
     assert VERDICTS[fit_kernels.NO_MOVEMENT] == "no_movement"
     assert VERDICTS[fit_kernels.BAD_STEPS] == "bad_steps"

@@ -16,6 +16,7 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import checked_momentum, estimate
 from kalscope.estimation.fleet.many import fit_kernels as kernels
 from kalscope.estimation.fleet.many.series import Series, above_zero_each, series_of
+from kalscope.estimation.fleet.many.spike_kernels import suspect_each
 from kalscope.estimation.fleet.many.table import VERDICTS, EstimateTable
 from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio, may_be_below_resolution
 from kalscope.estimation.result import Estimate
@@ -30,7 +31,7 @@ def estimate_many(
     dt: ArrayLike | Sequence[ArrayLike] | None = None,
     *,
     momentum: float | Literal["auto"] = 0.0,
-    robust: bool | Literal["auto"] = False,
+    robust: bool | Literal["auto"] = "auto",
     r: ArrayLike | None = None,
     ratio: ArrayLike | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -38,9 +39,9 @@ def estimate_many(
 ) -> EstimateTable:
     """Find q and r by maximum likelihood in many series: the numbers of `estimate`, thousands of series a second.
 
-    A series that cannot be fitted is a row with its verdict, never an error. The defaults are those of a fleet
-    whose devices share one filter, the five lines fitted to all samples: `estimate(z, momentum=0, robust=False)`.
-    With momentum, or where spikes are set aside, each series takes as long as in `estimate`.
+    A series that cannot be fitted is a row with its verdict, never an error. Without momentum, the default, the
+    table holds what `estimate(z, momentum=0)` finds. With it, or where a series may have spikes (which the compiled
+    call sees), a series takes as long as in `estimate`.
 
     Args:
         series: a list of 1-D arrays of any lengths, a 2-D array with one series a row, or a Series (all samples in
@@ -68,13 +69,13 @@ def estimate_many(
     report = Progress(progress, cancelled)
     table = _Columns(len(many))
     report(0.0, "fit")
-    compiled = asked.tau == 0.0 and asked.robust is False
+    compiled = asked.tau == 0.0 and asked.robust is not True
     for first, stop in many.parts(_AT_ONCE if compiled else 1):
         part = Series(many.values, many.starts[first : stop + 1], many.steps)
         table.fit(part, asked, slice(first, stop))
-        again = range(first, stop) if not compiled else first + np.flatnonzero(table.stepped[first:stop])
+        again = range(first, stop) if not compiled else first + np.flatnonzero(table.again[first:stop])
         for i in again:
-            if asked.kind == kernels.FREE or not compiled:
+            if asked.kind == kernels.FREE or asked.robust is not False:
                 table.refine(int(i), *many.one(int(i)), asked)
         report(stop / max(len(many), 1), "fit")
     return table.as_table()
@@ -121,7 +122,7 @@ class _Columns:
         self.numbers = np.empty((count, kernels.NUMBERS))
         self.codes = np.empty(count, np.uint8)
         self.samples = np.empty(count, np.int64)
-        self.stepped = np.empty(count, np.bool_)
+        self.again = np.empty(count, np.bool_)
         self.momentum = np.zeros((3, count))
         self.spikes = np.zeros(count, np.int64)
         self.gate = np.full(count, math.inf)
@@ -130,8 +131,13 @@ class _Columns:
         """Fit some series, in one compiled call."""
         kernels.fit_each(
             many.values, many.steps, many.starts[:-1], many.starts[1:], asked.kind, asked.known[rows],
-            self.numbers[rows], self.codes[rows], self.samples[rows], self.stepped[rows],
+            self.numbers[rows], self.codes[rows], self.samples[rows], self.again[rows],
         )  # fmt: skip
+        if asked.robust is None:
+            q, r = np.ascontiguousarray(self.numbers[rows, [kernels.Q, kernels.R]].T)
+            suspect = np.empty(len(many), np.bool_)
+            suspect_each(many.values, many.steps, many.starts[:-1], many.starts[1:], q, r, suspect)
+            self.again[rows] |= suspect
 
     def refine(self, i: int, z: Array, steps: Array, asked: _Asked) -> None:
         """Fit one series as `estimate` does, unless nothing in it can be fitted or its numbers would stay."""

@@ -100,7 +100,7 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices) -> Fitted:
         values = np.concatenate([values[block.starts[i] : block.starts[i + 1]] for i in chosen])
     starts = np.concatenate(([0], np.cumsum(sizes[chosen])))
     many = Many(values, starts.astype(np.int64), np.empty(0))
-    table, pool = estimate_many(many), pool_of(many)
+    table, pool = estimate_many(many, robust=False), pool_of(many)
     seconds = (time.thread_time() - begun) / len(chosen)
     channel, unit = block.columns.names[0], block.columns.units[0]
     names = [block.ids[int(i)] for i in chosen]
