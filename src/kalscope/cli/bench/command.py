@@ -68,7 +68,13 @@ def bench_command(
 
 def run_bench(sizes: Sizes) -> Iterator[Row]:
     """All rows, each as soon as it is measured."""
-    from kalscope.cli.bench.own import denoise_contests, kalman_filter_contest, profile_contest, python_contest
+    from kalscope.cli.bench.own import (
+        denoise_contests,
+        kalman_filter_contest,
+        many_contest,
+        profile_contest,
+        python_contest,
+    )
     from kalscope.cli.bench.peers import peer_contests
 
     work = Work.make(sizes.samples)
@@ -82,6 +88,7 @@ def run_bench(sizes: Sizes) -> Iterator[Row]:
         yield python_contest(size(200_000))
         yield from peer_contests(size)
         yield profile_contest(size(100_000))
+        yield many_contest(size(300_000))
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # warnings of the peers

@@ -1,4 +1,4 @@
-"""The contests against memory, scipy's steady filter, the plain loop of five lines, and a single pass."""
+"""The contests against memory, scipy's steady filter, the plain loop of five lines, and what is done one by one."""
 
 from __future__ import annotations
 
@@ -11,13 +11,19 @@ import numpy as np
 from kalscope.cli.bench.contest import PARAMS, Contest, Q, R, Work
 from kalscope.common.array import Array
 from kalscope.common.compiled import compiled
+from kalscope.estimation.estimate import estimate
+from kalscope.estimation.fleet.many.estimate_many import estimate_many
+from kalscope.estimation.fleet.many.table import EstimateTable
 from kalscope.estimation.momentum.profile import likelihood_profile
+from kalscope.estimation.result import Estimate
 from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
 SETTLED = 5_000
 """Samples after which a filter of constant gain has forgotten its start: (1 − K)^5000 is 2e-22 at λ = 1e-4."""
+STRETCH = 1_000
+"""Samples of each of many series."""
 SAME_MEMORY = "both write to an existing array"
 
 
@@ -128,4 +134,27 @@ def profile_contest(work: Work) -> Contest:
         lambda: five_lines(work.z, Q, R, out),
         difference,
         "against a single pass at one λ; difference: relative to kalman_filter's log-likelihood at 7 of the λ",
+    )
+
+
+def many_contest(work: Work) -> Contest:
+    """`estimate_many` on stretches of the record against `estimate` one by one."""
+    series = work.z[: len(work.z) // STRETCH * STRETCH].reshape(-1, STRETCH)
+
+    def one_by_one() -> list[Estimate]:
+        return [estimate(z, momentum=0.0, robust=False) for z in series]
+
+    def difference(table: EstimateTable) -> float:
+        alone = np.array([(one.q, one.r, one.loglik) for one in one_by_one()])
+        together = np.stack([table.q, table.r, table.loglik], axis=1)
+        return float(np.max(np.abs(together - alone) / np.maximum(np.abs(alone), 1e-300)))
+
+    return Contest(
+        "estimate_many",
+        "estimate",
+        series.size,
+        lambda: estimate_many(series, robust=False),
+        one_by_one,
+        difference,
+        f"series of {STRETCH:,} samples, one core, no spikes looked for; difference: relative, of q, r and log-likelihood",
     )
