@@ -156,5 +156,5 @@ def many_contest(work: Work) -> Contest:
         lambda: estimate_many(series, robust=False),
         one_by_one,
         difference,
-        f"series of {STRETCH:,} samples, one core, no spikes looked for; difference: relative, of q, r and log-likelihood",
+        f"series of {STRETCH:,} samples, one core, no search for spikes; difference: relative, of q, r, likelihood",
     )
