@@ -13,6 +13,7 @@ import numpy as np
 import viser
 
 from kalscope.common.array import Array
+from kalscope_app.views.binding import put
 from kalscope_app.views.window.layout import height_of
 
 
@@ -67,6 +68,7 @@ class Chart:
             height=height_of(share),
             cursor=self._cursor(),
         )
+        self._data: tuple[Array, ...] = ()
         self._layout: object = None
         self._view: object = None
 
@@ -83,10 +85,10 @@ class Chart:
         view: object = None,
         reach: tuple[float, float] | None = None,
     ) -> None:
-        """Draw; `layout` is sent only when it differs; `reach` is the range of the x axis, if not that of x.
+        """Draw; numbers and `layout` are sent only when they differ.
 
-        A new `view`, or another reach of x, rebuilds the chart and so ends a zoom: with a fixed range for x viser
-        keeps a zoom over new data, but not over a new scale.
+        `reach` is the range of the x axis, if not that of x. A new `view`, or another reach, rebuilds the chart and
+        so ends a zoom: with a fixed range for x viser keeps a zoom over new data, but not over a new scale.
         """
         data = drawable(x, ys, layout.gaps)
         reach = reach or (float(data[0][0]), float(data[0][-1]))
@@ -102,8 +104,9 @@ class Chart:
             self._handle.series = layout.series
             self._handle.bands = layout.bands
             self._handle.axes = layout.axes
-        self._handle.data = data
-        self._handle.visible = True
+        if not same_numbers(data, self._data):
+            self._handle.data = self._data = data
+        put(self._handle, visible=True)
 
     def _cursor(self) -> Any:
         """How the mouse works; `share` and `window` are no words of uPlot but of the page script."""
@@ -112,14 +115,19 @@ class Chart:
 
     def set_height(self, share: float, pixels: int) -> None:
         """Take another share of the height, which rebuilds the chart, and so many pixels of a common window."""
-        self._handle.height = pixels
+        put(self._handle, height=pixels)
         if share != self._share:
             self._share = share
             self._handle.cursor = self._cursor()
 
     def hide(self) -> None:
         """Take the chart off the screen: where there is no answer, an old curve would be taken for it."""
-        self._handle.visible = False
+        put(self._handle, visible=False)
+
+
+def same_numbers(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
+    """Whether two tuples hold equal arrays; NaN is equal to none, so that lines with gaps are taken for new."""
+    return len(one) == len(other) and all(map(np.array_equal, one, other))
 
 
 def _distribution(log: bool) -> dict[str, int]:
