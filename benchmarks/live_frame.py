@@ -32,6 +32,7 @@ from kalscope.sources.live.live_status import LiveStatus
 from kalscope.sources.live.sample_store import SampleStore
 from kalscope.sources.port.port_spec import port_of
 from kalscope_app.dashboard import Dashboard
+from kalscope_app.engine.parts import DELAYS
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.live import opened_live, set_span
 from kalscope_app.session.live_state import BoardId
@@ -80,10 +81,11 @@ class Bench:
     dashboard: Dashboard
 
     def frame_ms(self) -> float:
-        """One frame with new samples, ms of this thread's processor time."""
+        """One frame with new samples and all parts of the screen, ms of this thread's processor time."""
         self.feed.come(NEW)
         begin = time.thread_time()
         self.dashboard.engine._turn()
+        self.dashboard.engine._show_parts(tuple(DELAYS))
         return 1000.0 * (time.thread_time() - begin)
 
 

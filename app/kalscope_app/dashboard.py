@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -15,6 +15,7 @@ from kalscope_app.engine.engine import Engine
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.idle_studies import Studies, Study
 from kalscope_app.engine.jobs import Jobs
+from kalscope_app.engine.parts import Part
 from kalscope_app.live.connection import BoardConnection
 from kalscope_app.live.recording import BoardRecording
 from kalscope_app.program.error_reporting import sentence_for
@@ -192,39 +193,41 @@ class Dashboard:
         self._connection.close(timeout=0.3)
         self.engine.stop()
 
-    def show(self, frame: Frame) -> None:
-        """Draw a frame in every view, as one message batch. Runs on the engine's thread."""
+    def show(self, frame: Frame, parts: Collection[Part]) -> None:
+        """Draw parts of a frame, as one message batch. Runs on the engine's thread."""
         with self._server.atomic():
-            self._panels.set_theme(dark=frame.state.view.dark)
-            self._panels.set_map_shown(frame.state.view.map_shown)
-            self.signal.show(frame)
-            for view in (
-                self._view,
-                self._header,
-                self._verdict,
-                self._numbers,
-                self._goal,
-                self._estimators,
-                self._momentum,
-                self._presets,
-                self._window,
-                self._source,
-                self._live,
-            ):
-                view.show(frame)
-            if self._last is None or not only_grown(self._last, frame):
-                chosen = self.parameters, self._start, self._paper, self._variants, self._channels
-                for view in (*chosen, self._code, self._board, self._command_line):
-                    view.show(frame)
-            self._commands.show()
-        self._last = frame
-        self._phones.show(frame)
+            if Part.FULL in parts or Part.SIGNAL in parts:
+                self._panels.set_theme(dark=frame.state.view.dark)
+                self._panels.set_map_shown(frame.state.view.map_shown)
+                self.signal.show(frame, thinned=Part.FULL not in parts)
+            if Part.NUMBERS in parts:
+                self._show_numbers(frame)
+            if Part.CHARTS in parts:
+                self.signal.show_below(frame)
+                self._momentum.show(frame)
+            if Part.OTHER in parts:
+                self._show_other(frame)
         self._server.flush()
-        self._map.follow(frame)  # after the charts: a browser draws the scene at leisure
+        if Part.NUMBERS in parts:
+            self._phones.show(frame)
         if frame.state.answers.note != self._note:
             self._note = frame.state.answers.note
             if self._note:
                 self.tell(self._note, good=True)
+
+    def _show_numbers(self, frame: Frame) -> None:
+        for view in self._header, self._verdict, self._numbers, self._goal, self.parameters, self._start:
+            view.show(frame)
+        self._map.follow(frame)
+
+    def _show_other(self, frame: Frame) -> None:
+        for view in self._view, self._estimators, self._presets, self._window, self._source, self._live:
+            view.show(frame)
+        if self._last is None or not only_grown(self._last, frame):
+            for view in self._paper, self._variants, self._channels, self._code, self._board, self._command_line:
+                view.show(frame)
+        self._commands.show()
+        self._last = frame
 
     def tell(self, message: str | Exception, *, good: bool = False, failed: Failed = Failed.OTHER) -> None:
         """Show one sentence in every browser; plain text, so nothing in it can act as markup.

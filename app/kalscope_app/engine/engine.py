@@ -1,7 +1,8 @@
 """One worker thread: it takes the requests, computes one Frame for all of them, and hands it to the views.
 
-The latest request wins because requests are cheap and a Frame is computed only after all that wait are in. What is
-slower is handed to the studies, which have a thread of their own.
+The latest request wins because requests are cheap and a Frame is computed only after all that wait are in. While a
+control moves, a part of each Frame is shown at once and the rest when there is time (`parts.py`). What is slower is
+handed to the studies, which have a thread of their own.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from functools import partial
 
 from kalscope.errors import KalscopeError
 from kalscope_app.engine.cache import Cache
@@ -18,6 +20,7 @@ from kalscope_app.engine.decimation import MAX_POINTS, DrawnSamples, choose_samp
 from kalscope_app.engine.filter_runs import FilterRuns, VariantCurves
 from kalscope_app.engine.frame import Frame, compute_frame
 from kalscope_app.engine.idle_studies import Studies
+from kalscope_app.engine.parts import Part, Schedule, is_move
 from kalscope_app.engine.record_facts import RecordFacts
 from kalscope_app.session.live import live_window, studied
 from kalscope_app.session.session import Session
@@ -26,8 +29,8 @@ from kalscope_app.session.state import State
 MIN_INTERVAL = 0.04
 """Seconds between two frames, at least: in a slower browser frames would pile up."""
 
-LIVE_INTERVAL = 0.055
-"""Seconds between two frames of a live record: 18 a second; a browser without a graphics card draws no more."""
+LIVE_INTERVAL = 0.045
+"""Seconds between two frames of a live record: 22 a second."""
 
 SILENT_INTERVAL = 0.2
 """Seconds after which a board that has become silent is looked at again: each look costs, and nothing waits."""
@@ -58,11 +61,11 @@ class Engine:
     def __init__(
         self,
         session: Session,
-        show: Callable[[Frame], None],
+        show: Callable[[Frame, Collection[Part]], None],
         tell: Callable[..., None],
         studies: Studies | None = None,
     ) -> None:
-        """Args: the session; draws a frame; notifies the user of a failure; what to compute while idle."""
+        """Args: the session; draws parts of a frame; notifies the user of a failure; what to compute while idle."""
         self._session = session
         self._show = show
         self._tell = tell
@@ -72,7 +75,8 @@ class Engine:
         self._samples = Cache[DrawnSamples]()
         self._runs, self._facts, self._curves = FilterRuns(), RecordFacts(), VariantCurves()
         self._frame: Frame | None = None
-        self._frame_at = self._news_at = self._looked_at = self._study_at = -math.inf
+        self._schedule = Schedule()
+        self._begun = self._frame_at = self._news_at = self._looked_at = self._study_at = -math.inf
         self.first_frame = threading.Event()
 
     def start(self) -> None:
@@ -87,23 +91,38 @@ class Engine:
         self._thread.join(timeout=2.0)
 
     def _run(self) -> None:
-        last = 0.0
         while not self._stopping.is_set():
-            self._session.wakeup.wait(timeout=self._patience())
-            time.sleep(pause_before_frame(time.monotonic(), last))
-            self._session.wakeup.clear()
-            if self._stopping.is_set():
-                return
-            last = time.monotonic()
-            self._guarded(self._turn)
+            now = time.monotonic()
+            moving = self._session.wakeup.is_set() or now >= self._tick()
+            if parts := self._schedule.take_due(now, moving=moving):
+                self._guarded(partial(self._show_parts, parts))
+            elif self._wait_for_frame(now):
+                time.sleep(pause_before_frame(time.monotonic(), self._begun))
+                self._session.wakeup.clear()
+                self._begun = time.monotonic()
+                self._guarded(self._turn)
 
-    def _patience(self) -> float | None:
-        """Seconds to wait for a request before a look at the board; None: there is none."""
+    def _tick(self) -> float:
+        """When a live board is looked at again without a request; inf for a finished record."""
         if not self._session.is_live:
-            return None
-        return LIVE_INTERVAL if time.monotonic() - self._news_at < SETTLING else SILENT_INTERVAL
+            return math.inf
+        silent = time.monotonic() - self._news_at > SETTLING
+        return self._begun + (SILENT_INTERVAL if silent else LIVE_INTERVAL)
+
+    def _wait_for_frame(self, now: float) -> bool:
+        """Wait until a new frame is due, or a part of the last one; whether it is a frame."""
+        until = min(self._tick(), self._schedule.next_due())
+        requested = self._session.wakeup.wait(timeout=None if math.isinf(until) else max(0.0, until - now))
+        return requested or time.monotonic() >= self._tick()
+
+    def _show_parts(self, parts: Collection[Part]) -> None:
+        """Draw parts of the last frame."""
+        if self._frame is not None:
+            self._show(self._frame, parts)
 
     def _guarded(self, step: Callable[[], None]) -> None:
+        if self._stopping.is_set():
+            return
         try:
             step()
         except Exception as error:  # the thread must outlive any single frame
@@ -136,9 +155,10 @@ class Engine:
         drawn = self._samples.once(lambda: choose_samples(*chosen_from, self._facts.of(state)), *chosen_from)
         variants = self._curves.of(state, drawn) if state.live is None else None
         frame = compute_frame(state, serial, drawn, self._runs, variants, self._session.connection())
-        asked = self._frame is None or serial != self._frame.serial
-        self._frame, self._frame_at = frame, time.monotonic()
-        self._show(frame)
+        last, self._frame, self._frame_at = self._frame, frame, time.monotonic()
+        asked = last is None or serial != last.serial
+        whole = last is None or not is_move(last.state, state)
+        self._show_parts(self._schedule.begin(self._frame_at, whole=whole))
         self.first_frame.set()
         due = state.live is None or asked or self._frame_at - self._study_at > STUDY_INTERVAL
         if self._studies is not None and due:

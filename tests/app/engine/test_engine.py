@@ -11,6 +11,7 @@ from waiting import PATIENCE
 
 from kalscope import Recording, kalman_filter
 from kalscope_app.engine.engine import MIN_INTERVAL, Engine, pause_before_frame
+from kalscope_app.engine.parts import Part
 from kalscope_app.session.changes.parameters import set_exponent, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Failed, Session
@@ -21,12 +22,15 @@ class Screen:
 
     def __init__(self, delay=0.0):
         self.frames, self.told, self.headings, self.delay = [], [], [], delay
+        self.drawn = {part: [] for part in Part}
         self.news = threading.Condition()
 
-    def show(self, frame):
+    def show(self, frame, parts):
         time.sleep(self.delay)
         with self.news:
-            self.frames.append(frame)
+            self.frames += [frame] if Part.SIGNAL in parts else []
+            for part in parts:
+                self.drawn[part].append(frame.serial)
             self.news.notify_all()
 
     def tell(self, message, failed=None):
@@ -95,10 +99,10 @@ def test_a_refused_request_is_told_and_the_next_one_works(running):
 def test_a_failing_view_does_not_stop_the_engine(session):
     screen = Screen()
 
-    def show(frame):
+    def show(frame, parts):
         if frame.state.tuning.q == 7:
             raise RuntimeError("a view broke")
-        screen.show(frame)
+        screen.show(frame, parts)
 
     engine = Engine(session, show, screen.tell)
     engine.start()
@@ -117,3 +121,35 @@ def test_drawn_indices_are_chosen_once_for_one_view(running):
     again = session.request(set_exponent("q", -2.0))
     screen.wait(lambda: screen.frames[-1].serial == again)
     assert screen.frames[-1].drawn is screen.frames[-2].drawn
+
+
+def test_every_part_of_the_screen_shows_the_last_value(running):
+    session, screen = running
+    last = session.request(set_exponent("q", -1.0))
+    screen.wait(lambda: all(serials and serials[-1] == last for serials in screen.drawn.values()))
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.05])
+def test_no_part_is_left_out_while_requests_keep_coming(session, delay):
+    screen, stopping = Screen(delay), threading.Event()
+    engine = Engine(session, screen.show, screen.tell)
+
+    def move():
+        step = 0
+        while not stopping.wait(0.001):
+            step += 1
+            session.request(set_exponent("q", -3.0 + 0.01 * (step % 500)), key="slider q")
+
+    mover = threading.Thread(target=move)
+    engine.start()
+    mover.start()
+    often = (Part.SIGNAL, Part.NUMBERS, Part.CHARTS, Part.OTHER)
+    screen.wait(lambda: all(len(screen.drawn[part]) >= 4 for part in often))
+    assert screen.drawn[Part.FULL] == screen.drawn[Part.FULL][:1]  # only that of the first frame
+    stopping.set()
+    mover.join()
+    last = session.request(set_exponent("q", -1.0))
+    screen.wait(lambda: all(serials[-1] == last for serials in screen.drawn.values()))
+    for serials in screen.drawn.values():
+        assert serials == sorted(serials)
+    engine.stop()

@@ -22,6 +22,7 @@ from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.engine import Engine
 from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.engine.frame import compute_frame
+from kalscope_app.engine.parts import Part
 from kalscope_app.session.changes.channels import select_channel, set_board_channel
 from kalscope_app.session.changes.parameters import reset_parameters, set_text
 from kalscope_app.session.changes.view import set_window
@@ -265,7 +266,7 @@ def test_the_boards_own_filter_is_drawn_and_compared():
 def test_the_engine_draws_what_comes_without_being_asked(board):
     frames, news = [], threading.Condition()
 
-    def show(frame):
+    def show(frame, _parts=()):
         with news:
             frames.append(frame)
             news.notify_all()
@@ -292,7 +293,11 @@ def test_a_silent_board_is_drawn_again_only_when_its_status_changes(board, monke
     for name, seconds in (("SETTLING", 0.0), ("STATUS_INTERVAL", 0.0), ("SILENT_INTERVAL", 0.01)):
         monkeypatch.setattr(f"kalscope_app.engine.engine.{name}", seconds)
     frames, looks = [], board.looked_at
-    engine = Engine(Session(opened_board(board.send(500), "x"), board), frames.append, pytest.fail)
+
+    def show(frame, parts):
+        frames.extend([frame] if Part.SIGNAL in parts else [])
+
+    engine = Engine(Session(opened_board(board.send(500), "x"), board), show, pytest.fail)
     engine.start()
     try:
         wait_until(lambda: frames and len(looks) > 10, "ten turns of the engine")

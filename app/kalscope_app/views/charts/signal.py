@@ -6,11 +6,13 @@ import math
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from kalscope.common.array import Array
 from kalscope.common.text import count, number
 from kalscope.sources.readers.account import warnings
 from kalscope_app.engine.frame import Frame
+from kalscope_app.views.binding import put
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import (
     DARK,
@@ -24,6 +26,7 @@ from kalscope_app.views.charts.style import (
     rings,
     short,
 )
+from kalscope_app.views.charts.thinning import Thinning
 from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
 from kalscope_app.views.scales import Scale, range_text, scale_for
 from kalscope_app.views.text import escape_markdown
@@ -50,23 +53,25 @@ class SignalView:
         self.velocity = Chart(gui, SHARES[3][2], sync="kalscope-time", window=True)
         self.gain.hide()
         self.velocity.hide()
+        self._thinning = Thinning()
 
-    def show(self, frame: Frame) -> None:
-        """Draw the frame."""
-        palette = DARK if frame.state.view.dark else LIGHT
+    def show(self, frame: Frame, *, thinned: bool = False) -> None:
+        """Draw the signal; `thinned`: with fewer points, while a control moves."""
         live, with_velocity = frame.state.live is not None, frame.velocity is not None
-        heading = (HEADING if live else "") + heading_of(frame)
         self._share_height(3 if with_velocity or frame.state.view.gain_shown else 2, live=live)
-        if self._heading.content != heading:
-            self._heading.content = heading
-        clock = time_axis(frame)
-        self._show_signal(frame, palette, clock)
+        palette = DARK if frame.state.view.dark else LIGHT
+        self._show_signal(frame, palette, time_axis(frame), self._thinning.of(frame) if thinned else None)
+
+    def show_below(self, frame: Frame) -> None:
+        """Draw the charts below the signal, and write the line above it."""
+        palette, clock = DARK if frame.state.view.dark else LIGHT, time_axis(frame)
+        put(self._heading, content=(HEADING if frame.state.live is not None else "") + heading_of(frame))
         self._show_innovation(frame, palette, clock)
         if frame.velocity is not None and frame.velocity_spread is not None:
             self._show_velocity(frame, palette, clock, frame.velocity, frame.velocity_spread)
         else:
             self.velocity.hide()
-        if frame.state.view.gain_shown and not with_velocity:
+        if frame.state.view.gain_shown and frame.velocity is None:
             self._show_gain(frame, palette)
         else:
             self.gain.hide()
@@ -77,7 +82,7 @@ class SignalView:
             taken = LIVE_CONTROLS_HEIGHT if live and chart is self.signal else 0
             chart.set_height(share, height_of(share, charts) - taken)
 
-    def _show_signal(self, frame: Frame, palette: Palette, clock: Scale) -> None:
+    def _show_signal(self, frame: Frame, palette: Palette, clock: Scale, places: NDArray[np.intp] | None) -> None:
         shown, state = frame.drawn, frame.state
         scale = scale_for(shown.raw, state.tuning.unit)
         raw = raw_lines(shown, palette)
@@ -103,7 +108,7 @@ class SignalView:
         bands = ({"series": (2, 1), "fill": palette.raw_band},) if shown.band is not None else ()
         bands = (*bands, {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band})
         label = scale.label(short(state.channel, 30))
-        self._draw(self.signal, frame, clock, scale, lines, label, *bands)
+        self._draw(self.signal, frame, clock, scale, lines, label, *bands, places=places)
 
     def _show_innovation(self, frame: Frame, palette: Palette, clock: Scale) -> None:
         v, spread = without_start(frame)
@@ -136,15 +141,17 @@ class SignalView:
         lines: list[ChartLine],
         label: str,
         *bands: object,
+        places: NDArray[np.intp] | None = None,
     ) -> None:
         series = ({"label": time_label(clock, before_now=follows(frame))}, *(one.style for one in lines))
         gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
         space = 30 if chart is self.signal else 15  # with fewer ticks a low chart has a 0 and no other number
         layout = ChartLayout(series, axes(label, space), bands, gaps)
-        ys = [one.y * scale.factor for one in lines]
         x, reach = time_points(frame)
+        kept = slice(None) if places is None else places
+        ys = [one.y[kept] * scale.factor for one in lines]
         ends = None if reach is None else (reach[0] * clock.factor, reach[1] * clock.factor)
-        chart.show(x * clock.factor, ys, layout, frame.state.view.resets, ends)
+        chart.show(x[kept] * clock.factor, ys, layout, frame.state.view.resets, ends)
 
     def _show_gain(self, frame: Frame, palette: Palette) -> None:
         top = float(frame.gain.max(initial=0.0))

@@ -1,0 +1,115 @@
+"""The messages of a slider move: the chart of the signal comes first and alone, nothing is sent twice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from viser._messages import GuiUpdateMessage
+from viser.infra._async_message_buffer import AsyncMessageBuffer
+
+from kalscope import kalman_filter, open_source
+from kalscope_app.dashboard import Dashboard
+from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.parts import DELAYS, Part
+from kalscope_app.guard.server import guarded_server
+from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.session.opening import opened
+from kalscope_app.views.charts.thinning import MAX_MOVING_POINTS
+
+FLUSH = "flush"
+
+
+class Watched:
+    """A dashboard whose engine has no thread, and what it sends."""
+
+    def __init__(self, dashboard, messages):
+        self.dashboard, self.messages = dashboard, messages
+        self.turn()
+
+    def turn(self, *changes):
+        """One turn of the engine after these requests; what it sent."""
+        for change in changes:
+            self.dashboard.session.request(change)
+        return self.sent(self.dashboard.engine._turn)
+
+    def show(self, *parts):
+        """Draw parts of the last frame; what that sent."""
+        return self.sent(lambda: self.dashboard.show(self.dashboard.engine._frame, parts))
+
+    def sent(self, act):
+        self.messages.clear()
+        act()
+        return list(self.messages)
+
+    def data(self, messages, chart):
+        """The arrays that these messages bring to a chart; one message has them."""
+        uuid = chart.handle._impl.uuid
+        (found,) = (
+            one.updates["data"]
+            for one in messages
+            if isinstance(one, GuiUpdateMessage) and one.uuid == uuid and "data" in one.updates
+        )
+        return found
+
+
+@pytest.fixture
+def watched(monkeypatch, tmp_path):
+    messages, push, flush = [], AsyncMessageBuffer.push, AsyncMessageBuffer.flush
+
+    def watched_push(buffer, message):
+        messages.append(message)
+        push(buffer, message)
+
+    def watched_flush(buffer):
+        messages.append(FLUSH)
+        flush(buffer)
+
+    with guarded_server(port=0) as guarded:
+        state = opened(open_source("synthetic:random_walk?n=20000&seed=1&sigma=0.5"))
+        dashboard = Dashboard(guarded.server, state, tmp_path)
+        dashboard.engine._studies = None
+        monkeypatch.setattr(AsyncMessageBuffer, "push", watched_push)
+        monkeypatch.setattr(AsyncMessageBuffer, "flush", watched_flush)
+        yield Watched(dashboard, messages)
+
+
+def test_a_move_sends_the_chart_of_the_signal_first_and_alone(watched):
+    sent = watched.turn(set_text("q", "0.5"))
+    signal = watched.dashboard.signal.signal
+    assert [message.uuid for message in sent[:-1]] == [signal.handle._impl.uuid]
+    assert sent[-1] == FLUSH
+    x, *lines = watched.data(sent[:-1], signal)
+    assert all(len(line) == len(x) <= MAX_MOVING_POINTS for line in lines)
+
+
+def test_the_other_parts_bring_the_rest_and_all_points(watched):
+    moving = watched.data(watched.turn(set_text("q", "0.5"))[:-1], watched.dashboard.signal.signal)
+    sent = watched.show(*DELAYS)
+    signal, innovation = watched.dashboard.signal.signal, watched.dashboard.signal.innovation
+    state = watched.dashboard.engine._frame.state
+    result = kalman_filter(state.z, state.params)
+    at = choose_samples(state.recording, state.channel, None).indices
+    assert len(at) > MAX_MOVING_POINTS
+    whole = watched.data(sent, signal)
+    assert any(np.array_equal(line, result.x[at]) for line in whole)
+    assert any(np.array_equal(line[1:], result.innovation[at][1:]) for line in watched.data(sent, innovation))
+    kept = np.isin(whole[0], moving[0])
+    for some, every in zip(moving, whole, strict=True):  # what was drawn before stays where it was
+        assert np.array_equal(some, every[kept])
+    assert (moving[0][0], moving[0][-1]) == (whole[0][0], whole[0][-1])
+
+
+def test_a_frame_that_is_drawn_already_sends_nothing_new(watched):
+    watched.turn(set_text("q", "0.5"))
+    watched.show(*DELAYS)
+    for parts in (DELAYS, Part, (Part.FULL,)):
+        sent = watched.show(*parts)
+        assert [message for message in sent if isinstance(message, GuiUpdateMessage)] == []
+
+
+def test_what_is_no_move_comes_as_one_batch(watched):
+    sent = watched.turn(lambda state: state.with_view(dark=True, window=(10.0, 900.0)))
+    assert sent.count(FLUSH) == 1
+    first = sent[: sent.index(FLUSH)]
+    for chart in (watched.dashboard.signal.signal, watched.dashboard.signal.innovation):
+        assert len(watched.data(first, chart)[0]) > 2
