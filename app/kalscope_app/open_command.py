@@ -84,10 +84,12 @@ def serve(
     browser: bool,
 ) -> None:
     """Show `state` and its board in a dashboard until `end` is set; `start_server` lacks only `on_refused`."""
+    from kalscope.common.compiled import watch_compiling
     from kalscope_app.guard.token_file import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
     from kalscope_app.program.error_reporting import ErrorReporter
     from kalscope_app.session.session import Failed
+    from kalscope_app.views.window.compiling import CompilingNote
 
     errors, opened = ErrorReporter(), contextlib.ExitStack()
     dashboard: Dashboard | None = None
@@ -109,6 +111,7 @@ def serve(
             dashboard = Dashboard(guarded.server, state, Path.cwd(), log.file, board)
             errors.notify_with(dashboard.tell)
             dashboard.start()
+            watch_compiling(CompilingNote(guarded.server).show)
             guarded.let_in()
             while not end.wait(timeout=0.5):  # Windows wakes for Ctrl+C only between two waits
                 pass

@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from kalscope.cli import console
 from kalscope.cli.app import run
 from kalscope.cli.console import progress_line
 from kalscope.cli.tune.options import still_samples
+from kalscope.common import compiled
+from kalscope.common.compiled import Compiling
 from kalscope.common.progress import Progress
 from kalscope.errors import KalscopeError
 from kalscope.estimation.estimate import METHODS, estimate
@@ -612,28 +615,21 @@ def test_a_short_search_and_a_pipe_show_nothing(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_terminal_shows_what_is_compiled_at_the_first_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    from numba import njit
-    from numba.core import event
-
-    def compile_one() -> None:
-        njit(lambda: 1)()
-
-    registered: list[object] = []
-    monkeypatch.setattr(event, "register", lambda kind, listener: registered.append((kind, listener)))
+    watching: list[Callable[[Compiling], None]] = []
+    monkeypatch.setattr(compiled, "watch_compiling", watching.append)
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     console.tell_compiling()
-    assert registered == []
+    assert watching == []
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     console.tell_compiling()
-    ((kind, listener),) = registered
-    monkeypatch.undo()
-    with event.install_listener(kind, listener):
-        compile_one()
-        compile_one()
-    shown = [line for line in terminal.getvalue().split("\r") if line.strip()]
+    (show,) = watching
+    for done in range(2):
+        show(Compiling(done, is_busy=True))
+        show(Compiling(done + 1, is_busy=False))
+    shown = [line.strip() for line in terminal.getvalue().split("\r") if line.strip()]
     beginning = "compiling for this computer, only at the first start: "
-    assert [line.strip()[: len(beginning) + 6] for line in shown] == [beginning + "0 done", beginning + "1 done"]
+    assert shown == [f"{beginning}0 done", f"{beginning}1 done"]
     assert terminal.getvalue().endswith(" \r")
 
 

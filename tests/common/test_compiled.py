@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import importlib
+import os
 import pickle
 import pkgutil
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
 
 import kalscope
 from kalscope.common import compiled
-from kalscope.common.compiled import Compiled
+from kalscope.common.compiled import Compiled, Compiling
 from kalscope.filtering import kernels
 
 
@@ -118,12 +120,33 @@ def test_a_short_record_is_filtered_without_the_compiler_and_a_long_one_with_it(
     assert subprocess.run([sys.executable, "-c", FEW], check=True, capture_output=True).stdout
 
 
+WATCHING = """
+from kalscope.common import compiled
+from kalscope.filtering.kernels import step
+compiled.watch_compiling(print)
+step.dispatcher(1.0, 1.0, 0.1, 1.0, 9.0, 0.0, 1.0, 0)
+"""
+
+
+def test_only_what_the_cache_lacks_is_reported_as_compiled(tmp_path):
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    first, second = (
+        subprocess.run([sys.executable, "-c", WATCHING], env=env, check=True, capture_output=True, text=True).stdout
+        for _ in range(2)
+    )
+    beginning = "compiling for this computer, only at the first start: "
+    assert first.splitlines() == [f"{beginning}0 done", f"{beginning}1 done"]
+    assert second == ""
+
+
 def test_loops_run_where_no_folder_takes_their_cache(monkeypatch):
     from numba.core import caching
 
     monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
+    monkeypatch.setattr(compiled, "_no_folder", threading.Event())
     loop = compiled.compiled()(doubled)
     assert loop(np.ones(3)) == 6.0
+    assert "at each start, as no folder takes the result" in str(Compiling(1, is_busy=True))
 
 
 def doubled(z):

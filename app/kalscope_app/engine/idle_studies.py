@@ -55,7 +55,7 @@ class Studies:
         self._studies = tuple(studies)
         self._tell = tell
         self._state: State | None = None
-        self._longest = 0.0
+        self._longest = MAX_IDLE_DELAY  # at first: the browser is still loading the page
         self._news = threading.Event()
         threading.Thread(target=self._run, name="kalscope-studies", daemon=True).start()
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO, TextIO, cast
+from typing import Any, BinaryIO, TextIO
 
 import typer
 
@@ -119,33 +119,18 @@ def progress_line() -> Generator[OnProgress]:
 
 def tell_compiling() -> None:
     """Say on a terminal, from now on, when loops are compiled: the first start after an installation takes long."""
-    from kalscope.common.compiled import when_numba_loads
+    from kalscope.common.compiled import Compiling, watch_compiling
 
-    if sys.stderr.isatty():
-        when_numba_loads(_tell_compiling)
+    line = TerminalLine(sys.stderr)
 
+    def show(progress: Compiling) -> None:
+        if progress.is_busy:
+            line.show(str(progress))
+        else:
+            line.clear()
 
-def _tell_compiling() -> None:
-    from numba.core import event
-
-    class Telling(event.Listener):
-        line, depth, done, since = TerminalLine(sys.stderr), 0, 0, time.monotonic()
-
-        def on_start(self, event: Any) -> None:
-            del event
-            self.depth += 1
-            seconds = time.monotonic() - self.since
-            self.line.show(
-                f"compiling for this computer, only at the first start: {self.done} done, {seconds:.0f} s"
-            )
-
-        def on_end(self, event: Any) -> None:
-            del event
-            self.depth, self.done = self.depth - 1, self.done + 1
-            if self.depth == 0:  # else inside of another one
-                self.line.clear()
-
-    cast("Any", event).register("numba:compile", Telling())
+    if line.visible:
+        watch_compiling(show)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Generic, ParamSpec, TypeVar, cast
 
 import numpy as np
@@ -21,6 +22,8 @@ MAX_PLAIN = 20_000
 
 _numba = threading.Event()
 """Set once numba is loaded: from then on every loop is compiled."""
+_no_folder = threading.Event()
+"""Set where numba found no folder that it may write its cache to."""
 _at_load: list[Callable[[], None]] = []
 
 
@@ -35,12 +38,46 @@ def compiled(*, plain: bool = False, **options: Any) -> Callable[[Callable[P, R]
     return lambda function: Compiled(function, plain, options)
 
 
-def when_numba_loads(action: Callable[[], None]) -> None:
-    """Call `action` right before the first loop is compiled or loaded; at once where that was before."""
+@dataclass(frozen=True)
+class Compiling:
+    """How far the loops are that had to be compiled, because they were not in the cache."""
+
+    done: int
+    """Loops compiled so far."""
+    is_busy: bool
+    """Whether one is being compiled."""
+
+    def __str__(self) -> str:
+        often = "at each start, as no folder takes the result" if _no_folder.is_set() else "only at the first start"
+        return f"compiling for this computer, {often}: {self.done} done"
+
+
+def watch_compiling(report: Callable[[Compiling], None]) -> None:
+    """From now on report when a loop is about to be compiled, and when it is done, on the thread that runs it."""
+    listen = functools.partial(_listen, report)
     if _numba.is_set():
-        action()
+        listen()
     else:
-        _at_load.append(action)
+        _at_load.append(listen)
+
+
+def _listen(report: Callable[[Compiling], None]) -> None:
+    from numba.core import event
+
+    class Listener(event.Listener):
+        depth = done = 0
+
+        def on_start(self, event: object) -> None:
+            del event
+            self.depth += 1
+            report(Compiling(self.done, is_busy=True))
+
+        def on_end(self, event: object) -> None:
+            del event
+            self.depth, self.done = self.depth - 1, self.done + 1
+            report(Compiling(self.done, is_busy=self.depth > 0))  # else inside of another one
+
+    cast("Any", event).register("numba:compile", Listener())
 
 
 class Compiled(Generic[P, R]):
@@ -105,5 +142,6 @@ def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     jit = cast("Any", njit)
     try:
         return jit(cache=True, nogil=True, **options)(function)
-    except RuntimeError:  # there is no folder that the cache may be written to
+    except RuntimeError:
+        _no_folder.set()
         return jit(nogil=True, **options)(function)
