@@ -58,7 +58,6 @@ from kalscope_app.views.tune.start import StartView
 from kalscope_app.views.tune.variants import VariantsView
 from kalscope_app.views.tune.verdict import VerdictView
 from kalscope_app.views.window.commands import Commands
-from kalscope_app.views.window.css import add_style
 from kalscope_app.views.window.header import HeaderView
 from kalscope_app.views.window.layout import Panels
 from kalscope_app.views.window.view_tab import ViewTab
@@ -171,7 +170,6 @@ class Dashboard:
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
             self._help = HelpView(gui, self._tour)
-        add_style(gui)  # outside of the tabs: a hidden one is not on the page
 
     def _build_tune(self, gui: viser.GuiApi) -> None:
         self._goal = GoalView(gui, self.session, self._jobs)

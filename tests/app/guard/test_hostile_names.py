@@ -16,7 +16,7 @@ from wire import Guest
 
 from kalscope.common.text import count
 from kalscope_app.views.export.files import WIDE
-from kalscope_app.views.window.css import COMMAND, HEADER, HEADING, ONE_BUTTON, RULES, VERDICT
+from kalscope_app.views.window.css import COMMAND, HEADER, HEADING, ONE_BUTTON, VERDICT
 
 MARKUP = [
     "<img src=x onerror=alert(1)>",
@@ -56,7 +56,7 @@ def guest(shared):
         yield guest
         assert_disarmed(guest.texts)
         html = [made["props"]["content"] for made in guest.widgets.values() if made["type"] == "GuiHtmlMessage"]
-        assert set(html) <= {RULES, WIDE, HEADER, VERDICT, ONE_BUTTON}  # constants: no text from outside is in them
+        assert set(html) <= {WIDE, HEADER, VERDICT, ONE_BUTTON}  # constants: no text from outside is in them
 
 
 def assert_disarmed(texts):

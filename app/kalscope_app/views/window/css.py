@@ -1,10 +1,11 @@
-"""A few rules of style that viser leaves to the browser: tables that can be read, and air between paragraphs."""
+"""A few rules of style that viser leaves to the browser: tables that can be read, and air between paragraphs.
+
+`page_script.py` applies them, so that the first picture already has them.
+"""
 
 from __future__ import annotations
 
 from typing import Literal
-
-import viser
 
 HEADING = '<span class="kalscope-heading"></span>'
 """Starts a markdown paragraph that is two lines high at least, so that the charts below it do not move."""
@@ -24,7 +25,7 @@ COMMAND = '<span class="kalscope-command"></span>'
 PRIMARY: Literal["blue"] = "blue"
 """Colour of the one filled button of a tab, shown as the theme's own; buttons without a colour are outlined."""
 
-RULES = """<style>
+RULES = """
 p:has(> .kalscope-heading) { min-height: 2.6em; line-height: 1.3; }
 table { border-collapse: collapse; }
 th, td { text-align: left; vertical-align: top; padding: 0 0.55em 0 0; }
@@ -70,7 +71,7 @@ div:has(> .kalscope-one-button) + div button { flex: 0 0 auto !important; paddin
   div:has(> [data-dock-area]) { grid-row: 20; min-height: 0; }
   [data-dock-area], [data-dock-area] div:has(.mantine-ScrollArea-root) { height: 100%; min-height: 0 !important; }
 }
-</style>"""
+"""
 """viser's markdown has no padding in its tables, centres their heads, sets paragraphs without any space, and
 lets a long path run out of its panel. Beside a slider it repeats the position as a number, where the box above
 has the value, its marks reach past the panel, and its column of labels is too narrow for "measurement noise r". On
@@ -80,8 +81,3 @@ A chart does not know its width when it is made: it is hidden until it does, and
 
 The last rules hold the header in sight: every box around it, and around the tab below it, is as high as its panel
 allows, so that only the tab scrolls. The verdict is a word in its colour, not a filled button."""
-
-
-def add_style(gui: viser.GuiApi) -> None:
-    """Send the rules with the page; they are a constant, nothing from outside is in them."""
-    gui.add_html(RULES)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 from importlib.resources import files
 
+from kalscope_app.views.window.css import RULES
 from kalscope_app.views.window.layout import (
     CHROME_HEIGHT,
     LEFT_WIDTH,
@@ -23,6 +24,12 @@ from kalscope_app.views.window.layout import (
     RIGHT_WIDTH_WITHOUT_MAP,
     WINDOW_HEIGHT,
 )
+
+APPLY_RULES = f"""{{ const style = new CSSStyleSheet();
+style.replaceSync({json.dumps(RULES)});
+document.adoptedStyleSheets.push(style); }}
+"""
+"""Adopted rules count after those of viser's own style, wherever it puts them."""
 
 PHONE_CHECKBOX = "phone"
 """Label of the hidden checkbox with which a page reports whether it is on a phone."""
@@ -68,4 +75,4 @@ def page_script() -> str:
     views, sizes = files("kalscope_app.views"), json.dumps(SIZES)
     names = "window/page_script", "window/text_boxes", "window/keyboard", "map/map"
     parts = (views.joinpath(f"{name}.js").read_text("utf-8") for name in names)
-    return "".join(f"{{ const sizes = {sizes};\n{part}}}\n" for part in parts)
+    return APPLY_RULES + "".join(f"{{ const sizes = {sizes};\n{part}}}\n" for part in parts)
