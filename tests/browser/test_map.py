@@ -39,7 +39,7 @@ class MapScreen(Screen):
     """A page whose canvas holds the map of `source`."""
 
     def __init__(self, browser, url, source, **size):
-        super().__init__(browser, url, canvas=True, **size)
+        super().__init__(browser, url, **size)
         self.state = opened(open_source(source))
         self.map = MapMaker()(self.state)
         self.frame = frame_for(*SIZE, self.map.q, self.map.r)
@@ -174,21 +174,23 @@ def test_a_click_on_the_best_pair_gives_the_estimate_within_a_cell(start):
     screen.wait_for_line("filtered", filtered(z, *new), tolerance=1e-12)
 
 
-@pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1600, 900), (1280, 720)])
-def test_the_map_fits_its_canvas_in_both_themes(start, width, height):
-    screen = start("demo", width=width, height=height)
-    left, _, across, _ = screen.page.evaluate(CANVAS)
-    assert 335 <= across <= 545
-    assert left == pytest.approx(LEFT_WIDTH, abs=8)
-    chart = screen.page.locator(".uplot").first.bounding_box()
-    assert chart["width"] >= across - 25
-    screen.shot(f"map-{width}-light")
-    screen.tab("View")
-    screen.page.get_by_text("dark theme").click()
-    screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
-    screen.tab("Tune")
-    screen.wait_for_map()
-    screen.shot(f"map-{width}-dark")
+def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes(start):
+    screen = start("demo", width=1920, height=1080)
+    for theme in ("light", "dark"):
+        if theme == "dark":
+            screen.tab("View")
+            screen.page.get_by_text("dark theme").click()
+            screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+            screen.tab("Tune")
+        for width, height in ((1920, 1080), (1600, 900), (1280, 720)):
+            screen.page.set_viewport_size({"width": width, "height": height})
+            screen.wait_for_map()
+            left, _, across, _ = screen.page.evaluate(CANVAS)
+            assert 335 <= across <= 545
+            assert left == pytest.approx(LEFT_WIDTH, abs=8)
+            chart = screen.page.locator(".uplot").first.bounding_box()
+            assert chart["width"] >= across - 25
+            screen.shot(f"map-{width}-{theme}")
 
 
 def test_the_map_can_be_hidden_coloured_by_lag_and_magnified(start):

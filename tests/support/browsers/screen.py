@@ -36,17 +36,6 @@ FITS = """() => { const box = (one) => one.getBoundingClientRect(), map = box(do
 """Whether both panels, an open map between them and the charts of the Signal tab fill the window."""
 
 
-SAY_NO_CANVAS = """() => {
-    const canvas = [...document.querySelectorAll('canvas')].find(one => !one.closest('.uplot'));
-    const { left, top, width, height } = canvas.getBoundingClientRect();
-    const note = document.getElementById('no-canvas') ?? document.body.appendChild(document.createElement('p'));
-    note.id = 'no-canvas';
-    note.textContent = 'map not drawn in this test';
-    Object.assign(note.style, { position: 'fixed', left: `${left}px`, top: `${top + height / 2}px`,
-        width: `${width}px`, textAlign: 'center', color: '#889', pointerEvents: 'none', zIndex: 0 }); }"""
-"""Says on a picture why its canvas is empty: so no flaw is looked for."""
-
-
 @contextlib.contextmanager
 def dashboard(*arguments, cwd, first_run=False):
     """The link of `kalscope open` in a process of its own, which must end in order when the block does."""
@@ -61,11 +50,10 @@ def dashboard(*arguments, cwd, first_run=False):
 
 
 class Screen:
-    """One page on the program; the map is drawn only where `canvas` says so."""
+    """One page on the program; viser's scene, which only a phone shows, is drawn where `canvas` says so."""
 
     def __init__(self, browser, url, width=1600, height=900, canvas=False):
         self.context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
-        self.canvas = canvas
         self.context.add_init_script(NO_SMOOTHING)
         if not canvas:
             self.context.add_init_script(NO_CANVAS)
@@ -169,8 +157,6 @@ class Screen:
     def shot(self, name):
         ARTEFACTS.mkdir(exist_ok=True)
         self.page.mouse.move(2, 2)
-        if not self.canvas:
-            self.page.evaluate(SAY_NO_CANVAS)
         self.page.screenshot(path=ARTEFACTS / f"{name}.png")
 
     def close(self):
