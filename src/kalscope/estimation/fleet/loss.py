@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array, Mask
 from kalscope.common.checks import above_zero
 from kalscope.estimation.fleet import pool_kernels as kernels
-from kalscope.estimation.fleet.many import fit_kernels as fits
+from kalscope.estimation.fleet.many.estimate_many import fitted_ratios
 from kalscope.estimation.fleet.many.series import Series, above_zero_each, series_of
 from kalscope.estimation.fleet.many.table import lags_of, reductions_of
 from kalscope.filtering.params import MAX_VARIANCE
@@ -81,8 +81,8 @@ def fleet_loss(
     k = len(many)
     ratios = above_zero_each("ratio", ratio, k)
     common = 0.0 if r is None else above_zero("r", r, MAX_VARIANCE)
-    own_ratio, own_loglik = _fitted(many, many.starts[1:])
-    half_ratio, _ = _fitted(many, (many.starts[:-1] + many.starts[1:]) // 2)
+    own_ratio, own_loglik = fitted_ratios(many, many.starts[1:])
+    half_ratio, _ = fitted_ratios(many, (many.starts[:-1] + many.starts[1:]) // 2)
     numbers, counted = np.full((k, kernels.SHARED), math.nan), np.zeros(k, np.bool_)
     if k:
         kernels.share_each(many.values, many.steps, many.starts, ratios, common, half_ratio, numbers, counted)
@@ -97,24 +97,6 @@ def fleet_loss(
         own_error=shared[kernels.OWN_ERROR],
         slope=shared[kernels.SLOPE],
     )
-
-
-def _fitted(many: Series, ends: NDArray[np.int64]) -> tuple[Array, Array]:
-    """The most likely λ of each series up to an end, and its log-likelihood; NaN where nothing can be fitted."""
-    k = len(many)
-    numbers, codes, samples, stepped = (
-        np.empty((k, fits.NUMBERS)),
-        np.empty(k, np.uint8),
-        np.empty(k, np.int64),
-        np.empty(k, np.bool_),
-    )
-    fits.fit_each(
-        many.values, many.steps, many.starts[:-1], ends, fits.FREE, np.empty(k), numbers, codes, samples, stepped
-    )
-    q, r, loglik = numbers[:, fits.Q], numbers[:, fits.R], numbers[:, fits.LOGLIK]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = codes <= fits.NO_MOVEMENT
-        return np.where(found, q / r, math.nan), np.where(found, loglik, math.nan)
 
 
 def share_served(error_ratio: ArrayLike, within: float = 0.1) -> float:

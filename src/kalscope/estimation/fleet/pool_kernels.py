@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.compiled import compiled
+from kalscope.estimation.fleet.error_kernels import MAX_FINITE, squares_since
 from kalscope.estimation.fleet.many.fit_kernels import MIN_SAMPLES
 from kalscope.estimation.fleet.many.lane_kernels import loglik_of, sums_at, walk_sums
 from kalscope.estimation.fleet.many.record_kernels import GOOD, take_apart
@@ -90,6 +91,7 @@ def share_each(
     """
     longest = np.max(starts[1:] - starts[:-1])
     d, gap = np.empty(longest), np.empty(longest)
+    both, state = np.empty(2), np.empty(8)
     near, chi2, logdet, logliks = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(starts.shape[0] - 1):
         first, middle, stop = starts[i], (starts[i] + starts[i + 1]) // 2, starts[i + 1]
@@ -112,21 +114,7 @@ def share_each(
         shared[i, LOGLIK] = logliks[0]
         shared[i, SLOPE] = (logliks[2] - logliks[1]) / (2.0 * SLOPE_STEP)
         if not math.isnan(half_ratio[i]) and known < m:
-            shared[i, ERROR] = scale * unseen_error(d[:m], gap[:gaps], ratio[i], known)
-            shared[i, OWN_ERROR] = scale * unseen_error(d[:m], gap[:gaps], half_ratio[i], known)
-
-
-@compiled(error_model="numpy")
-def unseen_error(d: Array, gap: Array, ratio: float, since: int) -> float:
-    """Root mean square of the innovations from `since` on of the filter of one λ, 0 … ∞."""
-    v, p, kept, squares = 0.0, 1.0, 0.0, 0.0
-    walk = math.isinf(ratio)
-    for i in range(d.shape[0]):
-        v = d[i] + kept * v
-        if not walk:
-            predicted = p + ratio * (gap[i] if gap.shape[0] else 1.0)
-            kept = 1.0 / (predicted + 1.0)
-            p = predicted * kept
-        if i >= since:
-            squares += v * v
-    return math.sqrt(squares / (d.shape[0] - since))
+            both[0], both[1] = ratio[i], min(half_ratio[i], MAX_FINITE)
+            squares_since(d[:m], gap[:gaps], both, known, state)
+            shared[i, ERROR] = scale * math.sqrt(state[6] / (m - known))
+            shared[i, OWN_ERROR] = scale * math.sqrt(state[7] / (m - known))

@@ -32,8 +32,8 @@ class PooledFit:
     loglik: float
     """Summed log-likelihood there."""
     ratio_interval: tuple[float, float]
-    """The λ that the fleet allows if all its devices share one: profile-likelihood 95 %. Where the devices differ
-    the mean of such fleets scatters more: see `FleetLoss.ratio_interval`."""
+    """The λ that the fleet allows if all its devices share one: profile-likelihood 95 %. It is very narrow for a
+    large fleet, and says nothing about how much its devices differ: see `unlike` and `held_out`."""
     verdict: str
     """"ok", "no_noise", "no_movement" or "flat", as in `Estimate`; "given" where a target fixed λ."""
     scale: Scale

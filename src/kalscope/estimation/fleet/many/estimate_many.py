@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
@@ -79,6 +79,24 @@ def estimate_many(
                 table.refine(int(i), *many.one(int(i)), asked)
         report(stop / max(len(many), 1), "fit")
     return table.as_table()
+
+
+def fitted_ratios(many: Series, ends: NDArray[np.int64]) -> tuple[Array, Array]:
+    """The most likely λ of each series up to one of `ends`, and its log-likelihood; NaN without any."""
+    k = len(many)
+    numbers, codes, samples, stepped = (
+        np.empty((k, kernels.NUMBERS)),
+        np.empty(k, np.uint8),
+        np.empty(k, np.int64),
+        np.empty(k, np.bool_),
+    )
+    kernels.fit_each(
+        many.values, many.steps, many.starts[:-1], ends, kernels.FREE, np.empty(k), numbers, codes, samples, stepped
+    )
+    q, r, loglik = numbers[:, kernels.Q], numbers[:, kernels.R], numbers[:, kernels.LOGLIK]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = codes <= kernels.NO_MOVEMENT
+        return np.where(found, q / r, math.nan), np.where(found, loglik, math.nan)
 
 
 @dataclass(frozen=True)

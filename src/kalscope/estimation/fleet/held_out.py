@@ -1,0 +1,79 @@
+"""How well a filter predicts samples that no fit has seen, for every λ that a fleet may come to share.
+
+One pass over the records is enough: each device keeps its errors at a few λ, and that of its own filter, which are
+read at the λ of the fleet once that is known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kalscope.common.array import Array
+from kalscope.common.checks import above_zero
+from kalscope.errors import BadSetting
+from kalscope.estimation.fleet import error_kernels as kernels
+from kalscope.estimation.fleet.many.estimate_many import fitted_ratios
+from kalscope.estimation.fleet.many.series import Series, series_of
+from kalscope.filtering.params import MAX_VARIANCE
+
+LOG_RATIOS = np.linspace(-15.0, 7.0, 23)
+"""ln λ at which the errors are kept, from a lag of 1,800 samples to none."""
+LOG_RATIOS.setflags(write=False)
+
+
+def held_out(
+    series: Series | ArrayLike | Sequence[ArrayLike], dt: ArrayLike | Sequence[ArrayLike] | None = None
+) -> Array:
+    """What each device would lose by any shared λ: prediction error over that of a filter of its own.
+
+    The device's own filter is the most likely one for the first half of its samples; the errors of both, root mean
+    squares of predicting the next sample, are those on the second half.
+
+    Args:
+        series: as `estimate_many` takes them.
+        dt: nominal sample periods before each sample, shaped like `series`; None = 1 each.
+
+    Returns:
+        The ratio at each of LOG_RATIOS, shape (series, 23), above 1 where the device would do better alone; NaN
+        where the first half cannot be fitted.
+
+    Raises:
+        BadSetting: the series or dt have another shape.
+    """
+    many = series_of(series, dt)
+    k = len(many)
+    errors, own_error = np.full((k, len(LOG_RATIOS)), math.nan), np.full(k, math.nan)
+    own = fitted_ratios(many, (many.starts[:-1] + many.starts[1:]) // 2)[0]
+    if k:
+        kernels.errors_of_each(many.values, many.steps, many.starts, np.exp(LOG_RATIOS), own, errors, own_error)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(own_error[:, None] > 0.0, errors / own_error[:, None], math.nan)
+
+
+def held_out_at(growth: ArrayLike, ratio: float) -> Array:
+    """The ratio of errors at one λ, shape (k,), by a cubic spline through those of `held_out`.
+
+    Between their places it is good to 0.1 %; beyond them the nearest counts.
+
+    Args:
+        growth: of `held_out`, shape (k, 23), also as float32.
+        ratio: λ that all share, > 0.
+
+    Raises:
+        BadSetting: growth has another shape; ratio is not above 0.
+    """
+    from scipy.interpolate import CubicSpline
+
+    growth = np.asarray(growth, dtype=np.float64)
+    if growth.ndim != 2 or growth.shape[1] != len(LOG_RATIOS):
+        raise BadSetting(f"growth must be of shape (devices, {len(LOG_RATIOS)}) (got {growth.shape})")
+    place = min(max(math.log(above_zero("ratio", ratio, MAX_VARIANCE)), LOG_RATIOS[0]), LOG_RATIOS[-1])
+    judged = np.isfinite(growth).all(axis=1) & (growth > 0.0).all(axis=1)
+    out = np.full(len(growth), math.nan)
+    if judged.any():
+        out[judged] = np.exp(CubicSpline(LOG_RATIOS, np.log(growth[judged]), axis=1)(place))
+    return out

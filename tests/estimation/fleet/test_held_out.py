@@ -1,0 +1,67 @@
+"""Prediction errors on unseen samples at any shared λ, from one pass."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from fleets import fleet
+
+from kalscope import BadSetting, FilterParams, estimate, kalman_filter
+from kalscope.estimation.fleet.held_out import LOG_RATIOS, held_out, held_out_at
+from kalscope.estimation.fleet.loss import fleet_loss
+
+
+def prediction_error(z, ratio, dt=None):
+    """The oracle: root mean square of the innovations of the filter on the second half."""
+    params = FilterParams(ratio, 1.0) if ratio < math.inf else FilterParams(1.0, 0.0)
+    return math.sqrt(np.nanmean(kalman_filter(z, params, dt).innovation[len(z) // 2 :] ** 2))
+
+
+def test_the_errors_are_those_of_the_filter_itself():
+    rows = fleet(6, 300, [1e-6, 0.001, 0.03, 0.3, 5.0, 1e6])
+    rows[2, 100:110] = np.nan
+    growth = held_out(rows)
+    for i, z in enumerate(rows):
+        own = estimate(z[:150], momentum=0.0, robust=False).ratio
+        own_error = prediction_error(z, max(own, 1e-300))
+        wanted = [prediction_error(z, math.exp(at)) / own_error for at in LOG_RATIOS]
+        np.testing.assert_allclose(growth[i], wanted, rtol=1e-9)
+
+
+def test_irregular_steps_count():
+    rng = np.random.default_rng(3)
+    z, dt = fleet(1, 200, 0.1)[0], rng.choice([0.5, 1.0, 4.0], 200)
+    own = estimate(z[:100], dt=dt[:100], momentum=0.0, robust=False).ratio
+    wanted = [prediction_error(z, math.exp(at), dt) / prediction_error(z, own, dt) for at in LOG_RATIOS]
+    np.testing.assert_allclose(held_out([z], [dt])[0], wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [1e-5, 0.002, 0.03, 0.7, 40.0])
+def test_between_its_places_it_is_good_to_a_thousandth(ratio):
+    rows = fleet(40, 600, 10.0 ** np.linspace(-5, 2, 40))
+    exact = fleet_loss(rows, ratio).error_ratio
+    np.testing.assert_allclose(held_out_at(held_out(rows), ratio), exact, rtol=1e-3)
+    np.testing.assert_allclose(held_out_at(held_out(rows).astype(np.float32), ratio), exact, rtol=1e-3)
+
+
+def test_beyond_its_places_the_nearest_counts():
+    growth = held_out(fleet(3, 100, 0.1))
+    np.testing.assert_allclose(held_out_at(growth, 1e-12), growth[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(held_out_at(growth, 1e12), growth[:, -1], rtol=1e-12)
+
+
+def test_what_cannot_be_judged_is_nan():
+    growth = held_out([fleet(1, 100, 0.1)[0], np.zeros(50), np.arange(4.0), [], [1.0, np.inf] * 20])
+    assert np.isfinite(growth).all(axis=1).tolist() == [True, False, False, False, False]
+    assert np.isnan(held_out_at(growth, 0.1)).tolist() == [False, True, True, True, True]
+    assert held_out([]).shape == (0, len(LOG_RATIOS))
+    assert held_out_at(held_out([]), 0.1).shape == (0,)
+
+
+def test_wrong_arguments_are_refused():
+    with pytest.raises(BadSetting, match="growth must"):
+        held_out_at(np.ones((3, 4)), 0.1)
+    with pytest.raises(BadSetting, match="ratio must"):
+        held_out_at(np.ones((3, len(LOG_RATIOS))), -1.0)
