@@ -24,12 +24,12 @@ MAX_DECADES = 12
 
 @dataclass(frozen=True)
 class MapFrame:
-    """The rectangle of the map inside its canvas, pixels, and what its edges mean."""
+    """The rectangle of the map inside its picture, pixels, and what its edges mean."""
 
     width: float
-    """Width of the canvas."""
+    """Width of the picture."""
     height: float
-    """Height of the canvas."""
+    """Height of the picture."""
     left: float
     top: float
     right: float
@@ -63,7 +63,7 @@ class MapFrame:
 
 
 def frame_for(width: float, height: float, q: Range, r: Range, momentum: float = 0.0) -> MapFrame:
-    """The map in a canvas: space for names and numbers around it and for the legend below."""
+    """The map in a picture: space for names and numbers around it and for the legend below."""
     left, right, top = 62.0, width - 54.0, 88.0
     bottom = min(height - LEGEND_HEIGHT, top + 1.5 * (right - left))
     return MapFrame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r, momentum)

@@ -52,7 +52,7 @@ class MapPictureInput:
 
 
 def draw_map_picture(inputs: MapPictureInput) -> NDArray[np.uint8]:
-    """The whole canvas, shape (SHARPNESS · height, SHARPNESS · width, 3)."""
+    """The whole picture, shape (SHARPNESS · height, SHARPNESS · width, 3)."""
     frame, palette = inputs.frame, DARK_MAP if inputs.dark else LIGHT_MAP
     size = round(SHARPNESS * frame.width), round(SHARPNESS * frame.height)
     image = Image.new("RGB", size, palette.background)
