@@ -36,6 +36,8 @@ Step = Callable[[Page], None]
 SAMPLES = sorted(path.stem for path in (Path(__file__).parents[1] / "sample_data").glob("*.csv"))
 QUIET_S, MAX_WAIT_S = 4.0, 90.0
 """Seconds that a picture must stay the same, and seconds after which it counts as it is."""
+WAITING = "…"
+"""What stands in the header until the verdict is there."""
 CELL = 20
 """Differing pixels less than so many apart are listed as one box."""
 MAX_LEVELS = 2
@@ -100,7 +102,7 @@ def photograph(page: Page, name: str) -> Picture:
     last = b""
     while time.monotonic() - began < MAX_WAIT_S:
         now = page.screenshot(animations="disabled", caret="hide")
-        if now != last:
+        if now != last or page.get_by_text(WAITING, exact=True).count() > 0:
             last, since = now, time.monotonic()
         elif time.monotonic() - since > QUIET_S:
             break
