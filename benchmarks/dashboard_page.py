@@ -133,7 +133,8 @@ def dashboard_page(browser: Browser, url: str, *, live: bool = False) -> Iterato
         page.goto(url)
         page.wait_for_function(f"() => {SIGNAL_CHART}?.data[0].length > 2")
         notice = page.locator(".mantine-Notification-root", has_text="Software WebGL")
-        notice.locator(".mantine-Notification-closeButton").click()
+        # no click of the mouse: it waits for a frame of the scene, which takes its time in software
+        notice.locator(".mantine-Notification-closeButton").dispatch_event("click")
         notice.wait_for(state="detached")
         if not live:
             wait_until_quiet(page)

@@ -34,7 +34,7 @@ Picture = NDArray[np.uint8]
 Step = Callable[[Page], None]
 
 SAMPLES = sorted(path.stem for path in (Path(__file__).parents[1] / "sample_data").glob("*.csv"))
-QUIET_S, MAX_WAIT_S = 4.0, 90.0
+QUIET_S, MAX_WAIT_S = 3.0, 90.0
 """Seconds that a picture must stay the same, and seconds after which it counts as it is."""
 WAITING = "…"
 """What stands in the header until the verdict is there."""
@@ -80,19 +80,16 @@ def open_map(page: Page) -> None:
 
 NOISE = "synthetic:random_walk?n=100000&sigma=0.5&seed=1"
 TABS = ("Source", "Export", "View", "Help", "Tune", "Compare", "Channels", "Noise", "Check")
-CASES: dict[str, tuple[str, tuple[Step, ...]]] = {
-    **{f"demo, {name}": ("demo", (tab(name),)) for name in TABS},
-    "100,000 samples": (NOISE, ()),
-    "100,000 samples, q moved": (NOISE, (press_q,)),
-    **{f"sample {name}": (f"sample:{name}", ()) for name in SAMPLES},
-    "q moved": ("demo", (press_q,)),
-    "momentum": ("demo", (add_momentum,)),
-    "velocity": ("demo", (add_momentum, tick("show velocity"))),
-    "smoother": ("demo", (tick("show smoother"),)),
-    "dark": ("demo", (tick("dark theme"),)),
-    "map": ("demo", (open_map,)),
+CASES: dict[str, tuple[str, dict[str, Step]]] = {
+    "100,000 samples, q moved": (NOISE, {"": press_q}),
+    "q moved": ("demo", {"": press_q}),
+    "velocity": ("demo", {"momentum": add_momentum, "shown": tick("show velocity")}),
+    "choices": ("demo", {"smoother": tick("show smoother"), "dark": tick("dark theme")}),
+    "tabs": ("demo", {name: tab(name) for name in TABS}),
+    "map": ("demo", {"": open_map}),
+    **{f"sample {name}": (f"sample:{name}", {"": lambda _: None}) for name in SAMPLES},
 }
-"""Name to source and what is done before the picture; each begins with a program of its own."""
+"""Name to source and steps, by the names of the pictures after them; each begins with a program of its own."""
 
 
 def photograph(page: Page, name: str) -> Picture:
@@ -122,20 +119,21 @@ def one_folder() -> Iterator[Path]:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def picture_of(browser: Browser, checkout: Path | None, name: str) -> Picture:
+def pictures_of(browser: Browser, checkout: Path | None, name: str) -> list[Picture]:
     """One case in one checkout; None = this one."""
     source, steps = CASES[name]
     program = PROGRAM if checkout is None else checkout / ".venv" / "bin" / "kalscope"
     paths = {} if checkout is None else {"PYTHONPATH": f"{checkout / 'src'}{os.pathsep}{checkout / 'app'}"}
+    pictures: list[Picture] = []
     with (
         one_folder() as folder,
         Program(source, (program, "open"), folder=folder, environment=paths) as running,
         dashboard_page(browser, running.url) as page,
     ):
-        for step in steps:
+        for step in steps.values():
             step(page)
-            page.wait_for_timeout(500)
-        return photograph(page, name)
+            pictures.append(photograph(page, name))
+    return pictures
 
 
 def differing(before: Picture, after: Picture) -> NDArray[np.bool_]:
@@ -170,6 +168,17 @@ def keep(folder: Path, name: str, before: Picture, after: Picture) -> None:
         Image.fromarray(marked).save(folder / f"{stem}-difference.png")
 
 
+def compared(name: str, before: Picture, after: Picture, folder: Path | None) -> bool:
+    """Print the boxes that differ, and keep the pictures if asked to; whether there is one."""
+    found = sorted(boxes(before, after), key=lambda box: -box[-1])
+    print(f"{name}: {'the same' if not found else f'{len(found)} boxes differ'}", flush=True)
+    for left, top, width, height, pixels in found[:12]:
+        print(f"  {width:>4} × {height:<4} px at ({left}, {top}): {pixels:,} pixels", flush=True)
+    if found and folder:
+        keep(folder, name, before, after)
+    return bool(found)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("before", type=Path, help="a checkout with its own .venv")
@@ -179,14 +188,9 @@ def main() -> None:
     count = 0
     for name in options.only:
         with chromium() as browser:
-            before, after = map(partial(picture_of, browser, name=name), (options.before.resolve(), None))
-        found = sorted(boxes(before, after), key=lambda box: -box[-1])
-        count += bool(found)
-        print(f"{name}: {'the same' if not found else f'{len(found)} boxes differ'}", flush=True)
-        for left, top, width, height, pixels in found[:12]:
-            print(f"  {width:>4} × {height:<4} px at ({left}, {top}): {pixels:,} pixels", flush=True)
-        if found and options.pictures:
-            keep(options.pictures, name, before, after)
+            before, after = map(partial(pictures_of, browser, name=name), (options.before.resolve(), None))
+        for label, old, new in zip(CASES[name][1], before, after, strict=True):
+            count += compared(f"{name} {label}".strip(), old, new, options.pictures)
     sys.exit(1 if count else 0)
 
 
