@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from kalscope.analysis.actions import as_sentences
 from kalscope.analysis.alternatives.comparison import compare_alternatives
-from kalscope.analysis.diagnostics import Diagnostics, diagnose
+from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
 from kalscope.analysis.fit.goal import request_in, still_met
+from kalscope.analysis.fit.run import Run
 from kalscope.analysis.judgement import advice_words, judge
 from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel
@@ -107,11 +108,10 @@ def make_report(
     z = recording.channel(name)
     truth = None if recording.truth is None else recording.truth[:, column]
     dt = recording.steps() if recording.gaps == "dt" else None
+    checks = without_residuals(diagnose_run(Run.of_samples(z, own.params, dt)))  # before the run is kept: memory
+    found = compare_alternatives(z, own.params, dt=dt, truth=truth)
     result = kalman_filter(z, own.params, dt)
     steady = steady_state(own.params, recording.sample_period)
-    found = compare_alternatives(z, own.params, dt=dt, truth=truth)
-    diagnosed = diagnose(result)
-    checks = diagnosed if isinstance(diagnosed, Diagnostics) else diagnosed[0]
     error = "" if truth is None else f"{number(rmse(result.x, truth))} {own.unit}".strip()
     return Report(
         title=f"{recording.title or recording.source or 'Recording'}: {name}",
