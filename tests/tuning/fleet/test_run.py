@@ -1,4 +1,7 @@
-"""Whole runs, as a user starts them: every file accounted for, and each id once whatever dies."""
+"""Whole runs: every file accounted for, only what is missing done, each id once whatever dies.
+
+What needs no process has workers that do a batch at once, in this process; the rest runs as a user starts it.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,19 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 from required import not_here
 from waiting import PATIENCE, wait_until
+
+from kalscope.cli.app import run as kalscope
+from kalscope.tuning.fleet import run as fleet_run
+from kalscope.tuning.fleet.cluster import TaskLost, WorkerDied
+from kalscope.tuning.fleet.run import LOST
+from kalscope.tuning.fleet.work import task
 
 try:
     import distributed  # noqa: F401
@@ -36,8 +46,171 @@ def write_devices(folder, count, n=200):
         (folder / f"dev{i:04d}.csv").write_text("time (s),light (lx)\n" + "".join(rows))
 
 
-def run(*argv, expect=0):
-    done = subprocess.run([*PROGRAM, *map(str, argv)], capture_output=True, text=True, timeout=10 * PATIENCE)
+def table(folder):
+    """The table as a list of rows without the time that they took."""
+    return pq.ParquetFile(folder / "fleet.parquet").read().drop_columns(["seconds"]).to_pylist()
+
+
+def parts(folder):
+    return sorted((folder / "parts").glob("??/*.parquet"))
+
+
+def files_of(folder):
+    return {path.name for path in folder.rglob("*") if path.is_file()} - {path.name for path in parts(folder)}
+
+
+class AtOnce:
+    """Workers of this process: a batch is done when it is asked for; `fault` may give something else instead."""
+
+    threads = 2
+
+    def __init__(self, fault):
+        self.flight, self.fault, self.most = [], fault, 0
+
+    def submit(self, batch, *call):
+        self.flight.append((batch, call))
+        self.most = max(self.most, len(self.flight))
+
+    def ended(self, _timeout):
+        batch, (function, units, *rest) = self.flight.pop(0)
+        return batch, self.fault(units) or function(units, *rest)
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    """Workers without processes, and the fault that they have."""
+    faults, made = [], []
+
+    @contextmanager
+    def opened(_address, _tasks):
+        made.append(AtOnce(lambda units: faults[0](units) if faults else None))
+        yield made[-1]
+
+    monkeypatch.setattr(fleet_run, "open_workers", opened)
+    return faults, made
+
+
+def run_here(capsys, *argv, expect=0):
+    assert kalscope(["fleet", *map(str, argv)]) == expect
+    return capsys.readouterr()
+
+
+def test_every_file_is_accounted_for(tmp_path, at_once, capsys):
+    """Generated recordings, an empty file, a picture, an unreadable file, a dead link, a folder named x.csv."""
+    logs = tmp_path / "logs"
+    write_devices(logs, 12)
+    (logs / "empty.csv").write_text("")
+    (logs / "picture.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)))
+    (logs / "x.csv").mkdir()
+    os.symlink(tmp_path / "nowhere", logs / "gone.csv")
+    (logs / "locked.csv").write_text("1\n2\n3\n")
+    (logs / "locked.csv").chmod(0)  # root reads it all the same: it has a row in both cases
+    done = run_here(capsys, logs, "-o", tmp_path / "out", *PLAIN)
+    rows = {row["id"]: row for row in table(tmp_path / "out")}
+    assert set(rows) == {path.name for path in logs.iterdir()}
+    assert all((row["q"] is None) == bool(row["reason"]) for row in rows.values())
+    said = {"empty.csv": "empty file", "picture.png": "PNG image", "x.csv": "is empty", "gone.csv": "No such"}
+    for name, reason in said.items():
+        assert rows[name]["verdict"] == "failed"
+        assert reason in rows[name]["reason"]
+    assert done.out.startswith(f"{len(rows)} rows: {len(rows)} of {len(rows)} files or row groups read in ")
+    assert "  1 × picture.png must be a text file (got a PNG image)\n" in done.out
+    assert "One filter for all: q = " in done.out
+    assert files_of(tmp_path / "out") == {".lock", "fleet.parquet", "fleet.json", "tuning.toml"}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the real recordings are not here")
+def test_twenty_real_recordings_are_accounted_for(tmp_path, at_once, capsys):
+    logs = tmp_path / "logs"
+    write_devices(logs, 20)
+    real = sorted(path for path in SHARED_DATA.rglob("*.*") if path.is_file() and path.stat().st_size < 100_000)[
+        :20
+    ]
+    for i, path in enumerate(real):
+        shutil.copy(path, logs / f"real{i:02d}-{path.name}")
+    run_here(capsys, logs, "-o", tmp_path / "out", *PLAIN)
+    rows = {row["id"]: row for row in table(tmp_path / "out")}
+    assert len(real) == 20
+    assert set(rows) == {path.name for path in logs.iterdir()}
+    assert all((row["q"] is None) == bool(row["reason"]) for row in rows.values())
+
+
+def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, at_once, capsys):
+    logs, out = tmp_path / "logs", tmp_path / "out"
+    write_devices(logs, 30)
+    run_here(capsys, logs, "-o", out, *PLAIN)
+    whole = {row["id"]: row for row in table(out)}
+    (logs / "dev0007.csv").write_text("time (s),light (lx)\n0.0,1\n0.1,5\n0.2,2\n")
+    (logs / "dev0008.csv").unlink()
+    write_devices(logs / "new", 1)
+    assert ": 2 of 30 files or row groups read" in run_here(capsys, logs, "-o", out, *PLAIN).out
+    rows = {row["id"]: row for row in table(out)}
+    assert rows.pop("dev0007.csv")["samples"] == 3
+    assert rows.pop("new/dev0000.csv")["samples"] == 200
+    assert rows == {name: row for name, row in whole.items() if name not in ("dev0007.csv", "dev0008.csv")}
+    assert "30 rows: nothing was missing" in run_here(capsys, logs, "-o", out, *PLAIN).out
+    assert ": 30 of 30 files" in run_here(capsys, logs, "-o", out, "--lag-ms", "50").out
+    assert {row["verdict"] for row in table(out)} == {"chosen"}
+
+
+def test_the_options_of_tune_hold_for_every_recording(tmp_path, at_once, capsys):
+    write_devices(tmp_path / "logs", 3)
+    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--lag-ms", "30", "--rate", "200", "--gate", "9")
+    for row in table(tmp_path / "out"):
+        assert row["rate_hz"] == pytest.approx(200.0)
+        assert row["lag_samples"] == pytest.approx(6.0)
+        assert row["gate"] == 9.0
+    refused = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--channel", "dark")
+    assert "3 × channel must be one of light (got 'dark')" in refused.out
+
+
+def test_what_kills_its_worker_is_a_row_and_the_others_are_done(tmp_path, at_once, capsys):
+    faults, _ = at_once
+    write_devices(tmp_path / "logs", 20)
+    faults.append(lambda units: WorkerDied() if any(unit.id == "dev0013.csv" for unit in units) else None)
+    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
+    rows = {row["id"]: row for row in table(tmp_path / "out")}
+    assert len(rows) == 20
+    assert [name for name, row in rows.items() if row["reason"]] == ["dev0013.csv"]
+    assert rows["dev0013.csv"]["reason"] == LOST
+
+
+def test_a_task_that_the_scheduler_forgot_is_done_again(tmp_path, at_once, capsys):
+    faults, made = at_once
+    write_devices(tmp_path / "logs", 5)
+    lost = [TaskLost(), TaskLost()]
+    faults.append(lambda _units: lost.pop() if lost else None)
+    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
+    assert len(table(tmp_path / "out")) == 5
+    assert made[0].most <= 4
+
+
+def test_a_batch_out_of_time_leaves_the_rest_to_others(tmp_path, at_once, capsys, monkeypatch):
+    write_devices(tmp_path / "logs", 9)
+    monkeypatch.setattr(task, "MAX_SECONDS", -1.0)
+    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
+    assert len(parts(tmp_path / "out")) == 9  # a unit each: no batch was begun with more time
+    assert len(table(tmp_path / "out")) == 9
+
+
+def test_a_full_disk_is_said_and_a_rerun_goes_on(tmp_path, at_once, capsys):
+    faults, _ = at_once
+    write_devices(tmp_path / "logs", 6)
+    faults.append(lambda _units: OSError(28, "No space left on device", "parts/x"))
+    full = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN, expect=2)
+    assert full.err == "kalscope: 'parts/x': No space left on device\n"
+    assert files_of(tmp_path / "out") == {".lock"}
+    faults.clear()
+    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
+    assert len(table(tmp_path / "out")) == 6
+
+
+# From here on with processes.
+
+
+def command(*argv, expect=0):
+    done = subprocess.run([*PROGRAM, *map(str, argv)], capture_output=True, text=True, timeout=5 * PATIENCE)
     assert done.returncode == expect, done.stderr
     return done
 
@@ -52,17 +225,37 @@ def start(*argv):
     )
 
 
-def table(folder):
-    """The table as a list of rows without the time that they took."""
-    return pq.ParquetFile(folder / "fleet.parquet").read().drop_columns(["seconds"]).to_pylist()
+SCHEDULER = """
+import sys
+from distributed import LocalCluster
+if __name__ == "__main__":
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, silence_logs=60,
+        dashboard_address=None, scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+    ) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
 
 
-def parts(folder):
-    return sorted((folder / "parts").glob("??/*.parquet"))
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory):
+    """The address of a scheduler of another process, with two workers."""
+    script = tmp_path_factory.mktemp("scheduler") / "scheduler.py"
+    script.write_text(SCHEDULER)
+    argv = [sys.executable, str(script)]
+    with subprocess.Popen(argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        yield other.stdout.readline().strip()
+        other.stdin.close()
 
 
-def leftovers(folder):
-    return [path.name for path in folder.rglob("*") if path.name.endswith(".tmp")]
+@pytest.fixture(scope="module")
+def devices(tmp_path_factory, scheduler):
+    """Files in several batches, and the table of an undisturbed run over them on the other scheduler."""
+    folder = tmp_path_factory.mktemp("fleet")
+    write_devices(folder / "logs", 400)
+    command(folder / "logs", "-o", folder / "whole", "--cluster", scheduler, *PLAIN)
+    return folder / "logs", table(folder / "whole")
 
 
 def workers_of(driver):
@@ -74,144 +267,53 @@ def workers_of(driver):
         return []
 
 
-@pytest.fixture(scope="module")
-def devices(tmp_path_factory):
-    """400 files, and the table of an undisturbed run over them."""
-    folder = tmp_path_factory.mktemp("fleet")
-    write_devices(folder / "logs", 400)
-    run(folder / "logs", "-o", folder / "whole", *PLAIN)
-    return folder / "logs", table(folder / "whole")
-
-
 @pytest.mark.slow
-def test_every_file_is_accounted_for(tmp_path):
-    """Twenty real recordings and generated ones, an empty file, a picture, an unreadable file, a folder x.csv."""
-    logs = tmp_path / "logs"
-    write_devices(logs, 30)
-    real = sorted(path for path in SHARED_DATA.rglob("*.csv") if path.stat().st_size < 200_000)[:20]
-    for i, path in enumerate(real):
-        shutil.copy(path, logs / f"real{i:02d}.csv")
-    (logs / "empty.csv").write_text("")
-    (logs / "picture.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)))
-    (logs / "x.csv").mkdir()
-    os.symlink(tmp_path / "nowhere", logs / "gone.csv")
-    (logs / "locked.csv").write_text("1\n2\n3\n")
-    (logs / "locked.csv").chmod(0)  # root reads it all the same: it has a row in both cases
-    done = run(logs, "-o", tmp_path / "out", *PLAIN)
-    rows = {row["id"]: row for row in table(tmp_path / "out")}
-    assert set(rows) == {path.name for path in logs.iterdir()}
-    assert all((row["q"] is None) == bool(row["reason"]) for row in rows.values())
-    said = {"empty.csv": "empty file", "picture.png": "PNG image", "x.csv": "is empty", "gone.csv": "No such"}
-    for name, reason in said.items():
-        assert rows[name]["verdict"] == "failed"
-        assert reason in rows[name]["reason"]
-    assert f"{len(rows)} rows" in done.stdout
-    assert "1 × picture.png must be a text file (got a PNG image)" in done.stdout
-
-
-@pytest.mark.slow
-def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, devices):
+def test_killed_workers_and_a_killed_driver_change_nothing(tmp_path, devices, scheduler):
     logs, whole = devices
-    shutil.copytree(logs, tmp_path / "logs")
-    out = tmp_path / "out"
-    run(tmp_path / "logs", "-o", out, *PLAIN)
-    assert table(out) == whole
-    before = set(parts(out))
-    (tmp_path / "logs" / "dev0007.csv").write_text("time (s),light (lx)\n0.0,1\n0.1,5\n0.2,2\n")
-    (tmp_path / "logs" / "dev0008.csv").unlink()
-    write_devices(tmp_path / "logs" / "new", 1)
-    done = run(tmp_path / "logs", "-o", out, *PLAIN)
-    assert "2 of 400 files or row groups read" in done.stdout
-    assert len(set(parts(out)) - before) <= 2
-    rows = {row["id"]: row for row in table(out)}
-    assert rows["dev0007.csv"]["samples"] == 3
-    assert "dev0008.csv" not in rows
-    assert rows["new/dev0000.csv"]["samples"] == 200
-    same = [row for row in whole if row["id"] not in ("dev0007.csv", "dev0008.csv")]
-    assert [rows[row["id"]] for row in same] == same
-    assert "nothing was missing" in run(tmp_path / "logs", "-o", out, *PLAIN).stdout
-    assert "400 of 400 files or row groups read" in run(tmp_path / "logs", "-o", out, "--lag-ms", "50").stdout
-
-
-@pytest.mark.slow
-def test_killed_workers_and_a_killed_driver_change_nothing(tmp_path, devices):
-    logs, whole = devices
+    assert [row["id"] for row in whole] == sorted(path.name for path in logs.iterdir())
     out = tmp_path / "out"
     driver = start(logs, "-o", out, *PLAIN)
-    for wanted in (1, 4):
-        wait_until(lambda wanted=wanted: len(parts(out)) >= wanted and workers_of(driver), "a part and a worker")
-        workers_of(driver)[0].kill()
-    wait_until(lambda: len(parts(out)) >= 6, "six parts")
+    wait_until(lambda: parts(out) and workers_of(driver), "a part and a worker")
+    workers_of(driver)[0].kill()
+    wait_until(lambda: len(parts(out)) >= 3, "three parts")
     below = psutil.Process(driver.pid).children(recursive=True)
     driver.kill()
     driver.communicate()
-    psutil.wait_procs(below, timeout=PATIENCE)
-    assert not any(one.is_running() for one in below), "workers outlive the driver"
+    _, alive = psutil.wait_procs(below, timeout=PATIENCE)
+    assert alive == [], "workers outlive the driver"
     kept = len(parts(out))
+    assert kept >= 3
     (parts(out)[0].parent / ".x.parquet.kalscope-0123456789abcdef.tmp").write_bytes(b"torn")
-    run(logs, "-o", out, *PLAIN)
+    command(logs, "-o", out, "--cluster", scheduler, *PLAIN)
     assert table(out) == whole
-    assert leftovers(out) == []
-    assert len(parts(out)) >= kept
+    assert files_of(out) == {".lock", "fleet.parquet", "fleet.json", "tuning.toml"}
+    assert len(parts(out)) > kept
 
 
 @pytest.mark.slow
-def test_ctrl_c_stops_and_says_how_to_go_on(tmp_path, devices):
-    logs, whole = devices
-    out = tmp_path / "out"
-    driver = start(logs, "-o", out, *PLAIN)
-    wait_until(lambda: parts(out), "the first part")
-    os.killpg(driver.pid, signal.SIGINT)  # a terminal sends it to every process
-    stdout, stderr = driver.communicate(timeout=PATIENCE)
-    assert driver.returncode == 130
-    assert stdout == ""
-    assert stderr.startswith("kalscope: stopped with ")
-    assert stderr.endswith("run the same command again to go on\n")
-    assert stderr.count("\n") == 1, stderr
-    assert not (out / "fleet.parquet").exists()
-    run(logs, "-o", out, *PLAIN)
-    assert table(out) == whole
-
-
-@pytest.mark.slow
-def test_a_second_run_into_the_same_folder_is_refused(tmp_path, devices):
+def test_a_second_run_is_refused_and_ctrl_c_says_how_to_go_on(tmp_path, devices, scheduler):
     logs, whole = devices
     out = tmp_path / "out"
     first = start(logs, "-o", out, *PLAIN)
     wait_until(lambda: parts(out), "the first part")
-    second = run(logs, "-o", out, *PLAIN, expect=2)
+    second = command(logs, "-o", out, *PLAIN, expect=2)
     assert second.stderr.startswith("kalscope: -o must name a folder that no other run writes (got ")
     assert f"process {first.pid} on " in second.stderr
     assert second.stderr.count("\n") == 1
-    assert first.wait(timeout=PATIENCE) == 0
+    os.killpg(first.pid, signal.SIGINT)  # a terminal sends it to every process
+    stdout, stderr = first.communicate(timeout=PATIENCE)
+    if first.returncode:  # else the run had ended meanwhile
+        assert (first.returncode, stdout) == (130, "")
+        assert stderr.startswith("kalscope: stopped with ")
+        assert stderr.endswith("run the same command again to go on\n")
+        assert stderr.count("\n") == 1, stderr
+        assert not (out / "fleet.parquet").exists()
+        command(logs, "-o", out, "--cluster", scheduler, *PLAIN)
     assert table(out) == whole
 
 
-SCHEDULER = """
-import sys
-from distributed import LocalCluster
-if __name__ == "__main__":
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=60) as cluster:
-        print(cluster.scheduler_address, flush=True)
-        sys.stdin.read()
-"""
-
-
-@pytest.mark.slow
-def test_the_workers_of_another_scheduler_do_the_same(tmp_path, devices):
-    logs, whole = devices
-    (tmp_path / "scheduler.py").write_text(SCHEDULER)
-    command = [sys.executable, str(tmp_path / "scheduler.py")]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
-        address = other.stdout.readline().strip()
-        run(logs, "-o", tmp_path / "out", "--cluster", address, *PLAIN)
-        other.stdin.close()
-    assert table(tmp_path / "out") == whole
-
-
-@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_named(tmp_path):
     write_devices(tmp_path / "logs", 1)
-    done = run(tmp_path / "logs", "-o", tmp_path / "out", "--cluster", "tcp://127.0.0.1:9", expect=2)
+    done = command(tmp_path / "logs", "-o", tmp_path / "out", "--cluster", "tcp://127.0.0.1:9", expect=2)
     assert done.stderr.startswith("kalscope: --cluster must name a scheduler with workers (got 'tcp://127.0.0.1:9'")
     assert done.stderr.count("\n") == 1

@@ -118,6 +118,7 @@ def _this_machine(distributed: Any, count: int) -> Generator[Any]:
             n_workers=count,
             processes=True,
             dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # Dask serves numbers there; 8787 may be taken
             silence_logs=60,  # a worker that dies is handled here
             preload=["kalscope.tuning.fleet.worker_setup"],
         )

@@ -1,0 +1,148 @@
+"""A fleet from Parquet to Parquet: rate, memory, time outside the compiled fit; and what kills cost.
+
+    python benchmarks/fleet.py [--series 20000] [--samples 1000] [--kills 5] [--keep FOLDER]
+
+Writes a data set of SERIES recordings of one kind, and fits it with `--momentum 0 --no-robust` on all cores: rows a
+second, rows a second of processor time of the tasks, the most memory of a worker, and the share of their time
+outside the compiled fit. Then the same once more while KILLS workers and at last the driver are killed (kill -9) at
+random moments and the run is started again: the table must be equal, each id once, no temporary file left (exit
+status 1 otherwise, and where more than 2 % of the work may have been done twice).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from kalscope.cli.tune.options import TuneOptions
+from kalscope.tuning.fleet.batches import lay_out
+from kalscope.tuning.fleet.recordings.find import find_units
+from kalscope.tuning.fleet.run import run_fleet
+from kalscope.tuning.fleet.work.asked import Asked
+
+GROUPS = 400
+"""Row groups of a data set."""
+MAX_TWICE = 0.02
+"""Most work that kills may have done twice."""
+
+
+def main() -> None:
+    """Measure, or with --drive be the run that is measured and killed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--series", type=int, default=20_000)
+    parser.add_argument("--samples", type=int, default=1000)
+    parser.add_argument("--kills", type=int, default=5)
+    parser.add_argument(
+        "--keep", type=Path, help="folder for the data set and the results; default: a temporary one"
+    )
+    parser.add_argument("--drive", nargs=2, metavar=("SOURCE", "DIR"), help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.drive:
+        drive(*given.drive)
+    elif given.keep:
+        sys.exit(measure(given.keep, given.series, given.samples, given.kills))
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            sys.exit(measure(Path(folder), given.series, given.samples, given.kills))
+
+
+def measure(folder: Path, series: int, samples: int, kills: int) -> int:
+    source = folder / f"set-{series}-{samples}"
+    if not source.exists():
+        write_set(source, series, samples)
+    size = sum(path.stat().st_size for path in source.iterdir())
+    print(f"{series:,} series × {samples:,} samples, {size / 1e6:,.0f} MB, {psutil.cpu_count()} cores")
+    whole = folder / f"whole-{series}"
+    begun = time.monotonic()
+    tally = json.loads(subprocess.run(driver(source, whole), check=True, stdout=subprocess.PIPE, text=True).stdout)
+    seconds = time.monotonic() - begun
+    print(
+        f"{tally['rows'] / tally['seconds']:,.0f} rows/s on {tally['threads']} workers ({seconds:.1f} s with start"
+        f" and merge); {tally['rows'] / tally['total_s']:,.0f} rows a second of processor time;"
+        f" {1 - tally['fitting_s'] / tally['total_s']:.0%} of it outside the compiled fit;"
+        f" at most {tally['peak_bytes'] / 1e6:,.0f} MB a worker"
+    )
+    return disturbed(source, whole, folder / f"killed-{series}", kills, tally) if kills else 0
+
+
+def disturbed(source: Path, whole: Path, out: Path, kills: int, undisturbed: dict[str, Any]) -> int:
+    """The same run under kills; 1 where it ends otherwise."""
+    draw, pause = random.Random(1), undisturbed["seconds"] / (kills + 2)
+    process = subprocess.Popen(driver(source, out), stdout=subprocess.DEVNULL)
+    while not list(out.glob("parts/??/*.parquet")):
+        time.sleep(0.01)
+    done = 0
+    for _ in range(kills):
+        time.sleep(draw.uniform(0.2, 1.0) * pause)
+        workers = workers_of(process.pid)
+        if workers:
+            draw.choice(workers).kill()
+            done += 1
+    process.kill()
+    process.wait()
+    print(f"killed {done} workers and the driver, with {len(list(out.glob('parts/??/*.parquet')))} parts written")
+    again = json.loads(subprocess.run(driver(source, out), check=True, stdout=subprocess.PIPE, text=True).stdout)
+    batches = lay_out([unit.size for unit in find_units([str(source)], out)])
+    largest = max(map(len, batches)) / again["units"]
+    twice = (done + undisturbed["threads"]) * largest
+    same = table(out).equals(table(whole))
+    ids = table(out)["id"].to_pylist()
+    left = list(out.rglob("*.tmp"))
+    print(
+        f"the rerun did {again['done']:,} of {again['units']:,} row groups; at most {twice:.2%} done twice;"
+        f" tables {'equal' if same else 'DIFFERENT'}, {len(ids) - len(set(ids))} ids twice, {len(left)} files left"
+    )
+    return int(not same or len(ids) != len(set(ids)) or bool(left) or twice > MAX_TWICE)
+
+
+def driver(source: Path, out: Path) -> list[str]:
+    return [sys.executable, __file__, "--drive", str(source), str(out)]
+
+
+def drive(source: str, out: str) -> None:
+    """One run, as `kalscope fleet` does it."""
+    outcome = run_fleet([source], Asked(TuneOptions(momentum=0.0, robust=False)), Path(out))
+    print(json.dumps(asdict(outcome.tally)))
+
+
+def workers_of(pid: int) -> list[psutil.Process]:
+    try:
+        below = psutil.Process(pid).children(recursive=True)
+        return [one for one in below if "spawn_main" in " ".join(one.cmdline())]
+    except psutil.Error:
+        return []
+
+
+def table(out: Path) -> pa.Table:
+    return pq.ParquetFile(out / "fleet.parquet").read().drop_columns(["seconds"])
+
+
+def write_set(folder: Path, series: int, samples: int) -> None:
+    """Random walks under noise, q = 0.09 and r = 1, sorted by id."""
+    folder.mkdir(parents=True)
+    rng = np.random.default_rng(0)
+    schema = pa.schema([("id", pa.int64()), ("time", pa.float64()), ("value", pa.float64())])
+    with pq.ParquetWriter(folder / "part-0.parquet", schema, compression="zstd") as writer:
+        group = max(1, series // GROUPS)
+        for first in range(0, series, group):
+            n = min(group, series - first)
+            z = np.cumsum(0.3 * rng.normal(size=(n, samples)), axis=1) + rng.normal(size=(n, samples))
+            ids, time_s = np.repeat(np.arange(first, first + n), samples), np.tile(np.arange(samples) / 100, n)
+            writer.write_table(pa.table([ids, time_s, z.ravel()], schema=schema))
+
+
+if __name__ == "__main__":
+    main()
