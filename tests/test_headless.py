@@ -39,6 +39,35 @@ def test_a_parameter_does_not_load_the_compiler():
     assert not {"numba", "scipy"} & set(loaded)
 
 
+FIRST_PICTURE = """
+import sys
+import kalscope_app.dashboard, kalscope_app.guard.server
+from kalscope.catalogue import open_source
+from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.frame import compute_frame
+from kalscope_app.session.opening import opened
+state = opened(open_source("demo"))
+compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
+print(*sys.modules)
+"""
+
+
+def test_the_first_picture_does_not_load_the_compiler():
+    loaded = python(FIRST_PICTURE).split()
+    assert "viser" in loaded
+    assert "numba" not in loaded
+
+
+def test_filtering_a_small_file_does_not_load_the_compiler():
+    code = (
+        "import sys; from kalscope_app.main import run; "
+        "run(['filter', 'sample:nile', '--q', '1469', '--r', '15100']); print(*sys.modules)"
+    )
+    loaded = python(code).splitlines()
+    assert len(loaded) > 100  # a line a sample
+    assert "numba" not in loaded[-1].split()
+
+
 def test_importing_the_dashboard_does_not_import_matplotlib():
     assert "matplotlib" not in python("import sys, kalscope_app.dashboard; print(*sys.modules)").split()
 
