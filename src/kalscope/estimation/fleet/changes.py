@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.array import Array, Indices
+from kalscope.common.array import Array, Indices, Mask
 from kalscope.errors import BadSetting
 from kalscope.estimation.fleet.intervals import NORMAL, Interval, checked, distances
 
@@ -37,7 +37,7 @@ class Changes:
     """Largest difference between the means before and after one date, later minus earlier; 0 with fewer than
     two."""
     step_at: Indices
-    """The file (its place in the arrays given) from which on that holds; −1 with fewer than two."""
+    """The file (its place in the arrays given) from which on that holds; −1 of others."""
     changed: Indices
     """Devices whose `adjusted_p` is below 0.05, smallest first."""
     expected: float
@@ -78,7 +78,7 @@ def changes(values: ArrayLike, interval: Interval, device: ArrayLike, date: Arra
     p = np.where(files > 1, np.asarray(chdtrc(np.maximum(files - 1, 1), chi2), dtype=np.float64), 1.0)
     order = np.lexsort((dates, group))
     order = order[weights[order] > 0.0]
-    step, step_at = _steps(values[order], weights[order], group[order], order, k)
+    step, step_at = _steps(values[order], weights[order], group[order], order, p < FALSE_ALARM)
     adjusted = holm(p)
     low = np.flatnonzero(adjusted < FALSE_ALARM)
     changed = low[np.lexsort((-chi2[low], adjusted[low]))]
@@ -97,11 +97,11 @@ def holm(p: Array) -> Array:
 
 
 def _steps(
-    values: Array, weights: Array, group: NDArray[np.intp], files: Indices, count: int
+    values: Array, weights: Array, group: NDArray[np.intp], files: Indices, wanted: Mask
 ) -> tuple[Array, Indices]:
-    """The split of each device's files, in order, that explains most of their scatter: its step, and where."""
-    best, step, at = np.zeros(count), np.zeros(count), np.full(count, -1, np.intp)
-    for k in range(count):
+    """The split of each wanted device's files, in order, that explains most of their scatter: its step, where."""
+    step, at = np.zeros(len(wanted)), np.full(len(wanted), -1, np.intp)
+    for k in np.flatnonzero(wanted).tolist():
         low, high = np.searchsorted(group, [k, k + 1])
         v, w = values[low:high], weights[low:high]
         if len(v) < 2:
@@ -109,7 +109,6 @@ def _steps(
         before_w, before = np.cumsum(w)[:-1], np.cumsum(w * v)[:-1]
         after_w, after = w.sum() - before_w, (w * v).sum() - before
         jumps = after / after_w - before / before_w
-        gains = jumps**2 * before_w * after_w / w.sum()
-        i = int(np.argmax(gains))
-        best[k], step[k], at[k] = gains[i], jumps[i], files[low + i + 1]
+        i = int(np.argmax(jumps**2 * before_w * after_w))
+        step[k], at[k] = jumps[i], files[low + i + 1]
     return step, at

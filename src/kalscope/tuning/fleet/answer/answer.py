@@ -18,6 +18,7 @@ from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
 from kalscope.tuning.fleet.answer.devices import Devices
+from kalscope.tuning.fleet.answer.over_time import OverTime, over_time
 from kalscope.tuning.fleet.work.asked import Question
 
 WITHIN = 0.1
@@ -66,6 +67,8 @@ class Answer:
     """Why there is no such filter; "" where there is one."""
     unlike: dict[str, Unlike]
     """Which devices are unlike the others in each of QUANTITIES."""
+    changed: dict[str, OverTime]
+    """Which devices have changed in r and q, where a device has several recordings."""
 
 
 def answer_for(devices: Devices, pool: Pool, question: Question) -> Answer:
@@ -81,7 +84,9 @@ def answer_for(devices: Devices, pool: Pool, question: Question) -> Answer:
         shared = _shared(devices, pool, question)
     except BadSetting as error:
         refusal = str(error)
-    return Answer(devices, shared, refusal, {name: _unlike(devices, name) for name in QUANTITIES})
+    found = {name: _unlike(devices, name) for name in QUANTITIES}
+    changed = {name: one for name in ("r", "q") if (one := _over_time(devices, name)) is not None}
+    return Answer(devices, shared, refusal, found, changed)
 
 
 def _shared(devices: Devices, pool: Pool, question: Question) -> Shared:
@@ -129,6 +134,14 @@ def _unlike(devices: Devices, name: str) -> Unlike:
     values: Array = getattr(devices, name)
     usable = devices.usable & (values > 0.0)
     return unlike(_logs(values, usable), _log_interval(devices, name, usable), EXPECTED)
+
+
+def _over_time(devices: Devices, name: str) -> OverTime | None:
+    values: Array = getattr(devices, name)
+    usable = devices.usable & (values > 0.0)
+    interval = _log_interval(devices, name, usable)
+    assert interval is not None
+    return over_time(devices.ids, devices.channels, _logs(values, usable), interval)
 
 
 def _log_interval(devices: Devices, name: str, usable: Mask) -> tuple[Array, Array] | None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from kalscope.common.files import write_atomic
 from kalscope.common.version import program
+from kalscope.estimation.fleet.changes import FALSE_ALARM
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import WITHIN, Answer
@@ -60,6 +61,7 @@ def as_plain(answer: Answer) -> dict[str, Any]:
         "one_filter": _shared(answer),
         "why_not": answer.refusal or None,
         "unlike": {name: _unlike(answer, name) for name in answer.unlike},
+        "changed": {name: _changed(answer, name) for name in answer.changed},
     }
 
 
@@ -100,6 +102,23 @@ def _unlike(answer: Answer, name: str) -> dict[str, Any]:
                 "z": _finite(float(one.z[i])),
             }
             for i in one.devices[:MAX_LISTED]
+        ],
+    }
+
+
+def _changed(answer: Answer, name: str) -> dict[str, Any]:
+    one, found, devices = answer.changed[name], answer.changed[name].found, answer.devices
+    return {
+        "false_alarm": FALSE_ALARM,
+        "devices": [
+            {
+                "device": one.name(i),
+                "recordings": int(found.files[i]),
+                "since": devices.ids[one.since(i)],
+                "factor": _finite(one.factor(i)),
+                "p": float(found.adjusted_p[i]),
+            }
+            for i in map(int, found.changed[:MAX_LISTED])
         ],
     }
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kalscope.common.text import count, decibels, duration, lag_in_full, number, percent, squared, trimmed
+from kalscope.common.text import count, decibels, duration, lag_in_full, number, percent, plural, squared, trimmed
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import WITHIN, Answer, Shared
@@ -26,7 +26,13 @@ NAMES = {"r": "r", "q": "q", "rate_hz": "sample rate"}
 
 def summary(answer: Answer, tally: Tally, folder: Path) -> str:
     """How many rows, how many without q and r and why, one filter for all, who is unlike the others, the files."""
-    lines = [_done(len(answer.devices), tally), *_reasons(answer), *_filter(answer), *_unlike(answer)]
+    lines = [
+        _done(len(answer.devices), tally),
+        *_reasons(answer),
+        *_filter(answer),
+        *_unlike(answer),
+        *_changed(answer),
+    ]
     files = [f"Table: {folder / TABLE}"] + ([f"tuning: {folder / TUNING}"] if answer.shared else [])
     return "\n".join([*lines, "; ".join(files)]) + "\n"
 
@@ -96,6 +102,18 @@ def _unlike(answer: Answer) -> Iterator[str]:
         )
     if not found and answer.devices.usable.any():
         yield "No device is unlike the others in r, q or sample rate"
+
+
+def _changed(answer: Answer) -> Iterator[str]:
+    for name, one in answer.changed.items():
+        devices = [int(i) for i in one.found.changed]
+        named = [
+            f"{one.name(i)} ({number(one.factor(i))} × from {answer.devices.name(one.since(i))} on)"
+            for i in devices[:MAX_NAMED]
+        ]
+        several = int((one.found.files > 1).sum())
+        what = f"{', '.join(named)}{_and_more(len(devices))}" if named else "none"
+        yield f"Changed in {name}, of {plural(several, 'device')} with several recordings: {what}"
 
 
 def _and_more(n: int) -> str:
