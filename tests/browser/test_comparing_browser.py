@@ -16,9 +16,9 @@ from kalscope.analysis.alternatives.comparison import compare_alternatives
 pytestmark = pytest.mark.browser
 
 
-@pytest.fixture
-def screen(browser, tmp_path):
-    with dashboard("demo", cwd=tmp_path) as url, Screen(browser, url) as shown:
+@pytest.fixture(scope="module")
+def screen(browser, tmp_path_factory):
+    with dashboard("demo", cwd=tmp_path_factory.mktemp("comparing")) as url, Screen(browser, url) as shown:
         yield shown
 
 

@@ -27,8 +27,20 @@ def rows(screen):
     return [cell.replace("■", "").strip() for cell in cells]
 
 
-def test_settings_are_pinned_compared_used_renamed_and_deleted(start):
+def test_a_preset_shows_what_it_does_before_it_is_taken_and_settings_are_pinned_used_renamed_and_deleted(start):
     screen = start("demo", width=1280, height=720)
+    screen.page.get_by_text("Presets", exact=True).click()
+    screen.choose("preset", "Ma'arif 2019: R = 100, Q = 0.1")
+    screen.page.get_by_text("too much of the signal is lost").wait_for()
+    screen.wait_for_line("filtered", filtered(DEMO))  # nothing has changed yet
+    take = screen.page.get_by_role("button", name="Apply preset")
+    take.scroll_into_view_if_needed()
+    screen.shot("preset")
+    take.click()
+    screen.wait_for_line("filtered", filtered(DEMO, q=0.1, r=100))
+    screen.page.get_by_role("button", name="Undo").click()
+    screen.wait_for_line("filtered", filtered(DEMO))
+
     page, pin = screen.page, screen.page.get_by_role("button", name="Pin", exact=True)
     for name, q in (("A", "0.05"), ("B", "500")):
         screen.type("process noise q", q)
@@ -62,30 +74,30 @@ def test_settings_are_pinned_compared_used_renamed_and_deleted(start):
     screen.wait(f"() => !({FIND})('robot <b>|x')")
 
 
-def test_a_preset_shows_what_it_does_before_it_is_taken(start):
-    screen = start("demo", width=1280, height=720)
-    screen.page.get_by_text("Presets", exact=True).click()
-    screen.choose("preset", "Ma'arif 2019: R = 100, Q = 0.1")
-    screen.page.get_by_text("too much of the signal is lost").wait_for()
-    screen.wait_for_line("filtered", filtered(DEMO))  # nothing has changed yet
-    take = screen.page.get_by_role("button", name="Apply preset")
-    take.scroll_into_view_if_needed()
-    screen.shot("preset")
-    take.click()
-    screen.wait_for_line("filtered", filtered(DEMO, q=0.1, r=100))
-    screen.page.get_by_role("button", name="Undo").click()
-    screen.wait_for_line("filtered", filtered(DEMO))
-
-
 def lane(z, params, number):
     """A filtered lane as it must be drawn."""
     middle, half = (z.max() + z.min()) / 2, (z.max() - z.min()) / 2
     return number - HALF_LANE * np.clip((denoise(z, params) - middle) / half, -1, 1)
 
 
-def test_channels_are_seen_side_by_side_tuned_together_and_copied(start):
+def test_the_line_on_screen_reopens_what_is_on_screen_and_channels_are_tuned_together_and_copied(start):
     screen = start("sample:lis302dl", width=1280, height=720)
     axes = open_source("sample:lis302dl").values
+    screen.choose("channel", "y")
+    screen.type("process noise q", "0.03")
+    screen.type("initial variance p0", "2")
+    expected = filtered(axes[:, 1], q=0.03, p0=2)
+    screen.wait_for_line("filtered", expected)
+    screen.tab("Export")
+    line = screen.page.locator("textarea").first.input_value()
+    screen.shot("share")
+    again = start(*shlex.split(line)[2:])
+    again.wait_for_line("filtered", expected)
+    again.wait_for_value("initial variance p0", "2")
+
+    screen.tab("Tune")
+    screen.choose("channel", "x")
+    screen.wait_for_line("raw", axes[:, 0])
     screen.tab("Channels")
     screen.choose("apply to", "all: same q and r")
     screen.type("process noise q", "0.5")
@@ -117,19 +129,3 @@ def test_sixteen_channels_fit_into_the_tab(start):
     screen.wait(f"() => ({FIND})('16')")
     screen.page.get_by_role("row", name=re.compile("^16 ")).wait_for()
     screen.shot("sixteen-channels")
-
-
-def test_the_line_on_screen_reopens_what_is_on_screen(start):
-    screen = start("sample:lis302dl")
-    axes = open_source("sample:lis302dl").values
-    screen.choose("channel", "y")
-    screen.type("process noise q", "0.03")
-    screen.type("initial variance p0", "2")
-    expected = filtered(axes[:, 1], q=0.03, p0=2)
-    screen.wait_for_line("filtered", expected)
-    screen.tab("Export")
-    line = screen.page.locator("textarea").first.input_value()
-    screen.shot("share")
-    again = start(*shlex.split(line)[2:])
-    again.wait_for_line("filtered", expected)
-    again.wait_for_value("initial variance p0", "2")
