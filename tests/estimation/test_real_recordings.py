@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from effort import FUZZ
 
 from kalscope import KalscopeError, read_recording
 from kalscope.estimation.estimate import METHODS, estimate
@@ -15,7 +16,7 @@ from kalscope.estimation.result import USABLE
 pytestmark = pytest.mark.slow
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
-MAX_SAMPLES = 20_000
+MAX_SAMPLES = 4_000 if FUZZ == 1 else 20_000
 """Samples of a recording that are looked at: a longer part takes longer and shows nothing else."""
 FILES = sorted(p for p in DATA.rglob("*") if p.is_file() and p.name != "README.md")
 
