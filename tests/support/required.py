@@ -11,7 +11,7 @@ REQUIRE_ALL = os.environ.get("KALSCOPE_REQUIRE") == "all"
 
 
 def not_here(reason: str) -> NoReturn:
-    """Skip the test, or fail it where every tool must be there."""
+    """Skip the test, or its whole module while it is imported; fail where every tool must be there."""
     if REQUIRE_ALL:
         pytest.fail(f"{reason}, and KALSCOPE_REQUIRE=all")
-    pytest.skip(reason)
+    pytest.skip(reason, allow_module_level=True)

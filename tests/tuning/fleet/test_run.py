@@ -37,13 +37,13 @@ PLAIN = ["--momentum", "0", "--no-robust"]
 RNG = np.random.default_rng(11)
 
 
-def write_devices(folder, count, n=200):
-    """Files of devices of one kind."""
+def write_devices(folder, count, n=200, comment=0):
+    """Files of devices of one kind, longer by so many characters that cost nothing to read."""
     folder.mkdir(parents=True, exist_ok=True)
     for i in range(count):
         z = np.cumsum(0.3 * RNG.normal(size=n)) + RNG.normal(size=n)
         rows = (f"{k / 100:.2f},{value:.5f}\n" for k, value in enumerate(z))
-        (folder / f"dev{i:04d}.csv").write_text("time (s),light (lx)\n" + "".join(rows))
+        (folder / f"dev{i:04d}.csv").write_text(f"# {'x' * comment}\ntime (s),light (lx)\n" + "".join(rows))
 
 
 def table(folder):
@@ -165,6 +165,30 @@ def test_the_options_of_tune_hold_for_every_recording(tmp_path, at_once, capsys)
     assert "3 × channel must be one of light (got 'dark')" in refused.out
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--momentum", "1e9"], 'momentum must be "auto" or sample periods from 0 to 1e5 (got 1000000000.0)'),
+        (["--all", "--channel", "light"], "--all must stand without --channel (got --channel 'light')"),
+        (["--lag-ms", "5", "--gain", "0.2"], "only one of --lag-ms, "),
+    ],
+)
+def test_what_suits_no_recording_is_refused_before_any_is_read(tmp_path, at_once, capsys, options, said):
+    write_devices(tmp_path / "logs", 1)
+    refused = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *options, expect=2)
+    assert refused.err.startswith(f"kalscope: {said}")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("missing", ["dask", "distributed", "pyarrow"])
+def test_a_missing_library_is_one_line_that_says_what_to_install(tmp_path, capsys, monkeypatch, missing):
+    monkeypatch.setitem(sys.modules, missing, None)
+    refused = run_here(capsys, tmp_path, "-o", tmp_path / "out", expect=2)
+    assert refused.err == (
+        f'kalscope: a fleet needs dask, distributed and pyarrow: pip install "kalscope[fleet]" (got no {missing})\n'
+    )
+
+
 def test_what_kills_its_worker_is_a_row_and_the_others_are_done(tmp_path, at_once, capsys):
     faults, _ = at_once
     write_devices(tmp_path / "logs", 20)
@@ -253,7 +277,7 @@ def scheduler(tmp_path_factory):
 def devices(tmp_path_factory, scheduler):
     """Files in several batches, and the table of an undisturbed run over them on the other scheduler."""
     folder = tmp_path_factory.mktemp("fleet")
-    write_devices(folder / "logs", 400)
+    write_devices(folder / "logs", 120, comment=10_000)
     command(folder / "logs", "-o", folder / "whole", "--cluster", scheduler, *PLAIN)
     return folder / "logs", table(folder / "whole")
 

@@ -48,11 +48,13 @@ def fleet_command(
     from kalscope.tuning.fleet.answer.words import summary
     from kalscope.tuning.fleet.libraries import check_libraries
     from kalscope.tuning.fleet.run import run_fleet
-    from kalscope.tuning.fleet.work.asked import Asked
+    from kalscope.tuning.fleet.work.asked import Asked, any_recording
 
     if every and channel is not None:
         raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
     check_libraries()
+    if asked.still is None:  # a stretch lies in each recording or not
+        asked.request(any_recording()).checked_momentum()
     options = Asked(asked, reading, sample_period, channel, every, row_groups)
     line = TerminalLine(sys.stderr)
     try:

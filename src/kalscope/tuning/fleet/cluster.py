@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import signal
 import threading
+import time
 from collections.abc import Generator
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
@@ -40,11 +42,16 @@ class Workers:
         self._client = client
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._batches: dict[Any, Batch] = {}
+        self._threads, self._asked = 0, -math.inf
 
     @property
     def threads(self) -> int:
-        """Tasks that run at a time, now."""
-        return sum(one["nthreads"] for one in self._client.scheduler_info(n_workers=-1)["workers"].values())
+        """Tasks that run at a time, as the scheduler said a second ago at most: workers come and go."""
+        if time.monotonic() > self._asked + 1.0:
+            with suppress(Exception):  # a scheduler that is gone is noticed by its tasks
+                self._threads = sum(self._client.nthreads().values())
+            self._asked = time.monotonic()
+        return self._threads
 
     def submit(self, batch: Batch, *call: Any) -> None:
         """Begin a batch: call[0] with the other arguments, on some worker."""

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol
+
+import numpy as np
 
 from kalscope.common.version import program
 from kalscope.estimation.finding import Request
@@ -25,6 +28,12 @@ class Question(Protocol):
     def request(self, recording: Recording) -> Request:
         """The same in the words of `find_parameters`, for this recording."""
         ...
+
+
+@cache
+def any_recording() -> Recording:
+    """A recording to ask about where only the options count."""
+    return Recording(np.arange(3.0), ("x",), ("",), np.zeros((3, 1)), 1.0)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -16,11 +15,10 @@ from kalscope.estimation.fleet.many.estimate_many import estimate_many
 from kalscope.estimation.fleet.many.series import Series as Many
 from kalscope.estimation.fleet.pool import Pool, pool_of
 from kalscope.filtering.params import FilterParams
-from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.tuning.fleet.recordings.unit import Unit
 from kalscope.tuning.fleet.store.row import Row
-from kalscope.tuning.fleet.work.asked import Asked, Question
+from kalscope.tuning.fleet.work.asked import Asked, Question, any_recording
 from kalscope.tuning.fleet.work.fit import Fitted, first_sentence, fit_each, mean_nis, reason_of
 from kalscope.tuning.fleet.work.read import channels_of
 from kalscope.tuning.fleet.work.row_groups import Block, read_block
@@ -79,15 +77,10 @@ def _plain_steps(block: Block, asked: Asked) -> Array:
     return np.where(infinite, math.nan, block.even_steps())
 
 
-@cache
-def _any_recording() -> Recording:
-    return Recording(np.arange(3.0), ("x",), ("",), np.zeros((3, 1)), 1.0)
-
-
 def is_plain(question: Question) -> bool:
     """Whether nothing is asked but q and r of all samples, without momentum."""
     try:
-        return question.gate is None and question.request(_any_recording()) == PLAIN
+        return question.gate is None and question.request(any_recording()) == PLAIN
     except KalscopeError:  # a still stretch from … to
         return False
 
