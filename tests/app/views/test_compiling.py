@@ -35,7 +35,7 @@ def test_one_note_a_browser_counts_the_loops_and_goes_when_the_last_is_done(monk
     for client in (first, late):
         (shown,) = client.notes
         assert shown.loading
-        assert shown.body == "compiling for this computer, only at the first start: 1 done."
+        assert shown.body == "Compiling for this computer, only at the first start: 1 done."
         assert not shown.gone.is_set()
     note.show(Compiling(2, is_busy=False))
     assert all(client.notes[0].gone.wait(PATIENCE) for client in (first, late))

@@ -24,14 +24,15 @@ class CompilingNote:
 
     def show(self, progress: Compiling) -> None:
         """Show this in every browser; runs on the thread that compiles."""
+        body = f"{progress}.".capitalize()
         with self._changing:
             if self._end is not None:
                 self._end.cancel()
             for client in self._server.get_clients().values():
                 if client in self._notes:
-                    self._notes[client].body = f"{progress}."
+                    self._notes[client].body = body
                 else:
-                    self._notes[client] = client.add_notification("Compiling", f"{progress}.", loading=True)
+                    self._notes[client] = client.add_notification("Kalscope", body, loading=True)
             self._end = threading.Timer(STAYS_S, self._remove)
             if not progress.is_busy:
                 self._end.start()
