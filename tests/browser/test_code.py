@@ -128,7 +128,7 @@ def test_the_goal_is_met_at_the_period_of_the_device(screen, tmp_path):
     assert "samples = 0.05 s" in header
 
 
-def test_a_tuning_file_is_loaded_by_name_and_by_upload_and_can_be_undone(screen, tmp_path):
+def test_a_tuning_file_is_loaded_in_two_ways_and_undone_and_a_refusal_stays_until_it_is_closed(screen, tmp_path):
     screen.tab("Tune")
     start = screen.text_box("process noise q").input_value()
     channels = (ChannelTuning(HOSTILE, "", 0.25, 4.0), ChannelTuning("volts", "", 1e-4, 2e-4))
@@ -152,8 +152,6 @@ def test_a_tuning_file_is_loaded_by_name_and_by_upload_and_can_be_undone(screen,
     button(screen, "Load tuning file").click()
     screen.notification("Cannot open file").wait_for()
 
-
-def test_a_refusal_stays_in_a_window_until_it_is_closed(screen):
     screen.choose("target", "JSON")
     screen.type("device sample period (s)", "often")
     button(screen, "Preview code").click()
