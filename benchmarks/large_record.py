@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
+import re
 import sys
 import tempfile
 import time
@@ -36,11 +37,13 @@ from kalscope_app.session.opening import opened
 
 KINDS = ("synthetic", "csv", "timed")
 """A generated signal; a file of one column; one with a column of time."""
+COLUMNS = 2
+"""Numbers of a sample: its value, and its time, which is stored for a file without one too."""
 TINY = 1000
 """Samples of the record whose memory is that of the program alone."""
 MAX_MEMORY, MAX_RATIO = 6.0, 2.0
 """The promises: bytes over those of the samples, and key press to changed line over bare viser's."""
-PATIENCE_MS = 240_000
+PATIENCE_MS = 120_000
 FRAMES = 15
 """Frames whose time is compared without a browser."""
 
@@ -85,8 +88,8 @@ def one_step(page: Page, thumb: Locator, key: str) -> float:
 
 def steps(page: Page, pid: int) -> dict[str, float]:
     """All that is done to a record but moves of q: milliseconds of each."""
-    shown = page.locator("label", has_text="view").first.get_attribute("for")
-    thumb = page.locator(f'[id="{shown}"] [role="slider"]').first
+    shown = page.locator("label", has_text=re.compile("^view$")).first
+    thumb = shown.locator("xpath=ancestor::*[.//*[@role='slider']][1]//*[@role='slider']").first
     found = {"window": one_step(page, thumb, "ArrowRight")}
     slider(page, "q").focus()
     press(page, "ArrowRight", 500)
@@ -156,8 +159,7 @@ def frame_beside_denoise(source: str) -> dict[str, float]:
 def measure(kind: str, n: int, presses: int, folder: Path) -> dict[str, Any]:
     """One source."""
     source = source_of(kind, n, folder)
-    columns = 1 if kind == "synthetic" else 2  # a generated time is stored as well, but is no sample of the user's
-    row: dict[str, Any] = {"kind": kind, "samples": n, "samples_mb": 8e-6 * n * columns}
+    row: dict[str, Any] = {"kind": kind, "samples": n, "samples_mb": 8e-6 * n * COLUMNS}
     row["without_browser_ms"] = frame_beside_denoise(source)
     with chromium() as browser:
         _, alone = session_of(browser, source_of(kind, TINY, folder))
