@@ -135,6 +135,8 @@ def test_spikes_are_set_aside_where_estimate_does_it(options):
     series = list(with_spikes(90))
     table = estimate_many(series, **options)
     assert 10 < np.count_nonzero(table.spikes) < 60
+    assert len(table.set_aside) == table.spikes.sum()
+    starts = np.cumsum([0, *map(len, series)])
     for row, z in enumerate(series):
         if "r" in options:
             one = estimate_fixed_r(z, 1.0)
@@ -143,7 +145,11 @@ def test_spikes_are_set_aside_where_estimate_does_it(options):
         else:
             one = estimate(z, momentum=0.0)
         assert_same(table, row, one, row)
-        assert table.spikes[row] == (0 if one.outliers is None else one.outliers.sum())
+        away = np.empty(0) if one.outliers is None else np.flatnonzero(one.outliers)
+        assert table.spikes[row] == len(away)
+        assert table.set_aside[np.searchsorted(table.set_aside, starts[row]) :][: len(away)].tolist() == [
+            *(starts[row] + away)
+        ]
         assert table.gate[row] == (np.inf if one.gate is None else one.gate)
 
 
@@ -185,6 +191,15 @@ def test_rows_of_an_array_a_list_and_one_piece_of_memory_are_the_same():
     tables = [estimate_many(given) for given in (rows, list(rows), whole)]
     assert tables[0].q.tolist() == tables[1].q.tolist() == tables[2].q.tolist()
     assert tables[0].q.shape == (5,)
+
+
+def test_memory_that_may_not_be_written_is_no_reason_to_compile_again():
+    rows = np.stack([walk(seed, 60, 0.1) for seed in range(5)])
+    table, loops = estimate_many(rows), len(fit_kernels.fit_each.dispatcher.signatures)
+    rows.setflags(write=False)
+    whole = Series(rows.ravel(), np.arange(6, dtype=np.int64) * 60, np.empty(0))
+    assert estimate_many(rows).q.tolist() == estimate_many(whole).q.tolist() == table.q.tolist()
+    assert len(fit_kernels.fit_each.dispatcher.signatures) == loops
 
 
 def test_a_series_that_cannot_be_fitted_is_a_row_and_hurts_no_other():

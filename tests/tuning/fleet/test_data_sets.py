@@ -165,7 +165,8 @@ def test_a_series_is_read_as_the_same_rows_in_a_file_of_their_own(tmp_path):
 PLAIN = TuneOptions(momentum=0.0, robust=False)
 
 
-def test_the_compiled_way_gives_the_rows_and_the_pool_of_the_way_of_a_file(tmp_path, monkeypatch):
+@pytest.mark.parametrize("asked", [PLAIN, TuneOptions(momentum=0.0)], ids=["all samples", "spikes set aside"])
+def test_the_compiled_way_gives_the_rows_and_the_pool_of_the_way_of_a_file(tmp_path, monkeypatch, asked):
     """Even stamps take the compiled way, others not; a constant and a short series have a reason in both."""
     series = fleet(8, n=200)
     series["dev02"] = (series["dev02"][0], np.full(202, 3.0))
@@ -173,11 +174,13 @@ def test_the_compiled_way_gives_the_rows_and_the_pool_of_the_way_of_a_file(tmp_p
     series["dev04"] = (series["dev04"][0] * RNG.uniform(1.0, 1.001, size=204), series["dev04"][1])
     series["dev05"][1][7] = np.inf
     series["dev06"] = (series["dev06"][0], np.round(series["dev06"][1]))
+    series["dev07"][1][[40, 90, 150]] += 40.0
     pq.write_table(long_table(series), tmp_path / "x.parquet")
     (unit,) = find_units([str(tmp_path)], tmp_path / "out")
-    quick = fit_block(unit, Asked(PLAIN))
-    monkeypatch.setattr("kalscope.tuning.fleet.work.block.PLAIN", None)
-    slow = fit_block(unit, Asked(PLAIN))
+    quick = fit_block(unit, Asked(asked))
+    monkeypatch.setattr("kalscope.tuning.fleet.work.block.PLAIN", ())
+    slow = fit_block(unit, Asked(asked))
+    assert (quick.rows[7].spikes > 0) == (asked is not PLAIN)
     assert [row.id for row in quick.rows] == list(series)
     assert [row.verdict for row in quick.rows][2:4] == ["constant", "too_few"]
     for one, other in zip(quick.rows, slow.rows, strict=True):

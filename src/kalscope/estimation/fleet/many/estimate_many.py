@@ -76,7 +76,7 @@ def estimate_many(
         again = range(first, stop) if not compiled else first + np.flatnonzero(table.again[first:stop])
         for i in again:
             if asked.kind == kernels.FREE or asked.robust is not False:
-                table.refine(int(i), *many.one(int(i)), asked)
+                table.refine(int(i), many, asked)
         report(stop / max(len(many), 1), "fit")
     return table.as_table()
 
@@ -144,6 +144,7 @@ class _Columns:
         self.momentum = np.zeros((3, count))
         self.spikes = np.zeros(count, np.int64)
         self.gate = np.full(count, math.inf)
+        self.set_aside: list[NDArray[np.int64]] = []
 
     def fit(self, many: Series, asked: _Asked, rows: slice) -> None:
         """Fit some series, in one compiled call."""
@@ -157,10 +158,11 @@ class _Columns:
             suspect_each(many.values, many.steps, many.starts[:-1], many.starts[1:], q, r, suspect)
             self.again[rows] |= suspect
 
-    def refine(self, i: int, z: Array, steps: Array, asked: _Asked) -> None:
+    def refine(self, i: int, many: Series, asked: _Asked) -> None:
         """Fit one series as `estimate` does, unless nothing in it can be fitted or its numbers would stay."""
         if self.codes[i] in (kernels.HOLDS_INF, kernels.BAD_STEPS, kernels.TOO_FEW, kernels.CONSTANT):
             return
+        (z, steps), start = many.one(i), int(many.starts[i])
         plain = asked.tau == 0.0 and asked.robust is False
         if plain and not may_be_below_resolution(z, float(self.numbers[i, kernels.R])):
             return
@@ -169,15 +171,19 @@ class _Columns:
         self.numbers[i] = (one.q, one.r, one.q_se, one.r_se, one.loglik, *one.ratio_interval, *ends)
         self.codes[i] = VERDICTS.index(str(one.verdict))
         self.momentum[:, i] = (one.momentum, *one.momentum_interval)
-        self.spikes[i] = 0 if one.outliers is None else int(one.outliers.sum())
+        if one.outliers is not None:
+            away = np.flatnonzero(one.outliers)
+            self.spikes[i] = len(away)
+            self.set_aside.append(start + away)
         self.gate[i] = math.inf if one.gate is None else float(one.gate)
 
     def as_table(self) -> EstimateTable:
         q, r, q_se, r_se, loglik, *ends = np.ascontiguousarray(self.numbers.T)
         tau, tau_low, tau_high = self.momentum
+        away = np.concatenate([np.empty(0, np.int64), *self.set_aside])
         return EstimateTable(
             q, r, q_se, r_se, loglik, (ends[0], ends[1]), (ends[2], ends[3]), (ends[4], ends[5]),
-            self.codes, self.samples, tau, (tau_low, tau_high), self.spikes, self.gate,
+            self.codes, self.samples, tau, (tau_low, tau_high), self.spikes, self.gate, away,
         )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,14 +61,19 @@ def series_of(
         if dt is not None:
             raise BadSetting("dt must be None beside a Series, which holds its steps (got both)")
         _check(series)
-        return series
+        return Series(*map(_writeable, (series.values, series.starts, series.steps)))
     values, starts = _joined(series, "series")
     if dt is None:
-        return Series(values, starts, np.empty(0))
+        return Series(_writeable(values), starts, np.empty(0))
     steps, others = _joined(dt, "dt")
     if not np.array_equal(starts, others):
         raise BadSetting("dt must have one value a sample of each series (got other lengths)")
-    return Series(values, starts, steps)
+    return Series(_writeable(values), starts, _writeable(steps))
+
+
+def _writeable(array: Any) -> Any:
+    """The array, or a copy of one that may not be written (an Arrow buffer): the loops would be compiled again."""
+    return array if array.flags.writeable else array.copy()
 
 
 def above_zero_each(name: str, value: ArrayLike | None, count: int) -> Array:

@@ -52,6 +52,8 @@ class EstimateTable:
     """Samples set aside as spikes; 0 where the spike-proof fit was not used."""
     gate: Array
     """The gate that goes with the pair, standard deviations of the innovation; inf = none."""
+    set_aside: NDArray[np.int64]
+    """The samples set aside in all series, as places in the series laid end to end, rising, shape (Σ spikes,)."""
 
     def __len__(self) -> int:
         return len(self.q)

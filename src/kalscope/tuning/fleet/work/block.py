@@ -23,8 +23,8 @@ from kalscope.tuning.fleet.work.fit import Fitted, first_sentence, fit_each, mea
 from kalscope.tuning.fleet.work.read import channels_of
 from kalscope.tuning.fleet.work.row_groups import Block, read_block
 
-PLAIN = Request(momentum=0.0, robust=False)
-"""The question that `estimate_many` answers in one compiled call."""
+PLAIN = (Request(momentum=0.0, robust=False), Request(momentum=0.0))
+"""The questions that `estimate_many` answers in one compiled call: without spikes set aside, and with."""
 
 NUMBERS = ("q", "r", "q_low", "q_high", "r_low", "r_high", "lag_samples")
 """What of a row the compiled call gives."""
@@ -42,7 +42,9 @@ def fit_block(unit: Unit, asked: Asked) -> Fitted:
         raise BadFile("the row groups must hold at least one row (got none)")
     steps = _plain_steps(block, asked)
     known = np.isfinite(steps)
-    plain = _fit_plain(block, steps, np.flatnonzero(known)) if known.any() else Fitted([], Pool.empty())
+    plain = (
+        _fit_plain(block, steps, np.flatnonzero(known), asked.question) if known.any() else Fitted([], Pool.empty())
+    )
     if known.all():
         return plain
     rows: list[Row] = []
@@ -78,22 +80,31 @@ def _plain_steps(block: Block, asked: Asked) -> Array:
 
 
 def is_plain(question: Question) -> bool:
-    """Whether nothing is asked but q and r of all samples, without momentum."""
+    """Whether nothing is asked but q and r, without momentum."""
     try:
+<<<<<<< Updated upstream
         return question.gate is None and question.request(any_recording()) == PLAIN
+=======
+        return question.gate is None and question.request(_any_recording()) in PLAIN
+>>>>>>> Stashed changes
     except KalscopeError:  # a still stretch from … to
         return False
 
 
-def _fit_plain(block: Block, steps: Array, chosen: Indices) -> Fitted:
+def _fit_plain(block: Block, steps: Array, chosen: Indices, question: Question) -> Fitted:
     """Fit the chosen recordings, one channel each with even stamps, in one compiled call."""
-    begun = time.thread_time()
+    begun, request = time.thread_time(), question.request(_any_recording())
     values, sizes = block.columns.values[0], np.diff(block.starts)
     if len(chosen) < len(sizes):
         values = np.concatenate([values[block.starts[i] : block.starts[i + 1]] for i in chosen])
     starts = np.concatenate(([0], np.cumsum(sizes[chosen])))
     many = Many(values, starts.astype(np.int64), np.empty(0))
-    table, pool = estimate_many(many, robust=False), pool_of(many)
+    table = estimate_many(many, robust=request.robust)
+    used = many.values
+    if len(table.set_aside):
+        used = used.copy()
+        used[table.set_aside] = math.nan
+    pool = pool_of(Many(used, many.starts, many.steps))
     seconds = (time.thread_time() - begun) / len(chosen)
     channel, unit = block.columns.names[0], block.columns.units[0]
     names = [block.ids[int(i)] for i in chosen]
@@ -104,14 +115,18 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices) -> Fitted:
     for (name, n, step, verdict), found, usable in zip(heads, numbers, table.usable, strict=True):
         head = Row(name, channel, unit, n, 1.0 / step, verdict=verdict, seconds=seconds)
         if usable:
-            # The scale of the likelihood's maximum makes the mean of v²/s one; a floor of r does not.
-            nis = 1.0 if verdict != "below_resolution" else _nis(many, len(rows), found[0], found[1])
-            rows.append(replace(head, **dict(zip(NUMBERS, found, strict=True)), momentum=0.0, nis=nis))
+            i, pair = len(rows), dict(zip(NUMBERS, found, strict=True))
+            gate = float(table.gate[i]) ** 2 if table.gate[i] < math.inf else None
+            # The scale of the likelihood's maximum makes the mean of v²/s one; a floor of r or a gate does not.
+            exact = verdict != "below_resolution" and not table.spikes[i]
+            nis = 1.0 if exact else _nis(many, i, FilterParams(found[0], found[1], gate=gate))
+            known = {"momentum": 0.0, "gate": gate, "spikes": int(table.spikes[i]), "nis": nis}
+            rows.append(replace(head, **pair, **known))
         else:
-            message = find_parameters(many.one(len(rows))[0], PLAIN).message
+            message = find_parameters(many.one(len(rows))[0], request).message
             rows.append(replace(head, reason=first_sentence(message)))
     return Fitted(rows, pool)
 
 
-def _nis(many: Many, i: int, q: float, r: float) -> float | None:
-    return mean_nis(many.one(i)[0], FilterParams(q=q, r=r), None)
+def _nis(many: Many, i: int, params: FilterParams) -> float | None:
+    return mean_nis(many.one(i)[0], params, None)
