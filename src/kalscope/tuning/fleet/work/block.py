@@ -82,18 +82,14 @@ def _plain_steps(block: Block, asked: Asked) -> Array:
 def is_plain(question: Question) -> bool:
     """Whether nothing is asked but q and r, without momentum."""
     try:
-<<<<<<< Updated upstream
-        return question.gate is None and question.request(any_recording()) == PLAIN
-=======
-        return question.gate is None and question.request(_any_recording()) in PLAIN
->>>>>>> Stashed changes
+        return question.gate is None and question.request(any_recording()) in PLAIN
     except KalscopeError:  # a still stretch from … to
         return False
 
 
 def _fit_plain(block: Block, steps: Array, chosen: Indices, question: Question) -> Fitted:
     """Fit the chosen recordings, one channel each with even stamps, in one compiled call."""
-    begun, request = time.thread_time(), question.request(_any_recording())
+    begun, request = time.thread_time(), question.request(any_recording())
     values, sizes = block.columns.values[0], np.diff(block.starts)
     if len(chosen) < len(sizes):
         values = np.concatenate([values[block.starts[i] : block.starts[i + 1]] for i in chosen])
