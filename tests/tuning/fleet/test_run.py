@@ -254,7 +254,7 @@ import sys
 from distributed import LocalCluster
 if __name__ == "__main__":
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, silence_logs=60,
+        n_workers=1, threads_per_worker=1, silence_logs=60,
         dashboard_address=None, scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
     ) as cluster:
         print(cluster.scheduler_address, flush=True)
@@ -264,7 +264,7 @@ if __name__ == "__main__":
 
 @pytest.fixture(scope="module")
 def scheduler(tmp_path_factory):
-    """The address of a scheduler of another process, with two workers."""
+    """The address of a scheduler of another process, with a worker."""
     script = tmp_path_factory.mktemp("scheduler") / "scheduler.py"
     script.write_text(SCHEDULER)
     argv = [sys.executable, str(script)]
