@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import signal
@@ -50,9 +51,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Look for garbage again, from now on without the modules and tests, which all stay to the end."""
+    """Look for garbage again, until the end without the modules and tests, which all stay so long."""
     gc.freeze()
     gc.enable()
+    atexit.register(gc.unfreeze)
 
 
 def in_shares(items: list[pytest.Item], workers: int) -> list[pytest.Item]:
