@@ -36,8 +36,8 @@ Step = Callable[[Page], None]
 SAMPLES = sorted(path.stem for path in (Path(__file__).parents[1] / "sample_data").glob("*.csv"))
 QUIET_S, MAX_WAIT_S = 3.0, 90.0
 """Seconds that a picture must stay the same, and seconds after which it counts as it is."""
-WAITING = "…"
-"""What stands in the header until the verdict is there."""
+UNFINISHED = ('text="…"', ".mantine-Notification-root:has-text('Compiling')")
+"""What is on the screen until the verdict is there, and while loops are compiled at a first start."""
 CELL = 20
 """Differing pixels less than so many apart are listed as one box."""
 MAX_LEVELS = 2
@@ -99,7 +99,7 @@ def photograph(page: Page, name: str) -> Picture:
     last = b""
     while time.monotonic() - began < MAX_WAIT_S:
         now = page.screenshot(animations="disabled", caret="hide")
-        if now != last or page.get_by_text(WAITING, exact=True).count() > 0:
+        if now != last or any(page.locator(one).count() for one in UNFINISHED):
             last, since = now, time.monotonic()
         elif time.monotonic() - since > QUIET_S:
             break
