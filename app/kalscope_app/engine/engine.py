@@ -41,11 +41,12 @@ MAX_LIVE_POINTS = 2000
 STATUS_INTERVAL = 0.5
 """Seconds after which a live record without new samples is drawn if its status has changed."""
 
-SETTLING = 1.5
-"""Seconds after its newest sample in which it is drawn so often anyway: the range control moves once a second."""
-
 STUDY_INTERVAL = 3.0
 """Seconds between two rounds of idle-time computations for a live record that is not being tuned."""
+
+SETTLING = STUDY_INTERVAL + 1.0
+"""Seconds after its newest sample in which it is drawn so often anyway: the last samples are studied, too, and the
+range control moves once a second."""
 
 log = logging.getLogger(__name__)
 
