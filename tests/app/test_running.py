@@ -126,7 +126,7 @@ def on_the_map(self):
 
 TuningFileView._ask_to_save = on_the_loop
 SourceView._upload = in_the_pool
-report.filtered_csv = raising
+report.filtered_csv_chunks = raising
 CodeView._save = in_a_thread
 TuningMapView._on_pointed = on_the_map
 """

@@ -63,6 +63,7 @@ def test_every_action_is_a_command_and_every_heading_a_button_for_keys(browser, 
         actions.first.wait_for(state="detached")
         screen.page.keyboard.press("Control+k")
         actions.get_by_text("Map", exact=True).click()
+        actions.first.wait_for(state="detached")  # the palette lists "Hide map" too, until it is closed
         screen.page.get_by_role("button", name="Hide map").wait_for()
         heading = screen.page.get_by_role("button", name="Presets")
         heading.focus()
