@@ -116,7 +116,7 @@ def test_every_file_is_accounted_for(tmp_path, at_once, capsys):
     assert done.out.startswith(f"{len(rows)} rows: {len(rows)} of {len(rows)} files or row groups read in ")
     assert "  1 × picture.png must be a text file (got a PNG image)\n" in done.out
     assert "One filter for all: q = " in done.out
-    assert files_of(tmp_path / "out") == {".lock", "fleet.parquet", "fleet.json", "tuning.toml"}
+    assert files_of(tmp_path / "out") == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
 
 
 @pytest.mark.slow
@@ -224,7 +224,7 @@ def test_a_full_disk_is_said_and_a_rerun_goes_on(tmp_path, at_once, capsys):
     faults.append(lambda _units: OSError(28, "No space left on device", "parts/x"))
     full = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN, expect=2)
     assert full.err == "kalscope: 'parts/x': No space left on device\n"
-    assert files_of(tmp_path / "out") == {".lock"}
+    assert files_of(tmp_path / "out") == {".lock", "run.json"}
     faults.clear()
     run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
     assert len(table(tmp_path / "out")) == 6
@@ -310,7 +310,7 @@ def test_killed_workers_and_a_killed_driver_change_nothing(tmp_path, devices, sc
     (parts(out)[0].parent / ".x.parquet.kalscope-0123456789abcdef.tmp").write_bytes(b"torn")
     command(logs, "-o", out, "--cluster", scheduler, *PLAIN)
     assert table(out) == whole
-    assert files_of(out) == {".lock", "fleet.parquet", "fleet.json", "tuning.toml"}
+    assert files_of(out) == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
     assert len(parts(out)) > kept
 
 

@@ -13,6 +13,7 @@ from kalscope.tuning.fleet.batches import Dispatcher, lay_out, window
 from kalscope.tuning.fleet.cluster import TaskLost, WorkerDied, Workers, open_workers
 from kalscope.tuning.fleet.recordings.find import find_units
 from kalscope.tuning.fleet.recordings.unit import Unit
+from kalscope.tuning.fleet.store.begun import note_begun
 from kalscope.tuning.fleet.store.lock import locked
 from kalscope.tuning.fleet.store.merge import merge
 from kalscope.tuning.fleet.store.parts import find_parts, sweep, write_part
@@ -108,6 +109,7 @@ def run_fleet(
         sweep(folder)
         units = find_units(sources, folder, asked.row_groups)
         options = asked.fingerprint()
+        note_begun(folder, len(units), options, asked.reading, asked.sample_period, pooled=asked.is_pooled)
         keys = [unit.key(options) for unit in units]
         parts = find_parts(folder)
         batches = lay_out([unit.size for unit in units])

@@ -84,7 +84,7 @@ def answer_for(devices: Devices, pool: Pool, question: Question) -> Answer:
         shared = _shared(devices, pool, question)
     except BadSetting as error:
         refusal = str(error)
-    found = {name: _unlike(devices, name) for name in QUANTITIES}
+    found = {name: unlike_in(devices, name) for name in QUANTITIES}
     changed = {name: one for name in ("r", "q") if (one := _over_time(devices, name)) is not None}
     return Answer(devices, shared, refusal, found, changed)
 
@@ -130,7 +130,8 @@ def _prediction(ratio: Array, gain: Array) -> Array:
     return 1.0 + (ratio + gain * gain) / (gain * (2.0 - gain))
 
 
-def _unlike(devices: Devices, name: str) -> Unlike:
+def unlike_in(devices: Devices, name: str) -> Unlike:
+    """Which devices are unlike the others in one of QUANTITIES."""
     values: Array = getattr(devices, name)
     usable = devices.usable & (values > 0.0)
     return unlike(_logs(values, usable), _log_interval(devices, name, usable), EXPECTED)

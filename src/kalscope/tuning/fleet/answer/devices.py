@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,12 +48,12 @@ class Devices:
         """Where q and r are both above 0."""
         return (self.q > 0.0) & (self.r > 0.0)
 
-    @property
+    @cached_property
     def channel(self) -> str:
         """The most common channel of those with q and r, "signal" without any."""
         return self._usual(self.channels) or "signal"
 
-    @property
+    @cached_property
     def unit(self) -> str:
         """Their most common unit."""
         return self._usual(self.units)
@@ -79,7 +81,11 @@ class Devices:
 
 def read_devices(folder: Path) -> Devices:
     """The table in the folder of a fleet."""
-    table = read_table(folder / TABLE)
+    return devices_of(read_table(folder / TABLE))
+
+
+def devices_of(table: Any) -> Devices:
+    """A pyarrow Table with the columns of a fleet as arrays."""
 
     def numbers(name: str) -> Array:
         return np.asarray(table[name].to_numpy(), dtype=np.float64)

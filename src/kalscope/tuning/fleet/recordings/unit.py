@@ -48,6 +48,14 @@ class Unit:
         """Bytes on the disk."""
         return sum(piece.size for piece in self.pieces)
 
+    @property
+    def source(self) -> str:
+        """What `reopen` finds its recordings by: the path, or in JSON the data set and its row groups."""
+        if not self.pieces[0].groups:
+            return self.pieces[0].path
+        data_set = None if self.span is None else self.data_set
+        return json.dumps([data_set, [[piece.path, list(piece.groups)] for piece in self.pieces]])
+
     def key(self, options: str) -> str:
         """Hash of all that the result depends on: 32 hexadecimal digits.
 

@@ -56,6 +56,15 @@ def find_parts(folder: Path) -> dict[str, Path]:
     return found
 
 
+def part_files(folder: Path) -> list[Path]:
+    """The files that may be parts, in the order in which they were written, as far as their stamps say."""
+    found: list[tuple[int, Path]] = []
+    for path in _files(folder, ".parquet"):
+        with suppress(OSError):  # swept away meanwhile
+            found.append((path.stat().st_mtime_ns, path))
+    return [path for _, path in sorted(found)]
+
+
 def sweep(folder: Path, keep: Iterable[Path] | None = None) -> None:
     """Remove the temporary files of killed runs, and the parts that are not to be kept.
 

@@ -52,6 +52,8 @@ class Row:
     """Processor time that it took, s."""
     reason: str = ""
     """Why there is no q and r; "" where there are."""
+    source: str = ""
+    """Where the recording lies: an absolute path, or in JSON the row groups that hold it, see `Unit.source`."""
 
 
 COLUMNS = tuple(one.name for one in fields(Row))

@@ -46,7 +46,9 @@ def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]]) -> bytes:
     columns.append(pa.array(pools, pa.binary()))
     table = pa.table(columns, names=IN_PART).replace_schema_metadata({UNITS: json.dumps(list(units))})
     buffer = io.BytesIO()
-    parquet.write_table(table, buffer, compression="zstd", use_dictionary=[KEY, "channel", "unit", "verdict"])
+    parquet.write_table(
+        table, buffer, compression="zstd", use_dictionary=[KEY, "channel", "unit", "verdict", "source"]
+    )
     return buffer.getvalue()
 
 

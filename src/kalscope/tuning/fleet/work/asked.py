@@ -9,11 +9,12 @@ from typing import Protocol
 import numpy as np
 
 from kalscope.common.version import program
+from kalscope.errors import KalscopeError
 from kalscope.estimation.finding import Request
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
-FORMAT = 1
+FORMAT = 2
 """Raised when the same recording would give another row: parts of another format are not used."""
 
 
@@ -52,6 +53,15 @@ class Asked:
     """Whether all channels are fitted."""
     row_groups: bool = False
     """Whether each row group of a Parquet file is a recording of its own."""
+
+    @property
+    def is_pooled(self) -> bool:
+        """Whether the filter for all is the most likely one, and no goal decides it."""
+        try:
+            request = self.question.request(any_recording())
+        except KalscopeError:  # a still stretch from … to: it lies in each recording or not
+            return True
+        return not request.target and request.ratio is None
 
     def fingerprint(self) -> str:
         """A text that is another where the rows would be others."""

@@ -43,7 +43,9 @@ def fit_block(unit: Unit, asked: Asked) -> Fitted:
     steps = _plain_steps(block, asked)
     known = np.isfinite(steps)
     plain = (
-        _fit_plain(block, steps, np.flatnonzero(known), asked.question) if known.any() else Fitted([], Pool.empty())
+        _fit_plain(block, steps, np.flatnonzero(known), asked.question, unit.source)
+        if known.any()
+        else Fitted([], Pool.empty())
     )
     if known.all():
         return plain
@@ -87,7 +89,7 @@ def is_plain(question: Question) -> bool:
         return False
 
 
-def _fit_plain(block: Block, steps: Array, chosen: Indices, question: Question) -> Fitted:
+def _fit_plain(block: Block, steps: Array, chosen: Indices, question: Question, source: str) -> Fitted:
     """Fit the chosen recordings, one channel each with even stamps, in one compiled call."""
     begun, request = time.thread_time(), question.request(any_recording())
     values, sizes = block.columns.values[0], np.diff(block.starts)
@@ -109,7 +111,7 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, question: Question) 
     numbers: list[list[float]] = np.stack(pairs, axis=1).tolist()
     rows: list[Row] = []
     for (name, n, step, verdict), found, usable in zip(heads, numbers, table.usable, strict=True):
-        head = Row(name, channel, unit, n, 1.0 / step, verdict=verdict, seconds=seconds)
+        head = Row(name, channel, unit, n, 1.0 / step, verdict=verdict, seconds=seconds, source=source)
         if usable:
             i, pair = len(rows), dict(zip(NUMBERS, found, strict=True))
             gate = float(table.gate[i]) ** 2 if table.gate[i] < math.inf else None

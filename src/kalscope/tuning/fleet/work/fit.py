@@ -41,6 +41,10 @@ class Fitted:
         """A recording that could not be read."""
         return Fitted([row], Pool.empty())
 
+    def lying_in(self, source: str) -> Fitted:
+        """The same with the source of its rows, where they do not have it."""
+        return Fitted([row if row.source else replace(row, source=source) for row in self.rows], self.pool)
+
 
 def fit_each(several: Sequence[Series], question: Question) -> Fitted:
     """Fit some channels, one after the other. One that cannot be fitted gives a row with the reason."""

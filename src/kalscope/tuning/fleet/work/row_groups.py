@@ -106,6 +106,32 @@ def read_block(unit: Unit, options: ReadOptions) -> Block | None:
     return Block(texts, np.append(starts, len(places)), columns)
 
 
+def one_recording(unit: Unit, options: ReadOptions, sample_period: float | None) -> Recording:
+    """One recording of a data set.
+
+    Args:
+        unit: The row groups that hold it; its id is that of the recording, its span says only that there are ids.
+        options: How files are read.
+        sample_period: Sample period in s in place of that of the stamps.
+
+    Raises:
+        BadFile: the row groups cannot be read, or do not hold it.
+        BadSetting: there is no such time column.
+    """
+    table, name = _table(unit), None
+    if unit.span is not None:
+        name = id_column(table.column_names)
+        if name is None:
+            raise BadFile(f"the row groups must have a column of ids (got {', '.join(table.column_names)[:80]})")
+        texts = plain_ids(table[name]).cast(library("pyarrow").string())
+        wanted = unit.id.removeprefix(unit.data_set)
+        table = table.filter(library("pyarrow.compute").equal(texts, wanted))
+    if not len(table):
+        raise BadFile(f"the row groups must hold {unit.id!r} (got none of its rows)")
+    _, columns = _sorted(np.zeros(len(table)), _columns(table, options, name))
+    return Block([unit.id], np.array([0, len(table)]), columns).recording(0, options, sample_period)
+
+
 def _table(unit: Unit) -> Any:
     """All row groups of a unit, one below the other."""
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")

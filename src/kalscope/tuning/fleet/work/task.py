@@ -75,8 +75,8 @@ def fit_unit(unit: Unit, asked: Asked) -> Fitted:
     """What comes of a unit: the rows of its channels, or one that says why there are none."""
     try:
         if unit.pieces[0].groups:
-            return fit_block(unit, asked)
-        return fit_each(read_file(unit, asked), asked.question)
+            return fit_block(unit, asked).lying_in(unit.source)
+        return fit_each(read_file(unit, asked), asked.question).lying_in(unit.source)
     except Exception as error:  # one bad file must not end the others
         return Fitted.lost(lost_row(unit, reason_of(error)))
 
@@ -84,7 +84,7 @@ def fit_unit(unit: Unit, asked: Asked) -> Fitted:
 def lost_row(unit: Unit, reason: str) -> Row:
     """The row of a unit that could not be read."""
     name = unit.id if unit.span is None else f"{unit.data_set}ids up to {unit.span[1]}"
-    return Row(id=name, channel=unit.channel or "", verdict=FAILED, reason=reason)
+    return Row(id=name, channel=unit.channel or "", verdict=FAILED, reason=reason, source=unit.source)
 
 
 def _peak_bytes() -> int:

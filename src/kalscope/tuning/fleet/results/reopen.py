@@ -1,0 +1,110 @@
+"""The recording of a device of a fleet again, and the tunings that it can be opened at."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable
+from typing import Any
+
+from kalscope.common.progress import OnProgress
+from kalscope.errors import BadFile
+from kalscope.filtering.arrays import scalar
+from kalscope.recording import Recording
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.readers.recording_file import read_recording
+from kalscope.tuning.fleet.recordings.unit import Piece, Unit
+from kalscope.tuning.fleet.results.fleet import Fleet
+from kalscope.tuning.fleet.work.row_groups import one_recording
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+
+
+def reopen(
+    fleet: Fleet,
+    i: int,
+    options: ReadOptions | None = None,
+    *,
+    progress: OnProgress | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Recording:
+    """Read the recording of a row as the fleet read it.
+
+    Args:
+        fleet: The fleet.
+        i: The row.
+        options: How to read it; None = as the fleet did.
+        progress: See `read_recording`; a data set has none.
+        cancelled: See `read_recording`.
+
+    Raises:
+        BadFile: it no longer lies where the fleet found it, or cannot be read.
+        BadSetting: an option does not suit it.
+    """
+    source, period = fleet.sources[i], fleet.begun.sample_period
+    reading = fleet.begun.reading if options is None else options
+    if not source.startswith("["):
+        return read_recording(_lying(source), reading, sample_period=period, progress=progress, cancelled=cancelled)
+    return one_recording(_unit(fleet.devices.ids[i], source), reading, period)
+
+
+def own_tuning(fleet: Fleet, i: int) -> Tuning:
+    """The filter that the fleet found for this device.
+
+    Raises:
+        BadSetting: it has none.
+    """
+    devices, momentum = fleet.devices, float(fleet.devices.momentum[i])
+    return _tuning(
+        fleet,
+        i,
+        q=float(devices.q[i]),
+        r=float(devices.r[i]),
+        how="its own fit in the fleet",
+        gate=None if math.isnan(fleet.gates[i]) else float(fleet.gates[i]),
+        momentum=0.0 if math.isnan(momentum) else momentum,
+        period=1.0 / float(devices.rate_hz[i]) if devices.rate_hz[i] > 0.0 else None,
+    )
+
+
+def shared_tuning(fleet: Fleet, i: int) -> Tuning | None:
+    """The filter for all on the channel of this device; None where there is none."""
+    shared = fleet.shared
+    if shared is None:
+        return None
+    params = shared.params
+    q, r, momentum = (scalar(value) for value in (params.q, params.r, params.momentum))
+    return _tuning(fleet, i, q=q, r=r, how=shared.how, momentum=momentum, period=fleet.devices.sample_period)
+
+
+def _tuning(fleet: Fleet, i: int, *, period: float | None, **values: Any) -> Tuning:
+    channel = ChannelTuning(fleet.devices.channels[i], fleet.devices.units[i], **values)
+    return Tuning((channel,), sample_period=period)
+
+
+def _lying(path: str) -> str:
+    """A path at which a file lies."""
+    if not (os.path.isabs(path) and os.path.isfile(path)):
+        raise BadFile(f"the recording must lie where the fleet found it (got no file at {path[:300]!r})")
+    return path
+
+
+def _unit(name: str, source: str) -> Unit:
+    """The row groups that a source names."""
+    try:
+        data_set, found = json.loads(source)
+        pieces = tuple(Piece(_lying(str(path)), groups=tuple(map(_group, groups))) for path, groups in found)
+        if not (pieces and all(piece.groups for piece in pieces)):
+            raise ValueError("no row group")
+    except (ValueError, TypeError, RecursionError) as error:
+        if isinstance(error, BadFile):
+            raise
+        raise BadFile(f"the source of {name[:80]!r} must name row groups (got {source[:80]!r})") from None
+    whole = data_set is None
+    return Unit(name, pieces, span=None if whole else (None, None), data_set="" if whole else str(data_set))
+
+
+def _group(value: object) -> int:
+    if not isinstance(value, int) or value < 0:
+        raise ValueError("a row group must be a whole number from 0")
+    return value
