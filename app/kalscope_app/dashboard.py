@@ -159,6 +159,7 @@ class Dashboard:
                 gui, self.session, self._port_jobs, self._connection, recording, self._source.open_spec
             )
             self._source.build_rest(gui)
+            self._map.on_device = self._source.open_device
         with tabs.add_tab("Export"):
             self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
             self._board = BoardView(gui, self.session, self._jobs, self.tell, self._connection)

@@ -39,7 +39,8 @@ def record(history: History, before: State, after: State, key: str, now: float) 
         return history
     if key and key == history.key and (key.startswith(HELD) or now - history.time < SAME_GESTURE):
         return replace(history, future=(), time=now)
-    return History(_within_limits((*history.past, before)), (), key, now)
+    kept = before if before.fleet is None else replace(before, fleet=None)  # the present one stays, see `_seen_as`
+    return History(_within_limits((*history.past, kept)), (), key, now)
 
 
 def step_back(history: History, present: State) -> tuple[History, State]:
@@ -66,7 +67,7 @@ def _seen_as(present: State, other: State) -> State:
         view = replace(view, resets=view.resets + 1)
     live = present.live if same_record else other.live  # following and pausing belong to the view
     # What a board has taken stays taken.
-    return replace(other, view=view, live=live, sent=present.sent).with_answers(note="")
+    return replace(other, view=view, live=live, sent=present.sent, fleet=present.fleet).with_answers(note="")
 
 
 def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:

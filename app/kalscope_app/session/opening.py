@@ -48,7 +48,7 @@ def _with_what_stays(fresh: State, before: State) -> State:
     pairs = zip(settings.tunings, settings.starts, strict=True)
     tuned = {_key(one): one for one in (*settings.elsewhere, *(now for now, start in pairs if now != start))}
     here = set(map(_key, settings.tunings))
-    state = replace(fresh, view=before.view).with_reset_view(window=None)
+    state = replace(fresh, view=before.view, fleet=before.fleet).with_reset_view(window=None)
     state = state.with_settings(
         tunings=tuple(tuned.get(_key(own), own) for own in fresh.settings.starts),
         elsewhere=tuple(one for key, one in tuned.items() if key not in channels),

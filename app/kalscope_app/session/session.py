@@ -23,6 +23,7 @@ class Failed(StrEnum):
     """What failed: the heading of a refusal, given where the request is filed or the job is started."""
 
     OPEN = "Cannot open file"
+    FLEET = "Cannot open fleet"
     CONNECT = "Cannot open port"
     RECORD = "Cannot record"
     NUMBER = "Not a valid number"

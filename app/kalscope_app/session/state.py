@@ -18,6 +18,7 @@ from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope_app.session.fleet import OpenFleet
 from kalscope_app.session.linked_channels import UNLINKED, apply_to_linked
 from kalscope_app.session.live_state import Live, Sent
 from kalscope_app.session.variants import Variant
@@ -136,6 +137,8 @@ class State:
     """What was last sent to the live board; None = nothing yet."""
     live: Live | None = None
     """The live board that the recording grows from; None for a finished recording."""
+    fleet: OpenFleet | None = None
+    """The fleet that is looked at beside the recording; like the view, it outlives the recording."""
 
     def with_open(self, **values: Any) -> State:
         """The state with other fields of `open`."""

@@ -8,7 +8,7 @@ or the window costs nothing.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -26,6 +26,7 @@ from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.cache import Cache
 from kalscope_app.session.state import State
+from kalscope_app.studies.fleet_layer import FleetLayer, fleet_layer
 from kalscope_app.studies.map_geometry import Point, Range
 
 CELLS = 200
@@ -89,6 +90,8 @@ class TuningMap:
     """What the map does not take into account, or why there is none."""
     momentum: float = 0.0
     """Momentum of every filter on it, samples."""
+    fleet: FleetLayer | None = None
+    """The devices of an open fleet."""
 
 
 class MapMaker:
@@ -109,7 +112,13 @@ class MapMaker:
         errors = self._errors.once(lambda: errors_over_ratio(state), *signal) if colour == "RMSE" else None
         q, r = map_ranges(state, scan)
         note = " ".join(filter(None, (limits_of(state), spikes_left_out(scan))))
-        return self._maps.once(lambda: draw_map(scan, errors, colour, q, r, note), scan, colour, q, r, note)
+        fleet = state.fleet
+
+        def draw() -> TuningMap:
+            drawn = draw_map(scan, errors, colour, q, r, note)
+            return drawn if fleet is None else replace(drawn, fleet=fleet_layer(fleet, q, r))
+
+        return self._maps.once(draw, scan, colour, q, r, note, fleet)
 
 
 def nothing(why: str) -> TuningMap:
@@ -166,6 +175,7 @@ def map_ranges(state: State, scan: Scan) -> tuple[Range, Range]:
     centre = round(math.log10(state.start.r)) if state.start.r > 0.0 else 0
     pairs = [(state.tuning.q, state.tuning.r), (float(scan.best.q), float(scan.best.r))]
     pairs += [(v.tuning.q, v.tuning.r) for v in state.variants]
+    pairs += () if state.fleet is None else state.fleet.corners
 
     def reach(name: str, values: list[float]) -> Range:
         low, high = (centre + end for end in REACH[name])

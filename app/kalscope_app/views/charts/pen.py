@@ -85,6 +85,15 @@ class Pen:
         self.draw.ellipse(box, fill=colour, outline=edge, width=round(1.5 * self._scale))
         self.text(at, name[:1], "#ffffff", 11, "mm")
 
+    def disc(self, at: Point, radius: float, fill: Colour, edge: Colour) -> None:
+        """A filled disc."""
+        box = [self._scale * v for v in (at[0] - radius, at[1] - radius, at[0] + radius, at[1] + radius)]
+        self.draw.ellipse(box, fill=fill, outline=edge, width=self._scale)
+
+    def polygon(self, corners: list[Point], fill: Colour) -> None:
+        """A filled polygon."""
+        self.draw.polygon([self._at(corner) for corner in corners], fill=fill)
+
     def box(self, box: tuple[float, float, float, float], fill: Colour, edge: Colour) -> None:
         """A rounded box."""
         self.draw.rounded_rectangle(

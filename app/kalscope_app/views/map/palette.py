@@ -24,6 +24,14 @@ class MapPalette:
     chip: str
     """Behind the chosen colouring."""
     on_chip: str
+    devices: tuple[str, str, str, str]
+    """Classes of the devices of a fleet, from usual to remarkable, and those without any."""
+    edge: str
+    """Around them."""
+    density: str
+    """Where many of them are."""
+    shared: str
+    """The filter for all of them."""
 
 
 LIGHT_MAP = MapPalette(
@@ -38,6 +46,10 @@ LIGHT_MAP = MapPalette(
     point="#D55E00",
     chip="#0072B2",
     on_chip="#ffffff",
+    devices=("#ffffff", "#f0a6ca", "#c2185b", "#9aa0a6"),
+    edge="#343a40",
+    density="#6a1b9a",
+    shared="#c2185b",
 )
 DARK_MAP = MapPalette(
     background="#1e2024",
@@ -51,4 +63,8 @@ DARK_MAP = MapPalette(
     point="#ff8a3d",
     chip="#56B4E9",
     on_chip="#101317",
+    devices=("#ffffff", "#f0a6ca", "#ff4f98", "#9aa0a6"),
+    edge="#101317",
+    density="#d0a2ee",
+    shared="#ff4f98",
 )

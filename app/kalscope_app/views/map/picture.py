@@ -14,6 +14,7 @@ from kalscope_app.session.changes.momentum import momentum_words
 from kalscope_app.studies.map_geometry import MapFrame, Point, decades, diagonal, lag_lines
 from kalscope_app.studies.tuning_map import TuningMap
 from kalscope_app.views.charts.pen import Pen
+from kalscope_app.views.map.fleet_marks import draw_density, draw_devices, write_fleet_legend
 from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP, MapPalette
 
 SHARPNESS = 2
@@ -65,6 +66,8 @@ def draw_map_picture(inputs: MapPictureInput) -> NDArray[np.uint8]:
     )
     box = left, top, right, bottom
     image.paste(heat(inputs.map.shade, palette, right - left, bottom - top), (left, top))
+    if inputs.map.fleet is not None:
+        draw_density(image, inputs.map.fleet, palette, box)
     _draw_inside(image, inputs, palette, box)
     pen.draw.rectangle(box, outline=palette.quiet, width=SHARPNESS)
     _write_chips(pen, inputs, palette)
@@ -106,6 +109,8 @@ def _draw_inside(
         points = [frame.pixel((q, r)) for q, r in inputs.map.contour.tolist()]
         pen.line(points, palette.background, 4)
         pen.line(points, palette.contour, 2)
+    if inputs.map.fleet is not None:
+        draw_devices(pen, inputs.map.fleet, palette, frame)
     if inputs.map.optimum is not None:
         pen.cross(frame.pixel(frame.held(inputs.map.optimum)), palette.best, palette.background)
     for name, colour, point in inputs.pinned:
@@ -233,6 +238,8 @@ def _write_legend(pen: Pen, inputs: MapPictureInput, palette: MapPalette, y: flo
         _draw_key(pen, kind, (x, y), inputs, palette)
         pen.text((words, y), text, palette.ink, 12, "lm")
         y += 19.0
+    if shown.fleet is not None:
+        y = write_fleet_legend(pen, shown.fleet, palette, (x, y), frame.width - frame.left - 12, inputs.unit)
     if shown.note:
         pen.paragraph((frame.left, y), shown.note, palette.quiet, 11, frame.width - frame.left - 12)
 

@@ -6,7 +6,9 @@ Picture, mark and mouse are hidden widgets here; `map.js` shows them over viser'
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
@@ -24,6 +26,9 @@ from kalscope_app.views.binding import bind, offer, on_user, put
 from kalscope_app.views.map.picture import MapPictureInput, chips, draw_map_picture, draw_ring
 from kalscope_app.views.window.page_script import MAP_MARK, MAP_PICTURE, MAP_POINTED, MAP_PRESENT
 
+if TYPE_CHECKING:
+    from kalscope.tuning.fleet.results.fleet import Fleet
+
 SIZE = (400.0, 800.0)
 """Width and height of the picture, px. Each browser fits it into the space between its panels."""
 
@@ -38,6 +43,8 @@ class TuningMapView:
 
     def __init__(self, session: Session) -> None:
         self._session = session
+        self.on_device: Callable[[Fleet, int], None] = lambda _fleet, _device: None
+        """Called when a device of an open fleet is clicked."""
         self._lock = threading.Lock()
         self._map: TuningMap = nothing("")
         self._state: State | None = None
@@ -77,6 +84,10 @@ class TuningMapView:
         if state is None or not self._map.colour:
             return
         x, y = across * frame.width, down * frame.height
+        fleet = self._map.fleet
+        if gesture < 0.0 and fleet is not None and (device := fleet.nearest(frame, (x, y))) is not None:
+            self.on_device(fleet.fleet, device)
+            return
         if gesture > 0.0 or frame.inside((x, y)):
             point = frame.held(frame.point((x, y)))
             self._session.request(set_point(*point), key=f"held:map {gesture:.0f}")

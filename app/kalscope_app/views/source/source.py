@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import viser
 
@@ -21,6 +21,7 @@ from kalscope.tuning.tuning import Tuning, load_tuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
+from kalscope_app.session.changes.fleet import at_device
 from kalscope_app.session.changes.parameters import set_sample_period
 from kalscope_app.session.changes.settings_file import ENDING, uploaded_settings, use_settings
 from kalscope_app.session.opening import opened, with_sample_period
@@ -28,11 +29,15 @@ from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change, State
 from kalscope_app.views.binding import TypedNumber, on_user
 from kalscope_app.views.slow_job import SlowJobProgress
+from kalscope_app.views.source.fleet import FleetView
 from kalscope_app.views.source.generator import GeneratorForm
 from kalscope_app.views.source.import_summary import import_summary
 from kalscope_app.views.source.reading_form import ReadingForm
 from kalscope_app.views.source.samples import SamplesView
 from kalscope_app.views.window.css import PRIMARY
+
+if TYPE_CHECKING:
+    from kalscope.tuning.fleet.results.fleet import Fleet
 
 Reader = Callable[..., Recording]
 """Reads the present file: options, then progress and cancelled by name."""
@@ -41,6 +46,11 @@ UPLOAD_ORDER = -1.0
 """Every browser gets an upload button of its own, above what is there already."""
 
 PERIOD_HINT = "Time between two samples. Empty: as recorded."
+
+
+def as_it_is(state: State) -> State:
+    """No further change."""
+    return state
 
 
 class SourceView:
@@ -74,6 +84,7 @@ class SourceView:
         self._samples = SamplesView(gui, self._session, self._jobs, self.open_spec)
         with gui.add_folder("Generate a signal", expand_by_default=False):
             self._generator = GeneratorForm(gui, self.open_spec)
+        self._fleet = FleetView(gui, self._session, self._jobs, self.open_device)
         with gui.add_folder("Import summary"):
             self._period = TypedNumber(
                 gui, self._session, "sample period", "sample period (s)", PERIOD_HINT, _period_typed
@@ -107,6 +118,12 @@ class SourceView:
         else:
             self._read(partial(open_source, spec), ReadOptions(), failed=failed)
 
+    def open_device(self, fleet: Fleet, device: int) -> None:
+        """Open the recording of a device of a fleet, as the fleet read it."""
+        from kalscope.tuning.fleet.results.reopen import reopen
+
+        self._read(partial(reopen, fleet, device), fleet.begun.reading, then=at_device(fleet, device))
+
     def _upload(self, name: str, content: bytes) -> None:
         if name.lower().endswith(ENDING):
             self._load(name, partial(uploaded_settings, name, content))
@@ -132,9 +149,17 @@ class SourceView:
         self._session.with_state(read)
 
     def _read(
-        self, reader: Reader, options: ReadOptions, period: float | None = None, failed: Failed = Failed.OPEN
+        self,
+        reader: Reader,
+        options: ReadOptions,
+        period: float | None = None,
+        failed: Failed = Failed.OPEN,
+        then: Change = as_it_is,
     ) -> None:
-        """Read as a job, then show it; `period` is the sample period that the user typed for this file, s."""
+        """Read as a job, then show it; `period` is the sample period that the user typed for this file, s.
+
+        What `then` changes belongs to the same step of Undo.
+        """
         stop = self._stop = threading.Event()
 
         def work() -> None:
@@ -143,7 +168,7 @@ class SourceView:
             self._again = (recording.source, recording.title), reader
 
             def show(state: State) -> State:
-                after = opened(recording, state).with_open(options=options)
+                after = then(opened(recording, state).with_open(options=options))
                 return after if period is None else with_sample_period(after, period)
 
             self._session.request(show, failed=failed)
@@ -156,6 +181,7 @@ class SourceView:
         if self._report is None:
             return
         self._samples.show(frame)
+        self._fleet.show(frame.state.fleet)
         self._period.show(frame, recording.sample_period, "")
         self._period.set_visible(frame.state.live is None)
         if recording is self._described:  # once a recording, not once a frame

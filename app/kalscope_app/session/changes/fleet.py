@@ -1,0 +1,78 @@
+"""Changes of the fleet that is looked at, and the step from one of its devices to the recording on screen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from kalscope.common.text import one_line
+from kalscope.errors import BadSetting
+from kalscope_app.session.fleet import COLOURS, ORDERS, OpenFleet
+from kalscope_app.session.opening import adapted
+from kalscope_app.session.state import Change, State
+
+if TYPE_CHECKING:
+    from kalscope.tuning.fleet.results.fleet import Fleet
+
+
+def open_fleet(fleet: Fleet) -> Change:
+    """Look at a fleet; the map, on which its devices are, opens."""
+    return lambda state: replace(state.with_view(map_shown=True), fleet=OpenFleet(fleet))
+
+
+def renew_fleet(fleet: Fleet) -> Change:
+    """The newer state of a fleet that is still looked at."""
+
+    def change(state: State) -> State:
+        if state.fleet is None or state.fleet.fleet.folder != fleet.folder:
+            return state
+        return replace(state, fleet=replace(state.fleet, fleet=fleet))
+
+    return change
+
+
+def close_fleet(state: State) -> State:
+    """Look at no fleet."""
+    return replace(state, fleet=None)
+
+
+def set_fleet_order(order: str) -> Change:
+    """Sort the devices in another way."""
+    if order not in ORDERS:
+        raise BadSetting(f"sort by must be one of {', '.join(ORDERS)} (got {str(order)[:40]!r})")
+    return lambda state: state if state.fleet is None else replace(state, fleet=replace(state.fleet, order=order))
+
+
+def set_fleet_colour(colour: str) -> Change:
+    """Colour the devices by another measure."""
+    if colour not in COLOURS:
+        raise BadSetting(f"devices coloured by must be one of {', '.join(COLOURS)} (got {str(colour)[:40]!r})")
+    return lambda state: state if state.fleet is None else replace(state, fleet=replace(state.fleet, colour=colour))
+
+
+def set_at_shared(chosen: bool) -> Change:
+    """Open devices at the filter for all, or each at its own."""
+
+    def change(state: State) -> State:
+        return state if state.fleet is None else replace(state, fleet=replace(state.fleet, at_shared=bool(chosen)))
+
+    return change
+
+
+def at_device(fleet: Fleet, i: int) -> Change:
+    """Set the recording of a device, which has just been opened, to its own filter or to that for all.
+
+    A device without q and r keeps its starting values; the note says why.
+    """
+    from kalscope.tuning.fleet.results.reopen import own_tuning, shared_tuning
+
+    def change(state: State) -> State:
+        name = one_line(fleet.devices.name(i))[:80]
+        shared = shared_tuning(fleet, i) if state.fleet is not None and state.fleet.at_shared else None
+        if shared is None and fleet.reasons[i]:
+            return state.with_answers(note=f"{name} has no q and r: {one_line(fleet.reasons[i])[:200]}.")
+        after = adapted(state, shared or own_tuning(fleet, i))
+        which = "its own filter" if shared is None else "the filter for all"
+        return after.with_answers(note=f"{name} at {which}. {after.answers.note}".strip())
+
+    return change

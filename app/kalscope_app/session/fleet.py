@@ -1,0 +1,67 @@
+"""The fleet that is looked at: its arrays, how its devices are sorted and coloured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.common.array import Array, Indices
+
+if TYPE_CHECKING:
+    from kalscope.tuning.fleet.results.fleet import Fleet
+
+MAX_DECADES = 12.0
+"""Decades of q or r up to which the map holds all devices; of a wider fleet 1 % lie on each of its edges."""
+
+
+def _descending(values: Array) -> Indices:
+    """The places of the numbers, the largest first; NaN left out."""
+    known = np.flatnonzero(~np.isnan(values))
+    return known[np.argsort(-values[known], kind="stable")]
+
+
+ORDERS: Mapping[str, Callable[[Fleet], Indices]] = {
+    "most unlike the others": lambda fleet: _descending(fleet.distance),
+    "largest loss": lambda fleet: _descending(fleet.growth),
+    "largest r": lambda fleet: _descending(fleet.devices.r),
+    "smallest r": lambda fleet: _descending(-fleet.devices.r),
+    "largest q": lambda fleet: _descending(fleet.devices.q),
+    "smallest q": lambda fleet: _descending(-fleet.devices.q),
+    "without q and r": lambda fleet: np.flatnonzero([bool(reason) for reason in fleet.reasons]),
+}
+"""How the devices may be sorted."""
+
+COLOURS = ("loss", "verdict")
+"""What the devices may be coloured by."""
+
+
+@dataclass(frozen=True, eq=False)
+class OpenFleet:
+    """A fleet and how it is looked at; two of them are equal only if they are one."""
+
+    fleet: Fleet
+    """Its arrays."""
+    order: str = next(iter(ORDERS))
+    """How its devices are sorted, one of ORDERS."""
+    colour: str = COLOURS[0]
+    """What they are coloured by, one of COLOURS."""
+    at_shared: bool = False
+    """Whether a device is opened at the filter for all; else at its own."""
+
+    @cached_property
+    def corners(self) -> tuple[tuple[float, float], ...]:
+        """Pairs of q and r, unit², between which the devices lie; none where no device has both above 0."""
+        devices, shared = self.fleet.devices, self.fleet.shared
+        logs = [np.log10(values[devices.usable]) for values in (devices.q, devices.r)]
+        if not len(logs[0]):
+            return ()
+        wide = any(float(np.ptp(one)) > MAX_DECADES for one in logs)
+        ends = [np.quantile(one, (0.01, 0.99) if wide else (0.0, 1.0)) for one in logs]
+        pairs = [(10.0 ** float(q), 10.0 ** float(r)) for q, r in zip(*ends, strict=True)]
+        if shared is not None:
+            pairs.append((float(shared.params.q), float(shared.params.r)))
+        return tuple(pairs)

@@ -1,0 +1,69 @@
+"""The devices of a fleet in the picture of the tuning map. Pure: numpy and Pillow."""
+
+from __future__ import annotations
+
+import numpy as np
+from PIL import Image
+
+from kalscope.common.text import squared
+from kalscope_app.studies.fleet_layer import FleetLayer
+from kalscope_app.studies.map_geometry import MapFrame, Point, diagonal
+from kalscope_app.views.charts.pen import Pen
+from kalscope_app.views.map.palette import MapPalette
+
+RADIUS = 3.0
+"""Of a point, pixels of the page."""
+
+
+def draw_density(
+    image: Image.Image, layer: FleetLayer, palette: MapPalette, box: tuple[int, int, int, int]
+) -> None:
+    """Lay the density of the devices over the colours of the map, in the box of its frame."""
+    if layer.density is None:
+        return
+    left, top, right, bottom = box
+    shares = layer.density[::-1]
+    alpha = np.where(shares > 0.0, 70.0 + 170.0 * shares, 0.0).astype(np.uint8)
+    mask = Image.fromarray(alpha).resize((right - left, bottom - top), Image.Resampling.NEAREST)
+    image.paste(Image.new("RGB", mask.size, palette.density), (left, top), mask)
+
+
+def draw_devices(pen: Pen, layer: FleetLayer, palette: MapPalette, frame: MapFrame) -> None:
+    """Draw the points, the filter for all, and the q/r that the fleet allows."""
+    for end in set(layer.ratio_ends or ()):
+        line = diagonal(frame, 10.0**end)
+        if line is not None:
+            pen.line([line.start, line.end], palette.background, 3.5)
+            pen.line([line.start, line.end], palette.shared, 1.5)
+    for point, kind in zip(layer.points.tolist(), layer.classes.tolist(), strict=True):
+        pen.disc(frame.pixel((point[0], point[1])), RADIUS, palette.devices[kind], palette.edge)
+    if layer.shared is not None:
+        draw_shared(pen, frame.pixel(frame.held(layer.shared)), palette)
+
+
+def draw_shared(pen: Pen, at: Point, palette: MapPalette) -> None:
+    """The mark of the filter for all, a diamond."""
+    x, y = at
+    for reach, colour in ((9.0, palette.background), (7.0, palette.shared), (3.0, palette.background)):
+        pen.polygon([(x - reach, y), (x, y - reach), (x + reach, y), (x, y + reach)], colour)
+
+
+def write_fleet_legend(
+    pen: Pen, layer: FleetLayer, palette: MapPalette, at: Point, width: float, unit: str
+) -> float:
+    """Say what the marks are, the colours two in a row; returns where it ends. `unit` is that of the recording."""
+    x, y = at
+    if layer.unit != unit:
+        pen.text((x + 20, y), f"devices: q and r in {squared(layer.unit)[:24]}", palette.ink, 12, "lm")
+        y += 19.0
+    if layer.shared is not None:
+        draw_shared(pen, (x, y), palette)
+        pen.text((x + 20, y), "one filter for all; line: its q/r, 95 %", palette.ink, 12, "lm")
+        y += 19.0
+    shown = [(kind, words) for kind, words in enumerate(layer.words) if words]
+    for place, (kind, words) in enumerate(shown):
+        left = x + (place % 2) * 0.5 * width
+        pen.disc((left, y), RADIUS + 1.0, palette.devices[kind], palette.edge)
+        pen.text((left + (20 if place % 2 == 0 else 12), y), words, palette.ink, 12, "lm")
+        y += 19.0 if place % 2 or place == len(shown) - 1 else 0.0
+    return y

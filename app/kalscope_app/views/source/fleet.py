@@ -1,0 +1,154 @@
+"""A fleet beside the recording: what `kalscope fleet` found, sorted; a device is opened by name or in the map."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import viser
+
+from kalscope.errors import BadSetting, KalscopeError
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.session.changes.fleet import (
+    close_fleet,
+    open_fleet,
+    renew_fleet,
+    set_at_shared,
+    set_fleet_colour,
+    set_fleet_order,
+)
+from kalscope_app.session.fleet import COLOURS, ORDERS, OpenFleet
+from kalscope_app.session.session import Failed, Session
+from kalscope_app.views.binding import bind, offer, on_user, put
+from kalscope_app.views.source.fleet_words import about_fleet, device_labels, fleet_table
+
+if TYPE_CHECKING:
+    from kalscope.tuning.fleet.results.fleet import Fleet, FleetReader
+
+log = logging.getLogger(__name__)
+
+NONE = "–"
+WATCH_S = 5.0
+"""Seconds after which the folder of a run that goes on is read again."""
+MAX_FAILURES = 5
+"""Times in a row that this may fail, as while the run merges its parts."""
+
+
+class FleetView:
+    """The folder "Fleet" of the Source tab; only the path is on screen before a fleet is open."""
+
+    def __init__(
+        self, gui: viser.GuiApi, session: Session, jobs: Jobs, open_device: Callable[[Fleet, int], None]
+    ) -> None:
+        """Args: the usual; opens the recording of a row."""
+        self._session, self._jobs, self._open_device = session, jobs, open_device
+        self._shown: OpenFleet | None = None
+        self._reader: FleetReader | None = None
+        self._failures = 0
+        with gui.add_folder("Fleet", expand_by_default=False):
+            with gui.add_form(None) as form:
+                self._path = gui.add_text(
+                    "folder", "", hint="The folder of results of kalscope fleet, its -o; finished or still running."
+                )
+            open_button = gui.add_button("Open fleet", hint="Show its devices here and in the map of q and r.")
+            self._about = gui.add_markdown("", visible=False)
+            self._order = gui.add_dropdown(
+                "sort by", tuple(ORDERS), visible=False, hint="Which devices the table begins with."
+            )
+            self._table = gui.add_markdown("", visible=False)
+            self._device = gui.add_dropdown(
+                "open device",
+                _options({}),
+                visible=False,
+                hint="Opens its recording; so does a click on it in the map.",
+            )
+            self._at_shared = gui.add_checkbox(
+                "at the filter for all", False, visible=False, hint="Open devices with the q and r that all share."
+            )
+            self._colour = gui.add_dropdown(
+                "devices coloured by",
+                COLOURS,
+                visible=False,
+                hint="What each loses by the filter for all, or the verdict of its own fit.",
+            )
+            self._close = gui.add_button("Close fleet", visible=False, hint="Take its devices off the map.")
+        for subscribe in (open_button.on_click, form.on_submit):
+            on_user(subscribe, lambda _client: self._open(self._path.value.strip()))
+        on_user(self._close.on_click, lambda _client: session.request(close_fleet))
+        bind(self._order, session, set_fleet_order)
+        bind(self._colour, session, set_fleet_colour)
+        bind(self._at_shared, session, set_at_shared)
+        on_user(self._device.on_update, lambda _client: self._on_device())
+
+    def _on_device(self) -> None:
+        shown = self._shown
+        device = None if shown is None else device_labels(shown).get(self._device.value)
+        if shown is not None and device is not None:
+            self._open_device(shown.fleet, device)
+
+    def _open(self, folder: str) -> None:
+        def work() -> None:
+            if not folder or not Path(folder).is_dir():
+                raise BadSetting(f"folder must be the -o of kalscope fleet (got {folder[:200]!r}, no folder)")
+            from kalscope.tuning.fleet.results.fleet import FleetReader  # with the fits of a fleet
+
+            reader = FleetReader(Path(folder))
+            fleet = reader.read()
+            self._reader, self._failures = reader, 0
+            self._session.request(open_fleet(fleet), failed=Failed.FLEET)
+            self._watch(reader, fleet)
+
+        self._jobs.run(work, Failed.FLEET)
+
+    def _watch(self, reader: FleetReader, fleet: Fleet) -> None:
+        """Read the folder of a run that goes on again in a while."""
+        if fleet.done is not None:
+            timer = threading.Timer(
+                WATCH_S, lambda: self._jobs.run(lambda: self._again(reader, fleet), Failed.FLEET)
+            )
+            timer.daemon = True
+            timer.start()
+
+    def _again(self, reader: FleetReader, before: Fleet) -> None:
+        """Show what is new, while this fleet is looked at."""
+        shown = self._shown
+        if reader is not self._reader or shown is None or shown.fleet.folder != before.folder:
+            return
+        try:
+            fleet = reader.read()
+        except (KalscopeError, OSError) as error:
+            self._failures += 1
+            if self._failures >= MAX_FAILURES:
+                raise
+            log.info("The fleet could not be read this time: %s", error)
+            self._watch(reader, before)
+            return
+        self._failures = 0
+        if (fleet.done, len(fleet)) != (before.done, len(before)):
+            self._session.request(renew_fleet(fleet))
+        self._watch(reader, fleet)
+
+    def show(self, shown: OpenFleet | None) -> None:
+        """Show the fleet of a frame, once for each."""
+        if shown is self._shown:
+            return
+        before, self._shown = self._shown, shown
+        for part in self._about, self._order, self._table, self._device, self._at_shared, self._colour, self._close:
+            put(part, visible=shown is not None)
+        if shown is None:
+            self._reader = None
+            return
+        if before is None or before.fleet is not shown.fleet:
+            self._about.content = about_fleet(shown.fleet)
+        put(self._table, content=fleet_table(shown))
+        put(self._order, value=shown.order)
+        put(self._colour, value=shown.colour)
+        put(self._at_shared, value=shown.at_shared)
+        offer(self._device, _options(device_labels(shown)), NONE)
+
+
+def _options(labels: Iterable[str]) -> tuple[str, ...]:
+    return (NONE, *labels)

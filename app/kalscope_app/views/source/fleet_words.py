@@ -1,0 +1,89 @@
+"""What stands in the folder "Fleet" of the Source tab, as markdown; every name of the fleet is escaped. Pure."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kalscope.common.text import count, lag_in_full, one_line, percent, plural, squared, trimmed
+from kalscope.filtering.arrays import scalar
+from kalscope.filtering.steady_state import steady_state
+from kalscope_app.session.fleet import ORDERS, OpenFleet
+from kalscope_app.views.text import escape_markdown
+
+if TYPE_CHECKING:
+    from kalscope.tuning.fleet.results.fleet import Fleet
+
+MAX_ROWS = 12
+"""Devices in the table; the file has them all."""
+MAX_NAME = 24
+"""Letters of a name in the table."""
+
+
+def shown_devices(shown: OpenFleet) -> list[int]:
+    """The rows of the table."""
+    return ORDERS[shown.order](shown.fleet)[:MAX_ROWS].tolist()
+
+
+def about_fleet(fleet: Fleet) -> str:
+    """How many recordings there are, one filter for all, whom it serves, and how far a run is."""
+    failed = f", {count(fleet.failed)} without q and r" if fleet.failed else ""
+    said = [f"{count(len(fleet))} {'row' if len(fleet) == 1 else 'rows'}{failed}."]
+    if fleet.done is not None:
+        known = "" if fleet.begun.units is None else f" of {count(fleet.begun.units)}"
+        said.append(f"**Not finished: {count(fleet.done)}{known} files or row groups done.**")
+    if fleet.shared is not None:
+        params, devices = fleet.shared.params, fleet.devices
+        lag = lag_in_full(scalar(steady_state(params, devices.sample_period).lag_samples), devices.sample_period)
+        q, r = trimmed(scalar(params.q), 4), trimmed(scalar(params.r), 4)
+        unit = escape_markdown(squared(devices.unit), 20)
+        said.append(f"One filter for all: q = {q}, r = {r} {unit}, lag {lag}.")
+        judged = int(np.isfinite(fleet.growth).sum())
+        if judged:
+            said.append(
+                f"It predicts the next sample within 10 % as well as a filter of their own for"
+                f" {percent(fleet.served)} of {count(judged)}."
+            )
+    odd = int(fleet.unlike.sum())
+    if odd:
+        said.append(f"{plural(odd, 'device')} unlike the others in r or q.")
+    return " ".join(said)
+
+
+def fleet_table(shown: OpenFleet) -> str:
+    """The first devices in the chosen order."""
+    fleet, rows = shown.fleet, shown_devices(shown)
+    if not rows:
+        return "None."
+    devices = fleet.devices
+    failed = bool(fleet.reasons[rows[0]]) and not devices.usable[rows[0]]
+    if failed:
+        return "\n".join(
+            f"{place}. {_name(fleet, i)}: {escape_markdown(fleet.reasons[i], 120)}"
+            for place, i in enumerate(rows, 1)
+        )
+    lines = ["| | device | q | r | loss |", "|--:|---|--:|--:|--:|"]
+    for place, i in enumerate(rows, 1):
+        growth = float(fleet.growth[i])
+        loss = "–" if math.isnan(growth) else percent(growth)
+        name = f"**{_name(fleet, i)}**" if fleet.unlike[i] else _name(fleet, i)
+        lines.append(
+            f"| {place} | {name} | {trimmed(float(devices.q[i]))} | {trimmed(float(devices.r[i]))} | {loss} |"
+        )
+    return "\n".join(lines)
+
+
+def device_labels(shown: OpenFleet) -> dict[str, int]:
+    """The devices of the table as a menu names them: their place and name, and the row of each."""
+    fleet = shown.fleet
+    return {
+        f"{place}. {one_line(fleet.devices.name(i))[-60:]}": i for place, i in enumerate(shown_devices(shown), 1)
+    }
+
+
+def _name(fleet: Fleet, i: int) -> str:
+    """The end of a name, which tells devices apart."""
+    name = one_line(fleet.devices.name(i))
+    return escape_markdown(name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}", MAX_NAME)

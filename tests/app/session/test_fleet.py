@@ -1,0 +1,123 @@
+"""A fleet beside the recording: it outlives recordings, Undo leaves it alone, a device comes with its filter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from fleet_folder import NOISY, finished_fleet
+from required import not_here
+
+from kalscope.catalogue import open_source
+from kalscope.errors import BadSetting
+from kalscope.tuning.fleet.results.fleet import FleetReader
+from kalscope.tuning.fleet.results.reopen import reopen
+from kalscope_app.session.changes.fleet import (
+    at_device,
+    close_fleet,
+    open_fleet,
+    renew_fleet,
+    set_at_shared,
+    set_fleet_colour,
+    set_fleet_order,
+)
+from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.session.fleet import ORDERS
+from kalscope_app.session.opening import opened
+from kalscope_app.session.session import Session, undo
+
+try:
+    import pyarrow  # noqa: F401
+except ImportError:
+    not_here("pyarrow is not installed")
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory):
+    return FleetReader(finished_fleet(tmp_path_factory.mktemp("fleet"))).read()
+
+
+@pytest.fixture
+def state(fleet):
+    return open_fleet(fleet)(opened(open_source("demo")))
+
+
+def at(fleet, state, i):
+    """As the dashboard opens a device."""
+    return at_device(fleet, i)(opened(reopen(fleet, i), state))
+
+
+def test_a_fleet_opens_with_the_map_and_closes(fleet, state):
+    assert state.fleet.fleet is fleet
+    assert state.view.map_shown
+    assert close_fleet(state).fleet is None
+
+
+def test_a_device_opens_at_its_own_filter_or_at_the_one_for_all(fleet, state):
+    own = at(fleet, state, NOISY)
+    assert (own.tuning.q, own.tuning.r) == (fleet.devices.q[NOISY], fleet.devices.r[NOISY])
+    assert own.fleet is state.fleet
+    assert own.recording.title == "dev03.csv"
+    assert "its own filter" in own.answers.note
+    shared = at(fleet, set_at_shared(True)(state), NOISY)
+    assert (shared.tuning.q, shared.tuning.r) == (fleet.shared.params.q, fleet.shared.params.r)
+    assert "the filter for all" in shared.answers.note
+
+
+def test_a_device_without_q_and_r_says_why(fleet, state):
+    empty = fleet.devices.ids.index("empty.csv")
+    after = at_device(fleet, empty)(opened(open_source("demo"), state))
+    assert "no q and r" in after.answers.note
+    assert after.tuning == after.start
+
+
+def test_undo_goes_back_to_the_recording_and_keeps_the_fleet(fleet, state):
+    session = Session(opened(open_source("demo")))
+    session.request(open_fleet(fleet))
+    session.request(lambda now: at(fleet, now, 0))
+    session.request(set_text("q", "0.5"))
+    assert session.apply_requests()[0].tuning.q == 0.5
+    session.request(undo)
+    assert session.apply_requests()[0].tuning.q == fleet.devices.q[0]
+    session.request(undo)
+    back = session.apply_requests()[0]
+    assert back.recording.source.startswith("sample:")
+    assert back.fleet.fleet is fleet
+
+
+def test_a_newer_fleet_replaces_only_the_one_that_is_open(fleet, state):
+    newer = replace(fleet, done=3)
+    sorted_by_r = set_fleet_order("largest r")(state)
+    after = renew_fleet(newer)(sorted_by_r)
+    assert (after.fleet.fleet, after.fleet.order) == (newer, "largest r")
+    closed = close_fleet(state)
+    assert renew_fleet(newer)(closed) is closed
+    other = renew_fleet(replace(newer, folder=fleet.folder / "other"))
+    assert other(state) is state
+
+
+def test_what_a_browser_cannot_choose_is_refused():
+    with pytest.raises(BadSetting):
+        set_fleet_order("by heart")
+    with pytest.raises(BadSetting):
+        set_fleet_colour("taste")
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_every_order_lists_devices_once(fleet, order):
+    rows = ORDERS[order](fleet).tolist()
+    assert len(set(rows)) == len(rows) > 0
+    if "largest r" in order:
+        assert rows[0] == NOISY
+    if order == "without q and r":
+        assert [fleet.devices.ids[i] for i in rows] == ["empty.csv"]
+
+
+def test_the_corners_hold_the_devices_and_the_filter_for_all(fleet, state):
+    (q, r), (to_q, to_r), shared = state.fleet.corners
+    usable = fleet.devices.usable
+    assert (q, to_q) == pytest.approx((fleet.devices.q[usable].min(), fleet.devices.q[usable].max()))
+    assert (r, to_r) == pytest.approx((fleet.devices.r[usable].min(), fleet.devices.r[usable].max()))
+    assert shared == (fleet.shared.params.q, fleet.shared.params.r)
+    assert math.isfinite(to_q)

@@ -1,0 +1,184 @@
+"""A fleet on the map: every device lies where its q and r say, a large fleet is a density with its outliers."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kalscope import FilterParams, synthesize
+from kalscope.tuning.fleet.answer.devices import Devices
+from kalscope.tuning.fleet.results.fleet import Fleet, SharedFilter
+from kalscope.tuning.fleet.store.begun import Begun
+from kalscope_app.session.changes.fleet import open_fleet, set_fleet_colour
+from kalscope_app.session.fleet import OpenFleet
+from kalscope_app.session.opening import opened
+from kalscope_app.studies.fleet_layer import CELLS, MAX_POINTS, fleet_layer
+from kalscope_app.studies.map_geometry import frame_for
+from kalscope_app.studies.tuning_map import MapMaker
+from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP
+from kalscope_app.views.map.picture import SHARPNESS, draw_map_picture
+from kalscope_app.views.map.view import SIZE, picture_input
+from kalscope_app.views.source.fleet_words import MAX_ROWS, about_fleet, device_labels, fleet_table
+
+RANGES = (-6, 2), (-4, 2)
+
+
+def fleet_of(q, r, odd=(), growth=None, verdicts=None, done=None, shared=(0.01, 1.0), names=None):
+    """A fleet with these arrays; `odd` are unlike the others."""
+    n = len(q)
+    ids = names or [f"dev{i:06d}.csv" for i in range(n)]
+    nothing, unlike = np.full(n, np.nan), np.zeros(n, dtype=bool)
+    unlike[list(odd)] = True
+    devices = Devices(
+        ids, ["light"] * n, ["lx"] * n, np.full(n, 100.0), np.asarray(q, float), np.asarray(r, float),
+        (nothing, nothing), (nothing, nothing), np.zeros(n), Counter(),
+    )  # fmt: skip
+    one = None if shared is None else SharedFilter(FilterParams(*shared), (0.009, 0.011), "pooled")
+    return Fleet(
+        folder=Path("fleet"),
+        devices=devices,
+        gates=nothing,
+        verdicts=tuple(verdicts or ["ok"] * n),
+        sources=("",) * n,
+        reasons=tuple("" if value > 0.0 else "it is empty" for value in devices.q),
+        shared=one,
+        growth=np.zeros(n) if growth is None else np.asarray(growth, float),
+        distance=np.where(unlike, 9.0, 1.0),
+        unlike=unlike,
+        begun=Begun(units=2 * n),
+        done=done,
+    )
+
+
+def large(n=100_000):
+    g = np.random.default_rng(0)
+    return fleet_of(0.01 * np.exp(0.3 * g.normal(size=n)), np.exp(0.3 * g.normal(size=n)), odd=range(40))
+
+
+def test_a_small_fleet_is_points_at_their_q_and_r():
+    fleet = fleet_of([0.1, np.nan, 1.0, 0.0], [1.0, 1.0, 0.01, 1.0])
+    layer = fleet_layer(OpenFleet(fleet), *RANGES)
+    assert layer.density is None
+    assert sorted(zip(layer.devices.tolist(), layer.points.tolist(), strict=True)) == [
+        (0, [-1.0, 0.0]),
+        (2, [0.0, -2.0]),
+    ]
+    assert layer.shared == pytest.approx((-2.0, 0.0))
+
+
+def test_a_large_fleet_is_a_density_with_its_outliers_as_points():
+    fleet = large()
+    layer = fleet_layer(OpenFleet(fleet), *RANGES)
+    assert sorted(layer.devices.tolist()) == list(range(40))
+    assert layer.density.shape == CELLS[::-1]
+    row, column = np.unravel_index(layer.density.argmax(), layer.density.shape)
+    fullest = -6 + (column + 0.5) / CELLS[0] * 8, -4 + (row + 0.5) / CELLS[1] * 6
+    assert fullest == pytest.approx((-2.0, 0.0), abs=0.15)
+    assert layer.density.max() == 1.0
+
+
+def test_points_stay_few_however_many_are_remarkable():
+    n = 5000
+    fleet = fleet_of(np.full(n, 0.01), np.ones(n), odd=range(2000), growth=np.linspace(0.0, 1.0, n))
+    layer = fleet_layer(OpenFleet(fleet), *RANGES)
+    assert len(layer.points) == MAX_POINTS
+    assert n - 1 in layer.devices  # the largest loss
+
+
+def test_devices_beyond_the_map_lie_on_its_edge():
+    layer = fleet_layer(OpenFleet(fleet_of([1e-200, 1e200], [1e200, 1e-200])), *RANGES)
+    assert sorted(layer.points.tolist()) == [[-6.0, 2.0], [2.0, -4.0]]
+
+
+def test_a_click_takes_the_nearest_point_and_none_from_afar():
+    frame = frame_for(*SIZE, *RANGES)
+    layer = fleet_layer(OpenFleet(fleet_of([0.01, 1.0], [1.0, 1.0])), *RANGES)
+    x, y = frame.pixel((0.0, 0.0))
+    assert layer.nearest(frame, (x + 5, y - 5)) == 1
+    assert layer.nearest(frame, (x + 12, y)) is None
+    nothing = fleet_layer(OpenFleet(fleet_of([np.nan], [np.nan])), *RANGES)
+    assert nothing.nearest(frame, (x, y)) is None
+
+
+def test_colours_tell_loss_or_verdict():
+    fleet = fleet_of(
+        [0.01] * 5, [1.0] * 5, growth=[0.0, 0.2, 0.5, np.nan, 0.1], verdicts=["ok", "ok", "a", "b", "c_d"]
+    )
+    by_loss = fleet_layer(OpenFleet(fleet), *RANGES)
+    assert dict(zip(by_loss.devices.tolist(), by_loss.classes.tolist(), strict=True)) == {
+        0: 0,
+        1: 1,
+        2: 2,
+        3: 3,
+        4: 0,
+    }
+    assert [word.rpartition(": ")[2] for word in by_loss.words] == ["2", "1", "1", "1"]
+    by_verdict = fleet_layer(OpenFleet(fleet, colour="verdict"), *RANGES)
+    assert by_verdict.words == ("ok: 2", "a: 1", "b: 1", "others: 1")
+
+
+def map_of(fleet, colour="loss"):
+    state = set_fleet_colour(colour)(open_fleet(fleet)(opened(synthesize("random_walk", n=1000, seed=1))))
+    shown = MapMaker()(state)
+    return state, shown, frame_for(*SIZE, shown.q, shown.r)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_picture_has_a_point_in_its_colour_where_the_device_is(dark):
+    state, shown, frame = map_of(fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5]))
+    picture = draw_map_picture(picture_input(state.with_view(dark=dark), shown, frame))
+    palette = DARK_MAP if dark else LIGHT_MAP
+    for (q, r), kind in ((-4.0, -1.0), 0), ((np.log10(0.3), -1.0), 2):
+        x, y = (round(SHARPNESS * at) for at in frame.pixel((q, r)))
+        colour = palette.devices[kind]
+        assert picture[y, x].tolist() == [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+
+
+def test_the_map_is_wide_enough_for_the_fleet_and_the_same_object_while_it_is_the_same():
+    state, shown, _ = map_of(fleet_of([1e-9, 1.0], [1.0, 1e5]))
+    assert shown.q[0] <= -9
+    assert shown.r[1] >= 5
+    make = MapMaker()
+    assert make(state) is make(state)
+    assert make(state) is not make(set_fleet_colour("verdict")(state))
+
+
+def test_no_layer_and_the_old_map_without_a_fleet():
+    state = opened(synthesize("random_walk", n=1000, seed=1))
+    assert MapMaker()(state).fleet is None
+
+
+def test_the_words_say_how_many_one_filter_and_how_far_a_run_is():
+    fleet = fleet_of([0.01] * 9 + [np.nan], [1.0] * 10, odd=[3], growth=[0.0] * 8 + [0.5, np.nan], done=7)
+    said = about_fleet(fleet)
+    for part in (
+        "10 rows, 1 without q and r",
+        "7 of 20 files",
+        "q = 0.01, r = 1 lx²",
+        "89 % of 9",
+        "1 device unlike",
+    ):
+        assert part in said.replace("\\", "")
+    assert "One filter" not in about_fleet(fleet_of([0.1], [1.0], shared=None, growth=[np.nan]))
+
+
+def test_the_table_is_short_and_no_name_is_markup():
+    names = [f"<img src=x>|{i}](javascript:1)" for i in range(20)]
+    shown = OpenFleet(fleet_of([0.01] * 20, [1.0] * 20, odd=[5], names=names))
+    lines = fleet_table(shown).splitlines()
+    assert len(lines) == MAX_ROWS + 2
+    assert all(line.replace("\\|", "").count("|") == 6 for line in lines)
+    assert "**" in lines[2]
+    assert not any("<" in line.replace("\\<", "") for line in lines)
+    labels = device_labels(shown)
+    assert next(iter(labels.values())) == 5
+    assert len(labels) == MAX_ROWS
+
+
+def test_those_without_q_and_r_are_listed_with_their_reason():
+    shown = OpenFleet(fleet_of([0.01, np.nan], [1.0, 1.0]), order="without q and r")
+    assert fleet_table(shown) == "1. dev000001\\.csv: it is empty"
+    assert fleet_table(OpenFleet(fleet_of([0.01], [1.0]), order="without q and r")) == "None."

@@ -1,0 +1,107 @@
+"""A fleet as a user opens it: the table, a device by name, a device by a click in the map, a run that goes on."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from fleet_folder import NOISY, FleetRun, finished_fleet, write_logs
+from required import not_here
+from screen import Screen, dashboard
+from waiting import wait_until
+
+from kalscope.tuning.fleet.results.fleet import FleetReader
+from kalscope.tuning.fleet.results.reopen import reopen
+from kalscope_app.session.changes.fleet import at_device, open_fleet
+from kalscope_app.session.opening import opened
+from kalscope_app.studies.map_geometry import frame_for
+from kalscope_app.studies.tuning_map import MapMaker
+from kalscope_app.views.map.view import SIZE
+
+try:
+    import pyarrow  # noqa: F401
+except ImportError:
+    not_here("pyarrow is not installed")
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def screen(browser, tmp_path_factory):
+    """One page for all tests of this file."""
+    folder = tmp_path_factory.mktemp("page")
+    with dashboard("demo", cwd=folder) as url, Screen(browser, url) as page:
+        page.tab("Source")
+        page.page.get_by_text("Fleet", exact=True).click()
+        yield page
+
+
+def open_folder(screen, folder):
+    screen.type("folder", str(folder), enter=False)
+    screen.page.get_by_role("button", name="Open fleet").click()
+
+
+def header(screen, name):
+    wait_until(lambda: name in screen.page.inner_text("body"), f"{name} on the screen")
+
+
+def values(screen):
+    screen.tab("Tune")
+    found = [float(screen.text_box(name).input_value()) for name in ("process noise q", "measurement noise r")]
+    screen.tab("Source")
+    return found
+
+
+def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(screen, tmp_path):
+    folder = finished_fleet(tmp_path)
+    fleet = FleetReader(folder).read()
+    page = screen.page
+    assert page.get_by_text("sort by").count() == 0
+    open_folder(screen, folder)
+    page.get_by_text(re.compile(r"13 rows, 1 without q and r\.")).wait_for()
+    assert "dev03.csv" in page.locator("table", has_text="device").locator("tr").nth(1).inner_text()
+    sheet = page.locator(".kalscope-map > div")
+    sheet.wait_for()
+    screen.shot("fleet-open")
+
+    screen.choose("open device", "1. dev03.csv")
+    own = [fleet.devices.q[NOISY], fleet.devices.r[NOISY]]
+    wait_until(lambda: values(screen) == pytest.approx(own, rel=1e-6), "the device at its own filter")
+
+    page.get_by_text("at the filter for all").click()
+    state = open_fleet(fleet)(opened(reopen(fleet, NOISY)))
+    state = at_device(fleet, NOISY)(state)
+    shown = MapMaker()(state)
+    frame = frame_for(*SIZE, shown.q, shown.r)
+    far = max((i for i in range(12) if i != NOISY), key=lambda i: abs(np.log(fleet.devices.q[i] / 0.04)))
+    at = frame.pixel((np.log10(fleet.devices.q[far]), np.log10(fleet.devices.r[far])))
+    picked = shown.fleet.nearest(frame, at)
+    box = sheet.bounding_box()
+    page.mouse.click(box["x"] + box["width"] * at[0] / frame.width, box["y"] + box["height"] * at[1] / frame.height)
+    header(screen, fleet.devices.ids[picked])
+    shared = [float(fleet.shared.params.q), float(fleet.shared.params.r)]
+    wait_until(lambda: values(screen) == pytest.approx(shared, rel=1e-6), "the device at the filter for all")
+    screen.shot("fleet-device-from-map")
+
+    page.get_by_role("button", name="Close fleet").click()
+    page.get_by_text("sort by").wait_for(state="detached")
+
+
+def test_a_run_that_goes_on_is_watched_until_its_end(screen, tmp_path):
+    write_logs(tmp_path / "logs")
+    run = FleetRun(tmp_path / "logs", tmp_path / "result").do(0, 6)
+    open_folder(screen, run.folder)
+    screen.page.get_by_text("Not finished: 6 of 13").wait_for()
+    screen.shot("fleet-running")
+    run.do(6)
+    run.finish()
+    screen.page.get_by_text(re.compile(r"^13 rows, 1 without q and r\. One filter")).wait_for()
+    assert screen.page.get_by_text("Not finished").count() == 0
+    screen.page.get_by_role("button", name="Close fleet").click()
+
+
+def test_a_folder_of_something_else_is_refused_in_one_sentence(screen, tmp_path):
+    open_folder(screen, tmp_path)
+    screen.page.get_by_text("Cannot open fleet").wait_for()
+    assert screen.page.get_by_text("sort by").count() == 0
