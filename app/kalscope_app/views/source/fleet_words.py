@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 MAX_ROWS = 12
 """Devices in the table; the file has them all."""
-MAX_NAME = 24
+MAX_NAME = 16
 """Letters of a name in the table."""
 
 
@@ -67,7 +67,7 @@ def fleet_table(shown: OpenFleet) -> str:
     lines = ["| | device | q | r | loss |", "|--:|---|--:|--:|--:|"]
     for place, i in enumerate(rows, 1):
         growth = float(fleet.growth[i])
-        loss = "–" if math.isnan(growth) else percent(growth)
+        loss = "–" if math.isnan(growth) else percent(growth).replace(" ", "\u00a0")
         name = f"**{_name(fleet, i)}**" if fleet.unlike[i] else _name(fleet, i)
         lines.append(
             f"| {place} | {name} | {trimmed(float(devices.q[i]))} | {trimmed(float(devices.r[i]))} | {loss} |"
