@@ -129,4 +129,5 @@ def find_misfits(
 
 def _longest_run(at: Indices) -> int:
     """How many of the places, rising, come in a row at most."""
-    return max((len(run) for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)), default=0)
+    ends = np.flatnonzero(np.diff(at, append=np.inf) > 1)
+    return int(np.diff(ends, prepend=-1).max(initial=0))
