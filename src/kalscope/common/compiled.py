@@ -25,6 +25,8 @@ _numba = threading.Event()
 _no_folder = threading.Event()
 """Set where numba found no folder that it may write its cache to."""
 _at_load: list[Callable[[], None]] = []
+_load = threading.Lock()
+"""Held while `_numba` and `_at_load` change: two loops may be needed first at once, in two threads."""
 
 
 def compiled(*, plain: bool = False, **options: Any) -> Callable[[Callable[P, R]], Compiled[P, R]]:
@@ -55,10 +57,11 @@ class Compiling:
 def watch_compiling(report: Callable[[Compiling], None]) -> None:
     """From now on report when a loop is about to be compiled, and when it is done, on the thread that runs it."""
     listen = functools.partial(_listen, report)
-    if _numba.is_set():
-        listen()
-    else:
-        _at_load.append(listen)
+    with _load:
+        if not _numba.is_set():
+            _at_load.append(listen)
+            return
+    listen()
 
 
 def _listen(report: Callable[[Compiling], None]) -> None:
@@ -136,9 +139,10 @@ def _plain(value: Any) -> Any:
 def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     from numba import njit
 
-    while _at_load:
-        _at_load.pop()()
-    _numba.set()
+    with _load:
+        while _at_load:
+            _at_load.pop()()
+        _numba.set()
     jit = cast("Any", njit)
     try:
         return jit(cache=True, nogil=True, **options)(function)
