@@ -19,9 +19,11 @@ from required import not_here
 from waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run as kalscope
+from kalscope.errors import BadSetting
 from kalscope.tuning.fleet import run as fleet_run
 from kalscope.tuning.fleet.cluster import TaskLost, WorkerDied
 from kalscope.tuning.fleet.run import LOST
+from kalscope.tuning.fleet.store.lock import locked
 from kalscope.tuning.fleet.work import task
 
 try:
@@ -341,3 +343,20 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path):
     done = command(tmp_path / "logs", "-o", tmp_path / "out", "--cluster", "tcp://127.0.0.1:9", expect=2)
     assert done.stderr.startswith("kalscope: --cluster must name a scheduler with workers (got 'tcp://127.0.0.1:9'")
     assert done.stderr.count("\n") == 1
+
+
+def test_the_answer_is_written_while_the_folder_is_held(tmp_path, at_once, capsys, monkeypatch):
+    from kalscope.tuning.fleet.answer import save
+
+    write_devices(tmp_path / "logs", 2)
+    plain, refused = save.save_answer, []
+
+    def checked(answer, folder):
+        with pytest.raises(BadSetting, match="no other run writes") as caught, locked(folder):
+            pass
+        refused.append(caught)
+        plain(answer, folder)
+
+    monkeypatch.setattr(save, "save_answer", checked)
+    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
+    assert len(refused) == 1

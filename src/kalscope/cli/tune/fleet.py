@@ -14,6 +14,8 @@ from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
+    from kalscope.estimation.fleet.pool import Pool
+    from kalscope.tuning.fleet.answer.answer import Answer
     from kalscope.tuning.fleet.run import Tally
 
 
@@ -57,21 +59,26 @@ def fleet_command(
         asked.request(any_recording()).checked_momentum()
     options = Asked(asked, reading, sample_period, channel, every, row_groups)
     line = TerminalLine(sys.stderr)
+    answers: list[Answer] = []
+
+    def finish(pool: Pool) -> None:
+        answers.append(answer_for(read_devices(output), pool, asked))
+        save_answer(answers[0], output)
+
+    def show(tally: Tally) -> None:
+        line.show(progress_text(tally))
+
     try:
         with stop_signals() as stop:
-            outcome = run_fleet(
-                sources, options, output, cluster, lambda tally: line.show(progress_text(tally)), stop.is_set
-            )
+            outcome = run_fleet(sources, options, output, cluster, show, stop.is_set, finish)
     finally:
         line.clear()
     tally = outcome.tally
-    if outcome.pool is None:
+    if not answers:
         done = tally.kept + tally.done
         say(f"stopped with {done} of {tally.units} done, all kept: run the same command again to go on")
         raise typer.Exit(INTERRUPTED)
-    answer = answer_for(read_devices(output), outcome.pool, asked)
-    save_answer(answer, output)
-    write_output(iter([summary(answer, tally, output)]), None)
+    write_output(iter([summary(answers[0], tally, output)]), None)
 
 
 def progress_text(tally: Tally) -> str:

@@ -88,6 +88,7 @@ def run_fleet(
     cluster: str | None = None,
     show: OnTally | None = None,
     stopped: Callable[[], bool] | None = None,
+    finish: Callable[[Pool], None] | None = None,
 ) -> Outcome:
     """Do what is missing of a fleet, and merge its table.
 
@@ -98,6 +99,7 @@ def run_fleet(
         cluster: Address of a scheduler; None = the cores of this machine.
         show: Called with the tally whenever a task has ended, and a few times a second.
         stopped: Asked as often whether to stop; what is finished by then is kept.
+        finish: Called with the pool once the table is written, while no other run may write into the folder.
 
     Raises:
         BadSetting: a source names nothing, another run holds the folder, or a library is missing.
@@ -123,7 +125,10 @@ def run_fleet(
         if any(key not in parts for key in keys):
             return Outcome(tally, None)
         sweep(folder, {parts[key] for key in keys})
-        return Outcome(tally, merge(folder, [[keys[i] for i in batch] for batch in batches], parts))
+        pool = merge(folder, [[keys[i] for i in batch] for batch in batches], parts)
+        if finish is not None:
+            finish(pool)
+        return Outcome(tally, pool)
 
 
 @dataclass(frozen=True)
