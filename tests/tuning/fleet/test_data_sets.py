@@ -217,3 +217,42 @@ def test_a_recording_that_numbers_its_rows_is_no_data_set(tmp_path):
     pq.write_table(pa.table({"id": np.arange(100), "value": RNG.normal(size=100)}), tmp_path / "x.parquet")
     (unit,) = find_units([str(tmp_path)], tmp_path / "out")
     assert unit.span is None
+
+
+def test_whole_numbers_that_no_double_holds_keep_their_digits(tmp_path):
+    stamps = 1_700_000_000_000_000_001 + np.arange(40) * 10_000_000
+    values = np.append(np.arange(39), 2**60 + 1)
+    pq.write_table(pa.table({"id": ["a"] * 40, "time_ns": stamps, "value": values}), tmp_path / "a.parquet")
+    samples, period = read(tmp_path)["a", "value"]
+    assert period == pytest.approx(0.01, rel=1e-12)
+    assert np.array_equal(samples, values.astype(float))
+
+
+def test_a_missing_date_costs_only_its_own_row(tmp_path):
+    stamps = np.tile(np.datetime64("2024-05-01", "ns") + np.arange(40) * np.timedelta64(10, "ms"), 2)
+    stamps[0] = np.datetime64("NaT")
+    ids = ["a"] * 40 + ["b"] * 40
+    column = pa.array(stamps, from_pandas=True)
+    pq.write_table(pa.table({"id": ids, "ts": column, "value": np.arange(80.0)}), tmp_path / "a.parquet")
+    found = read(tmp_path)
+    assert [len(found[name, "value"][0]) for name in "ab"] == [39, 40]
+    assert found["b", "value"][1] == pytest.approx(0.01)
+
+
+def test_a_file_without_a_footer_is_a_row_where_row_groups_are_asked_for(tmp_path):
+    (tmp_path / "bad.parquet").write_bytes(b"PAR1 and no more")
+    pq.write_table(long_table(fleet(1)), tmp_path / "good.parquet")
+    units = find_units([str(tmp_path)], tmp_path / "out", row_groups=True)
+    assert [(unit.id, bool(unit.pieces[0].groups)) for unit in units] == [
+        ("bad.parquet", False),
+        ("good.parquet#0", True),
+    ]
+
+
+def test_ids_of_two_types_are_refused(tmp_path):
+    for name, ids in (("a", ["x"] * 4), ("b", [3] * 4)):
+        pq.write_table(
+            pa.table({"id": ids, "time": np.arange(4.0), "value": np.arange(4.0)}), tmp_path / f"{name}.pq"
+        )
+    with pytest.raises(BadFile, match=r"must be of one type in all files \(got int and str\)"):
+        find_units([str(tmp_path)], tmp_path / "out")

@@ -192,17 +192,25 @@ def _time_name(names: list[str], dates: list[str], numeric: list[str], options: 
 
 
 def _numbers(column: Any) -> Array:
-    return np.ascontiguousarray(column.cast(library("pyarrow").float64()).to_numpy(), dtype=np.float64)
+    column = column.cast(library("pyarrow").float64(), safe=False)  # the nearest double of a large integer
+    return np.ascontiguousarray(column.to_numpy(), dtype=np.float64)
 
 
 def _seconds(column: Any, name: str, date: bool, options: ReadOptions) -> Array:
-    """Stamps in s; of dates from the first one, so that they keep their digits."""
+    """Stamps in s; of dates and of whole numbers that no double holds from the least one, to keep their digits."""
     pa = library("pyarrow")
     if date:
-        stamps = column.cast(pa.timestamp("ns"), safe=False).cast(pa.int64()).to_numpy()
-        return (stamps - stamps[0]) * 1e-9
-    word = options.time_unit or named_column(name).unit
-    return _numbers(column) * SECONDS_PER_UNIT[UNIT_OF_WORD.get(word.lower(), "s")]
+        return _from_least(column.cast(pa.timestamp("ns"), safe=False).cast(pa.int64())) * 1e-9
+    word = options.time_unit or named_column(name).unit or ("ns" if name.lower().endswith("_ns") else "s")
+    size = SECONDS_PER_UNIT[UNIT_OF_WORD.get(word.lower(), "s")]
+    large = column.type == pa.int64() and (library("pyarrow.compute").max(column).as_py() or 0) > 1 << 53
+    return (_from_least(column) if large else _numbers(column)) * size
+
+
+def _from_least(column: Any) -> Array:
+    """Whole numbers from the least of them, NaN where missing."""
+    compute = library("pyarrow.compute")
+    return _numbers(compute.subtract(column, compute.min(column)))
 
 
 def _sorted(places: Array, columns: Columns) -> tuple[Array, Columns]:
