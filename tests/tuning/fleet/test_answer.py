@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from kalscope.estimation.fleet.pool import Pool, pool_of
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
-from kalscope.tuning.fleet.answer.answer import answer_for, growth_of
+from kalscope.tuning.fleet.answer.answer import answer_for, growth_of, unlike_in
 from kalscope.tuning.fleet.answer.devices import Devices
 from kalscope.tuning.fleet.answer.save import SUMMARY, TUNING, save_answer
 from kalscope.tuning.fleet.answer.words import summary
@@ -121,3 +122,11 @@ def test_a_fleet_without_a_filter_says_why(tmp_path):
     assert "3 without q and r:\n  3 × constant\n" in text
     assert "No filter for all: the fleet must hold at least one series that can be fitted (got none)" in text
     assert answer_for(devices_of(constant), Pool.empty(), NOTHING).shared is None
+
+
+def test_rates_that_differ_by_a_clock_are_not_unlike():
+    devices = devices_of(RNG.normal(size=(20, 50)).cumsum(axis=1))
+    rates = np.full(20, 100.0)
+    rates[3], rates[4] = 100.0 * (1.0 + 1e-9), 101.0
+    usable = replace(devices, rate_hz=rates, q=np.ones(20), r=np.ones(20))
+    assert list(unlike_in(usable, "rate_hz").devices) == [4]

@@ -25,6 +25,8 @@ WITHIN = 0.1
 """Growth of the prediction error up to which a device counts as served."""
 EXPECTED = 0.05
 """Devices that chance alone names as unlike the others, in each quantity: one in twenty fleets."""
+CLOCKS = 1e-4
+"""Share by which the rates of equal devices may differ: crystals, and stamps with few digits."""
 QUANTITIES = ("r", "q", "rate_hz")
 """In which devices are compared."""
 
@@ -141,14 +143,14 @@ def _over_time(devices: Devices, name: str) -> OverTime | None:
     values: Array = getattr(devices, name)
     usable = devices.usable & (values > 0.0)
     interval = _log_interval(devices, name, usable)
-    assert interval is not None
     return over_time(devices.ids, devices.channels, _logs(values, usable), interval)
 
 
-def _log_interval(devices: Devices, name: str, usable: Mask) -> tuple[Array, Array] | None:
+def _log_interval(devices: Devices, name: str, usable: Mask) -> tuple[Array, Array]:
     """The interval of a quantity in logarithms, which is without end where nothing was estimated."""
     if name == "rate_hz":
-        return None
+        logs = _logs(devices.rate_hz, usable)
+        return logs - CLOCKS, logs + CLOCKS
     low, high = devices.q_interval if name == "q" else devices.r_interval
     logs = _logs(getattr(devices, name), usable)
     below, above = _logs(low, usable & (low > 0.0)), _logs(high, usable)
