@@ -98,3 +98,17 @@ def test_a_key_changes_with_all_that_the_result_depends_on(tree):
     os.utime(tree / "a.csv", ns=(1, 1))
     keys |= {next(iter(found(tree / "a.csv").values())).key("options")}
     assert len(keys) == 4
+
+
+def test_a_pattern_leaves_out_the_results_of_an_earlier_run(tmp_path):
+    for name in ("logs/a.csv", "logs/out/fleet.json", "logs/out/parts/ab/x.csv"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("1\n2\n3\n")
+    units = find_units([str(tmp_path / "logs" / "**")], tmp_path / "logs" / "out")
+    assert [unit.id for unit in units] == ["logs/a.csv"]
+
+
+def test_a_line_of_a_list_that_is_longer_than_any_path_is_refused(tmp_path):
+    (tmp_path / "list.txt").write_text("x" * 200_000)
+    with pytest.raises(BadFile, match="line 1 of"):
+        read_list(str(tmp_path / "list.txt"))

@@ -172,3 +172,9 @@ def test_a_file_is_no_folder_of_results(tmp_path):
     Path(tmp_path / "x").write_text("")
     with pytest.raises(BadSetting, match="-o must name a folder"), locked(tmp_path / "x"):
         pass
+
+
+def test_a_name_that_is_no_utf_8_does_not_end_a_run(tmp_path):
+    write_part(tmp_path, {"k": ([Row("a", source="/logs/\udcff.csv")], Pool.empty())})
+    merge(tmp_path, [["k"]], find_parts(tmp_path))
+    assert read(tmp_path)[0].source == "/logs/\\udcff.csv"

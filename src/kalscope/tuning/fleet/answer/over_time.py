@@ -74,5 +74,5 @@ def over_time(ids: list[str], channels: list[str], logs: Array, interval: tuple[
         return None
     places = np.array(rows, np.intp)
     low, high = interval
-    found = changes(logs[places], (low[places], high[places]), np.array(names), np.array(dates))
+    found = changes(logs[places], (low[places], high[places]), np.array(names, dtype=object), np.array(dates))
     return OverTime(places, found)

@@ -70,11 +70,16 @@ def data_set_units(paths: Sequence[str], name: str) -> list[Unit]:
         name: Of the folder in the table, "" for none; the ids of its series follow.
 
     Raises:
-        BadFile: its ids are so mixed that a row group would be read many times.
+        BadFile: its ids are of several types, or so mixed that a row group would be read many times.
     """
     groups = [group for path in paths for group in _groups(path)]
     if not groups:
         return []
+    kinds = sorted({type(group.first).__name__ for group in groups})
+    if len(kinds) > 1:
+        raise BadFile(
+            f"the ids of {os.path.dirname(paths[0])!r} must be of one type in all files (got {' and '.join(kinds)})"
+        )
     units = [
         Unit(f"{name}{i:09d}", _pieces(inside), span=span, data_set=name)
         for i, (span, inside) in enumerate(_owned(groups))
@@ -102,9 +107,12 @@ def _owned(groups: Sequence[_Group]) -> Iterator[tuple[tuple[Any, Any], list[_Gr
 
 
 def row_group_units(path: str, name: str) -> list[Unit]:
-    """A unit for each row group of a file, each a recording of its own."""
-    state = os.stat(path)
-    footer = library("pyarrow.parquet").read_metadata(path)
+    """A unit for each row group of a file, each a recording of its own; none where its footer cannot be read."""
+    try:
+        state = os.stat(path)
+        footer = library("pyarrow.parquet").read_metadata(path)
+    except (library("pyarrow").ArrowException, OSError, ValueError):
+        return []
     sizes = [footer.row_group(i).total_byte_size for i in range(footer.num_row_groups)]
     return [
         Unit(f"{name}#{i}", (Piece(os.path.abspath(path), size, state.st_mtime_ns, (i,)),))

@@ -33,6 +33,8 @@ def find_units(sources: Sequence[str], output: str | os.PathLike[str], row_group
     skipped = os.path.realpath(output)
     units: dict[tuple[str, str | None], Unit] = {}
     for root in roots:
+        if _is_within(root, skipped):  # a pattern such as ** finds the results of an earlier run
+            continue
         for path, reason in _below(root, skipped):
             unit = unit_of(path, _name(path, base)) if not reason else _unreadable(path, base, reason)
             units.setdefault((unit.pieces[0].path, None), unit)
@@ -54,7 +56,7 @@ def _spread(units: Iterable[Unit], row_groups: bool) -> Iterator[Unit]:
         if unit.reason or unit.channel or not path.lower().endswith(ENDINGS):
             yield unit
         elif row_groups:
-            yield from row_group_units(path, unit.id)
+            yield from row_group_units(path, unit.id) or [unit]
         elif is_data_set(path):
             sets.setdefault(os.path.dirname(path), []).append(unit)
         else:
@@ -84,6 +86,10 @@ def _base(paths: Sequence[str]) -> str:
         return os.path.commonpath([os.path.dirname(path) for path in paths]) if paths else ""
     except ValueError:  # two drives of Windows
         return ""
+
+
+def _is_within(path: str, folder: str) -> bool:
+    return os.path.join(os.path.realpath(path), "").startswith(os.path.join(folder, ""))
 
 
 def _name(path: str, base: str) -> str:

@@ -36,8 +36,11 @@ def _is_entry(line: str) -> bool:
 
 
 def _entry(line: str, number: int, path: str, folder: str) -> tuple[str, str | None]:
-    cells = next(csv.reader([line], delimiter="\t" if "\t" in line else ",", skipinitialspace=True))
-    if len(cells) > 2 or not cells[0].strip():
+    try:
+        cells = next(csv.reader([line], delimiter="\t" if "\t" in line else ",", skipinitialspace=True))
+    except csv.Error:  # longer than any path
+        cells = []
+    if len(cells) not in (1, 2) or not cells[0].strip():
         raise BadFile(f"line {number} of {path!r} must be PATH or PATH,CHANNEL (got {line.strip()[:80]!r})")
     channel = cells[1].strip() if len(cells) == 2 else ""
     return os.path.join(folder, cells[0].strip()), channel or None

@@ -41,7 +41,7 @@ def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]]) -> bytes:
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")
     rows = [row for several, _ in units.values() for row in several]
     columns = [pa.array([key for key, (several, _) in units.items() for _ in several], pa.string())]
-    columns += [pa.array([getattr(row, one.name) for row in rows], one.type) for one in schema()]
+    columns += [pa.array([_told(getattr(row, one.name)) for row in rows], one.type) for one in schema()]
     pools = [_packed(pool) if i == 0 else None for several, pool in units.values() for i in range(len(several))]
     columns.append(pa.array(pools, pa.binary()))
     table = pa.table(columns, names=IN_PART).replace_schema_metadata({UNITS: json.dumps(list(units))})
@@ -50,6 +50,11 @@ def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]]) -> bytes:
         table, buffer, compression="zstd", use_dictionary=[KEY, "channel", "unit", "verdict", "source"]
     )
     return buffer.getvalue()
+
+
+def _told(value: Any) -> Any:
+    """A cell as Parquet can hold it: a file name that is no UTF-8 has its bytes written out."""
+    return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
 
 
 def _packed(pool: Pool) -> bytes | None:
