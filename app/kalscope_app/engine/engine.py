@@ -79,6 +79,7 @@ class Engine:
         self._schedule = Schedule()
         self._begun = self._frame_at = self._news_at = self._looked_at = self._study_at = -math.inf
         self.first_frame = threading.Event()
+        """Set once the first frame is drawn, or has failed: browsers wait for it."""
 
     def start(self) -> None:
         """Begin with a frame of the state as it is."""
@@ -102,6 +103,7 @@ class Engine:
                 self._session.wakeup.clear()
                 self._begun = time.monotonic()
                 self._guarded(self._turn)
+                self.first_frame.set()
 
     def _tick(self) -> float:
         """When a live board is looked at again without a request; inf for a finished record."""
@@ -160,7 +162,6 @@ class Engine:
         asked = last is None or serial != last.serial
         whole = last is None or not is_move(last.state, state)
         self._show_parts(self._schedule.begin(self._frame_at, whole=whole))
-        self.first_frame.set()
         due = state.live is None or asked or self._frame_at - self._study_at > STUDY_INTERVAL
         if self._studies is not None and due:
             self._study_at = self._frame_at

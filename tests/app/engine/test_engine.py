@@ -114,6 +114,19 @@ def test_a_failing_view_does_not_stop_the_engine(session):
     engine.stop()
 
 
+def test_a_first_frame_that_fails_lets_the_browsers_in(session):
+    screen = Screen()
+
+    def show(frame, parts):
+        raise RuntimeError("a view broke")
+
+    engine = Engine(session, show, screen.tell)
+    engine.start()
+    assert engine.first_frame.wait(timeout=PATIENCE)
+    assert str(screen.told[0]) == "a view broke"
+    engine.stop()
+
+
 def test_drawn_indices_are_chosen_once_for_one_view(running):
     session, screen = running
     last = session.request(set_exponent("q", -1.0))
