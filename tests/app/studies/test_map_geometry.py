@@ -50,7 +50,7 @@ def test_a_point_is_held_inside(point, held):
 
 
 @pytest.mark.parametrize("size", [(520, 1080), (452, 900), (380, 720), (380, 500), (120, 300)])
-def test_the_map_leaves_room_for_its_legend_and_stays_in_the_canvas(size):
+def test_the_map_leaves_room_for_its_legend_and_stays_in_the_picture(size):
     frame = frame_for(*size, (-6, 2), (-4, 2))
     assert 0 < frame.left < frame.right
     assert 0 < frame.top < frame.bottom

@@ -11,7 +11,6 @@ from kalscope.common.compiled import compiled
 from kalscope.filtering.momentum.kernels import MISSING, REJECTED, State, Transition, predict, step, transition
 
 Array = NDArray[np.float64]
-FourRows = tuple[Array, Array, Array, Array]
 
 
 @compiled()
