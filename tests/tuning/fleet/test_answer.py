@@ -130,3 +130,11 @@ def test_rates_that_differ_by_a_clock_are_not_unlike():
     rates[3], rates[4] = 100.0 * (1.0 + 1e-9), 101.0
     usable = replace(devices, rate_hz=rates, q=np.ones(20), r=np.ones(20))
     assert list(unlike_in(usable, "rate_hz").devices) == [4]
+
+
+def test_names_from_files_cannot_move_the_cursor(fleet, tmp_path):
+    devices, pool = fleet
+    named = replace(devices, ids=[f"{name}\x1b[2J\n" for name in devices.ids])
+    text = summary(answer_for(named, pool, TuneOptions(momentum=0.0)), TALLY, tmp_path)
+    assert "dev000 [2J" in text
+    assert all(line.replace("\u202f", " ").isprintable() for line in text.split("\n"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,14 +12,15 @@ from required import not_here
 
 from kalscope.catalogue import open_source
 from kalscope.cli.tune.options import NOTHING, TuneOptions
-from kalscope.errors import BadFile
+from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.tuning.fleet.recordings import data_set
 from kalscope.tuning.fleet.recordings.find import find_units
 from kalscope.tuning.fleet.work.asked import Asked
 from kalscope.tuning.fleet.work.block import fit_block
 from kalscope.tuning.fleet.work.read import channels_of
-from kalscope.tuning.fleet.work.row_groups import read_block
+from kalscope.tuning.fleet.work.row_groups import one_recording, read_block
+from kalscope.tuning.fleet.work.task import run_batch
 
 try:
     import pyarrow as pa
@@ -256,3 +259,19 @@ def test_ids_of_two_types_are_refused(tmp_path):
         )
     with pytest.raises(BadFile, match=r"must be of one type in all files \(got int and str\)"):
         find_units([str(tmp_path)], tmp_path / "out")
+
+
+@pytest.mark.parametrize("ids", [[b"a", b"b"], [1.0, 2.5], [True, False], [np.datetime64("2024-05-01", "us")] * 2])
+def test_a_series_is_found_again_by_its_name_of_any_type(tmp_path, ids):
+    column = pa.array([one for one in ids for _ in range(40)])
+    table = pa.table({"id": column, "time": np.tile(np.arange(40) / 100, 2), "value": np.arange(80.0)})
+    pq.write_table(table, tmp_path / "a.parquet")
+    for unit in find_units([str(tmp_path)], tmp_path / "out"):
+        for name in read_block(unit, ReadOptions()).ids:
+            assert len(one_recording(replace(unit, id=name), ReadOptions(), None)) % 40 == 0
+
+
+def test_a_worker_of_another_version_is_refused(tmp_path):
+    (tmp_path / ".lock").touch()
+    with pytest.raises(BadSetting, match=r"every worker of --cluster must have kalscope 9 \(got "):
+        run_batch([], Asked(NOTHING, program="kalscope 9"), str(tmp_path))

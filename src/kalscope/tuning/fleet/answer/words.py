@@ -8,7 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from kalscope.common.text import count, decibels, duration, lag_in_full, number, percent, plural, squared, trimmed
+from kalscope.common.text import (
+    THIN_SPACE,
+    count,
+    decibels,
+    duration,
+    lag_in_full,
+    number,
+    percent,
+    plural,
+    squared,
+    trimmed,
+)
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import WITHIN, Answer, Shared
@@ -34,7 +45,12 @@ def summary(answer: Answer, tally: Tally, folder: Path) -> str:
         *_changed(answer),
     ]
     files = [f"Table: {folder / TABLE}"] + ([f"tuning: {folder / TUNING}"] if answer.shared else [])
-    return "\n".join([*lines, "; ".join(files)]) + "\n"
+    return "\n".join(map(_harmless, [*lines, "; ".join(files)])) + "\n"
+
+
+def _harmless(line: str) -> str:
+    """A line without what would move the cursor of a terminal: names come from files."""
+    return "".join(c if c.isprintable() or c == THIN_SPACE else " " for c in line)
 
 
 def _done(rows: int, tally: Tally) -> str:

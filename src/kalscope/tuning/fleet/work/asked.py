@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Protocol
 
@@ -54,6 +54,9 @@ class Asked:
     row_groups: bool = False
     """Whether each row group of a Parquet file is a recording of its own."""
 
+    program: str = field(default_factory=program)
+    """The program that asks, with its version: rows of another one are not the same."""
+
     @property
     def is_pooled(self) -> bool:
         """Whether the filter for all is the most likely one, and no goal decides it."""
@@ -65,4 +68,4 @@ class Asked:
 
     def fingerprint(self) -> str:
         """A text that is another where the rows would be others."""
-        return f"{FORMAT} {program()} {self!r}"
+        return f"{FORMAT} {self!r}"

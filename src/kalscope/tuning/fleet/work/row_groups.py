@@ -123,9 +123,11 @@ def one_recording(unit: Unit, options: ReadOptions, sample_period: float | None)
         name = id_column(table.column_names)
         if name is None:
             raise BadFile(f"the row groups must have a column of ids (got {', '.join(table.column_names)[:80]})")
-        texts = plain_ids(table[name]).cast(library("pyarrow").string())
-        wanted = unit.id.removeprefix(unit.data_set)
-        table = table.filter(library("pyarrow.compute").equal(texts, wanted))
+        ids, wanted = plain_ids(table[name]), unit.id.removeprefix(unit.data_set)
+        own = [
+            one for one in ids.unique().to_pylist() if one is not None and f"{one}" == wanted
+        ]  # named as read_block does
+        table = table.filter(library("pyarrow.compute").is_in(ids, library("pyarrow").array(own, ids.type)))
     if not len(table):
         raise BadFile(f"the row groups must hold {unit.id!r} (got none of its rows)")
     _, columns = _sorted(np.zeros(len(table)), _columns(table, options, name))

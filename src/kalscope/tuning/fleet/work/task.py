@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from kalscope.common.version import program
 from kalscope.errors import BadSetting
 from kalscope.tuning.fleet.recordings.unit import Unit
 from kalscope.tuning.fleet.store.lock import NAME as LOCK
@@ -48,11 +49,13 @@ def run_batch(units: Sequence[Unit], asked: Asked, folder: str) -> Done:
         folder: Of the results, as the worker sees it.
 
     Raises:
-        BadSetting: the worker does not see the folder.
+        BadSetting: the worker does not see the folder, or has another version.
         OSError: the part cannot be written.
     """
     if not (Path(folder) / LOCK).exists():
         raise BadSetting(f"-o must name a folder that every worker of --cluster sees (got {folder!r})")
+    if asked.program != program():
+        raise BadSetting(f"every worker of --cluster must have {asked.program} (got {program()})")
     begun, end, options = time.thread_time(), time.monotonic() + MAX_SECONDS, asked.fingerprint()
     fitted: dict[str, Fitted] = {}
     for unit in units:
