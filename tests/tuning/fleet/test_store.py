@@ -178,3 +178,12 @@ def test_a_name_that_is_no_utf_8_does_not_end_a_run(tmp_path):
     write_part(tmp_path, {"k": ([Row("a", source="/logs/\udcff.csv")], Pool.empty())})
     merge(tmp_path, [["k"]], find_parts(tmp_path))
     assert read(tmp_path)[0].source == "/logs/\\udcff.csv"
+
+
+def test_files_of_the_user_are_not_swept_away(tmp_path):
+    own = [tmp_path / ".draft.tmp", tmp_path / "parts" / "v1" / "wing.parquet", tmp_path / "parts" / "v1" / "a.tmp"]
+    own[1].parent.mkdir(parents=True)
+    for path in own:
+        path.write_text("mine")
+    sweep(tmp_path, ())
+    assert all(path.exists() for path in own)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +19,10 @@ from kalscope.estimation.fleet.pool import Pool
 from kalscope.tuning.fleet.store.row import Row
 from kalscope.tuning.fleet.store.table import part_bytes, units_of
 
+_OWN = re.compile(r"[0-9a-f]{32}\.parquet|\.[0-9a-f]{32}\.parquet\.kalscope-[0-9a-f]{16}\.tmp")
+"""Names of parts and of their temporary files; others below `parts` are left alone."""
+_TEMPORARY = re.compile(r"\..+\.kalscope-[0-9a-f]{16}\.tmp")
+"""Names that `atomic_file` gives; other hidden files of the folder are the user's."""
 FOLDER = "parts"
 """Where they lie in the folder of a fleet, spread over folders of two hexadecimal digits."""
 
@@ -74,7 +79,7 @@ def sweep(folder: Path, keep: Iterable[Path] | None = None) -> None:
     """
     kept = None if keep is None else set(keep)
     useless = [path for path in _files(folder, ".parquet") if kept is not None and path not in kept]
-    tops = [folder / name for name in os.listdir(folder) if name.startswith(".") and name.endswith(".tmp")]
+    tops = [folder / name for name in os.listdir(folder) if _TEMPORARY.fullmatch(name)]
     for path in (*_files(folder, ".tmp"), *tops, *useless):
         with suppress(OSError):
             path.unlink()
@@ -85,4 +90,4 @@ def sweep(folder: Path, keep: Iterable[Path] | None = None) -> None:
 
 def _files(folder: Path, ending: str) -> Iterator[Path]:
     """The files of the parts with this ending, in the order of their names."""
-    return iter(sorted(path for path in (folder / FOLDER).glob(f"??/*{ending}")))
+    return iter(sorted(path for path in (folder / FOLDER).glob(f"??/*{ending}") if _OWN.fullmatch(path.name)))
