@@ -130,6 +130,8 @@ def mean_nis(z: Array, params: FilterParams, dt: Array | None) -> float | None:
 def interval(value: Value, error: Value) -> tuple[float, float]:
     """The 95 % interval of a variance above 0 from its standard error, on the scale of the logarithm."""
     spread = NORMAL * scalar(error) / scalar(value)
+    if not math.isfinite(spread):  # as in estimate_many: nothing is excluded
+        return 0.0, math.inf
     return scalar(value) * math.exp(-spread), scalar(value) * math.exp(min(spread, 700.0))
 
 
