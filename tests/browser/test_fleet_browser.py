@@ -38,7 +38,7 @@ def screen(browser, tmp_path_factory):
 
 
 def open_folder(screen, folder):
-    screen.type("folder", str(folder), enter=False)
+    screen.type("fleet folder", str(folder), enter=False)
     screen.page.get_by_role("button", name="Open fleet").click()
 
 

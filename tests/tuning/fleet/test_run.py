@@ -309,7 +309,7 @@ def test_killed_workers_and_a_killed_driver_change_nothing(tmp_path, devices, sc
     assert alive == [], "workers outlive the driver"
     kept = len(parts(out))
     assert kept >= 3
-    (parts(out)[0].parent / ".x.parquet.kalscope-0123456789abcdef.tmp").write_bytes(b"torn")
+    (parts(out)[0].parent / f".{parts(out)[0].name}.kalscope-0123456789abcdef.tmp").write_bytes(b"torn")
     command(logs, "-o", out, "--cluster", scheduler, *PLAIN)
     assert table(out) == whole
     assert files_of(out) == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
@@ -322,10 +322,12 @@ def test_a_second_run_is_refused_and_ctrl_c_says_how_to_go_on(tmp_path, devices,
     out = tmp_path / "out"
     first = start(logs, "-o", out, *PLAIN)
     wait_until(lambda: parts(out), "the first part")
+    os.kill(first.pid, signal.SIGSTOP)  # else it may be done before the second looks
     second = command(logs, "-o", out, *PLAIN, expect=2)
     assert second.stderr.startswith("kalscope: -o must name a folder that no other run writes (got ")
     assert f"process {first.pid} on " in second.stderr
     assert second.stderr.count("\n") == 1
+    os.kill(first.pid, signal.SIGCONT)
     os.killpg(first.pid, signal.SIGINT)  # a terminal sends it to every process
     stdout, stderr = first.communicate(timeout=PATIENCE)
     if first.returncode:  # else the run had ended meanwhile

@@ -51,7 +51,9 @@ class FleetView:
         with gui.add_folder("Fleet", expand_by_default=False):
             with gui.add_form(None) as form:
                 self._path = gui.add_text(
-                    "folder", "", hint="The folder of results of kalscope fleet, its -o; finished or still running."
+                    "fleet folder",
+                    "",
+                    hint="The results of kalscope fleet, its -o; finished or still running.",
                 )
             open_button = gui.add_button("Open fleet", hint="Show its devices here and in the map of q and r.")
             self._about = gui.add_markdown("", visible=False)
@@ -86,13 +88,14 @@ class FleetView:
     def _on_device(self) -> None:
         shown = self._shown
         device = None if shown is None else device_labels(shown).get(self._device.value)
+        self._device.value = NONE  # no name stays that is not open, and the same device can be chosen again
         if shown is not None and device is not None:
             self._open_device(shown.fleet, device)
 
     def _open(self, folder: str) -> None:
         def work() -> None:
             if not folder or not Path(folder).is_dir():
-                raise BadSetting(f"folder must be the -o of kalscope fleet (got {folder[:200]!r}, no folder)")
+                raise BadSetting(f"fleet folder must be the -o of kalscope fleet (got {folder[:200]!r}, no folder)")
             from kalscope.tuning.fleet.results.fleet import FleetReader  # with the fits of a fleet
 
             reader = FleetReader(Path(folder))

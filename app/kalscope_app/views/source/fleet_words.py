@@ -43,8 +43,8 @@ def about_fleet(fleet: Fleet) -> str:
         judged = int(np.isfinite(fleet.growth).sum())
         if judged:
             said.append(
-                f"It predicts the next sample within 10 % as well as a filter of their own for"
-                f" {percent(fleet.served)} of {count(judged)}."
+                f"For {percent(fleet.served)} of {count(judged)} its prediction error is at most 10 % above that of"
+                " the device's own filter."
             )
     odd = int(fleet.unlike.sum())
     if odd:

@@ -97,8 +97,8 @@ def _served(answer: Answer, shared: Shared) -> Iterator[str]:
         ]
         more = f"; not {', '.join(worst)}{_and_more(len(shared.not_served))}" if worst else ""
         yield (
-            f"  it predicts the next sample within {percent(WITHIN)} as well as a filter of their own for "
-            f"{percent(shared.served)} of {count(judged)}{more}"
+            f"  for {percent(shared.served)} of {count(judged)} its prediction error is at most {percent(WITHIN)} "
+            f"above that of the device's own filter{more}"
         )
     if with_momentum:
         yield f"  {count(with_momentum)} with momentum are not judged: --momentum 0 fits all alike"
