@@ -17,7 +17,7 @@ WATCH = f"""() => {{
         const chart = {SIGNAL_CHART};
         if (!chart || chart.__watched) return;
         chart.__watched = true;
-        const raw = chart.series.findIndex(series => series.label === 'raw');
+        const raw = chart.series.findIndex(series => ['raw', 'raw max'].includes(series.label));
         (chart.hooks.draw = chart.hooks.draw ?? []).push((chart) => {{
             window.__draws.push([performance.now(), chart.data[raw].at(-1)]);
         }});
