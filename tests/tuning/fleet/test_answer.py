@@ -22,7 +22,7 @@ from kalscope.tuning.fleet.answer.save import SUMMARY, TUNING, save_answer
 from kalscope.tuning.fleet.answer.words import summary
 from kalscope.tuning.fleet.run import Tally
 from kalscope.tuning.fleet.work.fit import interval
-from kalscope.tuning.tuning import load_tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
 
 RNG = np.random.default_rng(2)
 TALLY = Tally(units=500, kept=0, bytes=1, done=500, rows=500, seconds=2.0)
@@ -118,6 +118,10 @@ def test_a_fleet_without_a_filter_says_why(tmp_path):
     answer = answer_for(devices_of(constant), pool_of(constant), NOTHING)
     save_answer(answer, tmp_path)
     assert not (tmp_path / TUNING).exists()
+    own = Tuning((ChannelTuning("mine", "", 1.0, 2.0),), source_name="log.csv")
+    save_tuning(own, tmp_path / TUNING)
+    save_answer(answer, tmp_path)
+    assert load_tuning(tmp_path / TUNING).source_name == "log.csv"
     assert json.loads((tmp_path / SUMMARY).read_text())["one_filter"] is None
     text = summary(answer, TALLY, tmp_path)
     assert "3 without q and r:\n  3 × constant\n" in text
