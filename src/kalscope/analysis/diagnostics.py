@@ -20,7 +20,7 @@ from kalscope.analysis.fit.record import finite
 from kalscope.analysis.fit.run import Columns, Run
 from kalscope.analysis.fit.spikes import Spikes
 from kalscope.analysis.fit.words import NO_FAULT, Known, advice_text, findings_in_words
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Indices
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.batch import FilterResult
@@ -178,9 +178,7 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
         e[begin : begin + len(own)] = own
         residuals.take(begin, own, columns)
     seen = np.flatnonzero(np.isfinite(e))
-    n = len(seen)
-    in_a_row = n > 0 and seen[-1] - seen[0] == n - 1
-    scored = e[seen[0] : seen[0] + n] if in_a_row else e[seen]
+    n, scored = len(seen), _values_at(e, seen)
     known = Known(estimated=fitted)
     if n < MIN_SAMPLES:
         few = Findings(n, momentum=run.momentum)
@@ -224,6 +222,12 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
         r_factor=found.correction.r_factor,
         findings=found,
     )
+
+
+def _values_at(e: Array, at: Indices) -> Array:
+    """The residuals at ascending places; a view where they stand in a row, which takes no memory."""
+    in_a_row = len(at) > 0 and at[-1] - at[0] == len(at) - 1
+    return e[at[0] : at[0] + len(at)] if in_a_row else e[at]
 
 
 def without_residuals(one: Diagnostics) -> Diagnostics:
