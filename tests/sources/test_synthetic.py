@@ -1,5 +1,5 @@
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -129,6 +129,39 @@ def test_an_unknown_shape_is_refused_with_the_choices():
         synthesize("square")
 
 
+def test_several_sensors_of_one_signal_share_its_truth():
+    offsets = (0.0, 5.0, -2.0)
+    recording = synthesize(
+        "random_walk", n=50_000, sigmas=(0.5, 1.0, 2.0), offsets=offsets, every=(1, 1, 5), seed=2
+    )
+    assert recording.names == ("a", "b", "c")
+    np.testing.assert_array_equal(recording.truth, recording.truth[:, :1].repeat(3, axis=1))
+    error = recording.values - recording.truth
+    np.testing.assert_array_equal(np.isnan(error), (np.arange(50_000)[:, None] % [1, 1, 5]) != 0)
+    np.testing.assert_allclose(np.nanstd(error, axis=0), [0.5, 1.0, 2.0], rtol=0.03)
+    np.testing.assert_allclose(np.nanmean(error, axis=0), offsets, atol=0.08)
+    noise = (error - offsets)[::5]
+    assert abs(np.corrcoef(noise.T)[np.triu_indices(3, 1)]).max() < 4 / math.sqrt(len(noise))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "must"),
+    [
+        ({"sigmas": ()}, "sigmas must be 1 to 16 numbers, one a sensor"),
+        ({"sigmas": (1.0, -1.0)}, "sigmas must be a number from 0"),
+        ({"sigmas": (1.0, 1.0), "channels": 2}, "channels must be left out"),
+        ({"sigmas": (1.0, 1.0), "offsets": (1.0,)}, "offsets must have a number for each of sigmas"),
+        ({"every": (1.0, 2.0)}, "every must have a number for each of sigmas, which is not given"),
+        ({"sigmas": (1.0, 1.0), "every": (1.0, 2.5)}, "every must be a whole number from 1"),
+        ({"sigmas": (1.0, 1.0), "every": (0.0, 2)}, "every must be a number from 1"),
+        ({"sigmas": (1.0,) * 16, "n": 5_000_000}, r"n \* channels must be at most 50000000"),
+    ],
+)
+def test_sensors_that_contradict_each_other_are_refused(wrong, must):
+    with pytest.raises(BadSetting, match=must):
+        synthesize("sine", **wrong)
+
+
 def test_settings_as_one_value_equal_settings_by_name():
     chosen = SignalSettings("ramp", n=10, seed=5)
     np.testing.assert_array_equal(synthesize(chosen).values, synthesize("ramp", n=10, seed=5).values)
@@ -158,9 +191,13 @@ _share = st.floats(0, 1)
         drop_outs=_share,
         limits=st.none() | st.tuples(st.floats(-1e50, -1), st.floats(0, 1e50)),
         seed=st.integers(0, 2**63 - 1),
-    )
+    ),
+    st.integers(0, 4),
 )
-def test_every_valid_setting_gives_finite_numbers_and_reopens_from_its_source(chosen):
+def test_every_valid_setting_gives_finite_numbers_and_reopens_from_its_source(chosen, sensors):
+    if sensors:
+        each = {name: (value,) * sensors for name, value in (("sigmas", chosen.sigma), ("offsets", chosen.level))}
+        chosen = replace(chosen, channels=1, every=(2.0,) * sensors, **each)
     recording = synthesize(chosen)
     assert np.isfinite(recording.truth).all()
     assert not np.isinf(recording.values).any()

@@ -57,19 +57,41 @@ class SignalSettings:
     """Range of the converter (lowest, highest) in u, where it clips; None is none."""
     seed: int = 0
     """Seed of the random numbers, >= 0."""
+    sigmas: tuple[float, ...] | None = None
+    """Several sensors of one signal: the standard deviation of each in u, in place of `channels` and `sigma`;
+    None = each channel has a signal of its own."""
+    offsets: tuple[float, ...] | None = None
+    """With `sigmas`: how much too high each sensor reads, in u; None = not at all."""
+    every: tuple[float, ...] | None = None
+    """With `sigmas`: each sensor has a reading in every so many rows, whole numbers; None = in all of them."""
 
     def __post_init__(self) -> None:
         _check_choice("shape", self.shape, SHAPES)
         _check_choice("noise", self.noise, NOISES)
         _check_whole("n", self.n, 1, MAX_SAMPLES)
         _check_whole("channels", self.channels, 1, MAX_CHANNELS)
-        if self.n * self.channels > MAX_SAMPLES:
-            raise BadSetting(f"n * channels must be at most {MAX_SAMPLES} (got {self.n * self.channels})")
+        self._check_sensors()
+        if self.n * self.columns > MAX_SAMPLES:
+            raise BadSetting(f"n * channels must be at most {MAX_SAMPLES} (got {self.n * self.columns})")
         _check_whole("seed", self.seed, 0, 2**63 - 1)
         for name, low, high in _RANGES:
             _check_real(name, getattr(self, name), low, high)
         if self.limits is not None:
             _check_limits(self.limits)
+
+    def _check_sensors(self) -> None:
+        if self.sigmas is not None and self.channels != 1:
+            raise BadSetting(f"channels must be left out where sigmas gives a channel each (got {self.channels})")
+        for name, low, high in _OF_EACH_SENSOR:
+            if (values := getattr(self, name)) is not None:
+                _check_each(name, values, low, high, self.sigmas)
+        for step in self.every or ():
+            _check_whole("every", int(step) if step == int(step) else step, 1, MAX_SAMPLES)
+
+    @property
+    def columns(self) -> int:
+        """Channels of the recording."""
+        return self.channels if self.sigmas is None else len(self.sigmas)
 
     @property
     def spec(self) -> str:
@@ -78,8 +100,13 @@ class SignalSettings:
         for item in fields(self):
             value = getattr(self, item.name)
             if item.name != "shape" and value != item.default:
-                changed[item.name] = ",".join(map(repr, value)) if item.name == "limits" else value
+                changed[item.name] = _text(value)
         return f"synthetic:{self.shape}" + ("?" + urlencode(changed, safe=",") if changed else "")
+
+
+def _text(value: Any) -> Any:
+    """A setting as it stands in a source: several numbers with commas between them."""
+    return ",".join(map(repr, cast("tuple[float, ...]", value))) if isinstance(value, tuple) else value
 
 
 MAX_SETTING = 1e50
@@ -97,6 +124,11 @@ _RANGES = (
     ("quantum", 0.0, MAX_SETTING),
     ("drop_outs", 0.0, 1.0),
 )
+_OF_EACH_SENSOR = (
+    ("sigmas", 0.0, MAX_SETTING),
+    ("offsets", -MAX_SETTING, MAX_SETTING),
+    ("every", 1.0, float(MAX_SAMPLES)),
+)
 
 
 def synthesize(shape: str | SignalSettings, **settings: Any) -> Recording:
@@ -104,7 +136,7 @@ def synthesize(shape: str | SignalSettings, **settings: Any) -> Recording:
 
     The order is that of a real sensor: signal, noise, spikes, converter (limits, then steps), lost samples.
     Channel j of a periodic shape lags channel 0 by j/channels of a period; of the others it is
-    1 + j/2 times as high; walks are independent.
+    1 + j/2 times as high; walks are independent. With `sigmas` all of them, named a, b, c …, measure one signal.
 
     Args:
         shape: One of SHAPES, or all settings as one SignalSettings.
@@ -123,18 +155,27 @@ def synthesize(shape: str | SignalSettings, **settings: Any) -> Recording:
     chosen = SignalSettings(shape, **settings) if isinstance(shape, str) else shape
     rng = np.random.default_rng(chosen.seed)
     time = np.arange(chosen.n, dtype=np.float64) * float(chosen.sample_period)
-    truth = np.column_stack([_signal(chosen, time, j, rng) for j in range(chosen.channels)])
+    signals = np.column_stack([_signal(chosen, time, j, rng) for j in range(chosen.channels)])
+    truth = np.broadcast_to(signals, (chosen.n, chosen.columns)).copy()
     return Recording(
         time=time,
-        names=tuple(f"{chosen.shape} {j + 1}" for j in range(chosen.channels))
-        if chosen.channels > 1
-        else (chosen.shape,),
-        units=("",) * chosen.channels,
+        names=_names(chosen),
+        units=("",) * chosen.columns,
         values=_measure(truth, chosen, rng),
         sample_period=float(chosen.sample_period),
         truth=truth,
         source=chosen.spec,
         title=f"Synthetic {chosen.shape.replace('_', ' ')}",
+    )
+
+
+def _names(settings: SignalSettings) -> tuple[str, ...]:
+    if settings.sigmas is not None:
+        return tuple("abcdefghijklmnop"[: settings.columns])
+    return (
+        tuple(f"{settings.shape} {j + 1}" for j in range(settings.channels))
+        if settings.channels > 1
+        else (settings.shape,)
     )
 
 
@@ -181,7 +222,10 @@ _PERIODIC: dict[str, Callable[[Array, float], Array]] = {
 
 def _measure(truth: Array, settings: SignalSettings, rng: np.random.Generator) -> Array:
     """What the sensor says of the truth, shape (n, channels)."""
-    values = truth + settings.sigma * _unit_noise(settings.noise, truth.shape, rng)
+    sigma = settings.sigma if settings.sigmas is None else np.array(settings.sigmas)
+    values = truth + sigma * _unit_noise(settings.noise, truth.shape, rng)
+    if settings.offsets is not None:
+        values = values + np.array(settings.offsets)
     if settings.outliers:
         hit = rng.random(truth.shape) < settings.outliers
         values = values + hit * rng.choice((-1.0, 1.0), truth.shape) * settings.outlier_size
@@ -194,6 +238,8 @@ def _measure(truth: Array, settings: SignalSettings, rng: np.random.Generator) -
         values = np.where(np.isfinite(steps), steps * settings.quantum, values)
     if settings.drop_outs:
         values = np.where(rng.random(truth.shape) < settings.drop_outs, np.nan, values)
+    if settings.every is not None:
+        values = np.where(np.arange(settings.n)[:, None] % np.array(settings.every) == 0, values, np.nan)
     return values
 
 
@@ -222,6 +268,19 @@ def _check_real(name: str, value: Any, low: float, high: float) -> None:
     real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
     if not real or not low <= value <= high:  # NaN fails every comparison
         raise BadSetting(f"{name} must be a number from {low:g} to {high:g} (got {value!r})")
+
+
+def _check_each(name: str, values: object, low: float, high: float, sigmas: tuple[float, ...] | None) -> None:
+    """A number for each sensor; `sigmas` says how many there are."""
+    each = cast("tuple[Any, ...]", values) if isinstance(values, tuple) else ()
+    if not 1 <= len(each) <= MAX_CHANNELS:
+        raise BadSetting(f"{name} must be 1 to {MAX_CHANNELS} numbers, one a sensor (got {values!r})")
+    if sigmas is None or len(each) != len(sigmas):
+        raise BadSetting(
+            f"{name} must have a number for each of sigmas, {sigmas or 'which is not given'} (got {values!r})"
+        )
+    for value in each:
+        _check_real(name, value, low, high)
 
 
 def _check_limits(limits: object) -> None:
