@@ -34,7 +34,7 @@ from kalscope.sources.port.port_spec import port_of
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.engine.parts import DELAYS
 from kalscope_app.guard.server import guarded_server
-from kalscope_app.session.live import opened_live, set_span
+from kalscope_app.session.changes.live import opened_live, set_span
 from kalscope_app.session.live_state import BoardId
 
 RATE = 1000.0

@@ -47,11 +47,11 @@ from kalscope_app.views.source.live import LiveView
 from kalscope_app.views.source.source import SourceView
 from kalscope_app.views.tour import Tour
 from kalscope_app.views.tune.checks import ChecksView
+from kalscope_app.views.tune.controls.paper_filter import PaperFilterView
 from kalscope_app.views.tune.goal.estimators import EstimatorsView
 from kalscope_app.views.tune.goal.goal import GoalView
 from kalscope_app.views.tune.momentum_profile import MomentumProfileView
 from kalscope_app.views.tune.numbers import NumbersView
-from kalscope_app.views.tune.paper_filter import PaperFilterView
 from kalscope_app.views.tune.parameters import ParametersView
 from kalscope_app.views.tune.presets import PresetsView
 from kalscope_app.views.tune.start import StartView

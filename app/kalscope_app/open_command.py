@@ -138,7 +138,7 @@ def first_state(
     from kalscope.sources.live.live_source import LiveSource
     from kalscope.sources.port.port_spec import is_live
     from kalscope.tuning.tuning import load_tuning
-    from kalscope_app.session.live import opened_live
+    from kalscope_app.session.changes.live import opened_live
     from kalscope_app.session.live_state import BoardId
 
     if not is_live(source):

@@ -15,7 +15,7 @@ from kalscope.export.float32 import float32_params
 from kalscope.sources.live.live_source import LiveSource
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.live.sending import send_setting
-from kalscope_app.session.live import opened_live, refreshed, set_sent
+from kalscope_app.session.changes.live import opened_live, refreshed, set_sent
 from kalscope_app.session.live_state import BoardId
 from kalscope_app.studies.board import compare_with_board
 

@@ -22,7 +22,7 @@ from kalscope_app.engine.frame import Frame, compute_frame
 from kalscope_app.engine.idle_studies import Studies
 from kalscope_app.engine.parts import Part, Schedule, is_move
 from kalscope_app.engine.record_facts import RecordFacts
-from kalscope_app.session.live import live_window, studied
+from kalscope_app.session.changes.live import live_window, studied
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 

@@ -11,7 +11,7 @@ from kalscope.sources.live.live_samples import Snapshot
 from kalscope.sources.live.live_source import LiveSource
 from kalscope.sources.port.port_spec import PortSpec, port_of
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.session.live import opened_live
+from kalscope_app.session.changes.live import opened_live
 from kalscope_app.session.live_state import BoardId, ConnectionState
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State

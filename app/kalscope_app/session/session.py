@@ -13,8 +13,8 @@ from enum import StrEnum
 from typing import Protocol
 
 from kalscope.sources.live.live_samples import Snapshot
+from kalscope_app.session.changes.live import refreshed, with_current_samples, without_samples
 from kalscope_app.session.history import History, record, step_back, step_forward
-from kalscope_app.session.live import refreshed, with_current_samples, without_samples
 from kalscope_app.session.live_state import NO_CONNECTION, BoardId, ConnectionState
 from kalscope_app.session.state import Change, State
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from kalscope.common.text import typed_number
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import option, option_words
-from kalscope_app.session.live import defer_until_settled
+from kalscope_app.session.changes.live import defer_until_settled
 from kalscope_app.session.state import State
 
 AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}

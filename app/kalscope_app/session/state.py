@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,7 @@ from kalscope_app.session.fleet import OpenFleet
 from kalscope_app.session.linked_channels import UNLINKED, apply_to_linked
 from kalscope_app.session.live_state import Live, Sent
 from kalscope_app.session.variants import Variant
-
-MAP_COLOURS: tuple[str, ...] = ("likelihood", "RMSE", "lag")
-"""What the tuning map may be coloured by; RMSE where the truth is known."""
+from kalscope_app.session.view import AS_OPENED, View
 
 
 @dataclass(frozen=True)
@@ -64,38 +62,6 @@ class ChannelSettings:
 
 
 @dataclass(frozen=True)
-class View:
-    """How it is looked at. It outlives the recording, and Undo leaves it alone."""
-
-    dark: bool = False
-    """Dark theme."""
-    map_shown: bool = False
-    """Whether the tuning map is shown where the window is wide enough."""
-    map_colour: str = "likelihood"
-    """What the tuning map is coloured by, one of MAP_COLOURS."""
-    smoother: bool = False
-    """Whether the best possible offline curve is drawn."""
-    velocity: bool = False
-    """Whether the velocity is drawn in place of the gain, where the filter has momentum."""
-    gain_shown: bool = False
-    """Whether the gain chart is drawn."""
-    why_shown: bool = False
-    """Whether the reasons for the verdict are shown."""
-    match_by: Literal["lag", "noise"] = "lag"
-    """What simpler filters are made equal in."""
-    drawn_alternative: str = "Moving average"
-    """The simpler filter that is drawn beside the present one; any other word draws all."""
-    search_method: str = "maximum lag"
-    """How q and r are searched, one of the search methods of the dashboard."""
-    preset: str = ""
-    """Title of the preset that is looked at; "" = the first."""
-    window: tuple[float, float] | None = None
-    """First and last moment on screen, s; None = the whole recording."""
-    resets: int = 0
-    """How often the view was reset: a new number makes the charts forget their zoom."""
-
-
-@dataclass(frozen=True)
 class Outcome:
     """What the last search for q and r gave on one channel."""
 
@@ -131,7 +97,7 @@ class State:
 
     open: OpenRecording
     settings: ChannelSettings
-    view: View = View()
+    view: View = AS_OPENED
     answers: Answers = Answers()
     sent: Sent | None = None
     """What was last sent to the live board; None = nothing yet."""

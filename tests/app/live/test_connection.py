@@ -14,7 +14,7 @@ from kalscope import BadSetting, Recording
 from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope_app.live.connection import BoardConnection, port_named
 from kalscope_app.live.recording import BoardRecording
-from kalscope_app.session.live import opened_live
+from kalscope_app.session.changes.live import opened_live
 from kalscope_app.session.live_state import NO_CONNECTION, BoardId
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo

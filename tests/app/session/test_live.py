@@ -24,9 +24,7 @@ from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.engine.parts import Part
 from kalscope_app.session.changes.channels import select_channel, set_board_channel
-from kalscope_app.session.changes.parameters import reset_parameters, set_text
-from kalscope_app.session.changes.view import set_window
-from kalscope_app.session.live import (
+from kalscope_app.session.changes.live import (
     MAX_STUDIED,
     SPANS,
     START_SAMPLES,
@@ -39,6 +37,8 @@ from kalscope_app.session.live import (
     studied,
     without_samples,
 )
+from kalscope_app.session.changes.parameters import reset_parameters, set_text
+from kalscope_app.session.changes.view import set_window
 from kalscope_app.session.live_state import ConnectionState
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo

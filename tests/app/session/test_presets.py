@@ -10,8 +10,8 @@ import pytest
 from kalscope import BadSetting, Recording, kalman_filter, starting_params, steady_state
 from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.session.changes.presets import PRESETS, choose_preset, take_preset
 from kalscope_app.session.opening import opened
-from kalscope_app.session.presets import PRESETS, choose_preset, take_preset
 from kalscope_app.session.session import Session, undo
 from kalscope_app.views.tune.presets import preset_text
 

@@ -7,7 +7,8 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from kalscope.errors import BadSetting
-from kalscope_app.session.state import MAP_COLOURS, Change, State
+from kalscope_app.session.state import Change, State
+from kalscope_app.session.view import MAP_COLOURS
 
 
 def set_window(first: float, last: float) -> Change:

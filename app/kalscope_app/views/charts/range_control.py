@@ -8,8 +8,8 @@ import time
 import viser
 
 from kalscope_app.engine.frame import Frame
+from kalscope_app.session.changes.live import SPANS, follow, live_window, set_paused, set_span
 from kalscope_app.session.changes.view import reset_view, set_window
-from kalscope_app.session.live import SPANS, follow, live_window, set_paused, set_span
 from kalscope_app.session.live_state import Live
 from kalscope_app.session.session import Session
 from kalscope_app.views.binding import bind, on_user

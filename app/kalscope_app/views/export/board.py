@@ -13,7 +13,7 @@ from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live.connection import BoardConnection
 from kalscope_app.live.sending import send_setting
-from kalscope_app.session.live import set_sent
+from kalscope_app.session.changes.live import set_sent
 from kalscope_app.session.live_state import Sent
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State

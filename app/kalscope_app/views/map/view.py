@@ -19,7 +19,8 @@ from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.changes.parameters import set_point
 from kalscope_app.session.changes.view import set_map_colour, set_map_shown
 from kalscope_app.session.session import Session
-from kalscope_app.session.state import MAP_COLOURS, State
+from kalscope_app.session.state import State
+from kalscope_app.session.view import MAP_COLOURS
 from kalscope_app.studies.map_geometry import MapFrame, Point, frame_for
 from kalscope_app.studies.tuning_map import TuningMap, exponents_of, nothing
 from kalscope_app.views.binding import bind, offer, on_user, put

@@ -7,7 +7,7 @@ import viser
 from kalscope.common.text import number
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope_app.engine.frame import Frame
-from kalscope_app.session.presets import PRESETS, choose_preset, take_preset
+from kalscope_app.session.changes.presets import PRESETS, choose_preset, take_preset
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import bind, on_user
