@@ -3,11 +3,13 @@ PYTHON ?= python3
 BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 
 # Packages of the system that tests need, and how to tell that they are there.
-SYSTEM_PACKAGES := chromium octave gcc g++ gcc-avr avr-libc arduino-core-avr libsimavr-dev
+SYSTEM_PACKAGES := chromium octave gcc g++ gcc-avr avr-libc arduino-core-avr libsimavr-dev \
+  gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm gcc-riscv64-unknown-elf picolibc-riscv64-unknown-elf
 HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v google-chrome) >/dev/null 2>&1 \
   && command -v octave >/dev/null 2>&1 && command -v gcc >/dev/null 2>&1 && command -v g++ >/dev/null 2>&1 \
   && command -v avr-gcc >/dev/null 2>&1 && test -d /usr/share/arduino/hardware/arduino/avr \
-  && test -e /usr/include/simavr/sim_avr.h
+  && test -e /usr/include/simavr/sim_avr.h && command -v arm-none-eabi-gcc >/dev/null 2>&1 \
+  && command -v qemu-system-arm >/dev/null 2>&1 && command -v riscv64-unknown-elf-gcc >/dev/null 2>&1
 
 .PHONY: run test test-fast check format bench soak system can-test clean
 
@@ -61,7 +63,7 @@ system:
 can-test:
 	@if $(HAVE_SYSTEM); then :; \
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then $(MAKE) system; \
-	else echo "Chromium, Octave, gcc, avr-gcc or simavr is missing: the tests that need it will be skipped; 'make system' as root installs all."; fi
+	else echo "Chromium, Octave, QEMU, simavr or a compiler is missing: the tests that need it will be skipped; 'make system' as root installs all."; fi
 
 .venv/pyvenv.cfg:
 	$(PYTHON) -m venv .venv

@@ -121,9 +121,9 @@ class Workshop:
         return archive
 
 
-def run(*command: str | Path) -> str:
-    """Standard output of a command; what it complained of is raised where it failed."""
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=PATIENCE)
+def run(*command: str | Path, folder: Path | None = None) -> str:
+    """Standard output of a command run in a folder; what it complained of is raised where it failed."""
+    done = subprocess.run(list(map(str, command)), cwd=folder, capture_output=True, text=True, timeout=PATIENCE)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}\n{done.stderr}")
     return done.stdout

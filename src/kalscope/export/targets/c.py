@@ -58,7 +58,9 @@ def _constant(job: ExportJob, name: str, channel: ChannelTuning) -> str:
         guard = f'#ifdef KALSCOPE_FLOAT\n#error "float cannot hold the values of {name}: use double"\n#endif\n'
     else:
         if gain > 0:
-            values["settled_gain"] = f"(sizeof(kalscope_real) == sizeof(float) ? {float32_text(gain)} : 0.0)"
+            values["settled_gain"] = (
+                f"(sizeof(kalscope_real) == sizeof(float) ? (kalscope_real){float32_text(gain)} : 0)"
+            )
     fields = "".join(f"    .{field} = (kalscope_real){value},\n" for field, value in values.items())
     said = _commented(about_channel(job, channel))
     return f"{said}\n{guard}const kalscope_tuning kalscope_tuning_{name} = {{\n{fields}}};\n"

@@ -1,0 +1,98 @@
+"""The exported code on other processors: compiled without a warning, and bit-equal where QEMU runs it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from processor import PROCESSORS, Processor
+from required import not_here
+
+from kalscope.export.float32 import filter_float32
+from kalscope.export.job import ExportJob
+from kalscope.export.targets import arduino, c, fixed_gains
+from kalscope.tuning.tuning import ChannelTuning
+
+pytestmark = pytest.mark.device
+CHANNELS = (
+    ChannelTuning("plain", "V", 0.01, 4.0),
+    ChannelTuning("gated", "V", 0.3, 20.0, 10.0, gate=9.0),
+    ChannelTuning("r0", "V", 0.2, 0.0, 3.0),
+    ChannelTuning("slow", "V", 3e-15, 30.0, 1.2e-6, 0.5),
+)
+WITH_MOMENTUM = (*(replace(channel, momentum=20.0) for channel in CHANNELS), CHANNELS[0])
+DOCS = Path(__file__).parents[2] / "docs/devices.md"
+
+
+@pytest.fixture(params=PROCESSORS, ids=lambda processor: processor.name)
+def processor(request):
+    if request.param.missing:
+        not_here(f"{', '.join(request.param.missing)} is not installed")
+    return request.param
+
+
+def compiled(processor, folder, texts, *flags):
+    """The C filter of an export, compiled for float."""
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="ascii")
+    return processor.compile(folder / "kalscope_filter.c", "-DKALSCOPE_FLOAT", *flags)
+
+
+def samples():
+    rng = np.random.default_rng(12)
+    z = 500 + np.cumsum(rng.normal(0, 2, 3000)) + rng.normal(0, 5, 3000)
+    z[rng.random(3000) < 0.02] += 900.0
+    z[1000:1020] += 400.0  # a step: the gate gives in
+    z[rng.random(3000) < 0.02] = np.nan
+    z[:3] = np.nan
+    return z.astype(np.float32)
+
+
+@pytest.mark.parametrize("channels", [CHANNELS, WITH_MOMENTUM], ids=["five lines", "momentum"])
+def test_the_c_filter_compiles_without_a_warning_and_answers_the_same_bits(processor, tmp_path, channels):
+    job, z = ExportJob(channels), samples()
+    made = compiled(processor, tmp_path, c.files(job))
+    if processor.machine:
+        answers, _ = processor.emulate(made, tuple(f"kalscope_tuning_{name}" for name in job.identifiers), z)
+        for answer, channel in zip(answers, channels, strict=True):
+            np.testing.assert_array_equal(answer, filter_float32(z, channel.params), err_msg=channel.name)
+
+
+@pytest.mark.parametrize("channels", [CHANNELS, WITH_MOMENTUM], ids=["five lines", "momentum"])
+def test_the_cpp_class_and_fixed_gains_compile_without_a_warning(processor, tmp_path, channels):
+    sketch = tmp_path / "sketch.cpp"
+    (tmp_path / "KalscopeFilter.h").write_text(arduino.files(ExportJob(channels))["KalscopeFilter.h"])
+    (tmp_path / "kalscope_fixed_gains.h").write_text(
+        fixed_gains.c_files(ExportJob(channels[:1]))["kalscope_fixed_gains.h"]
+    )
+    sketch.write_text(
+        '#include "KalscopeFilter.h"\nKalscopeFilter filter(KALSCOPE_TUNING_PLAIN);\n'
+        "float update(float z);\nfloat update(float z) { return filter.update(z); }\n"
+    )
+    processor.compile(sketch)
+    gains = tmp_path / "gains.c"
+    gains.write_text('#include "kalscope_fixed_gains.h"\ntypedef int not_empty;\n')
+    processor.compile(gains, "-DKALSCOPE_FLOAT", "-Wno-unused-function")
+
+
+def test_the_stated_costs_are_true(processor, tmp_path):
+    """The table of docs/devices.md, to 5 %: compilers differ a little from version to version."""
+    stated = dict(re.findall(r"^\| ([\w+-]+) \|(.*)\|$", DOCS.read_text(), re.MULTILINE))[processor.name]
+    for cell, channel in zip(stated.split("|")[1:], (CHANNELS[0], WITH_MOMENTUM[0]), strict=True):
+        figures = cost(processor, tmp_path, channel)
+        numbers = [float(number.replace(",", "")) for number in re.findall(r"\d[\d,]*", cell)]
+        np.testing.assert_allclose(figures, numbers, rtol=0.05)
+
+
+def cost(processor: Processor, folder: Path, channel: ChannelTuning) -> list[float]:
+    """Bytes of code with one tuning, and instructions of a sample where it can be run."""
+    made = compiled(processor, folder, c.files(ExportJob((channel,))))
+    if not processor.machine:
+        return [processor.size(made)]
+    _, (instructions,) = processor.emulate(
+        made, ("kalscope_tuning_" + ExportJob((channel,)).identifiers[0],), samples()
+    )
+    return [processor.size(made), instructions]
