@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, kalman_filter
+from kalscope.filtering.kernels import smooth_channel
 from kalscope.filtering.smoothing import smooth
-from kalscope.filtering.smoothing_kernels import smooth_channel
 
 
 def whittaker(z, q, r, dt=None, p0=None, x0=None):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.errors import BadSetting
-from kalscope.filtering import kernels, smoothing_kernels
+from kalscope.filtering import kernels
 from kalscope.filtering.momentum import kernels as momentum_kernels
 from kalscope.filtering.momentum import smoothing_kernels as momentum_smoothing
 
@@ -69,7 +69,7 @@ class FiveLines:
 
     def smooth(self, z: Array, dt: Array, out: Rows) -> None:
         """Smooth z, from the start, into the rows of `out`."""
-        smoothing_kernels.smooth_channel(z, dt, self.q, self.r, self.gate, self.x, self.p, out[0], out[1])
+        kernels.smooth_channel(z, dt, self.q, self.r, self.gate, self.x, self.p, out[0], out[1])
 
 
 class WithMomentum:

@@ -1,4 +1,4 @@
-"""The compiled loops of the scalar filter, nothing else: one channel, contiguous float64, no checks.
+"""The compiled loops of the scalar filter and its smoother: one channel, contiguous float64, no checks.
 
 Every loop releases the GIL (a reader thread must not starve) and is cached on disk. None is parallel.
 `step` is the only place where the filter's five lines stand; every driver below calls it.
@@ -189,3 +189,64 @@ def advance_chunk(z: Array, k: float, x: float, out: Array) -> float:
         x = x + (c8 - g8 * x)
         out[i + 7] = x
     return x
+
+
+@compiled()
+def smooth_channel(
+    z: Array, dt: Array, q: float, r: float, gate: float, x: float, p: float, out_x: Array, out_p: Array
+) -> None:
+    """Smooth one channel into `out_x`, `out_p`, which hold the filtered values in between.
+
+    `dt` empty means regular sampling. No other memory is used: the way back replaces each filtered value once
+    it has been read.
+    """
+    n = z.shape[0]
+    filter_forward(z, dt, q, r, gate, x, p, out_x, out_p)
+    first = 0
+    while first < n and math.isnan(out_x[first]):
+        first += 1
+    if first < n:
+        smooth_backwards(dt, q, out_x[first], out_x, out_p)
+
+
+@compiled()
+def smooth_backwards(dt: Array, q: float, start: float, out_x: Array, out_p: Array) -> None:
+    """The way back over filtered `out_x`, `out_p`; `start` stands for x before it is known."""
+    last, regular = out_x.shape[0] - 1, dt.shape[0] == 0
+    x, p = float(out_x[last]), float(out_p[last])
+    for i in range(last - 1, -1, -1):
+        grown = q if regular else q * dt[i + 1]
+        p_i = out_p[i]
+        if math.isinf(p_i):  # before a diffuse start nothing but what comes later is known
+            p = p + grown
+        else:
+            p_pred = p_i + grown
+            j = p_i / p_pred if p_pred > 0.0 else 1.0
+            x_i = start if math.isnan(out_x[i]) else out_x[i]
+            x = x_i + j * (x - x_i)
+            p = j * grown + j * j * p  # = p_i + j² (p − p_pred), without the cancellation
+        out_x[i], out_p[i] = x, p
+
+
+@compiled()
+def filter_forward(
+    z: Array, dt: Array, q: float, r: float, gate: float, x: float, p: float, out_x: Array, out_p: Array
+) -> None:
+    """The filter's x and p only; the same numbers as `filter_channel`, bit for bit."""
+    n, regular = z.shape[0], dt.shape[0] == 0
+    in_a_row = i = 0
+    while i < n:
+        before = p
+        x, p, k, _, s, done = step(z[i], 1.0 if regular else dt[i], q, r, gate, x, p, in_a_row)
+        out_x[i], out_p[i] = x, p
+        i += 1
+        in_a_row = in_a_row + 1 if done == REJECTED else (in_a_row if done == MISSING else 0)
+        if regular and done == UPDATED and p == before:
+            limit = gate * s
+            while i < n:
+                v = z[i] - x
+                if not v * v <= limit:  # a missing sample, or one for the gate
+                    break
+                x = x + k * v
+                out_x[i], out_p[i] = x, p
+                i += 1

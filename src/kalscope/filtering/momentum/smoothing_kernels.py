@@ -44,16 +44,21 @@ def smooth_channel(
         out_x[i], out_v[i], out_p[i], out_g[i], out_w[i] = state
         if math.isnan(start) and not math.isnan(state[0]):
             start = state[0]  # what stands for x0 where none was given
-    if n == 0 or math.isnan(start):
-        return
-    after = (
-        float(out_x[n - 1]),
-        float(out_v[n - 1]),
-        float(out_p[n - 1]),
-        float(out_g[n - 1]),
-        float(out_w[n - 1]),
-    )
-    for i in range(n - 2, -1, -1):
+    if n > 0 and not math.isnan(start):
+        smooth_backwards(dt, q, tau, start, (out_x, out_v, out_p, out_g, out_w))
+
+
+@compiled()
+def smooth_backwards(
+    dt: Array, q: float, tau: float, start: float, out: tuple[Array, Array, Array, Array, Array]
+) -> None:
+    """The way back over filtered states, `out` = (x, v, p, g, w); `start` stands for x before it is known."""
+    out_x, out_v, out_p, out_g, out_w = out
+    end, regular = out_x.shape[0] - 1, dt.shape[0] == 0
+    last = 1.0
+    over = transition(last, q, tau)
+    after = float(out_x[end]), float(out_v[end]), float(out_p[end]), float(out_g[end]), float(out_w[end])
+    for i in range(end - 1, -1, -1):
         if not regular and dt[i + 1] != last:
             last = dt[i + 1]
             over = transition(last, q, tau)
