@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from kalscope.estimation.sensor.starting import starting_params
     from kalscope.export.registry import export_tuning
     from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
+    from kalscope.filtering.fusion.batch import FusionResult, fuse
+    from kalscope.filtering.fusion.params import FusionParams
+    from kalscope.filtering.fusion.smoothing import smooth_fusion
+    from kalscope.filtering.fusion.streaming import FusionFilter
     from kalscope.filtering.params import FilterParams
     from kalscope.filtering.smoothing import SmootherResult, smooth
     from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
@@ -47,6 +51,9 @@ __all__ = [
     "EstimateTable",
     "FilterParams",
     "FilterResult",
+    "FusionFilter",
+    "FusionParams",
+    "FusionResult",
     "KalmanFilter",
     "KalscopeError",
     "LineIssue",
@@ -65,6 +72,7 @@ __all__ = [
     "estimate_fixed_ratio",
     "estimate_many",
     "export_tuning",
+    "fuse",
     "kalman_filter",
     "likelihood_profile",
     "list_samples",
@@ -78,6 +86,7 @@ __all__ = [
     "read_recording",
     "save_tuning",
     "smooth",
+    "smooth_fusion",
     "starting_params",
     "steady_state",
     "synthesize",
@@ -120,6 +129,13 @@ _NAMES = {
         "denoise",
         "kalman_filter",
     ),
+    "filtering.fusion.batch": (
+        "FusionResult",
+        "fuse",
+    ),
+    "filtering.fusion.params": ("FusionParams",),
+    "filtering.fusion.smoothing": ("smooth_fusion",),
+    "filtering.fusion.streaming": ("FusionFilter",),
     "filtering.params": ("FilterParams",),
     "filtering.smoothing": (
         "SmootherResult",

@@ -1,0 +1,46 @@
+"""The smoother of a fused filter: the best estimate of each row from the whole record."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kalscope.filtering import kernels
+from kalscope.filtering.arrays import samples_of, steps_of
+from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.fusion.running import FusedRows, RunningFusion, scaled_readings
+from kalscope.filtering.momentum import smoothing_kernels as momentum_kernels
+from kalscope.filtering.smoothing import SmootherResult
+
+
+def smooth_fusion(z: ArrayLike, params: FusionParams, dt: ArrayLike | None = None) -> SmootherResult:
+    """Smooth the fused readings of several sensors over the whole record, as `smooth` does for one sensor.
+
+    The way back needs the fused states only: it is that of one sensor. A reading that the gate rejects in the
+    forward pass counts as missing.
+
+    Args:
+        z: readings, shape (n, sensors); NaN where a sensor has none.
+        params: the model.
+        dt: nominal sample periods that elapse before each row, shape (n,), ≥ 0; None = 1 each.
+
+    Raises:
+        BadSetting: z holds inf or has another shape; dt does not fit z.
+    """
+    readings = scaled_readings(samples_of(z), params)
+    steps = steps_of(dt, len(readings))
+    rows = FusedRows.empty(params, len(readings))
+    RunningFusion(params).take(readings, steps, rows)
+    known = readings[np.isfinite(readings)] if params.x0 is None else np.array([params.x0])
+    start = float(known[0]) if len(known) else math.nan  # what x is taken for before it is known
+    if not params.momentum:
+        x, p = rows.states
+        if not math.isnan(start) and len(x):
+            kernels.smooth_backwards(steps, params.q, start, x, p)
+        return SmootherResult(x, p)
+    x, v, p, g, w = rows.states
+    if not math.isnan(start) and len(x):
+        momentum_kernels.smooth_backwards(steps, params.q, params.momentum, start, (x, v, p, g, w))
+    return SmootherResult(x, p, v, w)
