@@ -7,7 +7,9 @@ import pytest
 
 from kalscope import BadSetting, Cancelled, estimate, estimate_fixed_r, estimate_fixed_ratio, estimate_many
 from kalscope.estimation import known
+from kalscope.estimation.fleet.many import estimate_many as estimate_many_module
 from kalscope.estimation.fleet.many import fit_kernels, search_kernels, spike_kernels
+from kalscope.estimation.fleet.many.plain import pair_intervals
 from kalscope.estimation.fleet.many.series import Series, series_of
 from kalscope.estimation.fleet.many.table import VERDICTS
 from kalscope.estimation.likelihood import search
@@ -153,6 +155,20 @@ def test_spikes_are_set_aside_where_estimate_does_it(options):
         assert table.gate[row] == (np.inf if one.gate is None else one.gate)
 
 
+@pytest.mark.parametrize("options", [{}, {"r": 1.0}, {"ratio": 0.05}])
+def test_intervals_are_of_one_kind_alone_or_in_a_table(options):
+    series = list(with_spikes(45))
+    table = estimate_many(series, **options)
+    for row, z in enumerate(series):
+        if table.verdict[row] == "ok":
+            single = {"r": estimate_fixed_r, "ratio": estimate_fixed_ratio}.get(next(iter(options), ""))
+            one = estimate(z, momentum=0.0) if single is None else single(z, *options.values())
+            ends = [float(end[row]) for end in (*table.q_interval, *table.r_interval)]
+            assert pair_intervals(one, z, np.empty(0)) == pytest.approx(ends, rel=1e-9), row
+            assert ends[0] <= one.q <= ends[1]
+            assert ends[2] <= one.r <= ends[3]
+
+
 def test_steps_and_spikes_together_are_those_of_estimate():
     series = list(with_spikes(24))
     steps = [steps_for(z, seed) for seed, z in enumerate(series)]
@@ -169,6 +185,20 @@ def test_few_series_without_spikes_are_looked_at_twice():
         many.values, many.steps, many.starts[:-1], many.starts[1:], table.q, table.r, suspect
     )
     assert suspect.sum() <= 6
+
+
+def test_a_signal_that_moves_far_more_than_its_noise_is_fitted_without_single_fits(monkeypatch):
+    series, singles, one_fit = [walk(seed, 300, 100.0) for seed in range(60)], [], estimate_many_module.estimate
+    series += [walk(seed, 300, 3.0) for seed in range(30)]
+    series[7][[50, 170, 220]] += 400.0
+    monkeypatch.setattr(
+        estimate_many_module, "estimate", lambda z, **options: singles.append(z) or one_fit(z, **options)
+    )
+    table = estimate_many(series)
+    assert 1 <= len(singles) <= 9
+    assert table.spikes[7] == 3
+    for row, z in enumerate(series):
+        assert_same(table, row, estimate(z, momentum=0.0), row)
 
 
 def test_momentum_and_spikes_are_those_of_estimate():
@@ -259,7 +289,8 @@ def test_the_compiled_loops_use_the_limits_of_the_modules_that_they_follow():
     assert fit_kernels.MIN_VARIANCE == conclude.MIN_VARIANCE
     assert (fit_kernels.MIN_CHANGES, fit_kernels.MAX_CHANGING) == (known._MIN_CHANGES, known._MAX_CHANGING)
     assert fit_kernels.MAX_FACTOR == known._MAX_FACTOR
-    for name in ("SIGMAS", "SIDE_SIGMAS", "LONGEST", "START_SIGMAS", "WINDOW", "FALSE_ALARM"):
+    names = ("SIGMAS", "SIDE_SIGMAS", "LONGEST", "START_SIGMAS", "WINDOW", "FALSE_ALARM")
+    for name in (*names, "NEAR", "MOST", "VERY_LIVELY", "CROWDED", "MIN_RUNS"):
         assert getattr(spike_kernels, name) == getattr(spikes, name)
     assert (spike_kernels.NORMAL, spike_kernels.EQUAL_SHARE) == (spikes._NORMAL, spikes._EQUAL_SHARE)
     assert VERDICTS[fit_kernels.NO_MOVEMENT] == "no_movement"

@@ -9,8 +9,7 @@ import pytest
 from fleets import fleet
 
 from kalscope import BadSetting, FilterParams, estimate, kalman_filter
-from kalscope.estimation.fleet.held_out import LOG_RATIOS, held_out, held_out_at
-from kalscope.estimation.fleet.loss import fleet_loss
+from kalscope.estimation.fleet.held_out import LOG_RATIOS, held_out, held_out_at, share_served
 
 
 def prediction_error(z, ratio, dt=None):
@@ -40,10 +39,35 @@ def test_irregular_steps_count():
 
 @pytest.mark.parametrize("ratio", [1e-5, 0.002, 0.03, 0.7, 40.0])
 def test_between_its_places_it_is_good_to_a_thousandth(ratio):
-    rows = fleet(40, 600, 10.0 ** np.linspace(-5, 2, 40))
-    exact = fleet_loss(rows, ratio).error_ratio
+    rows = fleet(24, 600, 10.0 ** np.linspace(-5, 2, 24))
+    own = [estimate(z[:300], momentum=0.0, robust=False).ratio for z in rows]
+    exact = [
+        prediction_error(z, ratio) / prediction_error(z, max(best, 1e-300))
+        for z, best in zip(rows, own, strict=True)
+    ]
     np.testing.assert_allclose(held_out_at(held_out(rows), ratio), exact, rtol=1e-3)
     np.testing.assert_allclose(held_out_at(held_out(rows).astype(np.float32), ratio), exact, rtol=1e-3)
+
+
+def test_a_filter_of_its_own_may_have_momentum():
+    t, rng = np.arange(600.0), np.random.default_rng(6)
+    turning = np.sin(t / 15.0) + 0.05 * rng.standard_normal(600)
+    rows, dt = [turning, turning, fleet(1, 600, 0.1)[0]], np.ones(600)
+    growth = held_out(rows, [dt] * 3, np.array([True, False, True]))
+    own = estimate(turning[:300], robust=False).params
+    wanted = math.sqrt(np.mean(kalman_filter(turning, own).innovation[300:] ** 2))
+    assert held_out_at(growth, 0.5)[0] == pytest.approx(prediction_error(turning, 0.5) / wanted, rel=1e-3)
+    assert held_out_at(growth, 0.5)[0] > 1.2 * held_out_at(growth, 0.5)[1]  # without it less is lost
+    assert growth[2].tolist() == held_out([rows[2]])[0].tolist()  # no momentum was found
+
+
+def test_devices_like_the_fleet_are_served_and_others_are_not():
+    rows = fleet(100, 600, np.append(np.full(90, 0.01), np.full(10, 10.0)))
+    growth = held_out_at(held_out(rows), 0.01) - 1.0
+    assert set(np.flatnonzero(growth > 0.1)) == set(range(90, 100))
+    assert share_served(growth) == 0.9
+    assert share_served(growth, within=100.0) == 1.0
+    assert share_served([math.nan]) == 1.0
 
 
 def test_beyond_its_places_the_nearest_counts():

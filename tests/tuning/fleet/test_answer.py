@@ -21,7 +21,6 @@ from kalscope.tuning.fleet.answer.devices import Devices
 from kalscope.tuning.fleet.answer.save import SUMMARY, TUNING, save_answer
 from kalscope.tuning.fleet.answer.words import summary
 from kalscope.tuning.fleet.run import Tally
-from kalscope.tuning.fleet.work.fit import interval
 from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
 
 RNG = np.random.default_rng(2)
@@ -143,7 +142,3 @@ def test_names_from_files_cannot_move_the_cursor(fleet, tmp_path):
     text = summary(answer_for(named, pool, TuneOptions(momentum=0.0)), TALLY, tmp_path)
     assert "dev000 [2J" in text
     assert all(line.replace("\u202f", " ").isprintable() for line in text.split("\n"))
-
-
-def test_a_variance_without_an_error_has_an_interval_without_end():
-    assert interval(2.0, math.inf) == (0.0, math.inf)

@@ -12,12 +12,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Mask
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
+from kalscope.estimation.estimate import estimate
 from kalscope.estimation.fleet import error_kernels as kernels
-from kalscope.estimation.fleet.many.estimate_many import fitted_ratios
+from kalscope.estimation.fleet.many.plain import fitted_ratios
 from kalscope.estimation.fleet.many.series import Series, series_of
+from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import MAX_VARIANCE
 
 LOG_RATIOS = np.linspace(-15.0, 7.0, 23)
@@ -26,7 +28,9 @@ LOG_RATIOS.setflags(write=False)
 
 
 def held_out(
-    series: Series | ArrayLike | Sequence[ArrayLike], dt: ArrayLike | Sequence[ArrayLike] | None = None
+    series: Series | ArrayLike | Sequence[ArrayLike],
+    dt: ArrayLike | Sequence[ArrayLike] | None = None,
+    momentum: Mask | None = None,
 ) -> Array:
     """What each device would lose by any shared λ: prediction error over that of a filter of its own.
 
@@ -36,6 +40,8 @@ def held_out(
     Args:
         series: as `estimate_many` takes them.
         dt: nominal sample periods before each sample, shaped like `series`; None = 1 each.
+        momentum: whose own filter may have momentum, shape (series,); None = none. Such a fit takes as long as in
+            `estimate`.
 
     Returns:
         The ratio at each of LOG_RATIOS, shape (series, 23), above 1 where the device would do better alone; NaN
@@ -47,11 +53,23 @@ def held_out(
     many = series_of(series, dt)
     k = len(many)
     errors, own_error = np.full((k, len(LOG_RATIOS)), math.nan), np.full(k, math.nan)
-    own = fitted_ratios(many, (many.starts[:-1] + many.starts[1:]) // 2)[0]
+    own = fitted_ratios(many, (many.starts[:-1] + many.starts[1:]) // 2)
     if k:
         kernels.errors_of_each(many.values, many.steps, many.starts, np.exp(LOG_RATIOS), own, errors, own_error)
+    for i in () if momentum is None else np.flatnonzero(momentum & np.isfinite(own_error)).tolist():
+        own_error[i] = _error_with_momentum(*many.one(i), own_error[i])
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(own_error[:, None] > 0.0, errors / own_error[:, None], math.nan)
+
+
+def _error_with_momentum(z: Array, steps: Array, otherwise: float) -> float:
+    """The error on the second half of the filter that the first half asks for, which may have momentum."""
+    half, dt = len(z) // 2, steps if len(steps) else None
+    found = estimate(z[:half], dt=None if dt is None else dt[:half], momentum="auto", robust=False)
+    if found.params is None or not float(found.momentum) > 0.0:
+        return otherwise
+    seen = kalman_filter(z, found.params, dt).innovation[half:]
+    return math.sqrt(float(np.nanmean(seen**2)))
 
 
 def held_out_at(growth: ArrayLike, ratio: float) -> Array:
@@ -77,3 +95,15 @@ def held_out_at(growth: ArrayLike, ratio: float) -> Array:
     if judged.any():
         out[judged] = np.exp(CubicSpline(LOG_RATIOS, np.log(growth[judged]), axis=1)(place))
     return out
+
+
+def share_served(growth: ArrayLike, within: float = 0.1) -> float:
+    """Share of the judged devices whose prediction error grows by at most `within`, 0 … 1; 1 where none is judged.
+
+    Args:
+        growth: by which share the error grows, shape (k,); NaN where not judged.
+        within: allowed growth, 0.1 = 10 %.
+    """
+    shares = np.asarray(growth, dtype=np.float64)
+    judged = shares[np.isfinite(shares)]
+    return float(np.mean(judged <= within)) if len(judged) else 1.0

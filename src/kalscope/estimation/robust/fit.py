@@ -25,7 +25,8 @@ Fit = Callable[[Array, Array, Progress], Estimate]
 
 MAX_SHARE = 0.2
 """Share of the samples set aside beyond which no pair is given: that much is not a few spikes."""
-_MAX_FITS = 20
+MAX_FITS = 20
+"""Rounds of the loop, at most."""
 _NOTHING_TO_JUDGE = ("too_few", "constant", "bad_unit")
 
 
@@ -102,7 +103,7 @@ def _settle(
     seen: list[bytes] = []
     tau, start = float(plain.momentum), away
     fit = with_momentum(tau)
-    for count in range(_MAX_FITS):
+    for count in range(MAX_FITS):
         progress.step(count, "samples that neither side predicts")
         one = fit(np.where(away, np.nan, z), steps, progress.part(1.0 - 0.8**count, 1.0 - 0.8 ** (count + 1)))
         if one.verdict in _NOTHING_TO_JUDGE:

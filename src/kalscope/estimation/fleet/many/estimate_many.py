@@ -10,12 +10,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Mask
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import checked_momentum, estimate
 from kalscope.estimation.fleet.many import fit_kernels as kernels
+from kalscope.estimation.fleet.many.plain import fit_plain, pair_intervals
 from kalscope.estimation.fleet.many.series import Series, above_zero_each, series_of
+from kalscope.estimation.fleet.many.spike_free import spike_free
 from kalscope.estimation.fleet.many.spike_kernels import suspect_each
 from kalscope.estimation.fleet.many.table import VERDICTS, EstimateTable
 from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio, may_be_below_resolution
@@ -81,24 +83,6 @@ def estimate_many(
     return table.as_table()
 
 
-def fitted_ratios(many: Series, ends: NDArray[np.int64]) -> tuple[Array, Array]:
-    """The most likely λ of each series up to one of `ends`, and its log-likelihood; NaN without any."""
-    k = len(many)
-    numbers, codes, samples, stepped = (
-        np.empty((k, kernels.NUMBERS)),
-        np.empty(k, np.uint8),
-        np.empty(k, np.int64),
-        np.empty(k, np.bool_),
-    )
-    kernels.fit_each(
-        many.values, many.steps, many.starts[:-1], ends, kernels.FREE, np.empty(k), numbers, codes, samples, stepped
-    )
-    q, r, loglik = numbers[:, kernels.Q], numbers[:, kernels.R], numbers[:, kernels.LOGLIK]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = codes <= kernels.NO_MOVEMENT
-        return np.where(found, q / r, math.nan), np.where(found, loglik, math.nan)
-
-
 @dataclass(frozen=True)
 class _Asked:
     """What the caller asked for, checked."""
@@ -148,15 +132,28 @@ class _Columns:
 
     def fit(self, many: Series, asked: _Asked, rows: slice) -> None:
         """Fit some series, in one compiled call."""
-        kernels.fit_each(
-            many.values, many.steps, many.starts[:-1], many.starts[1:], asked.kind, asked.known[rows],
-            self.numbers[rows], self.codes[rows], self.samples[rows], self.again[rows],
-        )  # fmt: skip
+        found = fit_plain(many, asked.kind, asked.known[rows], many.starts[1:])
+        self.numbers[rows], self.codes[rows], self.samples[rows], self.again[rows] = found
         if asked.robust is None:
             q, r = np.ascontiguousarray(self.numbers[rows, [kernels.Q, kernels.R]].T)
             suspect = np.empty(len(many), np.bool_)
             suspect_each(many.values, many.steps, many.starts[:-1], many.starts[1:], q, r, suspect)
+            self._clear(many, asked, rows, suspect)
             self.again[rows] |= suspect
+
+    def _clear(self, many: Series, asked: _Asked, rows: slice, suspect: Mask) -> None:
+        """Take back the suspicion against series that have no spikes after all."""
+        chosen = np.flatnonzero(suspect & ~self.again[rows])
+        if not len(chosen):
+            return
+        known = asked.known[rows][chosen]
+
+        def fit(some: Series, at: NDArray[np.intp]) -> tuple[Array, Array, Mask]:
+            numbers, codes, _, stepped = fit_plain(some, asked.kind, known[at], some.starts[1:])
+            q, r = np.ascontiguousarray(numbers[:, [kernels.Q, kernels.R]].T)
+            return q, r, (codes <= kernels.NO_MOVEMENT) & ~stepped
+
+        suspect[chosen] = ~spike_free(many.some(chosen), fit)
 
     def refine(self, i: int, many: Series, asked: _Asked) -> None:
         """Fit one series as `estimate` does, unless nothing in it can be fitted or its numbers would stay."""
@@ -167,7 +164,7 @@ class _Columns:
         if plain and not may_be_below_resolution(z, float(self.numbers[i, kernels.R])):
             return
         one = asked.of_one(i, z, steps if len(steps) else None)
-        ends = (*_around(one.q, one.q_se), *_around(one.r, one.r_se))
+        ends = pair_intervals(one, z, steps)
         self.numbers[i] = (one.q, one.r, one.q_se, one.r_se, one.loglik, *one.ratio_interval, *ends)
         self.codes[i] = VERDICTS.index(str(one.verdict))
         self.momentum[:, i] = (one.momentum, *one.momentum_interval)
@@ -185,11 +182,3 @@ class _Columns:
             q, r, q_se, r_se, loglik, (ends[0], ends[1]), (ends[2], ends[3]), (ends[4], ends[5]),
             self.codes, self.samples, tau, (tau_low, tau_high), self.spikes, self.gate, away,
         )  # fmt: skip
-
-
-def _around(value: Any, error: Any) -> tuple[float, float]:
-    """The 95 % interval of a variance from its standard error, on the scale of the logarithm."""
-    if not (value > 0.0 and math.isfinite(error)):
-        return 0.0, math.inf
-    factor = math.exp(min(kernels.NORMAL * error / value, 700.0))
-    return value / factor, value * factor

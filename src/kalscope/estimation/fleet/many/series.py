@@ -34,6 +34,13 @@ class Series:
         here = slice(int(self.starts[index]), int(self.starts[index + 1]))
         return self.values[here], self.steps[here] if len(self.steps) else self.steps
 
+    def some(self, rows: NDArray[np.intp]) -> Series:
+        """Some of the series, in memory of their own."""
+        pieces = [self.one(int(i)) for i in rows]
+        starts = np.cumsum([0, *(len(values) for values, _ in pieces)], dtype=np.int64)
+        values, steps = (np.concatenate([np.empty(0), *column]) for column in zip(*pieces, strict=True))
+        return Series(values, starts, steps)
+
     def parts(self, samples: int) -> Iterator[tuple[int, int]]:
         """First and one past the last of stretches of about that many samples, at least one series each."""
         first = 0

@@ -1,7 +1,6 @@
 """The compiled look for spikes in many series, nothing else: those that surely have none need no spike-proof fit.
 
-The tests are those of `robust.spikes`, without what only clears a sample of the suspicion (a lively or crowded
-neighbourhood): a series that passes here passes there.
+The tests are those of `robust.spikes`, one for one, for records whose readings do not repeat.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from kalscope.estimation.robust.kernels import judge_samples
 Array = NDArray[np.float64]
 
 SIGMAS, SIDE_SIGMAS, LONGEST, START_SIGMAS, WINDOW, NORMAL, EQUAL_SHARE = 4.0, 3.5, 5, 3.0, 11, 1.8, 0.2
+NEAR, MOST, VERY_LIVELY, CROWDED, MIN_RUNS = 15, 25.0, 2.0, 0.1, 6
 FALSE_ALARM = 1e-3
 """As in `robust.spikes`; a test holds them equal."""
 
@@ -43,16 +43,50 @@ def suspect_each(
 def is_suspect(z: Array, steps: Array, q: float, r: float) -> bool:
     """Whether one series may have spikes."""
     samples = z[np.isfinite(z)]
-    equal = 0
-    for i in range(1, samples.shape[0]):
-        equal += samples[i] == samples[i - 1]
-    if equal > EQUAL_SHARE * (samples.shape[0] - 1):  # steps of the readings count too
+    if repeats(samples):
         return True
     away = distances_from_median(samples)
     scale = NORMAL * np.median(away)
     if scale == 0.0:
         return bool(away.any())
-    return beyond_chance(away / scale, START_SIGMAS) or beyond_chance(scores(z, steps, q, r), SIGMAS)
+    return beyond_chance(away / scale, START_SIGMAS) or beyond_chance(np.sqrt(unpredicted(z, steps, q, r)), SIGMAS)
+
+
+@compiled()
+def repeats(samples: Array) -> bool:
+    """Whether so many readings equal the one before that steps of the readings count too."""
+    equal = 0
+    for i in range(1, samples.shape[0]):
+        equal += samples[i] == samples[i - 1]
+    return equal > EQUAL_SHARE * (samples.shape[0] - 1)
+
+
+@compiled()
+def far_each(values: Array, starts: NDArray[np.int64], far: NDArray[np.bool_], repeated: NDArray[np.bool_]) -> None:
+    """Write which samples of each series are far from the running median, and whether its readings repeat."""
+    for i in range(repeated.shape[0]):
+        z = values[starts[i] : starts[i + 1]]
+        present = np.isfinite(z)
+        samples = z[present]
+        repeated[i] = repeats(samples)
+        away = distances_from_median(samples)
+        scale = NORMAL * np.median(away)
+        if scale == 0.0 and away.any():
+            scale = np.median(away[away > 0.0])
+        k = 0
+        for j in range(z.shape[0]):
+            far[starts[i] + j] = present[j] and away[k] > START_SIGMAS * scale
+            k += present[j]
+
+
+@compiled()
+def unpredicted_each(
+    values: Array, steps: Array, starts: NDArray[np.int64], q: Array, r: Array, scores: Array
+) -> None:
+    """Write `unpredicted` of each series."""
+    for i in range(q.shape[0]):
+        here = slice(starts[i], starts[i + 1])
+        scores[here] = unpredicted(values[here], steps[here] if len(steps) else steps, q[i], r[i])
 
 
 @compiled()
@@ -93,8 +127,8 @@ def distances_from_median(samples: Array) -> Array:
 
 
 @compiled(error_model="numpy")
-def scores(z: Array, steps: Array, q: float, r: float) -> Array:
-    """Distance of each finite sample from what both sides predict, where neither side alone does, else 0."""
+def unpredicted(z: Array, steps: Array, q: float, r: float) -> Array:
+    """e²/s of each sample that neither side predicts, by both sides together, shape (n,); 0 for all others."""
     n = z.shape[0]
     back = np.empty(steps.shape[0])
     for i in range(steps.shape[0]):
@@ -104,20 +138,75 @@ def scores(z: Array, steps: Array, q: float, r: float) -> Array:
     gate = SIDE_SIGMAS**2
     judge_samples(z, steps, q, r, 0.0, gate, start_of(z, steps, q, r), LONGEST, v[0], s[0], refused[0])
     judge_samples(turned, back, q, r, 0.0, gate, start_of(turned, back, q, r), LONGEST, v[1], s[1], refused[1])
-    out, count = np.zeros(n), 0
+    found, any_found = np.zeros(n), False
     for i in range(n):
-        if math.isnan(z[i]):
-            continue
         j = n - 1 - i
-        if refused[0, i] and refused[1, j]:
+        if not math.isnan(z[i]) and refused[0, i] and refused[1, j]:
             p, other = s[0, i] - r, s[1, j] - r
             least, most = min(p, other), max(p, other)
             share = 0.5 if least == most else 1.0 / (1.0 + least / most)  # of the side that knows more
             first = share if p == least else 1.0 - share
-            score = (first * v[0, i] + (1.0 - first) * v[1, j]) ** 2 / (r + share * least)
-            out[count] = math.sqrt(score) if score > SIGMAS**2 else 0.0
-        count += 1
-    return out[:count]
+            found[i] = (first * v[0, i] + (1.0 - first) * v[1, j]) ** 2 / (r + share * least)
+            any_found = any_found or found[i] > SIGMAS**2
+    if any_found:
+        clear_lively(z, v, s, refused, found)
+    return found
+
+
+@compiled(error_model="numpy")
+def clear_lively(z: Array, v: Array, s: Array, refused: NDArray[np.bool_], found: Array) -> None:
+    """Set what may be movement to 0 in `found`: in a lively or crowded neighbourhood, or a lone pulse."""
+    n = z.shape[0]
+    squares, counted, kept = np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    for i in range(n):
+        j = n - 1 - i
+        counted[i] = not (math.isnan(z[i]) or (refused[0, i] and refused[1, j]))
+        if counted[i]:
+            squares[i] = min(v[0, i] * v[0, i] / s[0, i], v[1, j] * v[1, j] / s[1, j], MOST)
+    for i in range(n):
+        lively = mean_near(squares, counted, i) if found[i] > 0.0 else 0.0
+        kept[i] = found[i] > SIGMAS**2 * (lively if lively > VERY_LIVELY else 1.0)
+    present, spikes = ~np.isnan(z), np.where(kept, 1.0, 0.0)
+    for i in range(n):
+        if kept[i]:
+            lively = mean_near(squares, counted, i)
+            if lively > VERY_LIVELY and mean_near(spikes, present, i) > CROWDED:
+                kept[i] = found[i] > SIGMAS**4 * lively
+    clear_pulses(present, kept)
+    for i in range(n):
+        if not kept[i]:
+            found[i] = 0.0
+
+
+@compiled()
+def mean_near(values: Array, counted: NDArray[np.bool_], at: int) -> float:
+    """Mean of the values that count within NEAR samples of one; 0 where there are none."""
+    total, count = 0.0, 0
+    for i in range(max(at - NEAR, 0), min(at + NEAR + 1, values.shape[0])):
+        if counted[i]:
+            total += values[i]
+            count += 1
+    return total / max(count, 1)
+
+
+@compiled()
+def clear_pulses(present: NDArray[np.bool_], kept: NDArray[np.bool_]) -> None:
+    """Drop the runs of more than two samples where there are few runs: the signal has moved, and come back."""
+    at = np.flatnonzero(present)
+    runs, before = 0, False
+    for i in at:
+        runs += kept[i] and not before
+        before = kept[i]
+    if runs >= MIN_RUNS:
+        return
+    first = 0
+    while first < at.shape[0]:
+        stop = first
+        while stop < at.shape[0] and kept[at[stop]]:
+            stop += 1
+        if stop - first > 2:
+            kept[at[first:stop]] = False
+        first = max(stop, first + 1)
 
 
 @compiled()

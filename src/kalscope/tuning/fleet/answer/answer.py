@@ -8,7 +8,7 @@ import numpy as np
 
 from kalscope.common.array import Array, Indices, Mask
 from kalscope.errors import BadSetting
-from kalscope.estimation.fleet.loss import share_served
+from kalscope.estimation.fleet.held_out import share_served
 from kalscope.estimation.fleet.many.table import gains_of
 from kalscope.estimation.fleet.pool import Pool
 from kalscope.estimation.fleet.pooled import PooledFit, fit_pool, pool_at
@@ -48,7 +48,7 @@ class Shared:
     @property
     def served(self) -> float:
         """Share of the judged devices whose prediction error grows by at most WITHIN, 0 … 1."""
-        return share_served(1.0 + self.growth, WITHIN)
+        return share_served(self.growth, WITHIN)
 
     @property
     def not_served(self) -> Indices:

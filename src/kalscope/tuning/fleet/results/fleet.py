@@ -11,7 +11,7 @@ import numpy as np
 
 from kalscope.common.array import Array, Mask
 from kalscope.errors import BadFile, KalscopeError
-from kalscope.estimation.fleet.loss import share_served
+from kalscope.estimation.fleet.held_out import share_served
 from kalscope.estimation.fleet.pool import Pool
 from kalscope.estimation.fleet.pooled import fit_pool
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
@@ -77,7 +77,7 @@ class Fleet:
     @property
     def served(self) -> float:
         """Share of the judged devices whose prediction error grows by at most a tenth, 0 … 1."""
-        return share_served(1.0 + self.growth, WITHIN)
+        return share_served(self.growth, WITHIN)
 
     @property
     def failed(self) -> int:

@@ -12,9 +12,8 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.errors import KalscopeError, describe
 from kalscope.estimation.finding import Found, find_parameters
-from kalscope.estimation.fleet.intervals import NORMAL
+from kalscope.estimation.fleet.many.plain import pair_intervals
 from kalscope.estimation.fleet.pool import Pool, pool_of
-from kalscope.estimation.result import Value
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -104,7 +103,7 @@ def filled(row: Row, z: Array, dt: Array | None, found: Found, gate: float | Non
     params = found.params if gate is None else replace(found.params, gate=None if math.isnan(gate) else gate)
     spikes = 0 if estimate is None or estimate.outliers is None else int(np.count_nonzero(estimate.outliers))
     if estimate is not None:
-        (q_low, q_high), (r_low, r_high) = interval(estimate.q, estimate.q_se), interval(estimate.r, estimate.r_se)
+        q_low, q_high, r_low, r_high = pair_intervals(estimate, z, np.empty(0) if dt is None else dt)
         row = replace(row, q_low=q_low, q_high=q_high, r_low=r_low, r_high=r_high)
     return replace(
         row,
@@ -125,14 +124,6 @@ def mean_nis(z: Array, params: FilterParams, dt: Array | None) -> float | None:
     taken = (result.k > 0.0) & np.isfinite(result.innovation) & np.isfinite(result.s) & (result.s > 0.0)
     scored = result.innovation[taken] ** 2 / result.s[taken]
     return float(scored.mean()) if len(scored) else None
-
-
-def interval(value: Value, error: Value) -> tuple[float, float]:
-    """The 95 % interval of a variance above 0 from its standard error, on the scale of the logarithm."""
-    spread = NORMAL * scalar(error) / scalar(value)
-    if not math.isfinite(spread):  # as in estimate_many: nothing is excluded
-        return 0.0, math.inf
-    return scalar(value) * math.exp(-spread), scalar(value) * math.exp(min(spread, 700.0))
 
 
 def first_sentence(text: str) -> str:
