@@ -70,7 +70,7 @@ HOSTILE = (
 SIXES = [HOSTILE[i : i + 6] for i in range(0, len(HOSTILE), 6)]
 """The sketch reads at most six channels."""
 WRITING = [name for name in TARGETS if name not in ("simplekalmanfilter", "gyverfilters")]
-WITH_MOMENTUM = [name for name in WRITING if name not in ("esphome", "bachagas", "kalmanjs")]
+WITH_MOMENTUM = [name for name in WRITING if name not in ("esphome", "bachagas", "kalmanjs", "linuxcnc")]
 C_LIKE = ("arduino", "c", "bachagas", "kalmanjs", "javascript")
 
 CHANNEL = ChannelTuning("calm", "V", 0.01, 0.25, 1.0, 0.5, how="by hand", gate=9.0)
@@ -103,6 +103,8 @@ def code_of(target, name, text):
         return [token.string for token in tokens if token.type not in skip]
     if name.endswith(".m"):
         return [re.sub(r"%.*", "", line).split() for line in text.splitlines() if not line.startswith("%")]
+    if name.endswith(".hal"):
+        return [line.split() for line in text.splitlines() if not line.startswith("#")]
     if name.endswith(".yaml"):
         return yaml.safe_load(text)
     if name.endswith(".ini"):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
     from kalscope.tuning.tuning import Tuning
 
-CHOICES = "arduino, c, python, matlab, javascript, json, ros2, platformio, esphome, bachagas, kalmanjs"
+CHOICES = "arduino, c, python, matlab, javascript, json, ros2, platformio, esphome, bachagas, kalmanjs, linuxcnc"
 """The targets that write something; repeated here, so that --help need not import the filter."""
 
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, job_of
 from kalscope.export.targets import arduino, c, fixed_gains, javascript, json_file, matlab, platformio, python, ros2
-from kalscope.export.targets.libraries import bachagas, esphome, kalmanjs
+from kalscope.export.targets.libraries import bachagas, esphome, kalmanjs, linuxcnc
 from kalscope.export.targets.libraries.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
 from kalscope.recording import Recording
 from kalscope.tuning.device_period import rescaled_to_period
@@ -70,6 +70,11 @@ TARGETS = MappingProxyType(
         ),
         "kalmanjs": Target(
             kalmanjs.files, "kalmanjs", "The constructor of kalmanjs: the same filter, its letters Q and R swapped."
+        ),
+        "linuxcnc": Target(
+            linuxcnc.files,
+            "LinuxCNC",
+            "A HAL file for LinuxCNC's filter_kalman, whose manual page swaps Qk and Rk; its code does not.",
         ),
         "simplekalmanfilter": Target(
             SIMPLE_KALMAN_FILTER.files,

@@ -433,7 +433,39 @@ def test_another_filter_is_refused_with_the_nearest_gain(target):
     assert "\n" not in message
 
 
-@pytest.mark.parametrize("target", ["bachagas", "esphome", "kalmanjs"])
+def linuxcnc_filter(qk, rk, samples):
+    """What the published filter_kalman.comp computes, stated again."""
+    x, p, filtered = 0.0, 1.0, []
+    for z in samples:
+        p = p + qk
+        innovation, s = z - x, rk + p
+        k = p / s
+        x, p = x + k * innovation, (1 - k) * p
+        filtered.append(x)
+    return np.array(filtered)
+
+
+def test_linuxcnc_runs_the_same_filter_from_its_own_start():
+    """Its first samples aside, every bit; once by hand LinuxCNC 2.9's own component, to the digits that it prints."""
+    channels = tuple(
+        ChannelTuning(f"a {i}", "V", q, r) for i, (q, r) in enumerate([(0.01, 4.0), (2.0, 0.5), (0.1, 0.0)])
+    )
+    (text,) = export_tuning(Tuning(channels, sample_period=0.001), "linuxcnc").values()
+    said = {
+        tuple(line.split()[1].split(".")): float(line.split()[2])
+        for line in text.splitlines()
+        if line[:4] == "setp"
+    }
+    assert "loadrt filter_kalman names=a_0,a_1,a_2\n" in text
+    z = np.random.default_rng(3).normal(20.0, 2.0, 400)
+    for channel, word in zip(channels, ("a_0", "a_1", "a_2"), strict=True):
+        assert f"addf {word} servo-thread\n" in text
+        x = linuxcnc_filter(said[word, "Qk"], said[word, "Rk"], z)
+        np.testing.assert_array_equal(x, kalman_filter(z, replace(channel.params, p0=1.0, x0=0.0)).x)
+        np.testing.assert_allclose(x[-100:], kalman_filter(z, channel.params).x[-100:], rtol=1e-6)
+
+
+@pytest.mark.parametrize("target", ["bachagas", "esphome", "kalmanjs", "linuxcnc"])
 def test_a_filter_without_momentum_is_refused_with_the_nearest_that_it_can_do(target):
     channel = ChannelTuning("temp", "V", 0.01, 0.25, momentum=20.00012345)
     tuning = Tuning((ChannelTuning("plain", "V", 0.01, 0.25), channel), sample_period=0.01)
