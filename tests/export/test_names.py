@@ -101,10 +101,9 @@ def code_of(target, name, text):
         skip = (tokenize.COMMENT, tokenize.NL)
         tokens = tokenize.tokenize(io.BytesIO(text.encode()).readline)
         return [token.string for token in tokens if token.type not in skip]
-    if name.endswith(".m"):
-        return [re.sub(r"%.*", "", line).split() for line in text.splitlines() if not line.startswith("%")]
-    if name.endswith(".hal"):
-        return [line.split() for line in text.splitlines() if not line.startswith("#")]
+    if name.endswith((".m", ".hal")):
+        mark = "%" if name.endswith(".m") else "#"
+        return [line.split(mark)[0].split() for line in text.splitlines() if not line.startswith(mark)]
     if name.endswith(".yaml"):
         return yaml.safe_load(text)
     if name.endswith(".ini"):

@@ -12,6 +12,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -446,16 +447,12 @@ def linuxcnc_filter(qk, rk, samples):
 
 
 def test_linuxcnc_runs_the_same_filter_from_its_own_start():
-    """Its first samples aside, every bit; once by hand LinuxCNC 2.9's own component, to the digits that it prints."""
-    channels = tuple(
-        ChannelTuning(f"a {i}", "V", q, r) for i, (q, r) in enumerate([(0.01, 4.0), (2.0, 0.5), (0.1, 0.0)])
-    )
+    """Every bit from that start, and the tuned filter once it has settled."""
+    variances = ((0.01, 4.0), (2.0, 0.5), (0.1, 0.0))
+    channels = tuple(ChannelTuning(f"a {i}", "V", q, r) for i, (q, r) in enumerate(variances))
     (text,) = export_tuning(Tuning(channels, sample_period=0.001), "linuxcnc").values()
-    said = {
-        tuple(line.split()[1].split(".")): float(line.split()[2])
-        for line in text.splitlines()
-        if line[:4] == "setp"
-    }
+    settings = [line.split() for line in text.splitlines() if line.startswith("setp ")]
+    said = {tuple(pin.split(".")): float(value) for _, pin, value in settings}
     assert "loadrt filter_kalman names=a_0,a_1,a_2\n" in text
     z = np.random.default_rng(3).normal(20.0, 2.0, 400)
     for channel, word in zip(channels, ("a_0", "a_1", "a_2"), strict=True):

@@ -1,4 +1,4 @@
-"""LinuxCNC: the realtime component filter_kalman, whose manual page describes its two variances the wrong way round.
+"""LinuxCNC: the realtime component filter_kalman, whose manual page swaps its two variances.
 
 Its code adds Qk to the variance before each sample, and Rk to that of the innovation, in double: Qk = q, Rk = r.
 """
