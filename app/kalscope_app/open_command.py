@@ -137,7 +137,7 @@ def first_state(
     """The state that is shown first, and its live board, not connected yet; None for a finished recording."""
     from kalscope.sources.live.live_source import LiveSource
     from kalscope.sources.port.port_spec import is_live
-    from kalscope.tuning.tuning import load_tuning
+    from kalscope.tuning.tuning_file import load_tuning
     from kalscope_app.session.changes.live import opened_live
     from kalscope_app.session.live_state import BoardId
 
@@ -152,7 +152,7 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
     """A recording, with the values of the tuning file if there is one."""
     from kalscope.catalogue import open_source
     from kalscope.errors import BadSetting
-    from kalscope.tuning.tuning import load_tuning
+    from kalscope.tuning.tuning_file import load_tuning
     from kalscope_app.session.opening import opened, opened_experiment, opened_with
 
     if source.startswith("experiment:") and config is None:

@@ -38,7 +38,9 @@ if TYPE_CHECKING:
     from kalscope.sources.readers.recording_file import read_recording
     from kalscope.sources.samples import list_samples
     from kalscope.sources.synthetic import synthesize
-    from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
+    from kalscope.tuning.fusion import FusionTuning
+    from kalscope.tuning.tuning import ChannelTuning, Tuning
+    from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
 __all__ = [
     "BadDevice",
@@ -54,6 +56,7 @@ __all__ = [
     "FusionFilter",
     "FusionParams",
     "FusionResult",
+    "FusionTuning",
     "KalmanFilter",
     "KalscopeError",
     "LineIssue",
@@ -156,9 +159,12 @@ _NAMES = {
     "sources.readers.recording_file": ("read_recording",),
     "sources.samples": ("list_samples",),
     "sources.synthetic": ("synthesize",),
+    "tuning.fusion": ("FusionTuning",),
     "tuning.tuning": (
         "ChannelTuning",
         "Tuning",
+    ),
+    "tuning.tuning_file": (
         "load_tuning",
         "save_tuning",
     ),

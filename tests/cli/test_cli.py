@@ -26,7 +26,8 @@ from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.streaming import KalmanFilter
 from kalscope.sources.readers.recording_file import read_recording
-from kalscope.tuning.tuning import ChannelTuning, Tuning, save_tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.tuning.tuning_file import save_tuning
 
 posix_only = pytest.mark.skipif(os.name == "nt", reason="POSIX pipes and devices")
 PROGRAM = [sys.executable, "-m", "kalscope.cli"]

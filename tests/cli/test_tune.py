@@ -25,7 +25,7 @@ from kalscope.errors import KalscopeError
 from kalscope.estimation.estimate import METHODS, estimate
 from kalscope.estimation.finding import Noise, Request, find_parameters
 from kalscope.sources.readers.recording_file import read_recording
-from kalscope.tuning.tuning import load_tuning
+from kalscope.tuning.tuning_file import load_tuning
 
 SHARED_DATA = Path(__file__).parents[3] / "shared" / "data"
 PROGRAM = [sys.executable, "-m", "kalscope.cli"]

@@ -20,7 +20,8 @@ from kalscope.filtering.steady_state import steady_state
 from kalscope.recording import Recording
 from kalscope.tuning.choose import adapt_tuning, params_for_stdin, with_momentum
 from kalscope.tuning.toml_text import updated
-from kalscope.tuning.tuning import ChannelTuning, Tuning, dumps, load_tuning, loads, same_period, save_tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
+from kalscope.tuning.tuning_file import dumps, load_tuning, loads, save_tuning
 
 variances = st.floats(0.0, MAX_VARIANCE)
 positive = st.floats(0.0, MAX_VARIANCE, exclude_min=True)
@@ -119,7 +120,7 @@ def test_extreme_variances_come_back_bit_for_bit(q: float) -> None:
 @pytest.mark.slow
 @given(tunings(), tunings())
 def test_saving_over_any_tuning_saves_every_value(old: Tuning, new: Tuning) -> None:
-    from kalscope.tuning.tuning import _plain
+    from kalscope.tuning.tuning_file import _plain
 
     again = loads(updated(dumps(old), _plain(new)))
     assert again == new
@@ -212,7 +213,7 @@ def test_a_layout_that_cannot_be_updated_is_replaced_by_a_new_one_with_the_right
     assert load_tuning(path) == TWO
 
 
-@pytest.mark.parametrize("content", ["time,a\n0,1\n", "format = 3\n", "q = 1\n", "\0\1\2"])
+@pytest.mark.parametrize("content", ["time,a\n0,1\n", "format = 4\n", "q = 1\n", "\0\1\2"])
 def test_a_file_that_is_no_tuning_is_never_saved_over(tmp_path: Path, content: str) -> None:
     path = tmp_path / "recording.csv"
     path.write_text(content)
@@ -272,10 +273,10 @@ def moving(line: str) -> str:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "format must be 1 or 2 (got None)"),
-        ("format = 3", "format must be 1 or 2: a newer Kalscope may have written this file (got 3)"),
-        ("format = true", "format must be 1 or 2 (got True)"),
-        ("format = 0", "format must be 1 or 2 (got 0)"),
+        ("", "format must be 1, 2 or 3 (got None)"),
+        ("format = 4", "format must be 1, 2 or 3: a newer Kalscope may have written this file (got 4)"),
+        ("format = true", "format must be 1, 2 or 3 (got True)"),
+        ("format = 0", "format must be 1, 2 or 3 (got 0)"),
         (
             channel('name = "a"', "q = 1", "r = 1", "momentum = 20"),
             "momentum of channel 'a' needs format = 2 at the top of the file (got format = 1)",

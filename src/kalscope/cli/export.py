@@ -44,7 +44,7 @@ def export_command(
     from kalscope.cli.console import say, write_output
     from kalscope.export.registry import export_tuning
     from kalscope.tuning.device_period import rescaled_to_period
-    from kalscope.tuning.tuning import load_tuning
+    from kalscope.tuning.tuning_file import load_tuning
 
     if vectors is not None and output is None:
         raise BadSetting("--vectors needs -o, the folder to write to (got none)")

@@ -49,7 +49,7 @@ def report_command(
     from kalscope.export.report.page import as_html
     from kalscope.export.report.picture import as_png
     from kalscope.tuning.choose import adapt_tuning, with_momentum
-    from kalscope.tuning.tuning import load_tuning
+    from kalscope.tuning.tuning_file import load_tuning
 
     tell_compiling()
     kind = output.suffix.lower()

@@ -13,7 +13,8 @@ from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.recording import Recording
-from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, same_period
+from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
+from kalscope.tuning.tuning_file import load_tuning
 
 Given = dict[str, float | None]
 """Parameters by name, those that were given; None is an automatic start."""
@@ -85,7 +86,7 @@ def adapt_tuning(
         BadSetting: The tuning has none of the channels.
     """
     pairs, choices = _pairs(recording, tuning, channel)
-    used = replace(tuning, channels=tuple(pairs.values()), selected="")
+    used = replace(tuning, channels=tuple(pairs.values()), selected="", fusion=None)
     used, notes = _rescaled(used, recording.sample_period, given or {})
     if recording.sample_period is None and used.sample_period is not None and "q" not in (given or {}):
         notes.append(
@@ -173,5 +174,5 @@ def params_for_stdin(
         if "q" not in values or "r" not in values:
             raise BadSetting('filtering "-" must begin with q and r: give --config, or --q and --r')
         return FilterParams(**values), []
-    tuning, notes = _rescaled(load_tuning(config).only(channel), period, given)
+    tuning, notes = _rescaled(replace(load_tuning(config).only(channel), fusion=None), period, given)
     return [replace(entry.params, **given) for entry in tuning.channels], notes

@@ -8,24 +8,20 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.finding import Request
 from kalscope.estimation.known import params_for_specification
 from kalscope.filtering.arrays import scalar
-from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
+from kalscope.tuning.tuning import Filter, Tuning, same_period
 
 
 def rescaled_to_period(tuning: Tuning, sample_period: float) -> Tuning:
     """The tuning for a device that samples every `sample_period` s; where q changes, `how` says from what.
 
-    The filter stays that of the same movement: q grows with the period, so the lag in s changes too.
+    The filters stay those of the same movement: q grows with the period, so the lag in s changes too.
     """
     old, moved = tuning.sample_period, tuning.rescaled(sample_period)
     if old is None or same_period(old, sample_period):
         return moved
-    ratio = sample_period / old
-    channels = (
-        # First where that holds: a header may cut the end, and a lag that was asked for is no longer that of here.
-        replace(new, how=f"at {old:.4g} s: {new.how}; q times {ratio:.4g}{_momentum(new)}")
-        for new in moved.channels
-    )
-    return replace(moved, channels=tuple(channels))
+    fusion = None if moved.fusion is None else _said(moved.fusion, old, sample_period)
+    channels = tuple(_said(one, old, sample_period) for one in moved.channels)
+    return replace(moved, channels=channels, fusion=fusion)
 
 
 def meeting_goal(tuning: Tuning, name: str, request: Request, sample_period: float) -> Tuning:
@@ -42,8 +38,7 @@ def meeting_goal(tuning: Tuning, name: str, request: Request, sample_period: flo
     """
     if not request.target:
         raise BadSetting("the goal must be a lag, a cut-off, a noise reduction or a gain (got none)")
-    moved = tuning.rescaled(sample_period)
-    own = moved.channel(name)
+    own = tuning.rescaled(sample_period).channel(name)
     params = params_for_specification(
         own.r,
         **request.target,
@@ -53,9 +48,14 @@ def meeting_goal(tuning: Tuning, name: str, request: Request, sample_period: flo
     )
     how = f"at {sample_period:.4g} s: {request.goal}"
     met = replace(own, q=scalar(params.q), momentum=scalar(params.momentum), how=how)
-    others = rescaled_to_period(tuning, sample_period).channels
-    return replace(moved, channels=tuple(met if one.name == name else one for one in others))
+    others = rescaled_to_period(tuning, sample_period)
+    return replace(others, channels=tuple(met if one.name == name else one for one in others.channels))
 
 
-def _momentum(channel: ChannelTuning) -> str:
-    return " and momentum divided by it" if channel.momentum > 0.0 else ""
+def _said(new: Filter, old: float, sample_period: float) -> Filter:
+    """The rescaled filter, saying from which period.
+
+    First where the values hold: a header may cut the end, and a lag that was asked for is no longer that of here.
+    """
+    momentum = " and momentum divided by it" if new.momentum > 0.0 else ""
+    return replace(new, how=f"at {old:.4g} s: {new.how}; q times {sample_period / old:.4g}{momentum}")

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 Tables = Mapping[str, Any]
 """Tables of a TOML text by name."""
 
-FORMATS = (1, 2)
-"""Numbers of the file format; a reader refuses the numbers it does not know. 2 has momentum."""
+FORMATS = (1, 2, 3)
+"""Numbers of the file format; a reader refuses the numbers it does not know. 2 has momentum, 3 a fusion."""
 MAX_BYTES = 1_000_000
 """Largest file read: some thousand channels."""
 MAX_DEPTH = 64
@@ -50,6 +50,8 @@ _COMMENTS = {
     "x0": 'estimate before the first predict, unit; or "first": the first sample',
     "momentum": "how long the signal keeps its direction, in sample periods",
     "gate": "a sample whose v²/s exceeds it is not used",
+    "offset": "what the sensor reads where the fused value is 0",
+    "gain": "by how much its reading grows with the fused value",
 }
 """Comments beside the keys of a new file."""
 
@@ -74,7 +76,8 @@ def parse(text: str) -> dict[str, Any]:
     if isinstance(found, bool) or found not in FORMATS:
         newer = isinstance(found, int) and found > FORMATS[-1]
         why = ": a newer Kalscope may have written this file" if newer else ""
-        raise BadFile(f"format must be {' or '.join(map(str, FORMATS))}{why} (got {shown(found)})")
+        known = f"{', '.join(map(str, FORMATS[:-1]))} or {FORMATS[-1]}"
+        raise BadFile(f"format must be {known}{why} (got {shown(found)})")
     return document
 
 
@@ -137,23 +140,23 @@ def _write(table: MutableMapping[str, Any], values: Tables) -> None:
                 table[key] = _new_table()
             _write(table[key], cast("Tables", value))
         elif isinstance(value, list):
-            _write_channels(table, key, cast("list[Tables]", value))
+            _write_entries(table, key, cast("list[Tables]", value))
         elif key not in table:
             table[key] = _commented(key, value)
         elif not _same(table[key], value):
             table[key] = value
 
 
-def _write_channels(table: MutableMapping[str, Any], key: str, channels: list[Tables]) -> None:
-    """Put the channels into an array of tables in their order; a channel of the same name is updated."""
+def _write_entries(table: MutableMapping[str, Any], key: str, entries: list[Tables]) -> None:
+    """Put the entries into an array of tables in their order; an entry of the same name is updated."""
     array: Any = table.setdefault(key, tomlkit.aot())
     there = {str(entry["name"]): entry for entry in array.body}
-    if list(there) != [channel["name"] for channel in channels]:
+    if list(there) != [entry["name"] for entry in entries]:
         del array[:]
-        for channel in channels:
-            array.append(there.get(channel["name"], _new_table()))
-    for entry, channel in zip(array.body, channels, strict=True):
-        _write(entry, channel)
+        for entry in entries:
+            array.append(there.get(entry["name"], _new_table()))
+    for found, entry in zip(array.body, entries, strict=True):
+        _write(found, entry)
 
 
 def _new_table() -> Table:
@@ -190,6 +193,13 @@ def table_of(value: object, where: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise BadFile(f"{where} must be a table (got {shown(value)})")
     return cast("Tables", value)
+
+
+def tables_of(value: object, where: str) -> list[object]:
+    """`value` as an array of tables that has some; what they hold is not checked."""
+    if not isinstance(value, list) or not value:
+        raise BadFile(f"there must be at least one {where} (got {shown(cast('object', value))})")
+    return cast("list[object]", value)
 
 
 def text_of(table: Mapping[str, Any], key: str, where: str) -> str:
@@ -233,5 +243,6 @@ def shown(value: object) -> str:
 
 
 def one_line(value: object) -> str:
-    """The message of another library on one line."""
-    return " ".join(str(value).split())
+    """A message on one line, cut at 200 characters: numpy writes arrays of many values in several lines."""
+    text = " ".join(str(value).split())
+    return text if len(text) <= 200 else f"{text[:199]}…"

@@ -7,7 +7,7 @@ import pytest
 from feed import Board
 
 from kalscope import BadFile, BadSetting, Recording
-from kalscope.tuning.tuning import dumps
+from kalscope.tuning.tuning_file import dumps
 from kalscope_app.session.changes.live import opened_live, refreshed
 from kalscope_app.session.changes.parameters import set_text, set_variant_of_eq3
 from kalscope_app.session.changes.settings_file import MAX_BYTES, uploaded_settings, use_settings

@@ -21,7 +21,8 @@ from kalscope.tuning.fleet.answer.devices import Devices
 from kalscope.tuning.fleet.answer.save import SUMMARY, TUNING, save_answer
 from kalscope.tuning.fleet.answer.words import summary
 from kalscope.tuning.fleet.run import Tally
-from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
 RNG = np.random.default_rng(2)
 TALLY = Tally(units=500, kept=0, bytes=1, done=500, rows=500, seconds=2.0)

@@ -22,7 +22,7 @@ from kalscope.tuning.fleet.store.begun import NAME as BEGUN
 from kalscope.tuning.fleet.store.begun import Begun, note_begun, read_begun
 from kalscope.tuning.fleet.store.merge import TABLE
 from kalscope.tuning.fleet.work.asked import Asked
-from kalscope.tuning.tuning import load_tuning
+from kalscope.tuning.tuning_file import load_tuning
 
 try:
     import pyarrow as pa

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from kalscope.common.text import one_line
 from kalscope.errors import BadFile
-from kalscope.tuning.tuning import Tuning, loads
+from kalscope.tuning.tuning import Tuning
+from kalscope.tuning.tuning_file import loads
 from kalscope_app.session.opening import adapted
 from kalscope_app.session.state import Change, State
 

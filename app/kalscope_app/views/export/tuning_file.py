@@ -12,7 +12,8 @@ import viser
 
 from kalscope.common.files import check_inside
 from kalscope.errors import BadSetting
-from kalscope.tuning.tuning import Tuning, dumps, load_tuning, save_tuning
+from kalscope.tuning.tuning import Tuning
+from kalscope.tuning.tuning_file import dumps, load_tuning, save_tuning
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
 from kalscope_app.session.changes.settings_file import ENDING, uploaded_settings, use_settings

@@ -17,7 +17,8 @@ from kalscope.catalogue import open_source
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
-from kalscope.tuning.tuning import Tuning, load_tuning
+from kalscope.tuning.tuning import Tuning
+from kalscope.tuning.tuning_file import load_tuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload

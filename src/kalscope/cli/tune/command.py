@@ -124,7 +124,8 @@ def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str
     from kalscope.cli.tune.words import VERDICT_WORDS
     from kalscope.filtering.arrays import scalar
     from kalscope.sources.readers import account
-    from kalscope.tuning.tuning import ChannelTuning, Tuning, save_tuning
+    from kalscope.tuning.tuning import ChannelTuning, Tuning
+    from kalscope.tuning.tuning_file import save_tuning
 
     found = [
         ChannelTuning(
@@ -172,7 +173,7 @@ def _instead(answer: Answer) -> str:
 def _kept(recording: Recording, tuned: set[str], output: Path) -> list[ChannelTuning]:
     """Other channels that a tuning file of this recording already holds: they were tuned before."""
     from kalscope.errors import BadFile
-    from kalscope.tuning.tuning import load_tuning
+    from kalscope.tuning.tuning_file import load_tuning
 
     try:
         before = load_tuning(output) if output.is_file() else None

@@ -16,7 +16,8 @@ from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import WITHIN, Answer, Shared
 from kalscope.tuning.fleet.answer.devices import Devices
-from kalscope.tuning.tuning import ChannelTuning, Tuning, load_tuning, save_tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
 TUNING = "tuning.toml"
 """The tuning of the filter for all, as every tuning file."""

@@ -1,0 +1,181 @@
+"""The TOML file that stores a tuning.
+
+It is meant to be edited and annotated by hand: saving over it changes only the values that changed, and keeps every
+comment and every unknown key.
+"""
+
+from __future__ import annotations
+
+import os
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from kalscope.common.files import write_atomic
+from kalscope.errors import BadFile, BadSetting
+from kalscope.tuning import toml_text as toml
+from kalscope.tuning.fusion import FusionTuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+
+
+def save_tuning(tuning: Tuning, path: str | os.PathLike[str]) -> None:
+    """Write the tuning file, whole or not at all; the comments of an existing tuning file are kept.
+
+    Raises:
+        BadFile: There is a file that is not a tuning file of this format: a typing error must not overwrite a
+            recording.
+        BadSetting: The file would be too large to be read again.
+        OSError: The file cannot be written; it is unchanged.
+    """
+    before = ""
+    if Path(path).is_file() and Path(path).stat().st_size:
+        try:
+            before = toml.read_text(path)
+            toml.parse(before)
+        except BadFile as error:
+            raise BadFile(f"{os.fspath(path)!r} must be a tuning file to be saved over (got: {error})") from None
+    data = toml.updated(before, _plain(tuning)).encode()
+    if len(data) > toml.MAX_BYTES:
+        raise BadSetting(f"a tuning file must hold at most {toml.MAX_BYTES} bytes (got {len(data)})")
+    write_atomic(path, data)
+
+
+def load_tuning(path: str | os.PathLike[str]) -> Tuning:
+    """Read a tuning file.
+
+    Raises:
+        BadFile: The file cannot be read or is not a tuning file.
+    """
+    try:
+        return loads(toml.read_text(path))
+    except BadFile as error:
+        raise BadFile(f"{os.fspath(path)!r}: {error}") from None
+
+
+def dumps(tuning: Tuning) -> str:
+    """The text of a new tuning file. Every float is read back bit for bit."""
+    return toml.fresh(_plain(tuning))
+
+
+def loads(text: str) -> Tuning:
+    """The tuning in the text of a file. Unknown keys are ignored.
+
+    Raises:
+        BadFile: As `load_tuning`.
+    """
+    document = toml.parse(text)
+    if isinstance(made := document.get("date"), date):  # TOML has dates, without quotes
+        document["date"] = made.isoformat()
+    source = toml.table_of(document.get("source", {}), "[source]")
+    channels = toml.tables_of(document.get("channel"), "[[channel]]")
+    try:
+        return Tuning(
+            channels=tuple(_channel(entry, i, document["format"]) for i, entry in enumerate(channels, 1)),
+            source=toml.text_of(source, "spec", "[source]"),
+            source_name=toml.text_of(source, "name", "[source]"),
+            sha256=toml.text_of(source, "sha256", "[source]"),
+            sample_period=toml.optional_number_of(source, "sample_period", "[source]"),
+            selected=toml.text_of(document, "selected", "the file"),
+            tool=toml.text_of(document, "tool", "the file"),
+            date=toml.text_of(document, "date", "the file"),
+            fusion=_fusion(document["fusion"], document["format"]) if "fusion" in document else None,
+        )
+    except BadSetting as error:
+        raise BadFile(str(error)) from None
+
+
+def _plain(tuning: Tuning) -> dict[str, Any]:
+    """The tuning as the tables of the file; None = the key is absent."""
+    name, spec, sha256 = (toml.clean(text) for text in (tuning.source_name, tuning.source, tuning.sha256))
+    source = {"name": name, "spec": spec, "sha256": sha256, "sample_period": tuning.sample_period}
+    channels = [
+        {
+            "name": toml.clean(channel.name),
+            "unit": toml.clean(channel.unit),
+            "q": channel.q,
+            "r": channel.r,
+            **_plain_filter(channel),
+        }
+        for channel in tuning.channels
+    ]
+    tool, made, selected = (toml.clean(text) for text in (tuning.tool, tuning.date, tuning.selected))
+    head = {"format": _format(tuning), "tool": tool, "date": made, "selected": selected}
+    fusion = None if tuning.fusion is None else _plain_fusion(tuning.fusion)
+    return {**head, "source": source, "channel": channels, "fusion": fusion}
+
+
+def _format(tuning: Tuning) -> int:
+    """The lowest that holds it: a file stays one that older programs read, unless they would run another filter."""
+    if tuning.fusion is not None:
+        return 3
+    return 2 if tuning.has_momentum else 1
+
+
+def _plain_filter(one: ChannelTuning | FusionTuning) -> dict[str, Any]:
+    """What a channel and a fusion have in common, behind q and r."""
+    return {
+        "p0": "diffuse" if one.p0 is None else one.p0,
+        "x0": "first" if one.x0 is None else one.x0,
+        "momentum": one.momentum or None,
+        "gate": one.gate,
+        "how": toml.clean(one.how),
+    }
+
+
+def _plain_fusion(fusion: FusionTuning) -> dict[str, Any]:
+    """The fusion as a table of the file, a table in it for each sensor."""
+    values = zip(fusion.sensors, fusion.r, fusion.offset, fusion.gain, strict=True)
+    sensors = [{"name": toml.clean(name), "r": r, "offset": b, "gain": c} for name, r, b, c in values]
+    names = {"name": toml.clean(fusion.name), "unit": toml.clean(fusion.unit)}
+    return {**names, "q": fusion.q, **_plain_filter(fusion), "sensors": sensors}
+
+
+def _channel(entry: object, number: int, file_format: int) -> ChannelTuning:
+    table, name, where = _named(entry, f"[[channel]] {number}", "channel")
+    if "momentum" in table and file_format < 2:
+        raise BadFile(f"momentum of {where} needs format = 2 at the top of the file (got format = {file_format})")
+    try:
+        return ChannelTuning(name=name, r=toml.number_of(table, "r", where), **_filter(table, where))
+    except BadSetting as error:
+        raise BadFile(f"{where}: {error}") from None
+
+
+def _fusion(entry: object, file_format: int) -> FusionTuning:
+    table, name, where = _named(entry, "[fusion]", "fusion")
+    if file_format < 3:
+        raise BadFile(f"[fusion] needs format = 3 at the top of the file (got format = {file_format})")
+    entries = toml.tables_of(table.get("sensors"), "[[fusion.sensors]]")
+    sensors = [_named(one, f"[[fusion.sensors]] {i}", "sensor") for i, one in enumerate(entries, 1)]
+    try:
+        return FusionTuning(
+            name=name,
+            sensors=tuple(sensor for _, sensor, _ in sensors),
+            r=tuple(toml.number_of(one, "r", said) for one, _, said in sensors),
+            offset=tuple(toml.number_of({"offset": 0.0, **one}, "offset", said) for one, _, said in sensors),
+            gain=tuple(toml.number_of({"gain": 1.0, **one}, "gain", said) for one, _, said in sensors),
+            **_filter(table, where),
+        )
+    except BadSetting as error:
+        raise BadFile(f"{where}: {toml.one_line(error)}") from None
+
+
+def _named(entry: object, where: str, what: str) -> tuple[toml.Tables, str, str]:
+    """A table, its name, and how messages call it: `where` before its name is known, then `what` by its name."""
+    table = toml.table_of(entry, where)
+    if "name" not in table:
+        raise BadFile(f"name of {where} must be given (got nothing)")
+    name = toml.text_of(table, "name", where)
+    return table, name, f"{what} {toml.shown(name)}"
+
+
+def _filter(table: toml.Tables, where: str) -> dict[str, Any]:
+    """The arguments that a channel and a fusion have in common."""
+    return {
+        "unit": toml.text_of(table, "unit", where),
+        "q": toml.number_of(table, "q", where),
+        "p0": toml.optional_number_of(table, "p0", where, "diffuse"),
+        "x0": toml.optional_number_of(table, "x0", where, "first"),
+        "how": toml.text_of(table, "how", where),
+        "gate": toml.optional_number_of(table, "gate", where),
+        "momentum": toml.optional_number_of(table, "momentum", where) or 0.0,
+    }

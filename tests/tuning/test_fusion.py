@@ -1,0 +1,261 @@
+"""The filter that fuses several sensors, in a tuning and in its file."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope.errors import BadFile, BadSetting
+from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE
+from kalscope.recording import Recording
+from kalscope.tuning.choose import adapt_tuning, params_for_stdin
+from kalscope.tuning.device_period import meeting_goal, rescaled_to_period
+from kalscope.tuning.fusion import FusionTuning
+from kalscope.tuning.toml_text import FORMATS, updated
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.tuning.tuning_file import dumps, load_tuning, loads, save_tuning
+
+FUSED = FusionTuning(
+    name="level",
+    unit="cm",
+    sensors=("sonar", "float # 2"),
+    q=0.25,
+    r=(4.0, 0.09),
+    offset=(0.0, -1.5),
+    gain=(1.0, 1.02),
+    momentum=12.5,
+    how="maximum likelihood",
+)
+BOTH = Tuning(
+    (ChannelTuning("sonar", "cm", 0.25, 4.0), ChannelTuning("float # 2", "cm", 0.2, 0.09)),
+    sample_period=0.01,
+    fusion=FUSED,
+)
+positive = st.floats(0.0, MAX_VARIANCE, exclude_min=True)
+estimates = st.floats(allow_nan=False, allow_infinity=False)
+noises = st.floats(1e-290, 1e290)  # what stays a variance where it is divided by the square of a gain
+gains = st.floats(1e-3, 1e3) | st.floats(-1e3, -1e-3)
+
+
+@st.composite
+def fusions(draw: st.DrawFn) -> FusionTuning:
+    sensors = draw(st.lists(st.text(max_size=20), min_size=1, max_size=4, unique=True))
+    each = [tuple(draw(values) for _ in sensors) for values in (noises, estimates, gains)]
+    p0 = draw(st.none() | positive)
+    x0 = None if p0 is None else draw(st.none() | estimates)
+    gate, momentum = draw(st.none() | positive), draw(st.floats(0.0, MAX_MOMENTUM))
+    name, unit, how = (draw(st.text(max_size=20)) for _ in range(3))
+    return FusionTuning(name, unit, tuple(sensors), draw(positive), *each, p0, x0, gate, momentum, how)
+
+
+def bits(fusion: FusionTuning) -> list[str]:
+    """Every float, sign of zero included."""
+    one = (fusion.q, fusion.p0, fusion.x0, fusion.gate, fusion.momentum)
+    values = (*one, *fusion.r, *fusion.offset, *fusion.gain)
+    return ["none" if value is None else value.hex() for value in values]
+
+
+# ---- the values
+
+
+def test_what_is_left_out_is_zero_one_and_automatic() -> None:
+    plain = FusionTuning("level", "cm", ("a", "b"), 0.1, (1.0, 2.0))
+    assert (plain.offset, plain.gain) == ((0.0, 0.0), (1.0, 1.0))
+    assert plain == FusionTuning("level", "cm", ("a", "b"), 0.1, (1.0, 2.0), (0.0, 0.0), (1.0, 1.0))
+    np.testing.assert_array_equal(plain.params.r, [1.0, 2.0])
+    assert (plain.params.p0, plain.params.x0, plain.params.gate, plain.params.momentum) == (None, None, None, 0.0)
+
+
+def test_arrays_become_numbers() -> None:
+    made = FusionTuning("level", "", ("a", "b"), np.float64(0.1), np.array([1.0, 2.0]))  # type: ignore[arg-type]
+    assert (made.r, type(made.q), type(made.r[0])) == ((1.0, 2.0), float, float)
+    assert hash(made) == hash(FusionTuning("level", "", ("a", "b"), 0.1, (1.0, 2.0)))
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"sensors": ("a", "a")}, r"sensors of a fusion must have distinct names \(got \['a', 'a'\]\)"),
+        ({"sensors": ("a",)}, r"one value a sensor \(got 2 for 1 sensors\)"),
+        ({"sensors": ()}, "one value a sensor"),
+        ({"r": (0.0, 0.0)}, "^at most one r may be 0"),
+        ({"r": (1.0, 2.0, 3.0)}, "one finite number a sensor"),
+        ({"r": (1.0, -1.0)}, "^r must"),
+        ({"r": ()}, "^r must"),
+        ({"offset": (0.0, float("nan"))}, "^offset must"),
+        ({"offset": (0.0,)}, "offset"),
+        ({"gain": (1.0, 0.0)}, "^gain must"),
+        ({"gain": (1.0, 2.0, 3.0)}, "gain"),
+        ({"q": -1.0}, "^q must"),
+        ({"x0": 1.0}, "x0 needs p0"),
+        ({"gate": 0.0}, "^gate must"),
+        ({"momentum": 2e5}, "^momentum must"),
+    ],
+)
+def test_values_that_are_no_fusion_are_refused(changed: dict, says: str) -> None:
+    with pytest.raises(BadSetting, match=says):
+        replace(FUSED, **changed)
+
+
+def test_one_channel_alone_has_no_fusion() -> None:
+    assert BOTH.only(None) is BOTH
+    assert BOTH.only("sonar").fusion is None
+
+
+# ---- another sample period
+
+
+def test_q_and_momentum_of_a_fusion_follow_the_sample_period_and_nothing_else_does() -> None:
+    moved = BOTH.rescaled(0.02).fusion
+    assert moved == replace(FUSED, q=0.5, momentum=6.25)
+    assert BOTH.rescaled(0.01) == BOTH
+    said = rescaled_to_period(BOTH, 0.02).fusion
+    assert said == replace(moved, how="at 0.01 s: maximum likelihood; q times 2 and momentum divided by it")
+
+
+def test_a_fusion_is_carried_along_where_a_channel_meets_a_goal() -> None:
+    from kalscope.estimation.finding import Request
+
+    met = meeting_goal(BOTH, "sonar", Request(target={"lag_s": 0.05}), 0.02)
+    assert met.fusion == rescaled_to_period(BOTH, 0.02).fusion
+
+
+def test_a_momentum_of_a_fusion_too_long_for_the_new_period_is_refused_by_name() -> None:
+    long = replace(BOTH, fusion=replace(FUSED, momentum=9e4))
+    with pytest.raises(BadSetting, match=r"^momentum of level must be at most .* set momentum = 49950 and q ="):
+        long.rescaled(0.005)
+    assert long.only("sonar").rescaled(0.005).sample_period == 0.005
+
+
+def test_the_filters_of_the_channels_do_not_ask_for_the_fusion(tmp_path: Path) -> None:
+    """Its momentum would be too long at this period; the channels are filtered as without it."""
+    long = replace(BOTH, fusion=replace(FUSED, momentum=9e4))
+    recording = Recording(0.005 * np.arange(4), ("sonar",), ("cm",), np.zeros((4, 1)), sample_period=0.005)
+    found, notes = adapt_tuning(recording, long)
+    assert found["sonar"].q == 0.125
+    assert "momentum" not in " ".join(notes)
+    save_tuning(long, tmp_path / "t.toml")
+    params, _ = params_for_stdin(tmp_path / "t.toml", {}, None, 0.005)
+    assert [one.q for one in params] == [0.125, 0.1]
+
+
+# ---- the file
+
+
+@given(fusions())
+def test_a_fusion_comes_back_from_its_text_bit_for_bit_and_over_any_other(fusion: FusionTuning) -> None:
+    from kalscope.tuning.tuning_file import _plain
+
+    tuning = replace(BOTH, fusion=fusion)
+    for again in (loads(dumps(tuning)), loads(updated(dumps(BOTH), _plain(tuning)))):
+        assert again == tuning
+        assert again.fusion is not None
+        assert bits(again.fusion) == bits(fusion)
+
+
+def test_a_fusion_is_a_table_with_a_table_for_each_sensor_and_only_then_the_format_is_3() -> None:
+    text = dumps(BOTH)
+    assert text.splitlines()[1] == "format = 3"
+    plain = dumps(replace(BOTH, fusion=None))
+    assert text.replace("format = 3", "format = 1").startswith(plain)
+    assert text.replace("format = 3", "format = 1")[len(plain) :] == (
+        "\n[fusion]\n"
+        'name = "level"\n'
+        'unit = "cm" # of the signal; variances are in its square\n'
+        "q = 0.25 # process-noise variance added per sample, unit²\n"
+        'p0 = "diffuse" # variance of the estimate before the first predict, unit²; or "diffuse": unknown\n'
+        'x0 = "first" # estimate before the first predict, unit; or "first": the first sample\n'
+        "momentum = 12.5 # how long the signal keeps its direction, in sample periods\n"
+        'how = "maximum likelihood"\n'
+        "\n[[fusion.sensors]]\n"
+        'name = "sonar"\n'
+        "r = 4.0 # measurement-noise variance, unit²\n"
+        "offset = 0.0 # what the sensor reads where the fused value is 0\n"
+        "gain = 1.0 # by how much its reading grows with the fused value\n"
+        "\n[[fusion.sensors]]\n"
+        'name = "float # 2"\n'
+        "r = 0.09 # measurement-noise variance, unit²\n"
+        "offset = -1.5 # what the sensor reads where the fused value is 0\n"
+        "gain = 1.02 # by how much its reading grows with the fused value\n"
+    )
+
+
+def test_an_older_program_refuses_a_file_with_a_fusion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ignores keys that it does not know, and would otherwise drop the fusion when it saves."""
+    monkeypatch.setattr("kalscope.tuning.toml_text.FORMATS", FORMATS[:-1])
+    with pytest.raises(BadFile, match=r"^format must be 1 or 2: a newer Kalscope may have written this .*3\)$"):
+        loads(dumps(BOTH))
+
+
+def test_saving_over_an_annotated_fusion_keeps_comments_and_keys_until_it_goes(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    noted = dumps(BOTH).replace("[fusion]", "[fusion] # the tank").replace("1.02 #", "1.02 # bought 2019:")
+    path.write_text(noted.replace("offset = -1.5", 'serial = "A7"\noffset = -1.5'), encoding="utf-8")
+    assert load_tuning(path) == BOTH
+    changed = replace(FUSED, q=0.5, r=(4.0, 0.08))
+    save_tuning(replace(BOTH, fusion=changed), path)
+    before, after = (text.splitlines() for text in (noted, path.read_text("utf-8")))
+    assert 'serial = "A7"' in after
+    after.remove('serial = "A7"')
+    assert [pair for pair in zip(before, after, strict=True) if pair[0] != pair[1]] == [
+        tuple(f"q = {q} # process-noise variance added per sample, unit²" for q in (0.25, 0.5)),
+        tuple(f"r = {r} # measurement-noise variance, unit²" for r in (0.09, 0.08)),
+    ]
+    turned = FusionTuning("level", "cm", FUSED.sensors[::-1], 0.5, (0.08, 4.0), (-1.5, 0.0), (1.02, 1.0))
+    save_tuning(replace(BOTH, fusion=turned), path)
+    assert load_tuning(path).fusion == turned
+    assert "# bought 2019" in path.read_text("utf-8")
+    save_tuning(replace(BOTH, fusion=None), path)
+    text = path.read_text("utf-8")
+    assert (text.splitlines()[1], "fusion" in text) == ("format = 1", False)
+    assert load_tuning(path) == replace(BOTH, fusion=None)
+
+
+def fused(*lines: str, head: str = 'name = "x"\nq = 1', file_format: int = 3) -> str:
+    channel = '[[channel]]\nname = "a"\nq = 1\nr = 1'
+    return "\n".join([f"format = {file_format}", channel, "[fusion]", head, *lines, ""])
+
+
+SENSOR = '[[fusion.sensors]]\nname = "a"\nr = 1'
+
+
+def test_offset_gain_and_starts_may_be_left_out() -> None:
+    assert loads(fused(SENSOR)).fusion == FusionTuning("x", "", ("a",), 1.0, (1.0,), how="")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (fused(SENSOR, file_format=1), "[fusion] needs format = 3 at the top of the file (got format = 1)"),
+        (fused(SENSOR, file_format=2), "[fusion] needs format = 3 at the top of the file (got format = 2)"),
+        ("fusion = 5\n" + fused(SENSOR).partition("[fusion]")[0], "[fusion] must be a table (got 5)"),
+        (fused(SENSOR, head="q = 1"), "name of [fusion] must be given (got nothing)"),
+        (fused(SENSOR, head='name = "x"'), "q of fusion 'x' must be given (got nothing)"),
+        (fused(), "there must be at least one [[fusion.sensors]] (got None)"),
+        (fused("sensors = []"), "there must be at least one [[fusion.sensors]] (got [])"),
+        (fused("sensors = [5]"), "[[fusion.sensors]] 1 must be a table (got 5)"),
+        (fused("[[fusion.sensors]]\nr = 1"), "name of [[fusion.sensors]] 1 must be given (got nothing)"),
+        (fused('[[fusion.sensors]]\nname = "a"'), "r of sensor 'a' must be given (got nothing)"),
+        (fused(SENSOR, "offset = nan"), "offset of sensor 'a' must be a finite number (got nan)"),
+        (fused(SENSOR, "gain = '1'"), "gain of sensor 'a' must be a finite number (got '1')"),
+        (fused(SENSOR, "gain = true"), "gain of sensor 'a' must be a finite number (got True)"),
+        (fused(SENSOR, "gain = 0"), "fusion 'x': gain must"),
+        (fused(SENSOR.replace("r = 1", "r = -1")), "fusion 'x': r must"),
+        (fused(SENSOR, SENSOR), "fusion 'x': sensors of a fusion must have distinct names (got ['a', 'a'])"),
+        (fused(*(SENSOR.replace('"a"', f'"a{i}"') + f"\ngain = {i}" for i in range(500))), "fusion 'x': gain must"),
+        (fused("x0 = 3", SENSOR), "fusion 'x': x0 needs p0"),
+        (fused("momentum = 2e5", SENSOR), "fusion 'x': momentum must be a number of sample periods"),
+        (fused(f"p0 = 1{'0' * 400}", SENSOR), "p0 of fusion 'x' must be"),
+    ],
+)
+def test_hostile_text_is_refused_in_one_line_that_says_what_came(text: str, says: str) -> None:
+    with pytest.raises(BadFile, match=re.escape(says)) as caught:
+        loads(text)
+    assert len(str(caught.value).splitlines()) == 1
+    assert len(str(caught.value)) < 300
