@@ -153,6 +153,7 @@ def test_a_tuning_file_is_loaded_in_two_ways_and_undone_and_a_refusal_stays_unti
     button(screen, "Load tuning file").click()
     screen.notification("Cannot open file").wait_for()
 
+    screen.choose("target", "more …")
     screen.choose("target", "JSON")
     screen.type("device sample period (s)", "often")
     button(screen, "Preview code").click()
@@ -160,6 +161,8 @@ def test_a_tuning_file_is_loaded_in_two_ways_and_undone_and_a_refusal_stays_unti
     screen.shot("code-refused")
     close_window(screen)
     screen.type("device sample period (s)", "")
+    screen.choose("target", "LinuxCNC")
+    screen.page.get_by_text("whose manual page swaps Qk and Rk").wait_for()
     screen.choose("target", "Python")
     button(screen, "Preview code").click()
     screen.page.get_by_role("tab", name="with_kalscope.py").wait_for()

@@ -33,6 +33,8 @@ class Target:
     """Writes the settled filter instead; None = the target has no such option."""
     is_offered: bool = True
     """Whether a user can choose it; False: it only explains why these values would give a different filter."""
+    is_common: bool = False
+    """Whether a list that begins short has it."""
 
 
 TARGETS = MappingProxyType(
@@ -42,10 +44,14 @@ TARGETS = MappingProxyType(
             "Arduino sketch",
             "A sketch for the Arduino IDE and its C++ header (float32).",
             fixed_gains.arduino_files,
+            is_common=True,
         ),
-        "c": Target(c.files, "C99", "The filter in C99, in double or float.", fixed_gains.c_files),
+        "c": Target(c.files, "C99", "The filter in C99, in double or float.", fixed_gains.c_files, is_common=True),
         "python": Target(
-            python.files, "Python", "A small Python class without dependencies, and the same with Kalscope."
+            python.files,
+            "Python",
+            "A small Python class without dependencies, and the same with Kalscope.",
+            is_common=True,
         ),
         "matlab": Target(
             matlab.files, "MATLAB, Octave", "A script for MATLAB and Octave, in the letters of Ma'arif 2019."
@@ -53,7 +59,7 @@ TARGETS = MappingProxyType(
         "javascript": Target(
             javascript.files, "JavaScript", "An ES module with a small class without dependencies."
         ),
-        "json": Target(json_file.files, "JSON", "The parameters as JSON."),
+        "json": Target(json_file.files, "JSON", "The parameters as JSON.", is_common=True),
         "ros2": Target(ros2.files, "ROS 2 parameters", "A ROS 2 parameter file (YAML)."),
         "platformio": Target(
             platformio.files,
@@ -64,6 +70,7 @@ TARGETS = MappingProxyType(
             esphome.files,
             "ESPHome sensor",
             "A Kalman combination sensor of ESPHome, in standard deviations per second.",
+            is_common=True,
         ),
         "bachagas": Target(
             bachagas.files, "bachagas/Kalman.h", "The constructor of bachagas/Kalman.h, which has the same formula."

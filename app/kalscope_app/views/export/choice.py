@@ -23,6 +23,8 @@ from kalscope_app.views.text import escape_markdown
 
 TITLES = {target.title: name for name, target in TARGETS.items() if target.is_offered}
 """Targets by the words on screen."""
+COMMON_TITLES = tuple(title for title, name in TITLES.items() if TARGETS[name].is_common)
+"""Those that the list of targets begins with."""
 
 UNEVEN = 0.5
 """Periods by which a time step must differ from one before a device would show it."""
@@ -64,9 +66,9 @@ class DeviceNotes:
     """What will differ from the screen, markdown; "" where nothing does."""
 
 
-def has_fixed_gains(target: str | None) -> bool:
+def has_fixed_gains(target: str) -> bool:
     """Whether the settled filter alone can be exported to a target."""
-    return target is not None and target in TARGETS and TARGETS[target].fixed_gains is not None
+    return TARGETS[target].fixed_gains is not None
 
 
 def device_notes(state: State, choice: Choice = Choice()) -> DeviceNotes:

@@ -16,8 +16,9 @@ from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
-from kalscope_app.views.binding import on_user
+from kalscope_app.views.binding import offer, on_user
 from kalscope_app.views.export.choice import (
+    COMMON_TITLES,
     TITLES,
     Choice,
     DeviceNotes,
@@ -31,9 +32,11 @@ from kalscope_app.views.export.files import ask_to_overwrite, show_files, show_r
 from kalscope_app.views.window.css import PRIMARY
 
 THIS, ALL = "this channel", "all channels"
+MORE = "more …"
 
 TARGET_HINT = (
-    "Where the filter will run. SimpleKalmanFilter and GyverFilters use q differently: take the Arduino sketch."
+    "Where the filter will run; more … lists every target. SimpleKalmanFilter and GyverFilters use q differently: "
+    "take the Arduino sketch."
 )
 
 
@@ -45,8 +48,9 @@ class CodeView:
     ) -> None:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
         self._goal: Request | None = None
+        self._title = COMMON_TITLES[0]
         with gui.add_folder("Export code"):
-            self._target = gui.add_dropdown("target", tuple(TITLES), hint=TARGET_HINT)
+            self._target = gui.add_dropdown("target", (*COMMON_TITLES, MORE), hint=TARGET_HINT)
             self._what = gui.add_markdown(TARGETS["arduino"].what)
             self._period = gui.add_text(
                 "device sample period (s)", "", hint="Time between two samples on the device. Empty: as recorded."
@@ -86,8 +90,11 @@ class CodeView:
             )
 
     def _show_target(self) -> None:
-        name = TITLES.get(self._target.value)
-        self._what.content = "" if name is None else TARGETS[name].what
+        if self._target.value == MORE:
+            offer(self._target, TITLES, self._title)
+        self._title = self._target.value
+        name = TITLES[self._title]
+        self._what.content = TARGETS[name].what
         self._fixed.visible = has_fixed_gains(name)
         self._vectors.visible = not self.choice.fixed_gains  # they are those of the whole filter
         self._ask_notes()
@@ -102,7 +109,7 @@ class CodeView:
     @property
     def choice(self) -> Choice:
         """What is chosen now."""
-        target = TITLES.get(self._target.value, "")
+        target = TITLES[self._title]
         fixed = self._fixed.value and has_fixed_gains(target)
         return Choice(target, self._channels.value == ALL, self._period.value, fixed, self._goal)
 
