@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -34,7 +35,9 @@ from kalscope.tuning.fleet.run import run_fleet
 from kalscope.tuning.fleet.work.asked import Asked
 
 GROUPS = 400
-"""Row groups of a data set."""
+"""Row groups of a data set, at least."""
+MAX_IN_GROUP = 1000
+"""Series of a row group, at most."""
 MAX_TWICE = 0.02
 """Most work that kills may have done twice."""
 
@@ -131,17 +134,20 @@ def table(out: Path) -> pa.Table:
 
 
 def write_set(folder: Path, series: int, samples: int) -> None:
-    """Random walks under noise, q = 0.09 and r = 1, sorted by id."""
-    folder.mkdir(parents=True)
+    """Random walks under noise, q = 0.09 and r = 1, sorted by id, one row group in memory at a time."""
+    unfinished = folder.with_suffix(".unfinished")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    unfinished.mkdir(parents=True)
     rng = np.random.default_rng(0)
     schema = pa.schema([("id", pa.int64()), ("time", pa.float64()), ("value", pa.float64())])
-    with pq.ParquetWriter(folder / "part-0.parquet", schema, compression="zstd") as writer:
-        group = max(1, series // GROUPS)
+    with pq.ParquetWriter(unfinished / "part-0.parquet", schema, compression="zstd") as writer:
+        group = min(max(1, series // GROUPS), MAX_IN_GROUP)
         for first in range(0, series, group):
             n = min(group, series - first)
             z = np.cumsum(0.3 * rng.normal(size=(n, samples)), axis=1) + rng.normal(size=(n, samples))
             ids, time_s = np.repeat(np.arange(first, first + n), samples), np.tile(np.arange(samples) / 100, n)
             writer.write_table(pa.table([ids, time_s, z.ravel()], schema=schema))
+    unfinished.rename(folder)
 
 
 if __name__ == "__main__":

@@ -10,17 +10,14 @@ import shutil
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
+from fleet_runs import files_of, parts, run_here, table, write_devices
 from required import not_here
 from waiting import PATIENCE, wait_until
 
-from kalscope.cli.app import run as kalscope
 from kalscope.errors import BadSetting
-from kalscope.tuning.fleet import run as fleet_run
 from kalscope.tuning.fleet.cluster import TaskLost, WorkerDied
 from kalscope.tuning.fleet.run import LOST
 from kalscope.tuning.fleet.store.lock import locked
@@ -29,72 +26,13 @@ from kalscope.tuning.fleet.work import task
 try:
     import distributed  # noqa: F401
     import psutil
-    import pyarrow.parquet as pq
+    import pyarrow  # noqa: F401
 except ImportError:
     not_here("dask, distributed or pyarrow is not installed")
 
 SHARED_DATA = Path(__file__).parents[4] / "shared" / "data"
 PROGRAM = [sys.executable, "-m", "kalscope.cli", "fleet"]
 PLAIN = ["--momentum", "0", "--no-robust"]
-RNG = np.random.default_rng(11)
-
-
-def write_devices(folder, count, n=200, comment=0):
-    """Files of devices of one kind, longer by so many characters that cost nothing to read."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for i in range(count):
-        z = np.cumsum(0.3 * RNG.normal(size=n)) + RNG.normal(size=n)
-        rows = (f"{k / 100:.2f},{value:.5f}\n" for k, value in enumerate(z))
-        (folder / f"dev{i:04d}.csv").write_text(f"# {'x' * comment}\ntime (s),light (lx)\n" + "".join(rows))
-
-
-def table(folder):
-    """The table as a list of rows without the time that they took."""
-    return pq.ParquetFile(folder / "fleet.parquet").read().drop_columns(["seconds"]).to_pylist()
-
-
-def parts(folder):
-    return sorted((folder / "parts").glob("??/*.parquet"))
-
-
-def files_of(folder):
-    return {path.name for path in folder.rglob("*") if path.is_file()} - {path.name for path in parts(folder)}
-
-
-class AtOnce:
-    """Workers of this process: a batch is done when it is asked for; `fault` may give something else instead."""
-
-    threads = 2
-
-    def __init__(self, fault):
-        self.flight, self.fault, self.most = [], fault, 0
-
-    def submit(self, batch, *call):
-        self.flight.append((batch, call))
-        self.most = max(self.most, len(self.flight))
-
-    def ended(self, _timeout):
-        batch, (function, units, *rest) = self.flight.pop(0)
-        return batch, self.fault(units) or function(units, *rest)
-
-
-@pytest.fixture
-def at_once(monkeypatch):
-    """Workers without processes, and the fault that they have."""
-    faults, made = [], []
-
-    @contextmanager
-    def opened(_address, _tasks):
-        made.append(AtOnce(lambda units: faults[0](units) if faults else None))
-        yield made[-1]
-
-    monkeypatch.setattr(fleet_run, "open_workers", opened)
-    return faults, made
-
-
-def run_here(capsys, *argv, expect=0):
-    assert kalscope(["fleet", *map(str, argv)]) == expect
-    return capsys.readouterr()
 
 
 def test_every_file_is_accounted_for(tmp_path, at_once, capsys):

@@ -79,6 +79,11 @@ def fleet_command(
         say(f"stopped with {done} of {tally.units} done, all kept: run the same command again to go on")
         raise typer.Exit(INTERRUPTED)
     write_output(iter([summary(answers[0], tally, output)]), None)
+    if tally.again:
+        say(
+            f"{tally.again} of {tally.units} could not be read for a reason outside of the recording:"
+            " the same command tries again"
+        )
 
 
 def progress_text(tally: Tally) -> str:

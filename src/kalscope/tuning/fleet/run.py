@@ -42,6 +42,8 @@ class Tally:
     """Their bytes."""
     rows: int = 0
     """Rows written."""
+    again: int = 0
+    """Units that failed for a reason outside of them, for which the next run tries them again."""
     fitting_s: float = 0.0
     """Processor time of the fits, s."""
     total_s: float = 0.0
@@ -62,6 +64,7 @@ class Tally:
         self.done += done.units
         self.done_bytes += size
         self.rows += done.rows
+        self.again += done.again
         self.fitting_s += done.fitting_s
         self.total_s += done.total_s
         self.peak_bytes = max(self.peak_bytes, done.peak_bytes)
@@ -113,15 +116,15 @@ def run_fleet(
         options = asked.fingerprint()
         note_begun(folder, len(units), options, asked.reading, asked.sample_period, pooled=asked.is_pooled)
         keys = [unit.key(options) for unit in units]
-        parts = find_parts(folder)
+        settled = find_parts(folder, settled=True)
         batches = lay_out([unit.size for unit in units])
-        missing = [[i for i in batch if keys[i] not in parts] for batch in batches]
+        missing = [[i for i in batch if keys[i] not in settled] for batch in batches]
         todo = [i for some in missing for i in some]
         tally = Tally(len(units), len(units) - len(todo), sum(units[i].size for i in todo))
         if todo:
             with open_workers(cluster, sum(map(bool, missing))) as workers:
                 _Run(units, keys, asked, folder, tally).all_of(missing, workers, show, stopped)
-            parts = find_parts(folder)
+        parts = find_parts(folder)
         if any(key not in parts for key in keys):
             return Outcome(tally, None)
         sweep(folder, {parts[key] for key in keys})
@@ -176,8 +179,10 @@ class _Run:
         """A row for each unit that kills its worker."""
         while jobs.lost:
             i = jobs.lost.pop()
-            write_part(self.folder, {self.keys[i]: ([lost_row(self.units[i], LOST)], Pool.empty())})
+            key, row = self.keys[i], lost_row(self.units[i], LOST)
+            write_part(self.folder, {key: ([row], Pool.empty())}, [key])
             self.tally.done += 1
+            self.tally.again += 1
             self.tally.done_bytes += self.units[i].size
             self.tally.rows += 1
 

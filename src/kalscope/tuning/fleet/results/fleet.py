@@ -116,7 +116,7 @@ class FleetReader:
             if path not in self._parts and path.stat().st_mtime_ns >= begun.since - CLOCKS_NS:
                 keys = units_of(path)
                 if keys is not None:
-                    self._parts[path] = checked_table(path, part=True), frozenset(map(str, keys))
+                    self._parts[path] = checked_table(path, part=True), frozenset(keys)
         if not self._parts:
             raise BadFile(
                 f"{str(self._folder)!r} must be the folder of a fleet, -o of kalscope fleet (got no {TABLE} and no"
@@ -126,7 +126,11 @@ class FleetReader:
             raise BadFile(f"{str(self._folder)!r} must hold at most {MAX_ROWS} rows (got more)")
         table = library("pyarrow").concat_tables([rows for rows, _ in self._parts.values()])
         names = zip(table["id"].to_pylist(), table["channel"].to_pylist(), strict=True)
-        table = table.take(sorted({name: i for i, name in enumerate(names)}.values()))
+        last = {name: i for i, name in enumerate(names)}
+        read = {
+            name for name, channel in last if channel
+        }  # a row without a channel is a failure, tried again since
+        table = table.take(sorted(i for (name, channel), i in last.items() if channel or name not in read))
         pool = Pool.empty()
         for content in table[POOL].drop_null().to_pylist():
             pool = pool + _unpacked(content)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -33,12 +33,13 @@ def part_path(folder: Path, keys: Iterable[str]) -> Path:
     return folder / FOLDER / name[:2] / f"{name}.parquet"
 
 
-def write_part(folder: Path, units: Mapping[str, tuple[Sequence[Row], Pool]]) -> Path:
+def write_part(folder: Path, units: Mapping[str, tuple[Sequence[Row], Pool]], again: Collection[str] = ()) -> Path:
     """Write what came of some units, durably.
 
     Args:
         folder: Of the fleet.
         units: The rows and the pool of each, by its key.
+        again: The keys of those that the next run tries again.
 
     Returns:
         The path of the part.
@@ -48,17 +49,23 @@ def write_part(folder: Path, units: Mapping[str, tuple[Sequence[Row], Pool]]) ->
     """
     path = part_path(folder, units)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(path, part_bytes(units))
+    write_atomic(path, part_bytes(units, again))
     return path
 
 
-def find_parts(folder: Path) -> dict[str, Path]:
-    """Where each finished unit lies, by its key. What is no part, or cannot be read, counts for nothing."""
-    found: dict[str, Path] = {}
-    for path in _files(folder, ".parquet"):
-        for key in units_of(path) or ():
-            found.setdefault(key, path)
-    return found
+def find_parts(folder: Path, *, settled: bool = False) -> dict[str, Path]:
+    """Where each finished unit lies, by its key. What is no part, or cannot be read, counts for nothing.
+
+    Args:
+        folder: Of the fleet.
+        settled: Only the units that are done for good, none that is to be tried again.
+    """
+    good: dict[str, Path] = {}
+    again: dict[str, Path] = {}
+    for path in part_files(folder):  # of those to be tried again the last attempt counts
+        for key, done in (units_of(path) or {}).items():
+            (good if done else again)[key] = path
+    return good if settled else again | good
 
 
 def part_files(folder: Path) -> list[Path]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ IN_PART = [KEY, *COLUMNS, POOL]
 """The columns of a part."""
 UNITS = b"kalscope_units"
 """Entry of the metadata of a part: the keys of all its units, those without rows too."""
+AGAIN = b"kalscope_again"
+"""Entry of its metadata: the keys of those that the next run tries again."""
 
 
 def schema() -> Any:
@@ -32,11 +34,12 @@ def schema() -> Any:
     return pa.schema([pa.field(one.name, kinds[str(one.type)]) for one in fields(Row)])
 
 
-def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]]) -> bytes:
+def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]], again: Collection[str] = ()) -> bytes:
     """The content of a part: the rows of some units, and on the first row of each its pool.
 
     Args:
         units: The rows and the pool of each, by its key.
+        again: The keys of those that the next run tries again.
     """
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")
     rows = [row for several, _ in units.values() for row in several]
@@ -44,7 +47,9 @@ def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]]) -> bytes:
     columns += [pa.array([_told(getattr(row, one.name)) for row in rows], one.type) for one in schema()]
     pools = [_packed(pool) if i == 0 else None for several, pool in units.values() for i in range(len(several))]
     columns.append(pa.array(pools, pa.binary()))
-    table = pa.table(columns, names=IN_PART).replace_schema_metadata({UNITS: json.dumps(list(units))})
+    table = pa.table(columns, names=IN_PART).replace_schema_metadata(
+        {UNITS: json.dumps(list(units)), AGAIN: json.dumps(sorted(again))}
+    )
     buffer = io.BytesIO()
     parquet.write_table(
         table, buffer, compression="zstd", use_dictionary=[KEY, "channel", "unit", "verdict", "source"]
@@ -69,16 +74,16 @@ def unpacked(content: bytes) -> Pool:
     return Pool(numbers[2:].reshape(Pool.empty().sums.shape).copy(), int(numbers[0]), int(numbers[1]))
 
 
-def units_of(path: Path) -> list[str] | None:
-    """The keys of the units of a part; None where it is no part that can be read."""
+def units_of(path: Path) -> dict[str, bool] | None:
+    """The keys of the units of a part, each with whether it is done for good; None where it is no such part."""
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")
     try:
         footer = parquet.read_metadata(path)
-        keys = json.loads(footer.metadata[UNITS])
+        keys, again = (list(map(str, json.loads(footer.metadata[name]))) for name in (UNITS, AGAIN))
         names = [footer.schema.column(i).name for i in range(footer.num_columns)]
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError):
         return None
-    return keys if names == IN_PART else None
+    return dict.fromkeys(keys, True) | dict.fromkeys(again, False) if names == IN_PART else None
 
 
 def read_table(path: Path) -> Any:

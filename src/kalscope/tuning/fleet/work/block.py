@@ -19,7 +19,7 @@ from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.tuning.fleet.recordings.unit import Unit
 from kalscope.tuning.fleet.store.row import Row
 from kalscope.tuning.fleet.work.asked import Asked, Question, any_recording
-from kalscope.tuning.fleet.work.fit import Fitted, first_sentence, fit_each, mean_nis, reason_of
+from kalscope.tuning.fleet.work.fit import Fitted, first_sentence, fit_each, mean_nis
 from kalscope.tuning.fleet.work.read import channels_of
 from kalscope.tuning.fleet.work.row_groups import Block, read_block
 
@@ -50,15 +50,15 @@ def fit_block(unit: Unit, asked: Asked) -> Fitted:
     if known.all():
         return plain
     rows: list[Row] = []
-    pool, rest = plain.pool, iter(plain.rows)
+    pool, again, rest = plain.pool, plain.again, iter(plain.rows)
     for i, is_plain in enumerate(known.tolist()):
         if is_plain:
             rows.append(next(rest))
             continue
         one = _fit_recording(block, i, asked)
         rows += one.rows
-        pool = pool + one.pool
-    return Fitted(rows, pool)
+        pool, again = pool + one.pool, again or one.again
+    return Fitted(rows, pool, again)
 
 
 def _fit_recording(block: Block, i: int, asked: Asked) -> Fitted:
@@ -67,7 +67,7 @@ def _fit_recording(block: Block, i: int, asked: Asked) -> Fitted:
         recording = block.recording(i, asked.reading, asked.sample_period)
         return fit_each(channels_of(recording, block.ids[i], None, asked), asked.question)
     except Exception as error:  # whatever is wrong with one recording, the others go on
-        return Fitted.lost(Row(id=block.ids[i], reason=reason_of(error)))
+        return Fitted.lost(Row(id=block.ids[i]), error)
 
 
 def _plain_steps(block: Block, asked: Asked) -> Array:

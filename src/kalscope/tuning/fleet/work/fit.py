@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import time
 from collections.abc import Sequence
@@ -34,21 +35,26 @@ class Fitted:
     """A row for each channel."""
     pool: Pool
     """What all of them say about one filter for all."""
+    again: bool = False
+    """Whether one failed for a reason that does not lie in its content: the next run tries it again."""
 
     @staticmethod
-    def lost(row: Row) -> Fitted:
-        """A recording that could not be read."""
-        return Fitted([row], Pool.empty())
+    def lost(row: Row, error: Exception | None = None) -> Fitted:
+        """A recording that could not be read, because of this error."""
+        reason = row.reason if error is None else reason_of(error)
+        return Fitted([replace(row, reason=reason)], Pool.empty(), error is not None and may_pass(error))
 
     def lying_in(self, source: str) -> Fitted:
         """The same with the source of its rows, where they do not have it."""
-        return Fitted([row if row.source else replace(row, source=source) for row in self.rows], self.pool)
+        return Fitted(
+            [row if row.source else replace(row, source=source) for row in self.rows], self.pool, self.again
+        )
 
 
 def fit_each(several: Sequence[Series], question: Question) -> Fitted:
     """Fit some channels, one after the other. One that cannot be fitted gives a row with the reason."""
     rows: list[Row] = []
-    pool = Pool.empty()
+    pool, again = Pool.empty(), False
     for series in several:
         begun, row = time.thread_time(), _row(series)
         try:
@@ -61,8 +67,9 @@ def fit_each(several: Sequence[Series], question: Question) -> Fitted:
             pool = pool + pool_of([used], None if dt is None else [dt])
         except Exception as error:  # whatever is wrong with one recording, the others go on
             row = replace(_row(series), reason=reason_of(error))
+            again = again or may_pass(error)
         rows.append(replace(row, seconds=time.thread_time() - begun))
-    return Fitted(rows, pool)
+    return Fitted(rows, pool, again)
 
 
 def reason_of(error: Exception) -> str:
@@ -70,6 +77,18 @@ def reason_of(error: Exception) -> str:
     if isinstance(error, KalscopeError | OSError):
         return " ".join(describe(error).split())
     return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def may_pass(error: BaseException | None) -> bool:
+    """Whether the cause lies outside of the recording: a permission, a disk, the memory, a missing library."""
+    while error is not None:
+        if isinstance(error, MemoryError | ImportError):
+            return True
+        # Readers of a broken file raise OSError without a number, or with that of an invalid position in it.
+        if isinstance(error, OSError) and error.errno not in (None, errno.EINVAL):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _row(series: Series) -> Row:

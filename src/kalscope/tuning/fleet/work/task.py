@@ -15,7 +15,7 @@ from kalscope.tuning.fleet.store.parts import write_part
 from kalscope.tuning.fleet.store.row import FAILED, Row
 from kalscope.tuning.fleet.work.asked import Asked
 from kalscope.tuning.fleet.work.block import fit_block
-from kalscope.tuning.fleet.work.fit import Fitted, fit_each, reason_of
+from kalscope.tuning.fleet.work.fit import Fitted, fit_each
 from kalscope.tuning.fleet.work.read import read_file
 
 MAX_SECONDS = 10.0
@@ -32,6 +32,8 @@ class Done:
     """Rows written."""
     failed: int
     """Rows among them with a reason in place of q and r."""
+    again: int
+    """Units that the next run tries again."""
     fitting_s: float
     """Processor time of the fits, s."""
     total_s: float
@@ -62,12 +64,14 @@ def run_batch(units: Sequence[Unit], asked: Asked, folder: str) -> Done:
         fitted[unit.key(options)] = fit_unit(unit, asked)
         if time.monotonic() > end:
             break
-    write_part(Path(folder), {key: (one.rows, one.pool) for key, one in fitted.items()})
+    again = [key for key, one in fitted.items() if one.again]
+    write_part(Path(folder), {key: (one.rows, one.pool) for key, one in fitted.items()}, again)
     written = [row for one in fitted.values() for row in one.rows]
     return Done(
         units=len(fitted),
         rows=len(written),
         failed=sum(bool(row.reason) for row in written),
+        again=len(again),
         fitting_s=sum(row.seconds for row in written),
         total_s=time.thread_time() - begun,
         peak_bytes=_peak_bytes(),
@@ -81,10 +85,10 @@ def fit_unit(unit: Unit, asked: Asked) -> Fitted:
             return fit_block(unit, asked).lying_in(unit.source)
         return fit_each(read_file(unit, asked), asked.question).lying_in(unit.source)
     except Exception as error:  # one bad file must not end the others
-        return Fitted.lost(lost_row(unit, reason_of(error)))
+        return Fitted.lost(lost_row(unit), error)
 
 
-def lost_row(unit: Unit, reason: str) -> Row:
+def lost_row(unit: Unit, reason: str = "") -> Row:
     """The row of a unit that could not be read."""
     name = unit.id if unit.span is None else f"{unit.data_set}ids up to {unit.span[1]}"
     return Row(id=name, channel=unit.channel or "", verdict=FAILED, reason=reason, source=unit.source)

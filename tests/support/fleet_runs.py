@@ -1,0 +1,55 @@
+"""Runs of `kalscope fleet` in this process, and what they leave behind."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kalscope.cli.app import run as kalscope
+
+RNG = np.random.default_rng(11)
+
+
+def write_devices(folder, count, n=200, comment=0):
+    """Files of devices of one kind, longer by so many characters that cost nothing to read."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for i in range(count):
+        z = np.cumsum(0.3 * RNG.normal(size=n)) + RNG.normal(size=n)
+        rows = (f"{k / 100:.2f},{value:.5f}\n" for k, value in enumerate(z))
+        (folder / f"dev{i:04d}.csv").write_text(f"# {'x' * comment}\ntime (s),light (lx)\n" + "".join(rows))
+
+
+def table(folder):
+    """The table as a list of rows without the time that they took."""
+    import pyarrow.parquet as pq
+
+    return pq.ParquetFile(folder / "fleet.parquet").read().drop_columns(["seconds"]).to_pylist()
+
+
+def parts(folder):
+    return sorted((folder / "parts").glob("??/*.parquet"))
+
+
+def files_of(folder):
+    return {path.name for path in folder.rglob("*") if path.is_file()} - {path.name for path in parts(folder)}
+
+
+class AtOnce:
+    """Workers of this process: a batch is done when it is asked for; `fault` may give something else instead."""
+
+    threads = 2
+
+    def __init__(self, fault):
+        self.flight, self.fault, self.most = [], fault, 0
+
+    def submit(self, batch, *call):
+        self.flight.append((batch, call))
+        self.most = max(self.most, len(self.flight))
+
+    def ended(self, _timeout):
+        batch, (function, units, *rest) = self.flight.pop(0)
+        return batch, self.fault(units) or function(units, *rest)
+
+
+def run_here(capsys, *argv, expect=0):
+    assert kalscope(["fleet", *map(str, argv)]) == expect
+    return capsys.readouterr()
