@@ -18,9 +18,10 @@ from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import answer_for, growth_of, unlike_in
 from kalscope.tuning.fleet.answer.devices import Devices
-from kalscope.tuning.fleet.answer.save import SUMMARY, TUNING, save_answer
+from kalscope.tuning.fleet.answer.save import save_answer
 from kalscope.tuning.fleet.answer.words import summary
 from kalscope.tuning.fleet.run import Tally
+from kalscope.tuning.fleet.store.begun import SUMMARY, TUNING
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope.tuning.tuning_file import load_tuning, save_tuning
 

@@ -15,9 +15,10 @@ from kalscope.estimation.fleet.pool import pool_of
 from kalscope.tuning.fleet.answer.answer import answer_for
 from kalscope.tuning.fleet.answer.devices import Devices
 from kalscope.tuning.fleet.answer.over_time import split_date
-from kalscope.tuning.fleet.answer.save import SUMMARY, save_answer
+from kalscope.tuning.fleet.answer.save import save_answer
 from kalscope.tuning.fleet.answer.words import summary
 from kalscope.tuning.fleet.run import Tally
+from kalscope.tuning.fleet.store.begun import SUMMARY
 
 TALLY = Tally(units=100, kept=0, bytes=1, done=100, rows=100, seconds=2.0)
 MONTHS = [f"2024-{month:02d}-01" for month in range(1, 6)]

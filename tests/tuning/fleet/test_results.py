@@ -15,12 +15,10 @@ from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.tuning.fleet import libraries
-from kalscope.tuning.fleet.answer.save import SUMMARY, TUNING
 from kalscope.tuning.fleet.results.fleet import FleetReader
 from kalscope.tuning.fleet.results.reopen import own_tuning, reopen, shared_tuning
 from kalscope.tuning.fleet.store.begun import NAME as BEGUN
-from kalscope.tuning.fleet.store.begun import Begun, note_begun, read_begun
-from kalscope.tuning.fleet.store.merge import TABLE
+from kalscope.tuning.fleet.store.begun import SUMMARY, TABLE, TUNING, Begun, note_begun, read_begun
 from kalscope.tuning.fleet.work.asked import Asked
 from kalscope.tuning.tuning_file import load_tuning
 

@@ -17,8 +17,9 @@ from required import not_here
 from kalscope.common import files
 from kalscope.errors import BadSetting
 from kalscope.estimation.fleet.pool import Pool, pool_of
+from kalscope.tuning.fleet.store.begun import TABLE
 from kalscope.tuning.fleet.store.lock import NAME, locked
-from kalscope.tuning.fleet.store.merge import TABLE, merge
+from kalscope.tuning.fleet.store.merge import merge
 from kalscope.tuning.fleet.store.parts import find_parts, sweep, write_part
 from kalscope.tuning.fleet.store.row import COLUMNS, Row
 from kalscope.tuning.fleet.store.table import read_table

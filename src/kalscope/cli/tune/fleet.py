@@ -46,6 +46,7 @@ def fleet_command(
     from kalscope.cli.console import INTERRUPTED, TerminalLine, say, stop_signals, write_output
     from kalscope.tuning.fleet.answer.answer import answer_for
     from kalscope.tuning.fleet.answer.devices import read_devices
+    from kalscope.tuning.fleet.answer.own import check_tuning
     from kalscope.tuning.fleet.answer.save import save_answer
     from kalscope.tuning.fleet.answer.words import summary
     from kalscope.tuning.fleet.libraries import check_libraries
@@ -58,6 +59,7 @@ def fleet_command(
     if asked.still is None:  # a stretch lies in each recording or not
         asked.request(any_recording()).checked_momentum()
     options = Asked(asked, reading, sample_period, channel, every, row_groups)
+    check_tuning(output)
     line = TerminalLine(sys.stderr)
     answers: list[Answer] = []
 

@@ -13,7 +13,7 @@ from kalscope.tuning.fleet.batches import Dispatcher, lay_out, window
 from kalscope.tuning.fleet.cluster import TaskLost, WorkerDied, Workers, open_workers
 from kalscope.tuning.fleet.recordings.find import find_units
 from kalscope.tuning.fleet.recordings.unit import Unit
-from kalscope.tuning.fleet.store.begun import note_begun
+from kalscope.tuning.fleet.store.begun import check_own, note_begun
 from kalscope.tuning.fleet.store.lock import locked
 from kalscope.tuning.fleet.store.merge import merge
 from kalscope.tuning.fleet.store.parts import find_parts, sweep, write_part
@@ -111,6 +111,7 @@ def run_fleet(
     """
     folder = folder.absolute()
     with locked(folder):
+        check_own(folder)
         sweep(folder)
         units = find_units(sources, folder, asked.row_groups)
         options = asked.fingerprint()

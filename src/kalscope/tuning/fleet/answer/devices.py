@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from kalscope.common.array import Array, Mask
-from kalscope.tuning.fleet.store.merge import TABLE
+from kalscope.tuning.fleet.store.begun import TABLE
 from kalscope.tuning.fleet.store.table import read_table
 
 

@@ -4,27 +4,21 @@ from __future__ import annotations
 
 import json
 import math
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from kalscope.common.files import write_atomic
 from kalscope.common.version import program
-from kalscope.errors import BadFile
 from kalscope.estimation.fleet.changes import FALSE_ALARM
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import WITHIN, Answer, Shared
 from kalscope.tuning.fleet.answer.devices import Devices
+from kalscope.tuning.fleet.answer.own import RECORD, check_tuning, digest_of, own_digest
+from kalscope.tuning.fleet.store.begun import SUMMARY, TUNING
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope.tuning.tuning_file import load_tuning, save_tuning
+from kalscope.tuning.tuning_file import dumps, save_tuning
 
-TUNING = "tuning.toml"
-"""The tuning of the filter for all, as every tuning file."""
-SUMMARY = "fleet.json"
-"""The answer for programs."""
-OWN = "fleet of "
-"""What the source of its tuning begins with."""
 MAX_LISTED = 1000
 """Devices of a list in it; the table has all."""
 
@@ -34,29 +28,27 @@ def save_answer(answer: Answer, folder: Path) -> None:
 
     Raises:
         OSError: The folder cannot be written; the files are unchanged.
-        BadFile: tuning.toml is no tuning file.
+        BadSetting: there is a tuning file that no fleet wrote; the files are unchanged.
     """
-    if answer.shared is None:
-        _remove_own(folder / TUNING)
-    else:
-        save_tuning(tuning_of(answer.devices, answer.shared), folder / TUNING)
-    text = json.dumps(as_plain(answer), indent=1, ensure_ascii=False, allow_nan=False)
+    if answer.shared is not None:
+        check_tuning(folder)
+    before = own_digest(folder)
+    tuning = None if answer.shared is None else tuning_of(answer.devices, answer.shared)
+    digests = [one for one in (before, tuning and digest_of(dumps(tuning))) if one]
+    plain = as_plain(answer) | {RECORD: digests}  # first, so that a run that is killed here knows its own file
+    text = json.dumps(plain, indent=1, ensure_ascii=False, allow_nan=False)
     write_atomic(folder / SUMMARY, (text + "\n").encode("utf-8", "replace"))
+    if tuning is not None:
+        save_tuning(tuning, folder / TUNING)
+    elif before is not None:
+        (folder / TUNING).unlink()
 
 
 def tuning_of(devices: Devices, shared: Shared) -> Tuning:
     """The tuning of the filter for all."""
     q, r, momentum = (scalar(value) for value in (shared.params.q, shared.params.r, shared.params.momentum))
     channel = ChannelTuning(devices.channel, devices.unit, q, r, how=shared.how, momentum=momentum)
-    name = f"{OWN}{len(devices)}"
-    return Tuning((channel,), source_name=name, sample_period=devices.sample_period)
-
-
-def _remove_own(path: Path) -> None:
-    """Remove the tuning of an earlier run, which is no longer true; one of the user's stays."""
-    with suppress(FileNotFoundError, BadFile):
-        if load_tuning(path).source_name.startswith(OWN):
-            path.unlink()
+    return Tuning((channel,), source_name=f"fleet of {len(devices)}", sample_period=devices.sample_period)
 
 
 def as_plain(answer: Answer) -> dict[str, Any]:

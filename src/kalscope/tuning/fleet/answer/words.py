@@ -23,9 +23,8 @@ from kalscope.common.text import (
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import WITHIN, Answer, Shared
-from kalscope.tuning.fleet.answer.save import TUNING
 from kalscope.tuning.fleet.run import Tally
-from kalscope.tuning.fleet.store.merge import TABLE
+from kalscope.tuning.fleet.store.begun import TABLE, TUNING
 
 MAX_REASONS = 5
 """Reasons that are printed; the table has them all."""

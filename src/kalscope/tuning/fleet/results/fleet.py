@@ -17,12 +17,10 @@ from kalscope.estimation.fleet.pooled import fit_pool
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
 from kalscope.tuning.fleet.answer.answer import WITHIN, growth_of, unlike_in
 from kalscope.tuning.fleet.answer.devices import Devices, devices_of
-from kalscope.tuning.fleet.answer.save import SUMMARY
 from kalscope.tuning.fleet.libraries import library
 from kalscope.tuning.fleet.results.checked import MAX_ROWS, checked_table
 from kalscope.tuning.fleet.store.begun import NAME as BEGUN
-from kalscope.tuning.fleet.store.begun import Begun, read_begun, read_json
-from kalscope.tuning.fleet.store.merge import TABLE
+from kalscope.tuning.fleet.store.begun import SUMMARY, TABLE, Begun, read_begun, read_json
 from kalscope.tuning.fleet.store.parts import part_files
 from kalscope.tuning.fleet.store.table import POOL, units_of, unpacked
 

@@ -11,11 +11,17 @@ from typing import Any
 
 from kalscope.common.checks import above_zero
 from kalscope.common.files import write_atomic
-from kalscope.errors import BadFile, KalscopeError
+from kalscope.errors import BadFile, BadSetting, KalscopeError
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions, option_texts, options_from_text
 
 NAME = "run.json"
 """Name of the note in the folder of a fleet; each run writes it again, before `fleet.json`."""
+TABLE = "fleet.parquet"
+"""Name of the table in it."""
+TUNING = "tuning.toml"
+"""The tuning of the filter for all, as every tuning file."""
+SUMMARY = "fleet.json"
+"""The answer for programs, the last but one file that a run writes."""
 MAX_BYTES = 10_000_000
 """Bytes of a file with JSON, at most; fleet.json with all its lists has less than one million."""
 
@@ -38,10 +44,30 @@ class Begun:
     """Sample period in s in place of that of the recordings."""
 
 
+def check_own(folder: Path) -> None:
+    """Refuse a folder in which a run would write over files that no fleet wrote.
+
+    Raises:
+        BadSetting: there is such a file.
+    """
+    foreign: str | None = None
+    if (folder / NAME).exists():
+        try:
+            read_begun(folder)
+        except BadFile:
+            foreign = NAME
+    else:
+        foreign = next((name for name in (TABLE, SUMMARY, TUNING) if (folder / name).exists()), None)
+    if foreign is not None:
+        raise BadSetting(
+            f"-o must name a new folder or that of a fleet (got {str(folder)!r}, whose {foreign} no fleet wrote)"
+        )
+
+
 def note_begun(
     folder: Path, units: int, options: str, reading: ReadOptions, sample_period: float | None, *, pooled: bool
 ) -> None:
-    """Write the note of a run that begins.
+    """Write the note of a run that begins in a folder that has passed `check_own`.
 
     Args:
         folder: Of the fleet, which this run holds.
@@ -52,10 +78,7 @@ def note_begun(
         pooled: Whether the filter for all is the most likely one.
     """
     own, since = hashlib.sha256(options.encode("utf-8", "surrogatepass")).hexdigest(), time.time_ns()
-    try:
-        before = read_begun(folder)
-    except BadFile:
-        before = Begun()
+    before = read_begun(folder)
     content = {
         "units": units,
         "options": own,

@@ -11,10 +11,9 @@ from typing import Any
 from kalscope.common.files import atomic_file
 from kalscope.estimation.fleet.pool import Pool
 from kalscope.tuning.fleet.libraries import library
+from kalscope.tuning.fleet.store.begun import TABLE
 from kalscope.tuning.fleet.store.table import KEY, POOL, read_table, schema, unpacked
 
-TABLE = "fleet.parquet"
-"""Name of the table in the folder of a fleet."""
 MAX_OPEN = 16
 """Parts that are kept in memory at a time: a batch lies in one or a few."""
 
