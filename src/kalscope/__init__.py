@@ -10,13 +10,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from kalscope.analysis.alternatives.agreement.comparison import compare_methods
     from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
     from kalscope.catalogue import open_source
     from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
-    from kalscope.estimation.agreement.comparison import compare_methods
     from kalscope.estimation.estimate import estimate
     from kalscope.estimation.fleet.many.estimate_many import estimate_many
     from kalscope.estimation.fleet.many.table import EstimateTable
+    from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
+    from kalscope.estimation.fusion.result import FusionEstimate
     from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio, params_for_specification
     from kalscope.estimation.likelihood.profile import log_likelihood
     from kalscope.estimation.momentum.profile import likelihood_profile
@@ -53,6 +55,7 @@ __all__ = [
     "EstimateTable",
     "FilterParams",
     "FilterResult",
+    "FusionEstimate",
     "FusionFilter",
     "FusionParams",
     "FusionResult",
@@ -73,6 +76,7 @@ __all__ = [
     "estimate",
     "estimate_fixed_r",
     "estimate_fixed_ratio",
+    "estimate_fusion",
     "estimate_many",
     "export_tuning",
     "fuse",
@@ -96,6 +100,7 @@ __all__ = [
 ]
 
 _NAMES = {
+    "analysis.alternatives.agreement.comparison": ("compare_methods",),
     "analysis.diagnostics": (
         "Diagnostics",
         "diagnose",
@@ -109,10 +114,11 @@ _NAMES = {
         "Cancelled",
         "KalscopeError",
     ),
-    "estimation.agreement.comparison": ("compare_methods",),
     "estimation.estimate": ("estimate",),
     "estimation.fleet.many.estimate_many": ("estimate_many",),
     "estimation.fleet.many.table": ("EstimateTable",),
+    "estimation.fusion.estimate_fusion": ("estimate_fusion",),
+    "estimation.fusion.result": ("FusionEstimate",),
     "estimation.known": (
         "estimate_fixed_r",
         "estimate_fixed_ratio",

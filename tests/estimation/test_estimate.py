@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams
+from kalscope.analysis.alternatives.agreement.comparison import compare_methods
+from kalscope.analysis.alternatives.agreement.words import disagreement
 from kalscope.errors import Cancelled
-from kalscope.estimation.agreement.comparison import compare_methods
-from kalscope.estimation.agreement.words import disagreement
 from kalscope.estimation.estimate import METHODS, estimate
 from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio
 from kalscope.estimation.likelihood.profile import differences

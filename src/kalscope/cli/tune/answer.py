@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kalscope.analysis.alternatives.agreement.comparison import compare_methods
+from kalscope.analysis.alternatives.agreement.words import disagreement
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
 from kalscope.analysis.fit.correction import MIN_SAMPLES
 from kalscope.analysis.judgement import Judgement, judge, needs_noise
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
-from kalscope.estimation.agreement.comparison import compare_methods
-from kalscope.estimation.agreement.words import disagreement
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import Found, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.methods.still_stretch import find_still_stretch

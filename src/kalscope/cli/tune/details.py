@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 from kalscope.analysis.actions import as_sentences
+from kalscope.analysis.alternatives.agreement.words import comparison
 from kalscope.analysis.judgement import advice_words
 from kalscope.cli.tune.answer import CHOSEN, Answer
 from kalscope.cli.tune.words import VERDICT_WORDS, between, wrapped
@@ -22,7 +23,6 @@ from kalscope.common.text import (
     squared,
     trimmed,
 )
-from kalscope.estimation.agreement.words import comparison
 from kalscope.estimation.finding import METHOD_NAMES
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict.conclude import gain_of, lag_of

@@ -8,10 +8,10 @@ from contextlib import AbstractContextManager
 import numpy as np
 import viser
 
+from kalscope.analysis.alternatives.agreement.comparison import compare_methods
+from kalscope.analysis.alternatives.agreement.words import comparison
 from kalscope.common.array import Array
 from kalscope.common.text import lag_text, number
-from kalscope.estimation.agreement.comparison import compare_methods
-from kalscope.estimation.agreement.words import comparison
 from kalscope.estimation.finding import METHOD_NAMES
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.engine.frame import Frame

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from kalscope.analysis.alternatives.agreement import simulation
+from kalscope.analysis.alternatives.agreement.comparison import compare_methods
+from kalscope.analysis.alternatives.agreement.weighing import Opinion, spikes_in, weigh
+from kalscope.analysis.alternatives.agreement.words import comparison, disagreement, worth_showing
 from kalscope.common.progress import Progress
 from kalscope.errors import Cancelled
-from kalscope.estimation.agreement import simulation
-from kalscope.estimation.agreement.comparison import compare_methods
-from kalscope.estimation.agreement.weighing import Opinion, spikes_in, weigh
-from kalscope.estimation.agreement.words import comparison, disagreement, worth_showing
 from kalscope.estimation.likelihood.profile import Differences, differences
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.by_name import QUICK

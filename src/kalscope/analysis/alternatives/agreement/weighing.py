@@ -7,10 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kalscope.analysis.alternatives.agreement.simulation import (
+    FIRST_SIMULATIONS,
+    SIMULATIONS,
+    law,
+    pattern,
+    simulated_pair,
+)
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.common.text import count
-from kalscope.estimation.agreement.simulation import FIRST_SIMULATIONS, SIMULATIONS, law, pattern, simulated_pair
 from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.methods.by_name import QUICK
 from kalscope.estimation.methods.pair import Pair

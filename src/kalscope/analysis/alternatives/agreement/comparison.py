@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kalscope.analysis.alternatives.agreement.weighing import spikes_in, weigh
+from kalscope.analysis.alternatives.agreement.words import disagreement
 from kalscope.common.progress import Progress
-from kalscope.estimation.agreement.weighing import spikes_in, weigh
-from kalscope.estimation.agreement.words import disagreement
 from kalscope.estimation.known import above_rounding
 from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.likelihood.search import Peak

@@ -1,0 +1,97 @@
+"""What `estimate_fusion` is asked, checked once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kalscope.common.array import Array
+from kalscope.errors import BadSetting
+from kalscope.estimation.fusion import words
+from kalscope.estimation.verdict.words import MIN_SAMPLES
+from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
+from kalscope.filtering.params import MAX_VARIANCE
+
+_SAME = 1e-12
+"""Relative difference up to which two sensors are copies: that of rounding."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """A record of several sensors, and what is known of them."""
+
+    z: Array
+    """Readings, NaN where missing, shape (n, sensors)."""
+    steps: Array
+    """Nominal sample periods before each row; empty = 1 each."""
+    names: tuple[str, ...]
+    """The sensors."""
+    reference: int | None
+    """The sensor whose offset is 0 and whose gain is 1."""
+    known: Array
+    """Known r, unit², NaN where not known, shape (sensors,)."""
+
+    @property
+    def gauge(self) -> int:
+        """The sensor whose offset and gain stay while the others are searched."""
+        return 0 if self.reference is None else self.reference
+
+    def unusable(self) -> tuple[str, str] | None:
+        """Verdict and words where a sensor makes the fit meaningless."""
+        for name, column in zip(self.names, self.z.T, strict=True):
+            readings = column[np.isfinite(column)]
+            if len(readings) < MIN_SAMPLES:
+                return "too_few", words.too_few(name, len(readings))
+            if np.all(readings == readings[0]):
+                return "constant", words.constant(name)
+        for i in range(len(self.names)):
+            for j in range(i):
+                if _are_copies(self.z[:, j], self.z[:, i]):
+                    return "copies", words.copies(self.names[j], self.names[i])
+        return None
+
+
+def question(
+    z: ArrayLike,
+    dt: ArrayLike | None,
+    names: Sequence[str] | None,
+    reference: int | str | None,
+    known_r: ArrayLike | None,
+) -> Question:
+    """Check what was given; BadSetting as in `estimate_fusion`."""
+    columns, _ = columns_of(z)
+    sensors, n = columns.shape
+    refuse_infinite(columns)
+    given = tuple(f"sensor {i + 1}" for i in range(sensors)) if names is None else tuple(map(str, names))
+    if len(given) != sensors or len(set(given)) != sensors:
+        raise BadSetting(f"names must be {sensors} different ones, one a sensor (got {', '.join(given)})")
+    known = np.full(sensors, math.nan) if known_r is None else np.array(known_r, dtype=np.float64)
+    if known.shape != (sensors,) or np.any((known <= 0.0) | (known > MAX_VARIANCE)):
+        raise BadSetting(f"known_r must be one variance above 0 a sensor, or NaN (got {known_r})")
+    return Question(columns.T, steps_of(dt, n), given, _index(reference, given), known)
+
+
+def _index(reference: int | str | None, names: tuple[str, ...]) -> int | None:
+    if reference is None:
+        return None
+    if isinstance(reference, str) and reference in names:
+        return names.index(reference)
+    if isinstance(reference, int) and not isinstance(reference, bool) and 0 <= reference < len(names):
+        return reference
+    raise BadSetting(
+        f"reference must be a sensor, its name or its index from 0 to {len(names) - 1} (got {reference!r})"
+    )
+
+
+def _are_copies(first: Array, second: Array) -> bool:
+    """Whether two sensors differ by the same value wherever both answer."""
+    both = np.isfinite(first) & np.isfinite(second)
+    if both.sum() < MIN_SAMPLES:
+        return False
+    apart = second[both] - first[both]
+    size = max(float(np.abs(first[both]).max()), float(np.abs(second[both]).max()))
+    return float(np.ptp(apart)) <= _SAME * size

@@ -1,0 +1,156 @@
+"""From the top of the likelihood to a FusionEstimate: units, offsets, gains, intervals, verdict and words."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kalscope.common.array import Array
+from kalscope.estimation.fusion import words
+from kalscope.estimation.fusion.asked import Question
+from kalscope.estimation.fusion.result import FusionEstimate
+from kalscope.estimation.fusion.search.climb import BESIDE
+from kalscope.estimation.fusion.search.fit import Asked, Found
+from kalscope.estimation.fusion.search.intervals import NORMAL, covariance, movement_interval, noise_interval
+from kalscope.estimation.fusion.search.likelihood import Place, Readings
+from kalscope.estimation.verdict.conclude import MIN_VARIANCE
+from kalscope.estimation.verdict.words import BAD_UNIT
+from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.params import MAX_VARIANCE
+from kalscope.filtering.steady_state import steady_state
+
+LITTLE = 0.01
+"""Share of the fused value below which a sensor adds almost nothing."""
+
+
+def refused(asked: Question, verdict: str, message: str) -> FusionEstimate:
+    """The estimate of a record that gives none."""
+    sensors = len(asked.names)
+    none, wide = np.zeros(sensors), np.tile([0.0, math.inf], (sensors, 1))
+    return FusionEstimate(
+        names=asked.names,
+        q=0.0,
+        momentum=0.0,
+        r=none,
+        offset=none,
+        gain=np.ones(sensors),
+        q_interval=np.array([0.0, math.inf]),
+        r_interval=wide,
+        offset_interval=np.tile([-math.inf, math.inf], (sensors, 1)),
+        gain_interval=np.ones((sensors, 2)),
+        loglik=0.0,
+        spikes=tuple(np.empty(0, np.intp) for _ in asked.names),
+        verdict=verdict,
+        message=message,
+        notes=(),
+        params=None,
+    )
+
+
+def conclude(asked: Question, data: Readings, searched: Asked, found: Found) -> FusionEstimate:
+    """The estimate of the best place."""
+    place, unit = found.place, data.scale * data.scale
+    gain, gain_interval, scaled = _gains(asked, found)
+    offset, offset_interval = _offsets(asked, found)
+    with np.errstate(over="ignore", under="ignore"):
+        q, r = place.q * unit * scaled * scaled, place.r * unit
+        q_interval = np.array(movement_interval(found, searched)) * unit * scaled * scaled
+        r_interval = np.array([noise_interval(found, searched, i) for i in range(data.sensors)]) * unit
+    if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in (q, *r) if size > 0.0):
+        return refused(asked, "bad_unit", BAD_UNIT)
+    used_q = q if q > 0.0 else float(q_interval[1])
+    used_r = np.where(r > 0.0, r, r_interval[:, 1])
+    params = FusionParams(q=used_q, r=used_r, offset=offset, gain=gain, momentum=place.tau)
+    verdict, message = _verdict(asked, params, place.q, r)
+    return FusionEstimate(
+        names=asked.names,
+        q=q,
+        momentum=place.tau,
+        r=r,
+        offset=offset,
+        gain=gain,
+        q_interval=q_interval,
+        r_interval=r_interval,
+        offset_interval=offset_interval,
+        gain_interval=gain_interval,
+        loglik=place.loglik,
+        spikes=tuple(np.empty(0, np.intp) for _ in asked.names),
+        verdict=verdict,
+        message=message,
+        notes=_notes(asked, data, searched, params, r),
+        params=params,
+    )
+
+
+def _gains(asked: Question, found: Found) -> tuple[Array, Array, float]:
+    """Gains, their intervals, and the factor that x is stretched by, so that without a reference they average 1."""
+    gain, searched = found.place.c, found.coordinates.gained
+    if not len(searched):
+        return gain, np.stack([gain, gain], axis=1), 1.0
+    sensors = len(gain)
+    free = asked.reference is None
+    stretch = float(np.exp(np.log(np.abs(gain)).mean())) if free else 1.0
+    turned = np.eye(sensors) - (1.0 / sensors if free else 0.0)
+    spread = np.zeros((sensors, sensors))
+    spread[np.ix_(searched, searched)] = covariance(found)[-len(searched) :, -len(searched) :]
+    error = _errors(turned @ (spread / np.outer(gain, gain)) @ turned.T)
+    shown = gain / stretch
+    return shown, np.sort(shown[:, None] * np.exp(np.outer(error, [-1.0, 1.0])), axis=1), stretch
+
+
+def _offsets(asked: Question, found: Found) -> tuple[Array, Array]:
+    """Offsets and their intervals; where the gains are not sure, what they would be with others counts too."""
+    searched = found.coordinates.gained
+    offset, turned = _without_common(asked, found, found.place)
+    spread = turned @ found.place.spread @ turned.T * found.coordinates.data.scale**2
+    if len(searched):
+        slopes = np.empty((len(offset), len(searched)))
+        for j in range(len(searched)):
+            at = found.top.at.copy()
+            at[j - len(searched)] += BESIDE
+            slopes[:, j] = (_without_common(asked, found, found.coordinates.place(at))[0] - offset) / BESIDE
+        spread = spread + slopes @ covariance(found)[-len(searched) :, -len(searched) :] @ slopes.T
+    error = _errors(spread)
+    return offset, offset[:, None] + np.outer(error, [-1.0, 1.0])
+
+
+def _without_common(asked: Question, found: Found, place: Place) -> tuple[Array, Array]:
+    """The offsets of a place less what all sensors share, unit, and the matrix that takes it away."""
+    data, gain = found.coordinates.data, place.c
+    rule = np.ones(data.sensors) if asked.reference is None else np.eye(data.sensors)[asked.reference]
+    if abs(rule @ gain) < 1e-9 * float(np.abs(gain).sum()):  # of opposite sign: no shift of x changes the sum
+        rule = gain
+    turned = np.eye(data.sensors) - np.outer(gain, rule) / (rule @ gain)
+    return turned @ (place.offset * data.scale + data.centre), turned
+
+
+def _errors(spread: Array) -> Array:
+    """Half the 95 % interval of each value with this covariance; inf where it is not known."""
+    variance = np.diag(spread)
+    return NORMAL * np.sqrt(np.where(np.isnan(variance), math.inf, np.maximum(variance, 0.0)))
+
+
+def _verdict(asked: Question, params: FusionParams, q: float, r: Array) -> tuple[str, str]:
+    settled = steady_state(params.as_single)
+    said = words.found(asked.names, params.shares.tolist(), float(settled.gain), float(settled.lag_samples))
+    if q == 0.0:
+        return "no_movement", f"{words.no_movement(params.q)} {said}"
+    if r.min() == 0.0:
+        i = int(r.argmin())
+        return "no_noise", f"{words.no_noise(asked.names[i], float(params.r[i]))} {said}"
+    return "ok", said
+
+
+def _notes(asked: Question, data: Readings, searched: Asked, params: FusionParams, r: Array) -> tuple[str, ...]:
+    notes: list[str] = []
+    sensors = len(asked.names)
+    if sensors > 1 and asked.reference is None:
+        notes.append(words.COMMON_BIAS)
+    for i, share in enumerate(params.shares.tolist()):
+        if share < LITTLE:
+            notes.append(words.adds_nothing(asked.names[i], share))
+        floor = searched.floor[i] * data.scale * data.scale
+        if 0.0 < r[i] <= 1.0001 * floor:
+            notes.append(words.at_rounding(asked.names[i], float(r[i])))
+    return tuple(notes)

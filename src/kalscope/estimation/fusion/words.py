@@ -1,0 +1,94 @@
+"""What the fit of several sensors says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from kalscope.common.text import count, number, percent, plural
+from kalscope.estimation.verdict.words import MIN_SAMPLES
+
+COMMON_BIAS = (
+    "An offset that all sensors share cannot be known: the offsets are given so that their sum is 0. "
+    "Name a reference sensor where one of them is right."
+)
+"""Without a reference."""
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names as a list in words: a, b and c."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def too_few(name: str, readings: int) -> str:
+    """A sensor with too few readings."""
+    return (
+        f"{name} has too few readings ({count(readings)}): at least {MIN_SAMPLES} are needed to find its noise. "
+        "Record longer, or leave it out."
+    )
+
+
+def constant(name: str) -> str:
+    """A sensor that always says the same."""
+    return (
+        f"All readings of {name} are equal, so it says nothing about the quantity: it may be dead, or its steps "
+        "are too coarse. Leave it out."
+    )
+
+
+def copies(first: str, second: str) -> str:
+    """Two sensors that always differ by the same."""
+    return (
+        f"{first} and {second} always differ by the same value: one is a copy of the other, and a copy adds "
+        "nothing. Leave one of them out."
+    )
+
+
+def too_many(name: str) -> str:
+    """A sensor of which too many readings look like spikes."""
+    return (
+        f"Over 20 % of the readings of {name} are predicted neither by those before nor by those after them: too "
+        "many for spikes. Check its wiring and its supply, leave it out, or switch the spike-proof fit off."
+    )
+
+
+def found(names: Sequence[str], shares: Sequence[float], gain: float, lag: float) -> str:
+    """The fused filter: what each sensor contributes, and how it follows."""
+    parts = [f"{name} {percent(share)}" for name, share in zip(names, shares, strict=True)]
+    return (
+        f"The fused value takes {listed(parts)}. While all sensors answer it settles at gain {number(gain)}: it "
+        f"lags a ramp by {plural(lag, 'sample')}."
+    )
+
+
+def no_movement(q: float) -> str:
+    """For q → 0."""
+    return (
+        "No movement can be identified: a constant plus noise explains this record best, so only the noise of the "
+        f"sensors is known. q = {number(q)} is the largest that the record allows (95 %). Record while the "
+        "quantity moves, or choose a lag."
+    )
+
+
+def no_noise(name: str, r: float) -> str:
+    """For r → 0 of one sensor."""
+    return (
+        f"No noise can be identified in {name}: every change of it looks like movement, and what the others show "
+        f"beside it counts as their noise. r = {number(r)} is the largest that the record allows for it (95 %). "
+        "Usual reasons: it smooths or rounds its output, or the sensors do not see the same quantity. Give its r "
+        "from a still stretch or the data sheet."
+    )
+
+
+def set_aside(name: str, spikes: int, readings: int) -> str:
+    """Spikes of one sensor."""
+    return f"{plural(spikes, 'spike')} of {name} ({percent(spikes / readings)}) set aside before the fit."
+
+
+def adds_nothing(name: str, share: float) -> str:
+    """A sensor of little weight."""
+    return f"{name} adds almost nothing: its share of the fused value is {percent(share)}."
+
+
+def at_rounding(name: str, r: float) -> str:
+    """R at the variance of rounding."""
+    return f"The noise of {name} is smaller than its steps: r = {number(r)} is the variance of rounding, Δ²/12."
