@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.common.array import Array
 from kalscope.filtering.arrays import samples_of, steps_of
 from kalscope.filtering.fusion.params import FusionParams
-from kalscope.filtering.fusion.running import FusedRows, RunningFusion, scaled_readings
+from kalscope.filtering.fusion.running import FusedRows, RunningFusion, checked_readings
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def fuse(z: ArrayLike, params: FusionParams, dt: ArrayLike | None = None) -> Fus
 
     Source: Durbin & Koopman (2012), section 6.4, the univariate treatment of multivariate series.
     """
-    readings = scaled_readings(samples_of(z), params)
+    readings = checked_readings(samples_of(z), params)
     steps = steps_of(dt, len(readings))
     running, rows = RunningFusion(params), FusedRows.empty(params, len(readings))
     loglik = running.take(readings, steps, rows)

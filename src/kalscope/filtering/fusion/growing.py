@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array, Indices
 from kalscope.filtering.arrays import steps_of
 from kalscope.filtering.fusion.params import FusionParams
-from kalscope.filtering.fusion.running import FusedRows, RunningFusion, scaled_readings
+from kalscope.filtering.fusion.running import FusedRows, RunningFusion, checked_readings
 
 PIECE = 8192
 """Rows that are fused at once: what is not kept of them stays in the processor's cache."""
@@ -56,7 +56,7 @@ def fused_at(z: Array, params: FusionParams, indices: Indices, dt: ArrayLike | N
     rows = FusedRows.empty(params, min(PIECE, len(z)))
     kept = np.empty((len(rows.states), len(indices)))
     for first in range(0, len(z), PIECE):
-        piece = scaled_readings(z[first : first + PIECE], params)
+        piece = checked_readings(z[first : first + PIECE], params)
         out = _part(rows, 0, len(piece))
         running.take(piece, steps[first : first + PIECE], out)
         begin, end = np.searchsorted(indices, (first, first + len(piece)))
@@ -84,7 +84,7 @@ class GrowingFusion:
             BadSetting: z holds inf or has another shape. Nothing is fused then.
         """
         params = self._running.params
-        new = scaled_readings(z, params)
+        new = checked_readings(z, params)
         self._make_room(len(new))
         for first in range(0, len(new), PIECE):  # what is not kept of a row needs room for one piece only
             piece = new[first : first + PIECE]

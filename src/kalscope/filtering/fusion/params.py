@@ -16,8 +16,8 @@ from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 
-MIN_GAIN, MAX_GAIN = 1e-100, 1e100
-"""Sizes of a sensor's gain that are accepted: their squares are numbers still."""
+MIN_GAIN, MAX_GAIN, MAX_OFFSET = 1e-100, 1e100, 1e200
+"""Sizes of a sensor's gain and offset that are accepted: squares and quotients of them are numbers still."""
 
 _NONE = cast("Array", None)
 
@@ -92,8 +92,12 @@ class FusionParams:
     @property
     def shares(self) -> Array:
         """What each sensor contributes while all answer, gain²/r as parts of their sum, shape (sensors,)."""
-        precision = _relative_precision(self.scaled_r)
-        return precision / precision.sum()
+        return self.information / self.information.sum()
+
+    @property
+    def information(self) -> Array:
+        """What a reading of each sensor tells about x, gain²/r, 1/unit², shape (sensors,); 1e300 where r is 0."""
+        return 1.0 / np.maximum(self.scaled_r, 1.0 / MAX_VARIANCE)
 
     @property
     def as_single(self) -> FilterParams:
@@ -103,7 +107,7 @@ class FusionParams:
         mean, not at the first reading.
         """
         noise = self.scaled_r
-        r = float(noise.min() / _relative_precision(noise).sum())
+        r = 0.0 if noise.min() == 0.0 else float(noise.min() / (noise.min() / noise).sum())
         return FilterParams(self.q, r, self.p0, self.x0, momentum=self.momentum)
 
     def only(self, indices: Sequence[int]) -> FusionParams:
@@ -137,13 +141,9 @@ def _each(name: str, value: Any, missing: float, sensors: int) -> Array:
         array = np.array(np.full(sensors, missing) if value is None else value, dtype=np.float64)
     except (TypeError, ValueError):
         raise BadSetting(f"{name} must be one finite number a sensor (got {value!r})") from None
-    if array.shape != (sensors,) or not np.all(np.isfinite(array)):
-        raise BadSetting(f"{name} must be one finite number a sensor, shape ({sensors},) as r (got {value})")
+    if array.shape != (sensors,) or not np.all(np.abs(array) <= MAX_OFFSET):
+        raise BadSetting(
+            f"{name} must be one number a sensor, shape ({sensors},) as r, of a size up to 1e200 (got {value})"
+        )
     array.setflags(write=False)
     return array
-
-
-def _relative_precision(noise: Array) -> Array:
-    """1/noise of each sensor, over that of the best; only an exact one counts where there is one."""
-    lowest = noise.min()
-    return (noise == 0.0).astype(np.float64) if lowest == 0.0 else lowest / noise

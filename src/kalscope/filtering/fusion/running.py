@@ -10,7 +10,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering.fusion import kernels
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.fusion.params import MAX_OFFSET, FusionParams
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,8 @@ class RunningFusion:
         self.x = math.nan if params.x0 is None else params.x0
         self.p = math.inf if params.p0 is None else params.p0
         self._gate = math.inf if params.gate is None else params.gate
-        self._r, self._sums = params.scaled_r, np.empty(params.sensors)
+        self._sensors = params.offset, params.gain, params.scaled_r, params.information
+        self._sums = np.empty(params.sensors)
         if params.momentum:
             self.velocity = 0.0
             self._covariances = 0.0, 0.5 * params.q / params.momentum
@@ -52,7 +53,7 @@ class RunningFusion:
         """Take rows of readings into `out`; dt may be empty.
 
         Args:
-            readings: as `scaled_readings` gives them, shape (rows, sensors).
+            readings: as `checked_readings` gives them, shape (rows, sensors).
             dt: steps before the rows, shape (rows,), or empty.
             out: arrays for as many rows.
 
@@ -66,7 +67,7 @@ class RunningFusion:
                 readings,
                 dt,
                 q,
-                self._r,
+                self._sensors,
                 self._gate,
                 self.x,
                 self.p,
@@ -79,34 +80,31 @@ class RunningFusion:
         x, v, p, g, w = out.states
         state = self.x, self.velocity, self.p, *self._covariances
         state, loglik = kernels.fuse_rows_with_momentum(
-            readings, dt, q, self._r, tau, self._gate, state, self._tally, (x, v, p, g, w), out.readings
+            readings, dt, q, self._sensors, tau, self._gate, state, self._tally, (x, v, p, g, w), out.readings
         )
         self.x, self.velocity, self.p, *covariances = state
         self._covariances = covariances[0], covariances[1]
         return loglik
 
 
-def scaled_readings(z: Array, params: FusionParams) -> Array:
-    """The readings z of shape (rows, sensors) as values of x, (z − offset)/gain, contiguous.
+def checked_readings(z: Array, params: FusionParams) -> Array:
+    """The readings z of shape (rows, sensors), contiguous.
 
     Raises:
-        BadSetting: z has another shape, or holds inf.
+        BadSetting: z has another shape, or holds what is infinite as a value of x, (z − offset)/gain.
     """
     if z.ndim != 2 or z.shape[1] != params.sensors:
         raise BadSetting(f"z must have a column for each of the {params.sensors} sensors (got shape {z.shape})")
-    values = z - params.offset if np.any(params.offset) else z
-    if np.any(params.gain != 1.0):
-        with np.errstate(over="ignore"):
-            values = values / params.gain
-    readings = np.ascontiguousarray(values)
-    if not math.isfinite(_sum(readings)) and np.isinf(readings).any():
-        row, sensor = np.argwhere(np.isinf(readings))[0]
+    readings = np.ascontiguousarray(z)
+    flat = readings.ravel()
+    if max(np.fmax.reduce(flat, initial=0.0), -np.fmin.reduce(flat, initial=0.0)) <= MAX_OFFSET:
+        return readings  # the usual case, seen fast: no gain and no offset makes these infinite
+    with np.errstate(over="ignore"):
+        values = (readings - params.offset) / params.gain
+    where = np.argwhere(np.isinf(values))
+    if len(where):
+        row, sensor = where[0]
         raise BadSetting(
             f"z must be finite, or NaN where missing (got {z[row, sensor]} at row {row}, sensor {sensor})"
         )
     return readings
-
-
-def _sum(values: Array) -> float:
-    with np.errstate(over="ignore", invalid="ignore"):
-        return float(values.sum())

@@ -7,10 +7,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kalscope.common.array import Array
 from kalscope.filtering import kernels
 from kalscope.filtering.arrays import samples_of, steps_of
 from kalscope.filtering.fusion.params import FusionParams
-from kalscope.filtering.fusion.running import FusedRows, RunningFusion, scaled_readings
+from kalscope.filtering.fusion.running import FusedRows, RunningFusion, checked_readings
 from kalscope.filtering.momentum import smoothing_kernels as momentum_kernels
 from kalscope.filtering.smoothing import SmootherResult
 
@@ -29,12 +30,11 @@ def smooth_fusion(z: ArrayLike, params: FusionParams, dt: ArrayLike | None = Non
     Raises:
         BadSetting: z holds inf or has another shape; dt does not fit z.
     """
-    readings = scaled_readings(samples_of(z), params)
+    readings = checked_readings(samples_of(z), params)
     steps = steps_of(dt, len(readings))
     rows = FusedRows.empty(params, len(readings))
     RunningFusion(params).take(readings, steps, rows)
-    known = readings[np.isfinite(readings)] if params.x0 is None else np.array([params.x0])
-    start = float(known[0]) if len(known) else math.nan  # what x is taken for before it is known
+    start = _start(readings, params)
     if not params.momentum:
         x, p = rows.states
         if not math.isnan(start) and len(x):
@@ -44,3 +44,14 @@ def smooth_fusion(z: ArrayLike, params: FusionParams, dt: ArrayLike | None = Non
     if not math.isnan(start) and len(x):
         momentum_kernels.smooth_backwards(steps, params.q, params.momentum, start, (x, v, p, g, w))
     return SmootherResult(x, p, v, w)
+
+
+def _start(readings: Array, params: FusionParams) -> float:
+    """What x is taken for before it is known: x0, or what the first reading says; NaN without any."""
+    if params.x0 is not None:
+        return params.x0
+    known = np.argwhere(np.isfinite(readings))
+    if not len(known):
+        return math.nan
+    row, sensor = known[0]
+    return float((readings[row, sensor] - params.offset[sensor]) / params.gain[sensor])

@@ -11,7 +11,7 @@ from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.fusion.params import FusionParams
-from kalscope.filtering.fusion.running import FusedRows, RunningFusion, scaled_readings
+from kalscope.filtering.fusion.running import FusedRows, RunningFusion, checked_readings
 
 
 class FusionFilter:
@@ -60,7 +60,7 @@ class FusionFilter:
         step = 1.0 if dt is None else float(dt)
         if not (0.0 <= step < math.inf):
             raise BadSetting(f"dt must be finite and not negative (got {dt})")
-        readings = scaled_readings(np.atleast_2d(samples_of(row)), self.params)
+        readings = checked_readings(np.atleast_2d(samples_of(row)), self.params)
         if len(readings) != 1:
             raise BadSetting(f"row must have shape ({self.params.sensors},) (got {np.shape(row)})")
         self._running.take(readings, np.array([step]), self._row)
