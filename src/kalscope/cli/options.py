@@ -6,11 +6,13 @@ import functools
 import inspect
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
 
 from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
+from kalscope.tuning.fused_channels import named_numbers
 
 
 class BadValue(typer.BadParameter):
@@ -60,6 +62,24 @@ def number_or(word: str) -> Callable[[str], float]:
     return parse
 
 
+@dataclass(frozen=True)
+class SensorNumbers:
+    """One number for every sensor, or numbers for some of them."""
+
+    each: dict[str, float] | float
+    """The number, or the numbers by the names of their sensors."""
+
+
+def number_or_each(one: Callable[[str], float]) -> Callable[[str], SensorNumbers]:
+    """A parser that takes a number as `one` does, or one for each of several sensors: a=4,b=9."""
+
+    def parse(text: str) -> SensorNumbers:
+        named = named_numbers(text, one) if "=" in text else {}
+        return SensorNumbers(named or one(text))
+
+    return parse
+
+
 def _float(text: str) -> float:
     try:
         return float(text)
@@ -67,7 +87,7 @@ def _float(text: str) -> float:
         return math.nan
 
 
-def number_option(text: str, parser: Callable[[str], float] = positive) -> Any:
+def number_option(text: str, parser: Callable[[str], Any] = positive) -> Any:
     """An option that takes a number and has the name of its argument; `text` is its help."""
     return typer.Option(metavar="NUMBER", help=text, parser=parser)
 

@@ -87,8 +87,14 @@ def adapt_tuning(
     """
     pairs, choices = _pairs(recording, tuning, channel)
     used = replace(tuning, channels=tuple(pairs.values()), selected="", fusion=None)
-    used, notes = _rescaled(used, recording.sample_period, given or {})
-    if recording.sample_period is None and used.sample_period is not None and "q" not in (given or {}):
+    used, notes = at_recording(recording, used, given or {})
+    return dict(zip(pairs, used.channels, strict=True)), notes + choices
+
+
+def at_recording(recording: Recording, tuning: Tuning, given: Given) -> tuple[Tuning, list[str]]:
+    """The tuning, perhaps of another recording, at the sample period of this one; and notes for the user."""
+    used, notes = rescaled(tuning, recording.sample_period, given)
+    if recording.sample_period is None and used.sample_period is not None and "q" not in given:
         notes.append(
             f"{'q and momentum are' if used.has_momentum else 'q is'} used as tuned at a sample period of"
             f" {used.sample_period:.6g} s: the recording says none (see --sample-period)"
@@ -98,7 +104,7 @@ def adapt_tuning(
             f"the recording is not the one of the tuning (SHA-256 {recording.sha256[:12]}…,"
             f" tuned on {tuning.sha256[:12]}…)"
         )
-    return dict(zip(pairs, used.channels, strict=True)), notes + choices
+    return used, notes
 
 
 def _pairs(recording: Recording, tuning: Tuning, channel: str | None) -> tuple[dict[str, ChannelTuning], list[str]]:
@@ -140,7 +146,7 @@ def with_momentum(entry: ChannelTuning, momentum: float | None, overshoot: float
     return replace(entry, q=scalar(found.q), momentum=scalar(found.momentum), how=how)
 
 
-def _rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:
+def rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:
     """The tuning at the recording's sample period in s, and a note where q or the momentum had to change."""
     before = tuning.sample_period
     if period is None or before is None or same_period(period, before):
@@ -174,5 +180,5 @@ def params_for_stdin(
         if "q" not in values or "r" not in values:
             raise BadSetting('filtering "-" must begin with q and r: give --config, or --q and --r')
         return FilterParams(**values), []
-    tuning, notes = _rescaled(replace(load_tuning(config).only(channel), fusion=None), period, given)
+    tuning, notes = rescaled(replace(load_tuning(config).only(channel), fusion=None), period, given)
     return [replace(entry.params, **given) for entry in tuning.channels], notes

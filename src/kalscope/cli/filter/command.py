@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from collections.abc import Iterator
@@ -12,43 +11,17 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO
 import typer
 
 from kalscope.cli.console import open_stdout, progress_line, say, tell_compiling, write_output
-from kalscope.cli.options import SamplePeriod, number, number_option, number_or, read_options, with_options
+from kalscope.cli.filter.options import NOTHING, GivenParams, params_options
+from kalscope.cli.options import SamplePeriod, read_options, text_option, with_options
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
-    from kalscope.filtering.params import FilterParams
+    from kalscope.cli.filter.line_filter import Filters
     from kalscope.recording import Recording
 
 MAX_LINE_BYTES = 65_536
 """Bytes of one line on stdin, hundreds of channels; a longer one is no line of numbers."""
-
-Given = dict[str, float | None]
-"""Parameters by name, those that were given; None is an automatic start."""
-
-NOTHING: Given = {}
-
-
-def params_options(
-    q: Annotated[float | None, number_option("Process-noise variance per sample, unit².", number)] = None,
-    r: Annotated[float | None, number_option("Measurement-noise variance, unit².", number)] = None,
-    p0: Annotated[
-        float | None, number_option('Initial variance, unit², or "diffuse".', number_or("diffuse"))
-    ] = None,
-    x0: Annotated[
-        float | None, number_option('Initial value, or "first": the first sample.', number_or("first"))
-    ] = None,
-    gate: Annotated[
-        float | None, number_option('Outlier gate on v²/s, such as 9, or "off".', number_or("off"))
-    ] = None,
-    momentum: Annotated[
-        float | None, number_option("How long the signal keeps its direction, in sample periods.", number)
-    ] = None,
-) -> Given:
-    """The options in place of the parameter `given` of the command; see `with_options`."""
-    options = {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate, "momentum": momentum}
-    # NaN is the word for an automatic start, which the filter's parameters write as None.
-    return {name: None if math.isnan(value) else value for name, value in options.items() if value is not None}
 
 
 @with_options(reading=read_options, given=params_options)
@@ -61,8 +34,12 @@ def filter_command(
         ),
     ],
     config: Annotated[Path | None, typer.Option(metavar="FILE", help="Tuning file with q and r.")] = None,
-    given: Given = NOTHING,
+    given: GivenParams = NOTHING,
     channel: Annotated[str | None, typer.Option(metavar="NAME", help="Filter this channel only.")] = None,
+    fuse: Annotated[
+        str | None,
+        text_option("NAMES", "Fuse these channels, sensors of one quantity; default: those that --config fuses."),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file.")
     ] = None,
@@ -74,22 +51,25 @@ def filter_command(
 ) -> None:
     """Filter a recording: a CSV of time, raw and filtered signal, variance, and with momentum the velocity.
 
+    With --fuse, or where --config has a fusion and no --channel is named, the columns are those of the sensors, the
+    fused value and its variance.
+
     --q, --r, --p0, --x0, --gate and --momentum take precedence over --config. Without q and r they are guessed
     from the signal. With "-" each line on stdin is answered by one line on stdout: empty for a missing sample,
     which the filter predicts over, and for a comment (# % //), which is no sample.
     """
-    from kalscope.export.filtered_csv import filtered_csv_chunks
+    from kalscope.cli.filter.chosen import filtered, filters_of_lines, fusion_given
     from kalscope.sources.readers.account import account, sample_period_conflict
-    from kalscope.tuning.choose import params_for, params_for_stdin
 
     tell_compiling()
+    fusion = fusion_given(config, given, channel, fuse)
     if source == "-":
         _refuse_with_stdin(report=report, output=output)
-        _filter_stdin(*params_for_stdin(config, given, channel, sample_period), reading)
+        _filter_stdin(*filters_of_lines(config, given, channel, fusion, sample_period), reading)
         return
     recording = _read(source, reading, sample_period, output)
-    params, notes = params_for(recording, config, given, channel)
-    write_output(filtered_csv_chunks(recording, params), output)
+    chunks, notes = filtered(recording, config, given, channel, fusion)
+    write_output(chunks, output)
     if report:
         sys.stderr.write(account(recording))
     if sample_period is not None:
@@ -115,7 +95,7 @@ def _read(source: str, options: ReadOptions, period: float | None, output: Path 
         return open_source(source, options, sample_period=period, progress=report)
 
 
-def _filter_stdin(params: FilterParams | list[FilterParams], notes: list[str], options: ReadOptions) -> None:
+def _filter_stdin(params: Filters, notes: list[str], options: ReadOptions) -> None:
     """Answer each line at once: the program that writes them may wait for the answer."""
     from kalscope.cli.filter.line_filter import LineFilter
     from kalscope.sources.lines.line_parser import LineParser, comma_line

@@ -3,34 +3,43 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from kalscope.common.text import plural
+from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.fusion.streaming import FusionFilter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.streaming import KalmanFilter
 from kalscope.sources.grammar.cells import is_comment, parse_number
 
+Filters = FilterParams | Sequence[FilterParams] | FusionParams
+"""One for as many channels as there are, one a channel, or one that fuses all of them."""
+
+Update = Callable[[Sequence[float]], str]
+"""Takes the samples of a line and gives its answer."""
+
 
 class LineFilter:
-    """Answers each line of comma-separated channels with the filtered values, in the same order.
+    """Answers each line of comma-separated channels with the filtered values, in the same order, or with one.
 
-    A cell without a number (empty, "nan") is a missing sample: its channel predicts, its answer is empty. A
-    line that cannot be read is a missing sample of all channels; a comment (# % //) is no sample, and its
-    answer is empty.
+    A cell without a number (empty, "nan") is a missing sample: its channel predicts, its answer is empty. Fused
+    channels have one answer, empty where all of them are missing. A line that cannot be read is a missing sample of
+    all channels; a comment (# % //) is no sample, and its answer is empty.
     """
 
-    def __init__(self, params: FilterParams | Sequence[FilterParams]) -> None:
+    def __init__(self, params: Filters) -> None:
         """Start the filters.
 
         Args:
-            params: One filter for as many channels as the first readable line has; or one a channel. Scalars.
+            params: One filter for as many channels as the first readable line has; or one a channel, scalars; or
+                one that fuses all channels.
         """
         self._params = params
-        self._filters: list[KalmanFilter] = []
+        self._channels = _known_channels(params)
+        """Numbers of a line; 0 until one says how many."""
+        self._update = _start(params, self._channels)
         self._before = 0  # lines received while the number of channels was unknown
         self._line = 0
-        if not isinstance(params, FilterParams):
-            self._filters = [KalmanFilter(each) for each in params]
 
     def answer(self, line: str) -> tuple[str, str]:
         """Take one line, with or without its newline.
@@ -49,28 +58,56 @@ class LineFilter:
         samples = [value for value in values if value is not None]
         if len(samples) < len(values):
             return self._miss(), self._note("numbers with commas between them", text)
-        if not self._filters:
+        if not self._channels:
             self._begin(len(samples))
-        if len(samples) != len(self._filters):
-            return self._miss(), self._note(plural(len(self._filters), "number"), text)
-        return ",".join(map(_answer, self._filters, samples)), ""
+        if len(samples) != self._channels:
+            return self._miss(), self._note(plural(self._channels, "number"), text)
+        return self._update(samples), ""
 
     def _begin(self, channels: int) -> None:
-        if isinstance(self._params, FilterParams):
-            self._filters = [KalmanFilter(self._params) for _ in range(channels)]
+        self._channels, self._update = channels, _start(self._params, channels)
         for _ in range(self._before):
             self._miss()
 
     def _miss(self) -> str:
-        self._before += not self._filters
-        for each in self._filters:
-            each.update(math.nan)
+        self._before += not self._channels
+        self._update([math.nan] * self._channels)
         return ""
 
     def _note(self, must: str, text: str) -> str:
         return f"line {self._line} must hold {must} (got {text[:60]!r}): taken as missing"
 
 
-def _answer(channel: KalmanFilter, sample: float) -> str:
-    x = channel.update(sample)
-    return "" if math.isnan(sample) else repr(float(x))
+def _known_channels(params: Filters) -> int:
+    """How many channels the filters are for; 0 = any number."""
+    if isinstance(params, FusionParams):
+        return params.sensors
+    return 0 if isinstance(params, FilterParams) else len(params)
+
+
+def _start(params: Filters, channels: int) -> Update:
+    if isinstance(params, FusionParams):
+        return _fused(params)
+    return _each([params] * channels if isinstance(params, FilterParams) else params)
+
+
+def _each(params: Sequence[FilterParams]) -> Update:
+    """A filter a channel."""
+    filters = [KalmanFilter(one) for one in params]
+
+    def answer(channel: KalmanFilter, sample: float) -> str:
+        x = channel.update(sample)
+        return "" if math.isnan(sample) else repr(float(x))
+
+    return lambda samples: ",".join(map(answer, filters, samples))
+
+
+def _fused(params: FusionParams) -> Update:
+    """One filter for all channels."""
+    fusion = FusionFilter(params)
+
+    def answer(samples: Sequence[float]) -> str:
+        x = fusion.update(samples)
+        return "" if all(map(math.isnan, samples)) else repr(float(x))
+
+    return answer

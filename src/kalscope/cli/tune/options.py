@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from kalscope.cli.options import number_option, number_or, percentage
+from kalscope.cli.options import SensorNumbers, number_option, number_or, number_or_each, percentage, positive
 from kalscope.errors import BadSetting
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ class TuneOptions:
     """Method of `estimate`."""
     numbers: dict[str, float] = field(default_factory=dict[str, float])
     """Those with a number, by name."""
+    each: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
+    """Those with a number for each of several fused sensors, by name."""
     still: str | None = None
     """"FROM:TO" of a still stretch, or "auto": the one that the record shows."""
     momentum: float | Literal["auto"] = "auto"
@@ -52,6 +54,8 @@ class TuneOptions:
         from kalscope.estimation.finding import Noise, Request
 
         given = self.numbers
+        for name, numbers in self.each.items():
+            raise BadSetting(f"{name} must be one number without --fuse (got one for {', '.join(numbers)})")
         specified = [name for name in SPECIFICATIONS if name in given]
         for name in specified:
             if name in ("--lag-ms", "--cutoff-hz") and recording.sample_period is None:
@@ -97,10 +101,21 @@ def tune_options(
             help='Constant input from … to, s (sample numbers without time), or "auto": gives r.',
         ),
     ] = None,
-    sigma: Annotated[float | None, number_option("Data sheet: RMS noise, unit; gives r.")] = None,
+    sigma: Annotated[
+        SensorNumbers | None,
+        number_option(
+            "Data sheet: RMS noise, unit; gives r. With --fuse also of each: a=2,b=3.", number_or_each(positive)
+        ),
+    ] = None,
     density: Annotated[float | None, number_option("Data sheet: noise density, unit/√Hz; gives r.")] = None,
     bandwidth_hz: Annotated[float | None, number_option("Noise bandwidth for --density, Hz.")] = None,
-    r: Annotated[float | None, number_option("Known measurement-noise variance, unit²; q is estimated.")] = None,
+    r: Annotated[
+        SensorNumbers | None,
+        number_option(
+            "Known measurement-noise variance, unit²; q is estimated. With --fuse also of each: a=4,b=9.",
+            number_or_each(positive),
+        ),
+    ] = None,
     momentum: Annotated[
         float | None,
         number_option(
@@ -125,12 +140,14 @@ def tune_options(
         BadSetting: two of them contradict each other.
     """
     lambdas = zip(FOR_LAMBDA, (lag_ms, cutoff_hz, noise_reduction_db, gain, ratio), strict=True)
-    noises = zip(FOR_NOISE[1:], (sigma, density, r), strict=True)
-    others = (("--overshoot", overshoot), ("--bandwidth-hz", bandwidth_hz))
-    given = {name: value for name, value in (*lambdas, *noises, *others) if value is not None}
-    _refuse_contradictions([*given, *([] if still is None else ["--still"])], method)
+    noises = {name: one.each for name, one in (("--sigma", sigma), ("--r", r)) if one is not None}
+    each = {name: value for name, value in noises.items() if isinstance(value, dict)}
+    whole = ((name, value) for name, value in noises.items() if isinstance(value, float))
+    others = (("--overshoot", overshoot), ("--density", density), ("--bandwidth-hz", bandwidth_hz))
+    given = {name: value for name, value in (*lambdas, *whole, *others) if value is not None}
+    _refuse_contradictions([*given, *each, *([] if still is None else ["--still"])], method)
     tau = "auto" if momentum is None or math.isnan(momentum) else momentum
-    return TuneOptions(method or "ml", given, still, tau, gate, "auto" if robust is None else robust)
+    return TuneOptions(method or "ml", given, each, still, tau, gate, "auto" if robust is None else robust)
 
 
 def _refuse_contradictions(named: list[str], method: str | None) -> None:
