@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kalscope import FilterParams, FusionFilter, FusionParams, fuse, kalman_filter, smooth, smooth_fusion
+from kalscope import (
+    BadSetting,
+    FilterParams,
+    FusionFilter,
+    FusionParams,
+    fuse,
+    kalman_filter,
+    smooth,
+    smooth_fusion,
+)
 
 STARTS = ({}, {"p0": 2.0}, {"p0": 2.0, "x0": 0.7}, {"p0": 0.0, "x0": -3.0})
 MODELS = [
@@ -60,3 +69,102 @@ def test_a_stream_is_the_batch_to_the_last_bit(model):
             same(stream.k, whole.k[i])
             if whole.velocity is not None:
                 same(stream.velocity, whole.velocity[i])
+
+
+def test_the_order_of_the_sensors_changes_only_the_rounding():
+    z = readings()
+    params = FusionParams(0.09, np.array([1.0, 4.0, 0.3]), np.array([0.0, 1.0, -2.0]), np.array([1.0, 2.0, -0.5]))
+    order = [2, 0, 1]
+    one, other = fuse(z, params), fuse(z[:, order], params.only(order))
+    np.testing.assert_allclose(other.x, one.x, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(other.weights, one.weights[:, order], rtol=1e-12)
+
+
+@pytest.mark.parametrize("momentum", [0.0, 8.0])
+def test_a_sensor_that_is_all_noise_adds_nothing(momentum):
+    z = readings(missing=0.0)
+    alone = fuse(z[:, :2], FusionParams(0.09, np.array([1.0, 4.0]), momentum=momentum))
+    together = fuse(z, FusionParams(0.09, np.array([1.0, 4.0, 1e300]), momentum=momentum))
+    same(together.x, alone.x)
+    assert np.all(together.weights[4:, 2] < 1e-290)
+
+
+@pytest.mark.parametrize("momentum", [0.0, 8.0])
+def test_two_sensors_in_turns_are_one(momentum):
+    """The same noise: which of them has the reading does not matter, to the last bit."""
+    z = readings(sensors=1, missing=0.2)[:, 0]
+    turns = np.full((len(z), 2), np.nan)
+    turns[::2, 0], turns[1::2, 1] = z[::2], z[1::2]
+    dt = np.random.default_rng(2).exponential(1.0, len(z))
+    fused = fuse(turns, FusionParams(0.09, np.array([1.0, 1.0]), momentum=momentum), dt)
+    alone = kalman_filter(z, FilterParams(0.09, 1.0, momentum=momentum), dt)
+    same(fused.x, alone.x)
+    assert fused.loglik == alone.loglik
+
+
+@pytest.mark.parametrize("momentum", [0.0, 8.0])
+def test_while_all_answer_it_is_the_filter_of_the_weighted_mean(momentum):
+    z = readings(missing=0.0)[3:]
+    params = FusionParams(
+        0.09, np.array([1.0, 4.0, 0.3]), np.array([0.0, 1.0, -2.0]), np.array([1.0, 2.0, -0.5]), momentum=momentum
+    )
+    mean = (z - params.offset) / params.gain @ params.shares
+    found, single = fuse(z, params), kalman_filter(mean, params.as_single)
+    np.testing.assert_allclose(found.x, single.x, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(found.p, single.p, rtol=1e-12)
+    np.testing.assert_allclose(found.weights, np.tile(params.shares, (len(z), 1)), rtol=1e-12)
+    assert FusionParams(0.09, np.array([0.7])).as_single == FilterParams(0.09, 0.7)
+
+
+def test_weights_are_shares_of_the_readings_that_were_used():
+    z = np.array([[np.nan, np.nan], [1.0, np.nan], [1.0, 1.0], [1.0, 500.0]])
+    weights = fuse(z, FusionParams(1.0, np.array([1.0, 3.0]), gate=9.0)).weights
+    np.testing.assert_allclose(weights, [[0, 0], [1, 0], [0.75, 0.25], [1, 0]], rtol=1e-15)
+
+
+def test_the_gate_of_one_sensor_does_not_touch_the_others_and_lets_go():
+    z = np.ones((20, 2))
+    z[8:, 1] = 100.0
+    found = fuse(z, FusionParams(0.01, np.array([1.0, 1.0]), gate=9.0))
+    assert found.rejected.tolist() == [
+        5,
+        5,
+    ]  # five rows, then the jump is taken; then the first sensor is the odd one
+    assert np.all(found.k[8:13, 1] == 0.0)
+    np.testing.assert_allclose(found.x[8:13], 1.0)
+
+
+def test_an_exact_sensor_is_followed():
+    z = readings(missing=0.0)
+    params = FusionParams(0.09, np.array([1.0, 0.0, 2.0]))
+    found = fuse(z, params)
+    same(found.x[3:], z[3:, 1])
+    assert params.shares.tolist() == pytest.approx([0.0, 1.0, 0.0], abs=1e-200)
+    assert params.as_single.r == 0.0
+
+
+def test_no_rows_and_rows_without_readings():
+    params = FusionParams(1.0, np.array([1.0, 2.0]), p0=1.0, x0=5.0, momentum=3.0)
+    assert fuse(np.empty((0, 2)), params).x.shape == (0,)
+    assert smooth_fusion(np.empty((0, 2)), params).x.shape == (0,)
+    nothing = np.full((4, 2), np.nan)
+    assert fuse(nothing, params).x.tolist() == [5.0] * 4
+    assert smooth_fusion(nothing, params).x.tolist() == [5.0] * 4
+    assert np.isnan(smooth_fusion(nothing, FusionParams(1.0, np.array([1.0, 2.0]))).x).all()
+
+
+@pytest.mark.parametrize("row", [[1.0], [1.0, 2.0, 3.0], [[1.0, 2.0], [1.0, 2.0]], [np.inf, 1.0], [1.0, 1e250]])
+def test_a_row_that_is_refused_leaves_the_state(row):
+    stream = FusionFilter(FusionParams(1.0, np.array([1.0, 2.0]), gain=np.array([1.0, 1e-90])))
+    stream.update([3.0, np.nan])
+    with pytest.raises(BadSetting):
+        stream.update(row)
+    with pytest.raises(BadSetting, match="dt"):
+        stream.update([1.0, 2.0], -1.0)
+    assert (stream.x, stream.p) == (3.0, 1.0)
+
+
+def test_masked_readings_are_missing():
+    z = readings()
+    params = FusionParams(0.09, np.ones(3))
+    same(fuse(np.ma.masked_invalid(z), params).x, fuse(z, params).x)

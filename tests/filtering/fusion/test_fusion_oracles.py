@@ -64,3 +64,22 @@ def test_filter_smoother_and_likelihood_are_those_of_one_gaussian_vector(seed, s
     must_agree(smooth_fusion(z, params, dt), *dense_posterior(z, params, dt, len(z)), 1e-10)
     assert found.loglik == pytest.approx(dense_loglik(z, params, dt), rel=1e-10, abs=1e-9)
     assert found.m == np.isfinite(z).sum() - (params.p0 is None)
+
+
+def test_a_state_space_of_statsmodels_agrees():
+    from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
+
+    params = FusionParams(0.4, np.array([1.0, 9.0]), np.array([0.5, -2.0]), np.array([1.0, 3.0]), p0=4.0, x0=1.0)
+    z = record(np.random.default_rng(5), 200, params)
+    theirs = KalmanSmoother(2, 1)
+    theirs.bind(z.copy())
+    theirs["design"], theirs["obs_intercept"] = params.gain[:, None], params.offset[:, None]
+    theirs["obs_cov"], theirs["transition"] = np.diag(params.r), np.eye(1)
+    theirs["selection"], theirs["state_cov"] = np.eye(1), np.array([[params.q]])
+    theirs.initialize_known(np.array([params.x0]), np.array([[params.p0 + params.q]]))
+    run, found, smoothed = theirs.smooth(), fuse(z, params), smooth_fusion(z, params)
+    np.testing.assert_allclose(found.x, run.filtered_state[0], rtol=1e-10)
+    np.testing.assert_allclose(found.p, run.filtered_state_cov[0, 0], rtol=1e-10)
+    np.testing.assert_allclose(smoothed.x, run.smoothed_state[0], rtol=1e-9)
+    np.testing.assert_allclose(smoothed.p, run.smoothed_state_cov[0, 0], rtol=1e-9)
+    assert found.loglik == pytest.approx(run.llf_obs.sum(), rel=1e-10)
