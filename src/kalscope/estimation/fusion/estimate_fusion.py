@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.common.progress import Progress
+from kalscope.common.progress import OnProgress, Progress
 from kalscope.estimation.estimate import checked_momentum
 from kalscope.estimation.fusion.asked import Question, question
 from kalscope.estimation.fusion.conclude import conclude, refused
@@ -30,6 +30,8 @@ def estimate_fusion(
     gains: bool = False,
     reference: int | str | None = None,
     known_r: ArrayLike | None = None,
+    progress: OnProgress | None = None,
+    cancelled: Callable[[], bool] | None = None,
 ) -> FusionEstimate:
     """Find how one quantity moves, and the noise and offset of each sensor that reads it, by maximum likelihood.
 
@@ -46,12 +48,15 @@ def estimate_fusion(
         reference: the sensor, by its index or its name, whose offset is 0 and whose gain is 1; None = the offsets
             add up to 0, and the sizes of the gains multiply to 1: what all sensors share cannot be known.
         known_r: noise variances from data sheets, unit², shape (sensors,), NaN where not known.
+        progress: called with the fraction done, 0 … 1, and what is being done.
+        cancelled: whether to stop.
 
     Returns:
         A FusionEstimate; its `params` are None where the record gives none, and its `message` says why.
 
     Raises:
         BadSetting: z holds inf or has another shape; another argument does not fit it.
+        Cancelled: `cancelled()` was true.
 
     Source: Durbin & Koopman (2012), sections 6.4 and 7.3; the model choice as in `estimation.momentum`.
     """
@@ -61,10 +66,10 @@ def estimate_fusion(
     wrong = asked.unusable()
     if wrong is not None:
         return refused(asked, *wrong)
-    return _fitted(asked, gains)
+    return _fitted(asked, gains, Progress(progress, cancelled))
 
 
-def _fitted(asked: Question, gains: bool) -> FusionEstimate:
+def _fitted(asked: Question, gains: bool, progress: Progress) -> FusionEstimate:
     z = asked.z
     data = Readings.of(z, asked.steps)
     gained = np.flatnonzero(np.arange(data.sensors) != asked.gauge) if gains else np.empty(0, np.intp)
@@ -75,5 +80,5 @@ def _fitted(asked: Question, gains: bool) -> FusionEstimate:
     if gains:
         gains_to_try.append(starting_gains(data, z, gained, asked.gauge))
     starts = [place for c in gains_to_try for place in starting_places(data, z, searched, c)]
-    found = best_fit(data, searched, starts, Progress())
+    found = best_fit(data, searched, starts, progress)
     return conclude(asked, data, searched, found)
