@@ -25,6 +25,7 @@ from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.channels_overview import Overviews
 from kalscope_app.studies.checks import Checks, compute_checks
+from kalscope_app.studies.fusion import Judged, judge_fused
 from kalscope_app.studies.spectra import compute_allan, compute_spectra
 from kalscope_app.studies.still_stretch import StillStretches
 from kalscope_app.studies.tuning_map import MapMaker
@@ -48,6 +49,7 @@ from kalscope_app.views.source.source import SourceView
 from kalscope_app.views.tour import Tour
 from kalscope_app.views.tune.checks import ChecksView
 from kalscope_app.views.tune.controls.paper_filter import PaperFilterView
+from kalscope_app.views.tune.fusion import FusionView
 from kalscope_app.views.tune.goal.estimators import EstimatorsView
 from kalscope_app.views.tune.goal.goal import GoalView
 from kalscope_app.views.tune.momentum_profile import MomentumProfileView
@@ -107,7 +109,7 @@ class Dashboard:
             self._study(VariantTable().compute, self._variants.show_table),
             Study(lambda state: (state, make_map(state)) if state.view.map_shown else None, self._map.show),
             self._study(compared, self._board.show_check),
-            self._study(lambda state: compute_checks(state, still.of), self._show_checks),
+            self._study(lambda state: judge_fused(state) or compute_checks(state, still.of), self._show_checks),
             self._study(lambda state: device_notes(state, self._code.choice), self._code.show_notes),
             self._study(Overviews().compute, self._channels.show_overview),
             self._study(compute_spectra, self._spectrum.show),
@@ -176,6 +178,7 @@ class Dashboard:
         self._goal = GoalView(gui, self.session, self._jobs)
         self.parameters = ParametersView(gui, self.session)
         self._start = StartView(gui, self.session)
+        self._fusion = FusionView(gui, self.session, self._jobs)
         self._numbers = NumbersView(gui)
         self._presets = PresetsView(gui, self.session)
         self._paper = PaperFilterView(gui, self.session)
@@ -217,6 +220,7 @@ class Dashboard:
     def _show_numbers(self, frame: Frame) -> None:
         for view in self._header, self._verdict, self._numbers, self._goal, self.parameters, self._start:
             view.show(frame)
+        self._fusion.show(frame)
         self._map.follow(frame)
 
     def _show_other(self, frame: Frame) -> None:
@@ -261,9 +265,14 @@ class Dashboard:
 
         return Study(compute, draw)
 
-    def _show_checks(self, checks: Checks | None) -> None:
-        self._verdict.show_checks(checks)
-        self._checks.show(checks)
+    def _show_checks(self, answer: Checks | Judged | None) -> None:
+        if isinstance(answer, Judged):
+            self._verdict.show_judged(answer)
+            self._fusion.show_judged(answer)
+            self._checks.show(None)
+        else:
+            self._verdict.show_checks(answer)
+            self._checks.show(answer)
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A new browser: its own upload button, its picture if it is on a phone, and the tour."""

@@ -59,6 +59,7 @@ def choose_samples(
     window: tuple[float, float] | None,
     limit: int = MAX_POINTS,
     facts: Facts | None = None,
+    others: tuple[str, ...] = (),
 ) -> DrawnSamples:
     """The samples to draw of one channel in a window (s, both ends inside); always at least two if there are.
 
@@ -68,6 +69,7 @@ def choose_samples(
         window: first and last moment, s; None = all of it.
         limit: most points a line may have.
         facts: what is known of recording and channel already; None = they are looked through.
+        others: channels that are drawn at the same samples, as lines: then nothing is drawn as a band.
     """
     n = len(recording)
     facts = facts or facts_of(recording, channel)
@@ -79,7 +81,13 @@ def choose_samples(
     column = recording.index(channel)
     z = recording.values[:, column]
     truth = None if recording.truth is None else recording.truth[:, column]
-    at = first + choose_indices(z[first:last], None if truth is None else truth[first:last], limit)
+    if others:
+        at = first + choose_together(
+            recording.values[first:last, list(map(recording.index, (channel, *others)))], limit
+        )
+    else:
+        at = first + choose_indices(z[first:last], None if truth is None else truth[first:last], limit)
+    dense = last - first > DENSE and not facts.missing and not others
     return DrawnSamples(
         first=first,
         last=last,
@@ -87,9 +95,9 @@ def choose_samples(
         time=clock[at],
         raw=z[at],
         truth=None if truth is None else truth[at],
-        missing=facts.missing,
+        missing=0 if others else facts.missing,
         time_range=(float(clock[0]), float(clock[-1])),
-        band=band_around(z[first:last], at - first) if last - first > DENSE and not facts.missing else None,
+        band=band_around(z[first:last], at - first) if dense else None,
     )
 
 
@@ -114,6 +122,15 @@ def choose_indices(z: Array, truth: Array | None = None, limit: int = MAX_POINTS
         return _downsample(z, limit)
     share = limit // 4
     return np.union1d(_downsample(z, limit - share), _downsample(truth, share)).astype(np.intp)
+
+
+def choose_together(values: Array, limit: int) -> NDArray[np.intp]:
+    """Ascending indices of at most `limit` rows that keep the look of every column of `values`, (n, channels)."""
+    n, channels = values.shape
+    if n <= limit:
+        return np.arange(n, dtype=np.intp)
+    chosen = [_downsample(column, limit // channels) for column in values.T]
+    return np.unique(np.concatenate(chosen)).astype(np.intp)
 
 
 def _downsample(y: Array, points: int) -> NDArray[np.intp]:

@@ -154,8 +154,13 @@ class Engine:
 
     def _draw(self, state: State, serial: int) -> None:
         limit = MAX_POINTS if state.live is None else MAX_LIVE_POINTS
-        chosen_from = state.recording, state.channel, live_window(state), limit
-        drawn = self._samples.once(lambda: choose_samples(*chosen_from, self._facts.of(state)), *chosen_from)
+        (channel, *others), window = state.measured, live_window(state)
+        drawn = self._samples.once(
+            lambda: choose_samples(
+                state.recording, channel, window, limit, self._facts.of(state), others=tuple(others)
+            ),
+            *(state.recording, state.measured, window, limit),
+        )
         variants = self._curves.of(state, drawn) if state.live is None else None
         frame = compute_frame(state, serial, drawn, self._runs, variants, self._session.connection())
         last, self._frame, self._frame_at = self._frame, frame, time.monotonic()

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
+from kalscope.filtering.fusion.growing import FusedSignal, GrowingFusion, fused_at
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.pieces.chosen import filter_at, picked
 from kalscope.filtering.pieces.running import RunningFilter
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope_app.engine.cache import Cache
 from kalscope_app.engine.decimation import DrawnSamples
+from kalscope_app.session.fusion import Fusion
 from kalscope_app.session.state import State
+
+R = TypeVar("R", RunningFilter, GrowingFusion)
 
 MAX_KEPT = 1_000_000
 """Samples of a finished recording up to which a whole run is kept: it takes 40 bytes a sample."""
@@ -27,14 +35,14 @@ class DrawnRun:
     gain: Callable[[int], Array]
     """The gain of so many first samples."""
     whole: FilterResult | None
-    """All of the run; None where only the drawn samples were kept."""
+    """All of the run; None where only the drawn samples were kept, or sensors are fused."""
 
 
 @dataclass
-class _LiveRun:
+class _LiveRun(Generic[R]):
     """A run over a growing record."""
 
-    running: RunningFilter
+    running: R
     first: int
     """Number of its first sample, counted since the board began to send."""
 
@@ -45,13 +53,16 @@ class FilterRuns:
     def __init__(self) -> None:
         self._whole = Cache[FilterResult]()
         self._drawn = Cache[DrawnRun]()
-        self._live = Cache[_LiveRun]()
+        self._live = Cache[_LiveRun[RunningFilter]]()
+        self._fused = Cache[FusedSignal]()
+        self._live_fused = Cache[_LiveRun[GrowingFusion]]()
 
     def begin(self, state: State) -> None:
         """A new frame begins."""
-        scope = (state.record_key, state.channel, state.recording.gaps)
+        scope = (state.record_key, state.measured, state.recording.gaps)
         self._whole.begin(*scope)
         self._live.begin(*scope)
+        self._live_fused.begin(*scope)
 
     def of(self, state: State, used: Filter) -> FilterResult:
         """The channel on screen, filtered."""
@@ -64,6 +75,8 @@ class FilterRuns:
     def drawn(self, state: State, drawn: DrawnSamples) -> DrawnRun:
         """The filter of the State at the samples drawn; of a finished recording no others are kept."""
         used = state.filter
+        if state.fusion is not None:
+            return _as_drawn(self._fused_at(state, state.fusion, drawn), state.params)
         if state.live is None and state.board is None and isinstance(used, StandardFilter):
             self._drawn.begin(state.record_key, state.channel, state.recording.gaps, drawn)
             return self._drawn.get(used, lambda: _at_drawn(state, used, drawn))
@@ -71,16 +84,44 @@ class FilterRuns:
         return DrawnRun(picked(whole, drawn.indices), lambda size: whole.k[:size], whole)
 
     def _continued(self, state: State, used: StandardFilter) -> FilterResult:
-        z, n = state.z, len(state.recording)
-        snapshot = state.live.snapshot if state.live else None
-        first = 0 if snapshot is None else snapshot.first
-        run = self._live.get(used, lambda: _LiveRun(RunningFilter(used.params), first))
-        if not 0 <= first - run.first <= len(run.running) <= first - run.first + n:
-            run.running, run.first = RunningFilter(used.params), first
-        run.running.forget(first - run.first)
-        run.first = first
-        run.running.extend(z[len(run.running) :])
-        return run.running.result
+        run = self._live.get(used, lambda: _LiveRun(RunningFilter(used.params), _first_of(state)))
+        return _grown(run, state, lambda: RunningFilter(used.params), lambda first: state.z[first:]).result
+
+    def _fused_at(self, state: State, fusion: Fusion, drawn: DrawnSamples) -> FusedSignal:
+        """The fused value at the samples drawn."""
+        params, columns = fusion.params, fusion.columns(state.recording)
+        if state.live is None:
+            self._fused.begin(state.record_key, state.measured, state.recording.gaps, drawn)
+            z = state.recording.values
+            return self._fused.get(params, lambda: fused_at(z[:, columns], params, drawn.indices, state.dt))
+        run = self._live_fused.get(params, lambda: _LiveRun(GrowingFusion(params), _first_of(state)))
+        values = state.recording.values
+        grown = _grown(run, state, lambda: GrowingFusion(params), lambda first: values[first:, columns])
+        return grown.result.at(drawn.indices)
+
+
+def _first_of(state: State) -> int:
+    """Number of the first sample of a live record, counted since the board began to send."""
+    snapshot = state.live.snapshot if state.live else None
+    return 0 if snapshot is None else snapshot.first
+
+
+def _grown(run: _LiveRun[R], state: State, start: Callable[[], R], samples_from: Callable[[int], Array]) -> R:
+    """The run over a live record as it is now: only the samples that are new go through the filter."""
+    first, n = _first_of(state), len(state.recording)
+    if not 0 <= first - run.first <= len(run.running) <= first - run.first + n:
+        run.running, run.first = start(), first
+    run.running.forget(first - run.first)
+    run.first = first
+    run.running.extend(samples_from(len(run.running)))
+    return run.running
+
+
+def _as_drawn(fused: FusedSignal, params: FilterParams) -> DrawnRun:
+    """Fused sensors as a run: no innovation is drawn of them, and their gain is that of the filter they equal."""
+    none = np.full(len(fused.x), np.nan)
+    at = FilterResult(fused.x, fused.p, none, none, none, 0.0, 0, fused.rejected, fused.velocity, fused.velocity_p)
+    return DrawnRun(at, lambda size: kalman_filter(np.zeros(size), params).k, None)
 
 
 def _at_drawn(state: State, used: StandardFilter, drawn: DrawnSamples) -> DrawnRun:

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from kalscope.common.array import Array
 from kalscope.filtering.batch import FilterResult
+from kalscope.filtering.fusion.smoothing import smooth_fusion
 from kalscope.filtering.protocol import StandardFilter
 from kalscope.filtering.smoothing import smooth
 from kalscope.filtering.steady_state import SteadyState
 from kalscope.sources.live.live_status import LiveStatus
 from kalscope_app.engine.decimation import DrawnSamples
 from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.session.fusion import Fusion
 from kalscope_app.session.live_state import NO_CONNECTION, ConnectionState
 from kalscope_app.session.state import State
 
@@ -25,6 +27,20 @@ GAIN_POINTS = 500
 
 SMOOTHED_BEFORE = 5000
 """Samples before a live window that its smoother is started from."""
+
+
+@dataclass(frozen=True)
+class SensorCurve:
+    """One of the sensors that are fused, at the samples drawn."""
+
+    name: str
+    """Its channel."""
+    colour: int
+    """Its place among all sensors, dropped out or not: a sensor keeps its colour."""
+    raw: Array
+    """Its readings, unit; NaN where missing, shape (m,)."""
+    difference: Array
+    """What they say of the quantity minus the fused value, unit; NaN where missing, shape (m,)."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +85,8 @@ class Frame:
     """2·√ of its variance, in the same unit."""
     set_aside: Array | None = None
     """The measurements that the last search set aside as spikes, unit, NaN at all others; None where none were."""
+    sensors: tuple[SensorCurve, ...] = ()
+    """The readings of the sensors that are fused; empty where one channel is filtered."""
     variants: tuple[Array, ...] = ()
     """The filtered signal of each pinned setting, in the order of `state.variants`, unit."""
 
@@ -115,6 +133,7 @@ def compute_frame(
         filtered=result.x,
         spread=2.0 * np.sqrt(result.p),
         smoothed=_smoothed(state, drawn) if state.view.smoother and state.filter.is_standard else None,
+        sensors=() if state.fusion is None else _sensors(state, state.fusion, drawn, result.x),
         rejected=int(result.rejected),
         innovation=result.innovation,
         innovation_spread=2.0 * np.sqrt(result.s),
@@ -137,9 +156,21 @@ def _smoothed(state: State, drawn: DrawnSamples) -> Array:
     """The best possible offline at the drawn samples; of a live record from a little before the window on."""
     first = 0 if state.live is None else max(0, drawn.first - SMOOTHED_BEFORE)
     last = len(state.recording) if state.live is None else drawn.last
-    dt = state.dt
-    z = state.z[first:last]
-    return smooth(z, state.params, None if dt is None else dt[first:last]).x[drawn.indices - first]
+    dt = None if state.dt is None else state.dt[first:last]
+    if state.fusion is not None:
+        z = state.recording.values[first:last, state.fusion.columns(state.recording)]
+        return smooth_fusion(z, state.fusion.params, dt).x[drawn.indices - first]
+    return smooth(state.z[first:last], state.params, dt).x[drawn.indices - first]
+
+
+def _sensors(state: State, fusion: Fusion, drawn: DrawnSamples, fused: Array) -> tuple[SensorCurve, ...]:
+    """What the sensors that take part read at the drawn samples, and how far from the fused value that is."""
+    raw = state.recording.values[drawn.indices][:, fusion.columns(state.recording)]
+    difference = (raw - fusion.params.offset) / fusion.params.gain - fused[:, None]
+    return tuple(
+        SensorCurve(name, fusion.tuning.sensors.index(name), raw[:, i], difference[:, i])
+        for i, name in enumerate(fusion.used.sensors)
+    )
 
 
 def _velocity(state: State, result: FilterResult) -> tuple[Array | None, Array | None]:

@@ -35,12 +35,16 @@ class History:
 
 def record(history: History, before: State, after: State, key: str, now: float) -> History:
     """Remember `before` if `after` differs in what the user tunes; the view does not count."""
-    if (before.record_key, before.channel, before.settings) == (after.record_key, after.channel, after.settings):
+    if _tuned(before) == _tuned(after):
         return history
     if key and key == history.key and (key.startswith(HELD) or now - history.time < SAME_GESTURE):
         return replace(history, future=(), time=now)
     kept = before if before.fleet is None else replace(before, fleet=None)  # the present one stays, see `_seen_as`
     return History(_within_limits((*history.past, kept)), (), key, now)
+
+
+def _tuned(state: State) -> tuple[object, ...]:
+    return state.record_key, state.channel, state.open.fused, state.settings
 
 
 def step_back(history: History, present: State) -> tuple[History, State]:

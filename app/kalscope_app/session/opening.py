@@ -19,7 +19,8 @@ from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.papers.experiments import open_experiment
 from kalscope.recording import Recording, Timing
 from kalscope.tuning.choose import adapt_tuning
-from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
+from kalscope_app.session.fusion import Fusion, name_of_fused
 from kalscope_app.session.state import ChannelSettings, OpenRecording, State
 
 MAX_NAMED = 3
@@ -49,12 +50,14 @@ def _with_what_stays(fresh: State, before: State) -> State:
     tuned = {_key(one): one for one in (*settings.elsewhere, *(now for now, start in pairs if now != start))}
     here = set(map(_key, settings.tunings))
     state = replace(fresh, view=before.view, fleet=before.fleet).with_reset_view(window=None)
+    fusion = settings.fusion if settings.fusion is not None and settings.fusion.fits(fresh.recording) else None
     state = state.with_settings(
         tunings=tuple(tuned.get(_key(own), own) for own in fresh.settings.starts),
         elsewhere=tuple(one for key, one in tuned.items() if key not in channels),
         pins=settings.pins,
         link=settings.link if channels <= here else fresh.settings.link,
-    )
+        fusion=fusion,
+    ).with_open(fused=before.open.fused and fusion is not None)
     if _key(before.tuning) in channels:
         state = state.with_open(channel=before.channel)
     return state.with_answers(note=_about_what_stays(channels, tuned, {_key(pin.tuning) for pin in settings.pins}))
@@ -120,8 +123,26 @@ def adapted(state: State, tuning: Tuning) -> State:
     other_filters = tuple(None if tunings[i].name in entries else others[i] for i in at) if others else ()
     channel = tuning.selected if tuning.selected in entries else next(iter(entries))
     note = " ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
-    state = state.with_settings(tunings=tunings, other_filters=other_filters).with_open(channel=channel)
+    state = state.with_settings(tunings=tunings, other_filters=other_filters).with_open(
+        channel=channel, fused=False
+    )
+    state, missing = _with_fusion_of(tuning, state)
+    note = f"{note} {missing}".strip()
     return state.with_answers(outcome=None, method_comparison=(), note=note)
+
+
+def _with_fusion_of(tuning: Tuning, state: State) -> tuple[State, str]:
+    """The state with the fused filter of a file on screen, if it has one; and why it cannot be, if it cannot."""
+    fused, period = tuning.fusion, state.recording.sample_period
+    if fused is None:
+        return state, ""
+    if period is not None and tuning.sample_period is not None and not same_period(period, tuning.sample_period):
+        fused = tuning.rescaled(period).fusion or fused
+    name = name_of_fused(state.recording) if fused.name in state.recording.names else fused.name
+    fusion = Fusion(replace(fused, name=name), replace(fused, name=name))
+    if not fusion.fits(state.recording):
+        return state, f"The sensors that the file fuses are not all here: {_listed(list(fused.sensors))}."
+    return state.with_fusion(fusion), ""
 
 
 def opened_experiment(name: str, before: State | None = None) -> State:

@@ -28,6 +28,7 @@ class Failed(StrEnum):
     RECORD = "Cannot record"
     NUMBER = "Not a valid number"
     FIND = "Cannot find q and r"
+    FUSE = "Cannot fuse sensors"
     GENERATE = "Cannot generate signal"
     REPRODUCE = "Cannot compute page"
     SAVE = "Cannot save"

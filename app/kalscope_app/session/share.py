@@ -37,10 +37,11 @@ def share_line(state: State) -> ShareLine:
     """The command that reopens what is on screen."""
     source, remarks = _source(state.recording)
     words = ["kalscope", "open", source, *reading_words(state), *_channel_words(state.recording, state.channel)]
-    if state.filter.is_standard:
+    if state.is_standard:
         words += setting_words(state)
     else:
-        remarks.append("The Khan et al. filter reopens as its experiment has it.")
+        fused, other = "Fused sensors", "The Khan et al. filter reopens as its experiment has it."
+        remarks.append(f"{fused} reopen with the tuning file above." if state.fusion else other)
     if len(state.recording.names) > 1:
         remarks.append("The other channels open at their starting values; the tuning file above keeps them all.")
     join = subprocess.list2cmdline if os.name == "nt" else shlex.join

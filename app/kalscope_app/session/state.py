@@ -19,6 +19,7 @@ from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.fleet import OpenFleet
+from kalscope_app.session.fusion import Fusion
 from kalscope_app.session.linked_channels import UNLINKED, apply_to_linked
 from kalscope_app.session.live_state import Live, Sent
 from kalscope_app.session.variants import Variant
@@ -41,6 +42,8 @@ class OpenRecording:
     """The recording before its sample period was typed; None where it was not."""
     board_choice: str | None = ""
     """The channel said to be the board's own filtered curve; "" = by its name, None = there is none."""
+    fused: bool = False
+    """Whether the fused value is on screen in place of the channel, where sensors are fused."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,8 @@ class ChannelSettings:
     """What was tuned for channels of other recordings; it comes back with a channel of that name and unit."""
     link: str = UNLINKED
     """Whether the other channels follow the one on screen, one of `linked_channels.LINKS`."""
+    fusion: Fusion | None = None
+    """The filter of several channels that measure one quantity; None = none are fused."""
 
 
 @dataclass(frozen=True)
@@ -147,14 +152,24 @@ class State:
         return self.recording.channel(self.channel)
 
     @property
+    def fusion(self) -> Fusion | None:
+        """The fused filter that is on screen in place of the channel's own; None = the channel's is."""
+        return self.settings.fusion if self.open.fused else None
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """The channels whose readings are on screen: one, or the sensors that are fused."""
+        return (self.channel,) if self.fusion is None else self.fusion.used.sensors
+
+    @property
     def tuning(self) -> ChannelTuning:
-        """Its parameters."""
-        return self.settings.tunings[self.index]
+        """Its parameters; those of the fused filter as of one channel."""
+        return self.settings.tunings[self.index] if self.fusion is None else self.fusion.as_channel
 
     @property
     def start(self) -> ChannelTuning:
         """Its starting values."""
-        return self.settings.starts[self.index]
+        return self.settings.starts[self.index] if self.fusion is None else self.fusion.start_as_channel
 
     @cached_property
     def params(self) -> FilterParams:
@@ -171,8 +186,13 @@ class State:
 
     @cached_property
     def filter(self) -> Filter:
-        """Its filter."""
-        return self.filter_of(self.index)
+        """Its filter; where sensors are fused, the one that equals theirs while all answer."""
+        return self.filter_of(self.index) if self.fusion is None else StandardFilter(self.params)
+
+    @property
+    def is_standard(self) -> bool:
+        """Whether the Kalman filter of q and r runs on one channel: only that is searched for and judged."""
+        return self.fusion is None and self.filter.is_standard
 
     def filter_of(self, at: int) -> Filter:
         """The filter of a channel, by its index."""
@@ -187,6 +207,8 @@ class State:
     @property
     def board(self) -> str | None:
         """The channel with the board's own filtered curve, drawn beside ours; None = there is none."""
+        if self.fusion is not None:
+            return None
         names, choice = self.recording.names, self.open.board_choice
         if choice == "":
             choice = "filtered" if self.channel == "raw" else f"{self.channel}_filtered"  # as the exported sketch
@@ -207,7 +229,7 @@ class State:
     @property
     def set_aside(self) -> NDArray[np.bool_] | None:
         """Samples of the channel on screen that the last search set aside as spikes, shape (n,); None = none."""
-        found = None if self.answers.outcome is None else self.answers.outcome.estimate
+        found = None if self.answers.outcome is None or self.fusion else self.answers.outcome.estimate
         aside = None if found is None else found.outliers
         return aside if aside is not None and len(aside) == len(self.recording) and aside.any() else None
 
@@ -222,17 +244,29 @@ class State:
         return self if self.filter.is_standard else self.with_filter(None)
 
     def with_tuning(self, **values: Any) -> State:
-        """The state with other parameters for the channel on screen; refused as FilterParams refuses."""
+        """The state with other parameters for what is on screen; refused as FilterParams refuses."""
+        if self.fusion is not None:
+            return self.with_fusion(self.fusion.with_values(**values))
         changed = replace(self.tuning, **values)
         same = all(getattr(changed, name) == getattr(self.tuning, name) for name in ("q", "r", "momentum"))
         state = self.with_tuning_of(self.index, changed)
         return state.with_answers(outcome=self.answers.outcome if same else None, note="")
+
+    def with_fusion(self, fusion: Fusion | None) -> State:
+        """The state with this fused filter on screen; None = the channel's own filter."""
+        state = self.with_settings(fusion=fusion).with_open(fused=fusion is not None)
+        return state.with_answers(outcome=None, note="")
 
     def with_tuning_of(self, at: int, tuning: ChannelTuning) -> State:
         """The state with other parameters for one channel, by its index; linked channels follow."""
         settings = self.settings
         tunings = (*settings.tunings[:at], tuning, *settings.tunings[at + 1 :])
         return self.with_settings(tunings=apply_to_linked(tunings, settings.starts, at, settings.link))
+
+    def require_one_channel(self) -> None:
+        """BadSetting where fused sensors are on screen: what is asked for is done on one channel."""
+        if self.fusion is not None:
+            raise BadSetting("this is done on one channel: choose one above the tabs first (got fused sensors)")
 
     def require_standard_filter(self, names: Iterable[str]) -> None:
         """BadSetting where one of these channels runs the Khan et al. filter, which cannot be exported."""
@@ -253,6 +287,7 @@ class State:
             sha256=rec.sha256,
             sample_period=rec.sample_period,
             selected=self.channel,
+            fusion=None if self.settings.fusion is None else self.settings.fusion.used,
         )
 
 

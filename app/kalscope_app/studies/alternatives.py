@@ -49,7 +49,7 @@ class AlternativesStudy:
 
     def compute(self, state: State) -> Compared | None:
         """Compare; None where the filter on screen cannot be compared."""
-        if not state.filter.is_standard:
+        if not state.is_standard:
             return None
         drawn = choose_samples(state.recording, state.channel, state.view.window)
         window = (drawn.first, drawn.last)

@@ -48,7 +48,7 @@ def compute_checks(state: State, still: Callable[[State], Stretch] = lambda _sta
         state: what is on screen.
         still: finds a still stretch, which is asked for only where it would help.
     """
-    if not state.filter.is_standard:
+    if not state.is_standard:
         return None
     z, dt = state.z, state.dt
     whole = diagnose_run(Run.of_samples(z, state.params, dt))

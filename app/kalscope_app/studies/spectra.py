@@ -39,7 +39,7 @@ class Spectra:
 
 def compute_spectra(state: State) -> Spectra | None:
     """Densities and response of the channel on screen; None where its filter has no q and r."""
-    if not state.filter.is_standard:
+    if not state.is_standard:
         return None
     period = state.recording.sample_period
     found = spectrum(state.z, state.params, state.dt, period)
@@ -83,6 +83,6 @@ class Allan:
 
 def compute_allan(state: State) -> Allan | None:
     """Allan deviation of the channel on screen; None where its filter has no q and r."""
-    if not state.filter.is_standard:
+    if not state.is_standard:
         return None
     return Allan(state, allan_deviation(state.z, state.params, state.recording.sample_period))

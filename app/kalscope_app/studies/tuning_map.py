@@ -102,8 +102,10 @@ class MapMaker:
 
     def __call__(self, state: State) -> TuningMap:
         """The map of a state; the same object while nothing of it has changed."""
-        if not state.filter.is_standard:
-            return nothing("This filter has no q and r: the tuning map belongs to the standard filter.")
+        if not state.is_standard:
+            fused = "The tuning map is that of one channel: choose one above the tabs."
+            other = "This filter has no q and r: the tuning map belongs to the standard filter."
+            return nothing(other if state.fusion is None else fused)
         signal = state.recording, state.channel, state.tuning.momentum
         scan = self._scans.once(lambda: scan_recording(state), *signal)
         colour = state.view.map_colour

@@ -69,7 +69,7 @@ class VariantTable:
     def compute(self, state: State) -> VariantComparison:
         """The table of a state."""
         self._measures.begin(state.recording, state.channel)
-        present = [(None, state.params)] if state.filter.is_standard else []
+        present = [(None, state.params)] if state.is_standard else []
         settings = [*present, *((variant, variant.tuning.params) for variant in state.variants)]
         rows = [
             VariantRow(variant, params, self._measures.get(params, lambda params=params: measure(state, params)))

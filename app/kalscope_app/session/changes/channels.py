@@ -11,13 +11,16 @@ ALL_OTHERS = "all other channels"
 
 
 def select_channel(name: str) -> Change:
-    """Look at another channel, with its own parameters."""
+    """Look at another channel, with its own parameters, or at the fused value."""
 
     def change(state: State) -> State:
-        state.recording.index(name)
-        if name == state.channel:
+        fusion = state.settings.fusion
+        fused = fusion is not None and name == fusion.tuning.name
+        if not fused:
+            state.recording.index(name)
+        if fused is (state.fusion is not None) and (fused or name == state.channel):
             return state
-        state = state.with_open(channel=name).with_reset_view()
+        state = state.with_open(channel=state.channel if fused else name, fused=fused).with_reset_view()
         return state.with_answers(outcome=None, method_comparison=(), note="")
 
     return change

@@ -51,7 +51,7 @@ def set_point(q_exponent: float, r_exponent: float) -> Change:
     """A point of the tuning map was chosen: q and r become 10^exponent, to three digits."""
 
     def change(state: State) -> State:
-        if not state.filter.is_standard or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
+        if not state.is_standard or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
             return state
         q, r = (float(f"{10.0 ** min(max(e, -300.0), 299.9):.2e}") for e in (q_exponent, r_exponent))
         return state if (q, r) == (state.tuning.q, state.tuning.r) else state.with_tuning(q=q, r=r, how="by hand")
@@ -97,7 +97,9 @@ def set_automatic_start(automatic: bool) -> Change:
 
 
 def reset_parameters(state: State) -> State:
-    """Back to the starting values of the channel."""
+    """Back to the starting values of the channel, or to those of the fused sensors."""
+    if state.fusion is not None:
+        return state.with_fusion(state.fusion.reset)
     start = state.start
     values = {name: getattr(start, name) for name in (*PARAMETERS, "how")}
     return state.with_tuning(**values)

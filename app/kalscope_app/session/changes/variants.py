@@ -14,7 +14,8 @@ PARAMETERS = ("q", "r", "momentum", "p0", "x0", "gate")
 
 def pin_present(state: State) -> State:
     """Keep the present setting of the channel on screen as a variant, under the first free letter."""
-    if not state.filter.is_standard:
+    state.require_one_channel()
+    if not state.is_standard:
         raise BadSetting("the Khan et al. filter has no q and r, so it cannot be pinned")
     same = next((one for one in state.variants if one.tuning.params == state.params), None)
     if same is not None:

@@ -43,7 +43,7 @@ COLOURS = {
 }
 """Of the simpler filters in the order of NAMES, light and dark."""
 
-NOTHING = "Only the Kalman filter of q and r can be compared at its lag."
+NOTHING = "Only the Kalman filter of one channel can be compared at its lag."
 
 HEADS = ("filter", "setting", "lag", "noise", "{error}", "compared with yours")
 

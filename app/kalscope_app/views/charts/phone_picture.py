@@ -98,7 +98,7 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
     scale, clock = scale_for(frame.drawn.raw, frame.state.tuning.unit), time_axis(frame)
     first, last = (frame.drawn.time[i] * clock.factor if len(frame.drawn.time) else 0.0 for i in (0, -1))
     reach = f"{number(low * scale.factor)} to {number(high * scale.factor)} {scale.unit}"
-    pen.text((margin, margin), f"{frame.state.channel[:24]}: {reach}", ink, 24, "la")
+    pen.text((margin, margin), f"{frame.state.tuning.name[:24]}: {reach}", ink, 24, "la")
     span = range_text(first, last)
     pen.text((margin, bottom + 10), f"{span} {clock.unit}", ink, 24, "la")
     pen.text((WIDTH - margin - 110, bottom + 10), "raw", palette.raw, 24, "ra")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import viser
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 from kalscope.common.array import Array
 from kalscope.common.text import count, number
 from kalscope.sources.readers.account import warnings
-from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.frame import Frame, SensorCurve
 from kalscope_app.views.binding import put
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import (
     DARK,
     LIGHT,
+    SENSORS,
     ChartLine,
     Palette,
     axes,
@@ -85,7 +87,7 @@ class SignalView:
     def _show_signal(self, frame: Frame, palette: Palette, clock: Scale, places: NDArray[np.intp] | None) -> None:
         shown, state = frame.drawn, frame.state
         scale = scale_for(shown.raw, state.tuning.unit)
-        raw = raw_lines(shown, palette)
+        raw = self._sensor_lines(frame, lambda one: one.raw) if frame.sensors else raw_lines(shown, palette)
         # Only the measurements and the truth decide the y range: a wild start may leave the picture.
         lines: list[ChartLine] = [
             *raw,
@@ -95,7 +97,8 @@ class SignalView:
         for variant, curve in zip(state.variants, frame.variants, strict=False):
             colour = variant.css(dark=state.view.dark)
             lines.append(ChartLine(curve, line(variant.name, colour, 1.5, scaled=False)))
-        lines.append(ChartLine(frame.filtered, line("filtered", palette.filtered, 2.5, scaled=False)))
+        filtered = "fused" if frame.sensors else "filtered"
+        lines.append(ChartLine(frame.filtered, line(filtered, palette.filtered, 2.5, scaled=False)))
         if shown.truth is not None:
             lines.append(ChartLine(shown.truth, {**line("truth", palette.truth, 1.5), "dash": (6, 4)}))
         if frame.smoothed is not None:
@@ -107,10 +110,27 @@ class SignalView:
             lines.append(ChartLine(frame.set_aside, rings(name, palette.innovation, 9), gaps=True))
         bands = ({"series": (2, 1), "fill": palette.raw_band},) if shown.band is not None else ()
         bands = (*bands, {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band})
-        label = scale.label(short(state.channel, 30))
+        label = scale.label(short(state.tuning.name, 30))
         self._draw(self.signal, frame, clock, scale, lines, label, *bands, places=places)
 
+    def _sensor_lines(self, frame: Frame, of: Callable[[SensorCurve], Array]) -> tuple[ChartLine, ...]:
+        """A line for each of the sensors that are fused, in its colour."""
+        colours = SENSORS[frame.state.view.dark]
+        drawn = (gappy(short(one.name, 20), of(one), colours[one.colour % len(colours)]) for one in frame.sensors)
+        return tuple(line for lines in drawn for line in lines)
+
+    def _show_differences(self, frame: Frame, clock: Scale) -> None:
+        """How far each of the fused sensors is from the fused value, in place of the innovation."""
+        every = np.concatenate([one.difference for one in frame.sensors])
+        scale = scale_for(every, frame.state.tuning.unit)
+        label = innovation_label(scale, scale_for(frame.drawn.raw, frame.state.tuning.unit), "minus fused")
+        lines = [*self._sensor_lines(frame, lambda one: one.difference)]
+        self._draw(self.innovation, frame, clock, scale, lines, label)
+
     def _show_innovation(self, frame: Frame, palette: Palette, clock: Scale) -> None:
+        if frame.sensors:
+            self._show_differences(frame, clock)
+            return
         v, spread = without_start(frame)
         scale = scale_for(v, frame.state.tuning.unit)
         lines = [
@@ -168,12 +188,12 @@ GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Ranges of the gain chart: few, so that it rests while q moves."""
 
 
-def innovation_label(scale: Scale, above: Scale) -> str:
+def innovation_label(scale: Scale, above: Scale, name: str = "innovation") -> str:
     """What fits beside the innovation: its name without a unit only where that of the chart above holds."""
-    label = scale.label("innovation")
+    label = scale.label(name)
     if len(label) <= MAX_LABEL_LETTERS:
         return label
-    return "innovation" if scale == above else short(scale.unit, MAX_LABEL_LETTERS)
+    return name if scale == above else short(scale.unit, MAX_LABEL_LETTERS)
 
 
 def velocity_unit(frame: Frame) -> str:

@@ -14,7 +14,7 @@ from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, dots, line
 from kalscope_app.views.scales import Scale, log_scale_for, log_ticks, log_time_scale
 
-NOTHING = "This filter has no q and r, so it has no frequency response and no model."
+NOTHING = "Only the Kalman filter of one channel has a frequency response here."
 
 DECADES = 9
 """Decades of a logarithmic chart at most, counted from the top: what is lower is rounding."""

@@ -57,6 +57,13 @@ DARK = Palette(
 )
 
 
+SENSORS = {
+    False: ("#7ba7cc", "#b79bd1", "#8fbf8a", "#cdb26a", "#d19aa6", "#7fc0bd", "#a9b4be", "#b3a08a"),
+    True: ("#4f7796", "#79608f", "#5b8557", "#8c783f", "#91626d", "#4b8583", "#6f7f8d", "#7a6b58"),
+}
+"""Of fused sensors in their order, light and dark: told apart, and paler than the fused line."""
+
+
 @dataclass(frozen=True)
 class ChartLine:
     """One line of a chart."""

@@ -74,7 +74,7 @@ def has_fixed_gains(target: str) -> bool:
 def device_notes(state: State, choice: Choice = Choice()) -> DeviceNotes:
     """What becomes of the filter on screen at this choice. A study."""
     lag = offer = ""
-    if state.filter.is_standard:
+    if state.is_standard:
         with suppress(BadSetting):  # the limits say why
             lag, offer = _lag_notes(state, choice)
     return DeviceNotes(lag, offer, limits_text(state, choice))
@@ -136,7 +136,7 @@ def goal_of(state: State) -> Request | None:
 
 def limits_text(state: State, choice: Choice = Choice()) -> str:
     """What will differ from the screen, as markdown; "" where nothing does."""
-    if not state.filter.is_standard:
+    if not state.is_standard:
         return "There is no code for the Khan et al. filter: choose *Kalman filter* in the Tune tab."
 
     def level(name: str) -> float:

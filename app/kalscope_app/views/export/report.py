@@ -60,7 +60,7 @@ def csv(state: State) -> bytes:
 
 
 def _report(state: State) -> Report:
-    if not state.filter.is_standard:
+    if not state.is_standard:
         raise BadSetting("a report needs the Kalman filter with q and r (got the Khan et al. filter)")
     pins = [(variant.name, variant.tuning) for variant in state.variants]
     return make_report(state.recording, state.as_tuning(), state.channel, command=share_line(state).line, pins=pins)

@@ -110,7 +110,7 @@ class TuningMapView:
             self._place(frame.state)
 
     def _place(self, state: State) -> None:
-        visible = bool(self._map.colour) and state.filter.is_standard
+        visible = bool(self._map.colour) and state.is_standard
         put(self._present, value=self._share(exponents_of(state)) if visible else NOWHERE)
 
     def _share(self, point: Point) -> Point:

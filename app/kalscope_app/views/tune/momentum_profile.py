@@ -47,6 +47,7 @@ class MomentumProfileView:
         stop = self._stop = threading.Event()
 
         def work(state: State) -> None:
+            state.require_one_channel()
             with SlowJobProgress(self._progress, self._cancel) as shown:
                 self._profile = momentum_profile(state, shown.report, stop.is_set)
             self._session.request(lambda state: state)  # the frame of it draws the profile
@@ -56,11 +57,11 @@ class MomentumProfileView:
     def show(self, frame: Frame) -> None:
         """Draw the profile and mark the present momentum; that of another channel is taken off the screen."""
         state, profile = frame.state, self._profile
-        present = profile, state.tuning.momentum, state.view.dark, state.record_key, state.channel
+        present = profile, state.tuning.momentum, state.view.dark, state.record_key, state.measured
         if present == self._shown:
             return
         self._shown = present
-        if profile is None or not profile.belongs_to(state):
+        if profile is None or state.fusion is not None or not profile.belongs_to(state):
             self._said.content = LEAD
             self._chart.hide()
             return

@@ -22,6 +22,7 @@ class ParametersView:
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         with gui.add_folder(None):  # indented as the goal above
             self._controls = [VarianceControl(gui, session, name) for name in ("q", "r", "p0")]
+            _, self._r, _ = self._controls  # each sensor has its own where several are fused
             self._momentum = MomentumControl(gui, session)
             self._steps = gui.add_button_group(
                 "",
@@ -41,5 +42,5 @@ class ParametersView:
         standard = frame.state.filter.is_standard
         for control in self._controls:
             control.show(frame)
-            control.set_visible(standard)
+            control.set_visible(standard and (control is not self._r or frame.state.fusion is None))
         self._momentum.show(frame)

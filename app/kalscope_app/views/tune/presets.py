@@ -13,6 +13,8 @@ from kalscope_app.session.state import State
 from kalscope_app.views.binding import bind, on_user
 from kalscope_app.views.tune.numbers import rows_of
 
+FOR_ONE_CHANNEL = "A preset is for one channel: choose one above the tabs."
+
 
 class PresetsView:
     """The folder "Presets". Choosing shows; only the button changes the filter."""
@@ -29,7 +31,9 @@ class PresetsView:
         """Show what the selected preset would do."""
         title = frame.state.view.preset or next(iter(PRESETS))
         self._which.value = title
-        self._text.content = preset_text(frame.state, title, frame.steady)
+        fused = frame.state.fusion is not None
+        self._text.content = FOR_ONE_CHANNEL if fused else preset_text(frame.state, title, frame.steady)
+        self._take.visible = self._which.visible = not fused
 
 
 def preset_text(state: State, title: str, now: SteadyState) -> str:

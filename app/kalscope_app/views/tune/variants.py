@@ -151,6 +151,6 @@ def _explained(table: VariantComparison, with_truth: bool) -> str:
     else:
         few, many = count(min(scored)), count(max(scored))
         said.append(f"The log-likelihoods sum over {few} to {many} samples and cannot be compared.")
-    if not table.state.filter.is_standard:
-        said.append("The current filter has no q and r, so it is not listed.")
+    if not table.state.is_standard:
+        said.append("Only the Kalman filter of one channel is listed.")
     return " ".join(said)

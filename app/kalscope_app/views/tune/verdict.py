@@ -11,7 +11,9 @@ from kalscope_app.session.changes.view import set_why_shown
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.checks import Checks
+from kalscope_app.studies.fusion import Judged
 from kalscope_app.views.binding import on_user
+from kalscope_app.views.text import escape_markdown
 from kalscope_app.views.tune.advice import label_of, take
 from kalscope_app.views.tune.goal.goal import GoalView
 from kalscope_app.views.window.css import VERDICT
@@ -45,6 +47,13 @@ class VerdictView:
     def show(self, frame: Frame) -> None:
         """Show or hide the reasons."""
         self._shown = self._why.visible = frame.state.view.why_shown
+
+    def show_judged(self, judged: Judged) -> None:
+        """Write the word on fused sensors and what is said about them."""
+        self._word.label, self._word.color = judged.word, COLOURS[judged.tone]
+        self._headline.content = f"**{escape_markdown(judged.headline, 300)}**"
+        for row in self._advice:
+            row.show(None, None)
 
     def show_checks(self, checks: Checks | None) -> None:
         """Write the word and the reasons."""

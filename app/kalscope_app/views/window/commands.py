@@ -10,7 +10,7 @@ from kalscope_app.guard.viser_private import commands_of, press, widgets_of
 from kalscope_app.views.binding import put
 
 WITHOUT = {"", "…", "Cancel"}
-"""Buttons that have no name of their own, or show only while something runs."""
+"""Widgets that have no name of their own, or show only while something runs."""
 
 
 class Commands:
@@ -24,7 +24,7 @@ class Commands:
                 for name in widget.options:
                     if name not in taken:
                         self._add(gui, name, widget, name)
-            elif isinstance(widget, viser.GuiCheckboxHandle):
+            elif isinstance(widget, viser.GuiCheckboxHandle) and widget.label not in WITHOUT:
                 self._add(gui, widget.label, widget)
             elif isinstance(widget, viser.GuiButtonHandle) and widget.label not in taken:
                 self._buttons.append((widget, self._add(gui, widget.label, widget)))

@@ -34,7 +34,9 @@ class HeaderView:
         """Write both lines."""
         record, jitter = frame.state.recording, self._jitter_of(frame.state.recording)
         self._record.content = record_line(record, jitter)
-        offer(self._channel, record.names, frame.state.channel)
+        fusion = frame.state.settings.fusion
+        names = record.names if fusion is None else (*record.names, fusion.tuning.name)
+        offer(self._channel, names, frame.state.channel if frame.state.fusion is None else names[-1])
         self._channel.visible = len(record.names) > 1
         self._numbers.content = numbers_line(frame, jitter)
 

@@ -28,7 +28,7 @@ class PaperFilterView:
     """Which filter runs, and the parameters of the other one."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        with gui.add_folder("Paper filter", expand_by_default=False):
+        with gui.add_folder("Paper filter", expand_by_default=False) as self._folder:
             self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="Khan et al. filter: for comparison.")
             self._boxes = [
                 TypedNumber(gui, session, name, label, hint, set_paper_text) for name, label, hint in BOXES
@@ -37,6 +37,7 @@ class PaperFilterView:
 
     def show(self, frame: Frame) -> None:
         """Follow the frame."""
+        self._folder.visible = frame.state.fusion is None
         paper = paper_filter(frame.state)
         reading = paper.reading if paper else None
         self._filter.value = next(name for name, value in FILTERS.items() if value == reading)

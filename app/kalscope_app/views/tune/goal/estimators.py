@@ -50,6 +50,7 @@ class EstimatorsView:
         self._jobs.run_with_state(self._session, lambda state: self._compare(state, stop), Failed.FIND)
 
     def _compare(self, state: State, stop: threading.Event) -> None:
+        state.require_one_channel()
         z = samples_to_compare(state)
         with SlowJobProgress(self._progress, self._cancel) as shown:
             opinions = compare_methods(z, state.dt, progress=shown.report, cancelled=stop.is_set)

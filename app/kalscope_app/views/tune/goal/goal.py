@@ -40,7 +40,7 @@ class GoalView:
         self._shown: tuple[str, ...] = ()
         self._stretch = ("", "")
         self._stop = threading.Event()
-        with gui.add_form(None) as form:
+        with gui.add_form(None) as self._form:
             self._goal = gui.add_dropdown("goal", (*GOALS, MORE), hint=HINT)
             self._method = gui.add_dropdown(
                 "method", MORE_METHODS, visible=False, hint="Other ways to find q and r."
@@ -52,7 +52,7 @@ class GoalView:
             self._answer = gui.add_markdown("", visible=False)
         bind(self._goal, session, lambda goal: set_search_method(_method_for(goal), SEARCH_METHODS))
         bind(self._method, session, lambda method: set_search_method(method, SEARCH_METHODS))
-        on_user(form.on_submit, lambda _client: self._find_and_apply())
+        on_user(self._form.on_submit, lambda _client: self._find_and_apply())
         on_user(self._apply.on_click, lambda _client: self._find_and_apply())
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
 
@@ -98,7 +98,8 @@ class GoalView:
         self._session.request(apply_found(state.recording, state.channel, found))
 
     def show(self, frame: Frame) -> None:
-        """Show the boxes of the chosen method, and the last answer."""
+        """Show the boxes of the chosen method, and the last answer; fused sensors have a search of their own."""
+        self._form.visible = frame.state.fusion is None
         self._show_method(frame.state)
         answer = answer_text(frame.state)
         self._answer.content, self._answer.visible = answer, bool(answer)

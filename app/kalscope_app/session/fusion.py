@@ -1,0 +1,130 @@
+"""The fused filter of a State: several sensors of one quantity, some of which may be dropped out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from kalscope.errors import BadSetting
+from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.params import MAX_VARIANCE
+from kalscope.recording import Recording
+from kalscope.tuning.fusion import FusionTuning
+from kalscope.tuning.tuning import ChannelTuning
+
+if TYPE_CHECKING:
+    from kalscope.estimation.fusion.result import FusionEstimate
+
+FUSED = "fused"
+"""What the fused value is called where no channel has that name."""
+
+MIN_SENSORS = 2
+"""One sensor needs no fusion."""
+
+MAX_SENSORS = 8
+"""Sensors that the dashboard fuses, at most; the command line takes more."""
+
+
+@dataclass(frozen=True)
+class Fusion:
+    """The filter that was found for several sensors, and which of them take part."""
+
+    tuning: FusionTuning
+    """Of all sensors."""
+    start: FusionTuning
+    """What it was when the sensors were fused; Reset goes back there."""
+    dropped: frozenset[str] = frozenset()
+    """Sensors that take no part."""
+    estimate: FusionEstimate | None = None
+    """What was found out about them; None where the filter comes from a file."""
+
+    @cached_property
+    def used(self) -> FusionTuning:
+        """The filter of the sensors that take part."""
+        return self._of_used(self.tuning)
+
+    @cached_property
+    def params(self) -> FusionParams:
+        """Its parameters."""
+        return self.used.params
+
+    @cached_property
+    def as_channel(self) -> ChannelTuning:
+        """The filter of one channel that it equals while all that take part answer."""
+        return _as_channel(self.used)
+
+    @cached_property
+    def start_as_channel(self) -> ChannelTuning:
+        """The same of its starting values."""
+        return _as_channel(self._of_used(self.start))
+
+    @property
+    def reset(self) -> Fusion:
+        """As it was when the sensors were fused; all of them take part."""
+        return replace(self, tuning=self.start, dropped=frozenset())
+
+    @cached_property
+    def shares(self) -> Mapping[str, float]:
+        """What each sensor contributes to the fused value while all answer; 0 for one that is dropped out."""
+        shares = dict.fromkeys(self.tuning.sensors, 0.0)
+        return {**shares, **dict(zip(self.used.sensors, self.params.shares.tolist(), strict=True))}
+
+    def columns(self, recording: Recording) -> list[int]:
+        """Where the readings of the sensors that take part stand in a recording."""
+        return [recording.index(name) for name in self.used.sensors]
+
+    def fits(self, recording: Recording) -> bool:
+        """Whether a recording has all its sensors, in units that are all known to be the fused one or all alike."""
+        return {(name, self.tuning.unit) for name in self.tuning.sensors} <= set(
+            zip(recording.names, recording.units, strict=True)
+        )
+
+    def with_values(self, **values: Any) -> Fusion:
+        """With other values of the fused filter, as of a channel: another r scales the noise of every sensor."""
+        r = values.pop("r", None)
+        if r is not None and r != self.as_channel.r:
+            factor = r / self.as_channel.r if self.as_channel.r > 0.0 else 1.0
+            values["r"] = tuple(min(one * factor, MAX_VARIANCE) for one in self.tuning.r)
+        return replace(self, tuning=replace(self.tuning, **values))
+
+    def with_sensor(self, sensor: str, **values: float) -> Fusion:
+        """With another r or offset of one sensor."""
+        at = self.tuning.sensors.index(sensor)
+        changed = {
+            name: tuple(value if i == at else old for i, old in enumerate(getattr(self.tuning, name)))
+            for name, value in values.items()
+        }
+        return replace(self, tuning=replace(self.tuning, **changed, how="by hand"))
+
+    def with_taking_part(self, sensor: str, takes_part: bool) -> Fusion:
+        """With a sensor dropped out, or taken in again.
+
+        Raises:
+            BadSetting: it is the last one.
+        """
+        dropped = self.dropped - {sensor} if takes_part else self.dropped | {sensor}
+        if len(dropped) == len(self.tuning.sensors):
+            raise BadSetting(f"at least one sensor must take part (got {sensor[:40]!r}, the last one, dropped out)")
+        return replace(self, dropped=dropped)
+
+    def _of_used(self, tuning: FusionTuning) -> FusionTuning:
+        kept = [i for i, name in enumerate(tuning.sensors) if name not in self.dropped]
+        of_each = {
+            name: tuple(getattr(tuning, name)[i] for i in kept) for name in ("sensors", "r", "offset", "gain")
+        }
+        return replace(tuning, **of_each) if self.dropped else tuning
+
+
+def _as_channel(tuning: FusionTuning) -> ChannelTuning:
+    one = tuning.params.as_single
+    r = min(float(one.r), MAX_VARIANCE)
+    return ChannelTuning(
+        tuning.name, tuning.unit, tuning.q, r, tuning.p0, tuning.x0, tuning.how, tuning.gate, tuning.momentum
+    )
+
+
+def name_of_fused(recording: Recording) -> str:
+    """What the fused value is called: a name that no channel has."""
+    return next(name for name in (FUSED, *(f"{FUSED} {i}" for i in range(2, 99))) if name not in recording.names)

@@ -1,0 +1,268 @@
+"""Fused sensors in the session: what each gesture does to the State, what Undo restores, what a file holds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, Recording, load_tuning, save_tuning
+from kalscope.filtering.fusion.batch import fuse
+from kalscope.filtering.fusion.params import FusionParams
+from kalscope_app.engine.decimation import MAX_POINTS, choose_samples
+from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.engine.frame import compute_frame
+from kalscope_app.engine.parts import is_move
+from kalscope_app.session.changes.channels import select_channel
+from kalscope_app.session.changes.fusion import (
+    apply_fusion,
+    candidates,
+    readings_of,
+    sensor_limits,
+    set_sensor_exponent,
+    set_sensor_text,
+    set_taking_part,
+    stop_fusing,
+)
+from kalscope_app.session.changes.momentum import set_momentum_text
+from kalscope_app.session.changes.parameters import reset_parameters, set_exponent, set_text
+from kalscope_app.session.changes.view import set_smoother
+from kalscope_app.session.fusion import MAX_SENSORS
+from kalscope_app.session.opening import opened, opened_with
+from kalscope_app.session.session import Session, redo, undo
+
+SENSORS = ("a", "b", "c")
+
+
+def recording(names=(*SENSORS, "t"), units=("mm", "mm", "mm", "degC"), n=600, period=0.02):
+    g = np.random.default_rng(5)
+    x = np.cumsum(g.normal(0.0, 0.1, n))
+    z = x[:, None] + g.normal(size=(n, len(names)))
+    return Recording(np.arange(n) * period, names, units, z, period)
+
+
+def params():
+    return FusionParams(0.01, [1.0, 0.25, 4.0], [0.0, 0.5, -0.5], gate=16.0)
+
+
+def fused_state(rec=None):
+    rec = rec or recording()
+    return apply_fusion(rec, SENSORS, params(), "maximum likelihood")(opened(rec))
+
+
+@pytest.fixture
+def state():
+    return fused_state()
+
+
+def frame_of(state, runs=None):
+    channel, *others = state.measured
+    drawn = choose_samples(state.recording, channel, state.view.window, others=tuple(others))
+    return compute_frame(state, 0, drawn, runs)
+
+
+def readings(state):
+    return state.recording.values[:, state.fusion.columns(state.recording)]
+
+
+def test_only_channels_of_one_unit_are_offered_and_a_single_one_never():
+    assert candidates(opened(recording())) == SENSORS
+    assert candidates(select_channel("t")(opened(recording()))) == ()
+    assert candidates(opened(recording(("a", "b"), ("", "")))) == ("a", "b")
+
+
+def test_of_many_channels_so_many_are_offered_and_the_one_on_screen_among_them():
+    names = tuple(f"s{i}" for i in range(20))
+    shown = candidates(select_channel("s17")(opened(recording(names, ("V",) * 20))))
+    assert len(shown) == MAX_SENSORS
+    assert "s17" in shown
+
+
+def test_the_curve_of_the_board_itself_is_no_sensor():
+    names = ("near", "near_filtered", "far", "far_filtered")
+    assert candidates(opened(recording(names, ("",) * 4))) == ("near", "far")
+
+
+def test_one_sensor_and_sensors_of_two_units_are_refused():
+    state = opened(recording())
+    assert readings_of(state, ("a", "c")) == [0, 2]
+    with pytest.raises(BadSetting, match="tick 2 to"):
+        readings_of(state, ("a",))
+    with pytest.raises(BadSetting, match="one unit"):
+        readings_of(state, ("a", "t"))
+
+
+def test_fused_sensors_are_on_screen_in_place_of_the_channel(state):
+    frame, expected = frame_of(state), fuse(readings(state), params())
+    assert np.array_equal(frame.filtered, expected.x)
+    assert np.array_equal(frame.spread, 2.0 * np.sqrt(expected.p))
+    assert frame.rejected == expected.rejected.sum()
+    assert [one.name for one in frame.sensors] == list(SENSORS)
+    assert np.array_equal(frame.sensors[1].raw, state.recording.channel("b"))
+    assert frame.sensors[1].difference == pytest.approx(state.recording.channel("b") - 0.5 - expected.x)
+    assert (state.tuning.name, state.is_standard) == ("fused", False)
+    assert state.tuning.r == pytest.approx(1.0 / (1.0 + 4.0 + 0.25))
+
+
+def test_the_offline_curve_is_that_of_the_fused_sensors(state):
+    smoothed = frame_of(set_smoother(True)(state)).smoothed
+    truth_like = frame_of(state).filtered
+    assert smoothed.shape == truth_like.shape
+    assert np.std(np.diff(smoothed)) < np.std(np.diff(truth_like))
+
+
+def test_a_sensor_that_drops_out_changes_line_shares_and_no_other_sensor(state):
+    without = set_taking_part("c", False)(state)
+    shares = without.fusion.shares
+    assert shares == {"a": pytest.approx(0.2), "b": pytest.approx(0.8), "c": 0.0}
+    assert np.array_equal(frame_of(without).filtered, fuse(readings(without), params().only([0, 1])).x)
+    assert [one.name for one in frame_of(without).sensors] == ["a", "b"]
+    assert set_taking_part("c", True)(without).settings == state.settings
+
+
+def test_the_last_sensor_cannot_drop_out(state):
+    for name in ("a", "b"):
+        state = set_taking_part(name, False)(state)
+    with pytest.raises(BadSetting, match="at least one sensor"):
+        set_taking_part("c", False)(state)
+
+
+def test_a_sensor_that_is_not_fused_changes_nothing(state):
+    assert set_taking_part("t", False)(state) is state
+    assert set_sensor_exponent("nobody", 1.0)(state) is state
+    assert set_sensor_text("t", "r", "3")(state) is state
+
+
+def test_noise_and_offset_of_a_sensor_are_set_by_slider_and_by_text(state):
+    moved = set_sensor_exponent("b", -1.0)(state)
+    assert moved.fusion.tuning.r == (1.0, 0.1, 4.0)
+    assert moved.fusion.tuning.how == "by hand"
+    typed = set_sensor_text("c", "offset", "2.5")(set_sensor_text("c", "r", "9")(state))
+    assert (typed.fusion.tuning.r[2], typed.fusion.tuning.offset[2]) == (9.0, 2.5)
+    assert set_sensor_text("c", "offset", " ")(typed).fusion.tuning.offset[2] == 0.0
+    assert set_sensor_text("c", "r", "9")(typed) is typed
+    with pytest.raises(BadSetting, match="r of c"):
+        set_sensor_text("c", "r", "much")(state)
+    with pytest.raises(BadSetting):
+        set_sensor_text("c", "r", "-1")(state)
+
+
+@pytest.mark.parametrize("position", [-1e9, 1e9, 400.0, math.nan, math.inf])
+def test_whatever_a_slider_sends_stays_within_its_ends(state, position):
+    low, high = sensor_limits(state.fusion, "a")
+    moved = set_sensor_exponent("a", position)(state)
+    assert 10.0**low <= moved.fusion.tuning.r[0] <= 10.0**high
+
+
+def test_q_momentum_and_gate_are_those_of_the_fused_filter_while_it_is_on_screen(state):
+    before = state.settings.tunings
+    tuned = set_momentum_text("momentum", "20")(set_exponent("q", -1.0)(state))
+    assert (tuned.fusion.params.q, tuned.fusion.params.momentum) == (0.1, 20.0)
+    assert tuned.settings.tunings == before
+    assert set_text("gate", "off")(tuned).fusion.params.gate is None
+    assert np.array_equal(frame_of(tuned).filtered, fuse(readings(tuned), tuned.fusion.params).x)
+    assert reset_parameters(set_taking_part("a", False)(tuned)).settings == state.settings
+
+
+def test_another_r_of_the_whole_scales_the_noise_of_each_sensor(state):
+    scaled = state.with_tuning(r=4.0 * state.tuning.r)
+    assert scaled.fusion.tuning.r == pytest.approx((4.0, 1.0, 16.0))
+
+
+def test_a_channel_and_the_fused_value_are_chosen_by_name(state):
+    alone = select_channel("b")(state)
+    assert (alone.fusion, alone.channel, alone.measured) == (None, "b", ("b",))
+    assert alone.settings.fusion == state.fusion
+    back = select_channel("fused")(alone)
+    assert back.measured == SENSORS
+    assert select_channel("fused")(back) is back
+    assert select_channel("b")(alone) is alone
+    with pytest.raises(BadSetting):
+        select_channel("fused")(stop_fusing(state))
+
+
+def test_a_channel_called_fused_keeps_its_name():
+    rec = recording(("fused", "b", "c"), ("mm",) * 3)
+    state = apply_fusion(rec, ("fused", "b", "c"), params(), "")(opened(rec))
+    assert state.tuning.name == "fused 2"
+    assert select_channel("fused")(state).fusion is None
+
+
+def test_each_gesture_is_undone_and_done_again():
+    rec = recording()
+    session = Session(opened(rec))
+    gestures = [
+        apply_fusion(rec, SENSORS, params(), "maximum likelihood"),
+        set_taking_part("a", False),
+        set_sensor_exponent("b", -1.0),
+        select_channel("b"),
+        stop_fusing,
+    ]
+    seen = [session.apply_requests()[0]]
+    for gesture in gestures:
+        session.request(gesture)
+        seen.append(session.apply_requests()[0])
+    for state in reversed(seen[:-1]):
+        session.request(undo)
+        now = session.apply_requests()[0]
+        assert (now.settings, now.fusion, now.channel) == (state.settings, state.fusion, state.channel)
+    for state in seen[1:]:
+        session.request(redo)
+        assert session.apply_requests()[0].settings == state.settings
+
+
+def test_only_values_move_but_a_sensor_less_is_another_picture(state):
+    assert is_move(state, set_sensor_exponent("b", -1.0)(state))
+    assert not is_move(state, set_taking_part("b", False)(state))
+    assert not is_move(state, select_channel("b")(state))
+
+
+def test_runs_that_are_kept_give_what_a_new_run_gives(state):
+    runs = FilterRuns()
+    for one in (state, set_taking_part("b", False)(state), select_channel("b")(state), state):
+        assert np.array_equal(frame_of(one, runs).filtered, frame_of(one).filtered)
+
+
+def test_of_a_long_recording_every_sensor_keeps_its_extremes():
+    rec = recording(n=20_000)
+    for i in range(3):
+        rec.values[1000 * i + 777, i] = 1e4
+    frame = frame_of(fused_state(rec))
+    assert len(frame.drawn.indices) <= MAX_POINTS
+    assert [one.raw.max() for one in frame.sensors] == [1e4] * 3
+
+
+def test_the_tuning_file_holds_the_sensors_that_take_part_and_opens_fused(state, tmp_path):
+    without = set_taking_part("a", False)(state)
+    save_tuning(without.as_tuning(), tmp_path / "t.toml")
+    again = opened_with(recording(), load_tuning(tmp_path / "t.toml"))
+    assert again.fusion.tuning == without.fusion.used
+    assert np.array_equal(frame_of(again).filtered, frame_of(without).filtered)
+
+
+def test_a_file_for_another_rate_is_carried_over(state):
+    slower = recording(period=0.04)
+    again = opened_with(slower, state.as_tuning())
+    assert again.fusion.params.q == pytest.approx(2.0 * params().q)
+    assert again.fusion.tuning.r == (1.0, 0.25, 4.0)
+
+
+def test_a_file_whose_sensors_are_missing_says_so_and_keeps_the_channels(state):
+    rec = recording(("a", "x"), ("mm", "mm"))
+    again = opened_with(rec, state.as_tuning())
+    assert again.fusion is None
+    assert "not all here" in again.answers.note
+
+
+def test_a_recording_of_the_same_sensors_stays_fused_and_another_one_not(state):
+    assert opened(recording(n=300), state).fusion == state.fusion
+    other = opened(recording(("a", "b")[:2], ("mm", "mm")), state)
+    assert (other.fusion, other.settings.fusion, other.open.fused) == (None, None, False)
+
+
+def test_an_answer_that_comes_too_late_changes_nothing():
+    other = opened(recording(n=100))
+    late = apply_fusion(recording(), SENSORS, params(), "")(other)
+    assert late.settings == other.settings
+    assert "another recording" in late.answers.note
