@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
-from kalscope.analysis.allan import allan_deviation, allan_model, best_average, first_minimum, log_sizes
-from kalscope.analysis.spectrum import magnitude_response, spectrum, whole_stretch
+from kalscope.analysis.noise.allan import allan_deviation, allan_model, best_average, first_minimum, log_sizes
+from kalscope.analysis.noise.spectrum import magnitude_response, spectrum, whole_stretch
 from kalscope.filtering.momentum.kernels import transition
 
 RNG = np.random.default_rng(21)

@@ -10,7 +10,7 @@ from PIL import Image
 from screen import FIND, Screen, dashboard
 
 from kalscope import open_source, starting_params
-from kalscope.analysis.allan import allan_deviation
+from kalscope.analysis.noise.allan import allan_deviation
 from kalscope.analysis.alternatives.comparison import compare_alternatives
 
 pytestmark = pytest.mark.browser

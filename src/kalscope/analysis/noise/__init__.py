@@ -1,0 +1,1 @@
+"""Where the noise sits: by frequency, and by averaging time."""
