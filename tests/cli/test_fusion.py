@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 import re
 from pathlib import Path
@@ -14,14 +15,16 @@ import pytest
 from kalscope.catalogue import open_source
 from kalscope.cli.app import run
 from kalscope.cli.filter.line_filter import LineFilter
+from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
 from kalscope.filtering.fusion.batch import fuse
 from kalscope.filtering.fusion.params import FusionParams
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope.tuning.tuning_file import save_tuning
+from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
 Captured = pytest.CaptureFixture[str]
 
+WALK = "synthetic:random_walk?n=1200&sigmas=0.5,1,2&offsets=0.3,0.0,-0.3&every=1,2,5&period=1&seed=7"
 SOURCE = "synthetic:random_walk?n=400&sigmas=0.5,1,2&offsets=0.3,0.0,-0.3&every=1,2,5&drop_outs=0.1&seed=7"
 FUSION = FusionTuning("level", "", ("a", "b", "c"), 0.002, (0.25, 1.0, 4.0), (0.3, 0.0, -0.3))
 
@@ -158,3 +161,155 @@ def test_a_tuning_without_a_fusion_says_how_to_make_one(tmp_path: Path, capsys: 
         assert re.search(r"must hold a fusion \(got channels a alone\): kalscope tune", capsys.readouterr().err)
     assert run(["filter", "-", "--fuse", "a,b"]) == 2
     assert "needs --config with a fusion" in capsys.readouterr().err
+
+
+# ---- tune
+
+
+def tuned(capsys: Captured, *argv: str) -> dict:
+    """The JSON of `kalscope tune`; NaN and Infinity, which JSON has not, are refused."""
+    assert run(["tune", *argv, "--json"]) == 0
+
+    def refuse(word: str) -> None:
+        raise ValueError(word)
+
+    return json.loads(capsys.readouterr().out, parse_constant=refuse)
+
+
+def of_each(said: dict, field: str) -> list:
+    return [sensor[field] for sensor in said["sensors"]]
+
+
+def test_json_says_what_the_library_says(capsys: Captured) -> None:
+    said = tuned(capsys, WALK, "--fuse", "a,b,c")
+    best = estimate_fusion(readings(WALK), names=("a", "b", "c"))
+    assert best.params is not None
+    assert said["fused"] == ["a", "b", "c"]
+    assert (said["q"], said["momentum"], said["verdict"]) == (best.q, best.momentum, "ok")
+    assert of_each(said, "r") == best.r.tolist()
+    assert of_each(said, "offset_interval") == best.offset_interval.tolist()
+    assert sum(of_each(said, "share")) == pytest.approx(1.0)
+    assert said["error"] < min(of_each(said, "error_alone"))
+    assert all(said["error"] < one for one in of_each(said, "error_without"))
+
+
+def test_the_predicted_errors_are_those_of_the_known_truth(capsys: Captured) -> None:
+    long = WALK.replace("n=1200", "n=12000")
+    said, recording = tuned(capsys, long, "--fuse", "a,b,c"), open_source(long)
+    assert recording.truth is not None
+    params = FusionParams(said["q"], np.array(of_each(said, "r")), np.array(of_each(said, "offset")))
+    error = fuse(recording.values, params).x - recording.truth[:, 0]
+    assert error[100:].std() == pytest.approx(said["error"], rel=0.05)
+
+
+def test_the_page_begins_with_what_the_fusion_is_worth_and_ends_with_what_cannot_be_known(capsys: Captured) -> None:
+    assert run(["tune", WALK, "--fuse", "a,b,c"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    page = " ".join(lines[1:])
+    assert re.match(r"a \+ b \+ c fused: error .* below that of a alone \(.*\), the best of them q = ", page)
+    assert "An offset that all sensors share cannot be known" in page
+    assert max(map(len, lines)) <= 96
+    assert run(["tune", WALK, "--fuse", "a,b,c", "--details"]) == 0
+    assert "The record allows (95 %):" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "field", "met"),
+    [
+        (["--lag-ms", "50"], "lag_s", 0.05),
+        (["--cutoff-hz", "3", "--momentum", "5"], "cutoff_hz", 3.0),
+        (["--noise-reduction-db", "9", "--overshoot", "8"], "noise_reduction_db", 9.0),
+        (["--gain", "0.3"], "gain", 0.3),
+    ],
+)
+def test_a_target_is_met_while_all_sensors_answer(
+    options: list[str], field: str, met: float, capsys: Captured
+) -> None:
+    said = tuned(capsys, WALK, "--fuse", "a,b,c", *options)
+    assert said["steady"][field] == pytest.approx(met, rel=1e-9)
+    assert of_each(said, "r") == pytest.approx([0.25, 1.0, 4.0], rel=0.3)
+
+
+def test_what_is_known_of_a_sensor_is_kept(capsys: Captured) -> None:
+    assert of_each(tuned(capsys, WALK, "--fuse", "a,b", "--r", "b=1.1"), "r")[1] == 1.1
+    assert of_each(tuned(capsys, WALK, "--fuse", "a,b", "--sigma", "2=3,1=2"), "r") == [4.0, 9.0]
+    assert of_each(tuned(capsys, WALK, "--fuse", "a,c", "--sigma", "2"), "r") == [4.0, 4.0]
+    assert of_each(tuned(capsys, WALK, "--fuse", "a,b", "--reference", "b"), "offset")[1] == 0.0
+    assert tuned(capsys, WALK, "--fuse", "a,b", "--gate", "16")["gate"] == 16.0
+
+
+def test_the_gain_of_a_sensor_in_another_unit_is_estimated(tmp_path: Path, capsys: Captured) -> None:
+    truth = open_source("synthetic:random_walk?n=600&noise=none&period=1&amplitude=5").values[:, 0]
+    noise = np.random.default_rng(4).normal(0.0, (0.4, 0.8), (600, 2))
+    path = tmp_path / "units.csv"
+    rows = [f"{i / 100},{a!r},{b!r}" for i, (a, b) in enumerate((np.c_[truth, 32 + 1.8 * truth] + noise).tolist())]
+    path.write_text("\n".join(["time (s),inside (°C),shown (°F)", *rows, ""]), encoding="utf-8")
+    assert run(["tune", str(path), "--fuse", "1,2"]) == 2
+    assert "must have one unit (got inside in °C, shown in °F)" in capsys.readouterr().err
+    said = tuned(capsys, str(path), "--fuse", "1,2", "--sensor-gains", "--reference", "inside")
+    assert said["unit"] == "°C"
+    assert of_each(said, "gain") == [1.0, pytest.approx(1.8, rel=0.02)]
+    assert of_each(said, "offset") == [0.0, pytest.approx(32.0, abs=0.5)]
+    assert run(["tune", str(path), "--fuse", "1,2", "--sensor-gains", "--reference", "inside"]) == 0
+    assert "gain" in capsys.readouterr().out
+
+
+def test_a_saved_fusion_filters_as_it_was_found_and_a_channel_tuned_later_leaves_it(
+    tmp_path: Path, capsys: Captured
+) -> None:
+    path = tmp_path / "tuning.toml"
+    said = tuned(capsys, WALK, "--fuse", "a,c", "-o", str(path))
+    fusion = load_tuning(path).fusion
+    assert fusion is not None
+    assert (fusion.sensors, fusion.q, list(fusion.r)) == (("a", "c"), said["q"], of_each(said, "r"))
+    assert [one.name for one in load_tuning(path).channels] == ["a", "c"]
+    assert run(["filter", WALK, "--config", str(path)]) == 0
+    expected = fuse(readings(WALK)[:, [0, 2]], fusion.params).x
+    np.testing.assert_array_equal(table(capsys.readouterr().out)[1][:, 3], expected)
+    assert run(["tune", WALK, "--channel", "b", "--momentum", "0", "-o", str(path)]) == 0
+    again = load_tuning(path)
+    assert again.fusion == fusion
+    assert [one.name for one in again.channels] == ["a", "b", "c"]
+    capsys.readouterr()
+    assert run(["filter", WALK, "--fuse", "a,c"]) == 0  # without the file the same is estimated
+    out, err = capsys.readouterr()
+    np.testing.assert_array_equal(table(out)[1][:, 3], expected)
+    assert "by maximum likelihood" in err
+
+
+def test_a_dead_sensor_gives_no_filter_but_words(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "dead.csv"
+    path.write_text("t,a,b\n" + "".join(f"{i},{math.sin(i) + i % 3},5\n" for i in range(80)))
+    assert run(["tune", str(path), "--fuse", "a,b"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "no filter to recommend (constant)" in out
+    assert "All readings of b are equal" in out
+    assert run(["tune", str(path), "--fuse", "a,b", "-o", str(tmp_path / "t.toml")]) == 2
+    assert "-o needs a usable q and r of each sensor" in capsys.readouterr().err
+    assert run(["filter", str(path), "--fuse", "a,b"]) == 2
+    assert "All readings of b are equal" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("argv", "must"),
+    [
+        (["--fuse", "a"], "--fuse must be two or more channels of one unit, such as a, b, c (got 'a')"),
+        (["--fuse", "a,b", "--all"], "--fuse must stand without --channel and --all"),
+        (["--fuse", "a,b", "--channel", "a"], "--fuse must stand without --channel and --all"),
+        (["--reference", "a"], "--reference needs --fuse"),
+        (["--sensor-gains"], "--sensor-gains needs --fuse"),
+        (["--fuse", "a,b", "--reference", "c"], "--reference must be a sensor of --fuse: a, b (got 'c')"),
+        (["--fuse", "a,b", "--method", "em"], "--method must be ml with --fuse"),
+        (["--fuse", "a,b", "--r", "c=1"], "--r must be a sensor of --fuse: a, b (got 'c')"),
+        (["--fuse", "a,b", "--r", "a=0"], "--r must be a number above 0 (got '0')"),
+        (["--fuse", "a,b", "--r", "a=1", "--sigma", "b=1"], "only one of --still, --sigma, --density, --r"),
+        (["--r", "a=1"], "--r must be one number without --fuse (got one for a)"),
+        (["--fuse", "a,b", "--lag-ms", "50", "--gain", "0.1"], "only one of --lag-ms"),
+    ],
+)
+def test_what_cannot_be_tuned_together_is_refused_with_words(argv: list[str], must: str, capsys: Captured) -> None:
+    assert run(["tune", SOURCE, *argv]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert must in err
+    assert err.count("\n") == 1

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from kalscope.errors import BadSetting
 from kalscope.filtering.fusion.params import FusionParams
 from kalscope.recording import Recording
@@ -124,14 +126,34 @@ def _overridden(fusion: FusionTuning, given: FusionGiven) -> FusionTuning:
 
 
 def _without_file(recording: Recording, given: FusionGiven) -> tuple[FusionTuning, list[str]]:
-    """The filter as given: q and every r."""
+    """The filter as given where q and every r are, else by maximum likelihood."""
     units = units_of(recording)
     names = channels_to_fuse(units, given.names or "")
     r = (math.nan,) * len(names) if given.r is None else for_each_sensor(names, "--r", given.r)
     if "q" in given.others and not any(map(math.isnan, r)):
         whole: dict[str, Any] = dict(given.others)
         return FusionTuning(FUSED, units[names[0]], names, r=r, **whole), []
-    raise BadSetting("--fuse needs --config with a fusion, or --q and an --r for each sensor (got neither)")
+    fusion = _estimated(recording, names, r, given.others.get("momentum"))
+    return _overridden(fusion, given), [f"{FUSED}: {_variances(fusion)}, by maximum likelihood"]
+
+
+def _estimated(
+    recording: Recording, names: tuple[str, ...], r: tuple[float, ...], momentum: float | None
+) -> FusionTuning:
+    from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
+
+    found = estimate_fusion(
+        recording.values[:, [recording.index(name) for name in names]],
+        dt=recording.steps() if recording.gaps == "dt" else None,
+        names=names,
+        momentum="auto" if momentum is None else momentum,
+        known_r=np.array(r),
+    )
+    if found.params is None:
+        raise BadSetting(
+            f"a fusion needs a usable q and r of each sensor, and the record gives none: {found.message}"
+        )
+    return fusion_tuning(found.params, names, units_of(recording)[names[0]], "maximum likelihood")
 
 
 def fusion_tuning(params: FusionParams, names: tuple[str, ...], unit: str, how: str) -> FusionTuning:
@@ -139,3 +161,9 @@ def fusion_tuning(params: FusionParams, names: tuple[str, ...], unit: str, how: 
     each = {name: tuple(getattr(params, name).tolist()) for name in ("r", "offset", "gain")}
     whole = {name: getattr(params, name) for name in ("q", "p0", "x0", "gate", "momentum")}
     return FusionTuning(FUSED, unit, names, **each, **whole, how=how)
+
+
+def _variances(fusion: FusionTuning) -> str:
+    """The variances in a few words."""
+    r = ", ".join(f"{name} {value:.6g}" for name, value in zip(fusion.sensors, fusion.r, strict=True))
+    return f"q = {fusion.q:.6g}, r of {r}"

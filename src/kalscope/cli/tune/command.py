@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kalscope.cli.options import SamplePeriod, Source, read_options, with_options
+from kalscope.cli.tune.fusion.options import NONE, FusionOptions, fusion_options
 from kalscope.cli.tune.options import NOTHING, TuneOptions, tune_options
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -17,13 +18,12 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 if TYPE_CHECKING:
     from kalscope.cli.tune.answer import Answer
     from kalscope.recording import Recording
-    from kalscope.tuning.tuning import ChannelTuning
 
 MAX_OTHERS = 24
 """Channels beside the tuned one that are named; a car sends hundreds."""
 
 
-@with_options(reading=read_options, asked=tune_options)
+@with_options(reading=read_options, asked=tune_options, fusing=fusion_options)
 def tune_command(
     source: Source,
     channel: Annotated[
@@ -31,6 +31,7 @@ def tune_command(
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
     asked: TuneOptions = NOTHING,
+    fusing: FusionOptions = NONE,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     details: Annotated[
@@ -50,15 +51,31 @@ def tune_command(
     tell_compiling()
     if every and channel is not None:
         raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
+    fusing.refuse_others(channel, every)
     recording = open_source(source, reading, sample_period=sample_period)
-    names = recording.names if every else (channel or default_channel(recording),)
-    answers = _answers(recording, names, asked)
     notes = [sample_period_conflict(recording)] if sample_period is not None else []
-    notes += [] if output is None else _save(recording, answers, output)
-    text = _json(recording, answers, every) if as_json else _text(recording, answers, details)
+    if fusing.names is not None:
+        text, more = _fused(recording, asked, fusing, (details, as_json), output)
+    else:
+        names = recording.names if every else (channel or default_channel(recording),)
+        answers = _answers(recording, names, asked)
+        more = [] if output is None else _save(recording, answers, output)
+        text = _json(recording, answers, every) if as_json else _text(recording, answers, details)
     write_output(iter([text]), None)
-    for note in filter(None, notes):
+    for note in filter(None, [*notes, *more]):
         say(f"note: {note}")
+
+
+def _fused(
+    recording: Recording, asked: TuneOptions, fusing: FusionOptions, form: tuple[bool, bool], output: Path | None
+) -> tuple[str, list[str]]:
+    """The answer on fused channels as text, with details, or as JSON; saved, and notes on that."""
+    from kalscope.cli.tune.fusion.command import json_of, save_fusion, text_of, tune_fusion
+
+    details, as_json = form
+    answer = tune_fusion(recording, asked, fusing)
+    notes = [] if output is None else save_fusion(recording, answer, output)
+    return json_of(recording, answer) if as_json else text_of(recording, answer, details), notes
 
 
 def _answers(recording: Recording, names: tuple[str, ...], asked: TuneOptions) -> list[Answer]:
@@ -121,6 +138,7 @@ def _json(recording: Recording, answers: list[Answer], every: bool) -> str:
 
 def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str]:
     """Save the tuning of the channels that have a pair; returns notes about it for the user."""
+    from kalscope.cli.tune.saved import kept_channels, saved_before
     from kalscope.cli.tune.words import VERDICT_WORDS
     from kalscope.filtering.arrays import scalar
     from kalscope.sources.readers import account
@@ -146,7 +164,8 @@ def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str
         none = f"-o needs a usable q and r, and the record gives none ({'; '.join(without)})"
         raise BadSetting(f"{lost}{none}: {_instead(answers[0])}")
     notes = [f"left out of the tuning: {'; '.join(without)}"] if without else []
-    kept = _kept(recording, {one.channel for one in answers}, output)
+    before = saved_before(recording, output)
+    kept = kept_channels(recording, {one.channel for one in answers}, before)
     if kept:
         notes.append(f"kept as they were in the tuning: {', '.join(one.name for one in kept)}")
     channels = sorted([*kept, *found], key=lambda one: recording.names.index(one.name))
@@ -157,6 +176,7 @@ def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str
         sha256=recording.sha256,
         sample_period=recording.sample_period,
         selected=found[0].name,
+        fusion=None if before is None else before.fusion,
     )
     save_tuning(tuning, output)
     return notes
@@ -168,17 +188,3 @@ def _instead(answer: Answer) -> str:
     return (
         f"{first.get(answer.verdict, 'record while it moves')} or choose a filter (--lag-ms, --cutoff-hz, --gain)"
     )
-
-
-def _kept(recording: Recording, tuned: set[str], output: Path) -> list[ChannelTuning]:
-    """Other channels that a tuning file of this recording already holds: they were tuned before."""
-    from kalscope.errors import BadFile
-    from kalscope.tuning.tuning_file import load_tuning
-
-    try:
-        before = load_tuning(output) if output.is_file() else None
-    except BadFile:
-        return []  # save_tuning says what is wrong with it
-    if before is None or before.sha256 != recording.sha256 or before.sample_period != recording.sample_period:
-        return []
-    return [one for one in before.channels if one.name in recording.names and one.name not in tuned]

@@ -1,0 +1,28 @@
+"""What a tuning file already holds, and stays when `kalscope tune -o` saves over it."""
+
+from __future__ import annotations
+
+from collections.abc import Set
+from pathlib import Path
+
+from kalscope.errors import BadFile
+from kalscope.recording import Recording
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.tuning.tuning_file import load_tuning
+
+
+def saved_before(recording: Recording, output: Path) -> Tuning | None:
+    """The tuning in the file where it is one of this recording, at its sample period."""
+    try:
+        before = load_tuning(output) if output.is_file() else None
+    except BadFile:
+        return None  # save_tuning says what is wrong with it
+    if before is None or before.sha256 != recording.sha256 or before.sample_period != recording.sample_period:
+        return None
+    return before
+
+
+def kept_channels(recording: Recording, tuned: Set[str], before: Tuning | None) -> list[ChannelTuning]:
+    """The other channels that it holds: they were tuned before."""
+    channels = () if before is None else before.channels
+    return [one for one in channels if one.name in recording.names and one.name not in tuned]
