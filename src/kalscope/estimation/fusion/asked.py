@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Mask
 from kalscope.errors import BadSetting
 from kalscope.estimation.fusion import words
 from kalscope.estimation.verdict.words import MIN_SAMPLES
@@ -39,6 +39,10 @@ class Question:
     def gauge(self) -> int:
         """The sensor whose offset and gain stay while the others are searched."""
         return 0 if self.reference is None else self.reference
+
+    def without(self, away: Mask) -> Question:
+        """The record without some readings, shape (n, sensors)."""
+        return replace(self, z=np.where(away, np.nan, self.z)) if away.any() else self
 
     def unusable(self) -> tuple[str, str] | None:
         """Verdict and words where a sensor makes the fit meaningless."""

@@ -6,14 +6,23 @@ import math
 
 import numpy as np
 
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Mask
 from kalscope.estimation.fusion import words
 from kalscope.estimation.fusion.asked import Question
+from kalscope.estimation.fusion.doubts import common_noise, slow_sensors
 from kalscope.estimation.fusion.result import FusionEstimate
 from kalscope.estimation.fusion.search.climb import BESIDE
 from kalscope.estimation.fusion.search.fit import Asked, Found
-from kalscope.estimation.fusion.search.intervals import NORMAL, covariance, movement_interval, noise_interval
-from kalscope.estimation.fusion.search.likelihood import Place, Readings
+from kalscope.estimation.fusion.search.intervals import (
+    NORMAL,
+    covariance,
+    momentum_interval,
+    movement_interval,
+    noise_interval,
+)
+from kalscope.estimation.fusion.search.likelihood import Place
+from kalscope.estimation.fusion.spikes import with_gate
+from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict.conclude import MIN_VARIANCE
 from kalscope.estimation.verdict.words import BAD_UNIT
 from kalscope.filtering.fusion.params import FusionParams
@@ -48,21 +57,32 @@ def refused(asked: Question, verdict: str, message: str) -> FusionEstimate:
     )
 
 
-def conclude(asked: Question, data: Readings, searched: Asked, found: Found) -> FusionEstimate:
-    """The estimate of the best place."""
-    place, unit = found.place, data.scale * data.scale
-    gain, gain_interval, scaled = _gains(asked, found)
+def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving: Estimate | None) -> FusionEstimate:
+    """The estimate of the best place.
+
+    Args:
+        asked: the record with all of its readings.
+        away: the readings that were set aside, shape (n, sensors).
+        searched: what was searched.
+        found: the best fit.
+        moving: what the fused value as one signal says of momentum; None where it was not asked.
+    """
+    data, place = found.coordinates.data, found.place
+    unit = data.scale * data.scale
+    gain, gain_interval, stretch = _gains(asked, found)
     offset, offset_interval = _offsets(asked, found)
     with np.errstate(over="ignore", under="ignore"):
-        q, r = place.q * unit * scaled * scaled, place.r * unit
-        q_interval = np.array(movement_interval(found, searched)) * unit * scaled * scaled
+        q, r = place.q * unit * stretch * stretch, place.r * unit
+        q_interval = np.array(movement_interval(found, searched)) * unit * stretch * stretch
         r_interval = np.array([noise_interval(found, searched, i) for i in range(data.sensors)]) * unit
     if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in (q, *r) if size > 0.0):
         return refused(asked, "bad_unit", BAD_UNIT)
     used_q = q if q > 0.0 else float(q_interval[1])
     used_r = np.where(r > 0.0, r, r_interval[:, 1])
     params = FusionParams(q=used_q, r=used_r, offset=offset, gain=gain, momentum=place.tau)
+    params = with_gate(params, asked.z, asked.steps, away)
     verdict, message = _verdict(asked, params, place.q, r)
+    sensors = _sensor_notes(asked, away, params, r, searched.floor * unit)
     return FusionEstimate(
         names=asked.names,
         q=q,
@@ -75,10 +95,10 @@ def conclude(asked: Question, data: Readings, searched: Asked, found: Found) -> 
         offset_interval=offset_interval,
         gain_interval=gain_interval,
         loglik=place.loglik,
-        spikes=tuple(np.empty(0, np.intp) for _ in asked.names),
+        spikes=tuple(np.flatnonzero(column) for column in away.T),
         verdict=verdict,
         message=message,
-        notes=_notes(asked, data, searched, params, r),
+        notes=(*_model_notes(asked, away, found, moving), *sensors),
         params=params,
     )
 
@@ -142,15 +162,39 @@ def _verdict(asked: Question, params: FusionParams, q: float, r: Array) -> tuple
     return "ok", said
 
 
-def _notes(asked: Question, data: Readings, searched: Asked, params: FusionParams, r: Array) -> tuple[str, ...]:
+def _model_notes(asked: Question, away: Mask, found: Found, moving: Estimate | None) -> list[str]:
+    """What is said of all sensors together."""
     notes: list[str] = []
-    sensors = len(asked.names)
-    if sensors > 1 and asked.reference is None:
+    if found.place.tau > 0.0 and not found.coordinates.keeps and (moving is None or moving.prediction_gain == 0.0):
+        notes.append(words.given_momentum(found.place.tau))
+    elif found.place.tau > 0.0 and moving is not None:
+        span = momentum_interval(found)
+        notes.append(words.momentum(found.place.tau, span, float(moving.prediction_gain)))
+    if len(asked.names) == 1:
+        return notes
+    if asked.reference is None:
         notes.append(words.COMMON_BIAS)
-    for i, share in enumerate(params.shares.tolist()):
+    z = asked.without(away).z
+    shared = common_noise(z, asked.steps, found)
+    if shared > 0.0:
+        notes.append(words.shared_noise(shared))
+    slow = slow_sensors(z, found)
+    if slow:
+        notes.append(words.slow([asked.names[i] for i in slow], len(asked.names)))
+    return notes
+
+
+def _sensor_notes(asked: Question, away: Mask, params: FusionParams, r: Array, floor: Array) -> list[str]:
+    """What is said of single sensors; `floor` is the variance of rounding of each, unit²."""
+    notes: list[str] = []
+    for i, (name, share) in enumerate(zip(asked.names, params.shares.tolist(), strict=True)):
+        spikes = int(away[:, i].sum())
+        if spikes:
+            notes.append(words.set_aside(name, spikes, int(np.isfinite(asked.z[:, i]).sum())))
         if share < LITTLE:
-            notes.append(words.adds_nothing(asked.names[i], share))
-        floor = searched.floor[i] * data.scale * data.scale
-        if 0.0 < r[i] <= 1.0001 * floor:
-            notes.append(words.at_rounding(asked.names[i], float(r[i])))
-    return tuple(notes)
+            notes.append(words.adds_nothing(name, share))
+        if 0.0 < r[i] <= 1.0001 * floor[i]:
+            notes.append(words.at_rounding(name, float(r[i])))
+    if params.gate is not None:
+        notes.append(words.gate(params.gate))
+    return notes

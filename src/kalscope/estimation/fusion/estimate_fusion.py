@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.progress import OnProgress, Progress
-from kalscope.estimation.estimate import checked_momentum
+from kalscope.estimation.estimate import checked_momentum, estimate
+from kalscope.estimation.fusion import words
 from kalscope.estimation.fusion.asked import Question, question
 from kalscope.estimation.fusion.conclude import conclude, refused
+from kalscope.estimation.fusion.moving import with_momentum
 from kalscope.estimation.fusion.result import FusionEstimate
-from kalscope.estimation.fusion.search.fit import Asked, best_fit
+from kalscope.estimation.fusion.search.fit import Asked, Found, best_fit
 from kalscope.estimation.fusion.search.likelihood import Readings
 from kalscope.estimation.fusion.search.starting import starting_gains, starting_places
+from kalscope.estimation.fusion.spikes import spikes_of
+from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import checked_robust
 from kalscope.estimation.robust.spikes import rounding_variance
 
@@ -42,14 +46,16 @@ def estimate_fusion(
         z: readings, shape (n, sensors) or (n,); NaN is a missing one.
         dt: nominal sample periods before each row, shape (n,), ≥ 0; None = 1 each.
         names: of the sensors, for the words; None = "sensor 1", "sensor 2", …
-        momentum: τ in nominal sample periods, 0 … 1e5; "auto" = find it, by the rule of `estimate`.
-        robust: whether spikes of each sensor are set aside before the fit, as in `estimate`.
+        momentum: τ in nominal sample periods, 0 … 1e5. "auto" = find it, and take it where the rule of `estimate`
+            takes it for the fused value as one signal, and the likelihood of all sensors is for it too.
+        robust: whether spikes are set aside before the fit, as `estimate` does for each sensor: True, False, or
+            "auto" where there are any. What most sensors show at once is no spike.
         gains: whether the gains c_i are searched too; else they are 1.
         reference: the sensor, by its index or its name, whose offset is 0 and whose gain is 1; None = the offsets
             add up to 0, and the sizes of the gains multiply to 1: what all sensors share cannot be known.
         known_r: noise variances from data sheets, unit², shape (sensors,), NaN where not known.
-        progress: called with the fraction done, 0 … 1, and what is being done.
-        cancelled: whether to stop.
+        progress: called with the fraction done, 0 … 1, and what is being done; None = not reported.
+        cancelled: whether to stop; None = never.
 
     Returns:
         A FusionEstimate; its `params` are None where the record gives none, and its `message` says why.
@@ -61,24 +67,50 @@ def estimate_fusion(
     Source: Durbin & Koopman (2012), sections 6.4 and 7.3; the model choice as in `estimation.momentum`.
     """
     asked = question(z, dt, names, reference, known_r)
-    checked_momentum(momentum, "ml")
-    checked_robust(robust)
+    tau, always = checked_momentum(momentum, "ml"), checked_robust(robust)
+    task = Progress(progress, cancelled)
     wrong = asked.unusable()
     if wrong is not None:
         return refused(asked, *wrong)
-    return _fitted(asked, gains, Progress(progress, cancelled))
+    away = np.zeros(asked.z.shape, dtype=bool)
+    if always is not False:
+        singles = _singles(asked, momentum, robust, task.part(0.0, 0.3))
+        many = [name for name, one in zip(asked.names, singles, strict=True) if one.verdict == "too_many_outliers"]
+        if many:
+            return refused(asked, "too_many_outliers", words.too_many(many[0]))
+        away = spikes_of(singles, asked.z)
+    found = conclude(asked, away, *_fitted(asked.without(away), gains, tau, task.part(0.3, 0.9)))
+    task(1.0, "done")
+    return found
 
 
-def _fitted(asked: Question, gains: bool, progress: Progress) -> FusionEstimate:
-    z = asked.z
-    data = Readings.of(z, asked.steps)
+def _singles(
+    asked: Question, momentum: float | Literal["auto"], robust: bool | Literal["auto"], progress: Progress
+) -> list[Estimate]:
+    """The estimate of each sensor for itself."""
+    dt, count = asked.steps if len(asked.steps) else None, len(asked.names)
+    parts = [progress.part(i / count, (i + 1) / count) for i in range(count)]
+    return [
+        estimate(column, dt=dt, progress=part, cancelled=part.cancelled, momentum=momentum, robust=robust)
+        for column, part in zip(asked.z.T, parts, strict=True)
+    ]
+
+
+def _fitted(
+    asked: Question, gains: bool, tau: float | None, progress: Progress
+) -> tuple[Asked, Found, Estimate | None]:
+    """What was searched, the best fit, and what the fused value as one signal says of momentum."""
+    data = Readings.of(asked.z, asked.steps)
     gained = np.flatnonzero(np.arange(data.sensors) != asked.gauge) if gains else np.empty(0, np.intp)
     unit = data.scale * data.scale
-    floor = np.array([rounding_variance(column) / unit for column in z.T])
+    floor = np.array([rounding_variance(column) / unit for column in asked.z.T])
     searched = Asked(asked.known / unit, np.where(np.isnan(asked.known), floor, 0.0), False, gained)
-    gains_to_try = [np.ones(data.sensors)]
+    tried = [np.ones(data.sensors)]
     if gains:
-        gains_to_try.append(starting_gains(data, z, gained, asked.gauge))
-    starts = [place for c in gains_to_try for place in starting_places(data, z, searched, c)]
-    found = best_fit(data, searched, starts, progress)
-    return conclude(asked, data, searched, found)
+        tried.append(starting_gains(data, asked.z, gained, asked.gauge))
+    starts = [place for c in tried for place in starting_places(data, asked.z, searched, c)]
+    plain = best_fit(data, searched, starts, progress.part(0.0, 0.5))
+    if tau == 0.0 or plain.place.q == 0.0:
+        return searched, plain, None
+    found, one = with_momentum(asked, data, searched, plain, tau, progress.part(0.5, 1.0))
+    return searched, found, one

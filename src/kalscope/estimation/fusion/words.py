@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from kalscope.common.text import count, number, percent, plural
+from kalscope.common.text import count, gate_text, number, percent, plural
 from kalscope.estimation.verdict.words import MIN_SAMPLES
 
 COMMON_BIAS = (
@@ -53,7 +53,7 @@ def too_many(name: str) -> str:
 
 def found(names: Sequence[str], shares: Sequence[float], gain: float, lag: float) -> str:
     """The fused filter: what each sensor contributes, and how it follows."""
-    parts = [f"{name} {percent(share)}" for name, share in zip(names, shares, strict=True)]
+    parts = [f"{percent(share)} from {name}" for name, share in zip(names, shares, strict=True)]
     return (
         f"The fused value takes {listed(parts)}. While all sensors answer it settles at gain {number(gain)}: it "
         f"lags a ramp by {plural(lag, 'sample')}."
@@ -92,3 +92,40 @@ def adds_nothing(name: str, share: float) -> str:
 def at_rounding(name: str, r: float) -> str:
     """R at the variance of rounding."""
     return f"The noise of {name} is smaller than its steps: r = {number(r)} is the variance of rounding, Δ²/12."
+
+
+def shared_noise(size: float) -> str:
+    """Noise that the sensors share."""
+    return (
+        f"The sensors share noise of variance {number(size)}, such as interference or a common supply: no sensor "
+        "differs from the others by it, so it passes as movement. Choose a longer lag to smooth it."
+    )
+
+
+def slow(names: Sequence[str], sensors: int) -> str:
+    """Sensors whose difference from the others changes slowly."""
+    who = "these sensors" if len(names) == sensors else listed(names)
+    return (
+        f"What {who} show beside the fused value changes slowly: an offset that drifts, or not quite the same "
+        "quantity. It counts as noise, so the intervals are too narrow."
+    )
+
+
+def momentum(tau: float, interval: tuple[float, float], less: float) -> str:
+    """Momentum that was found."""
+    low, high = interval
+    span = f"{number(low)} to {number(high)}" if high < float("inf") else f"{number(low)} or more"
+    return (
+        f"The quantity keeps its direction for about {number(tau)} samples ({span}): with this momentum the error "
+        f"of predicting unseen samples of the fused value is {percent(less)} smaller."
+    )
+
+
+def given_momentum(tau: float) -> str:
+    """Momentum that was given."""
+    return f"The momentum of {plural(tau, 'sample')} was given."
+
+
+def gate(threshold: float) -> str:
+    """The gate that goes with spikes."""
+    return f"The filter gets a gate of {gate_text(threshold)}, which ignores such spikes."

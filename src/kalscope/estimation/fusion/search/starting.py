@@ -18,13 +18,18 @@ _MIN_PAIRS = 8
 
 def starting_places(data: Readings, z: Array, asked: Asked, gains: Array) -> list[Place]:
     """Starts from z, the record itself of shape (n, sensors), NaN where missing."""
-    steps = np.maximum(step_sizes(data), 1e-12)
-    r = np.where(np.isnan(asked.known), 1.0, asked.known)
-    places: list[Place] = []
-    for noise in _noises((z - data.centre) / data.scale / gains, steps / gains**2):
-        chosen = np.where(np.isnan(asked.known), np.maximum(noise * gains**2, asked.floor), r)
-        places += [place_at(data, share * float((steps / gains**2).min()), 0.0, chosen, gains) for share in _MOVES]
-    return places
+    least = float((np.maximum(step_sizes(data), 1e-12) / gains**2).min())
+    noises = guessed_noises(z, data, asked, gains)
+    return [place_at(data, share * least, 0.0, noise, gains) for noise in noises for share in _MOVES]
+
+
+def guessed_noises(z: Array, data: Readings, asked: Asked, gains: Array) -> list[Array]:
+    """Guesses of r of all sensors, in scale², each shape (sensors,); a known r stays."""
+    steps = np.maximum(step_sizes(data), 1e-12) / gains**2
+    guesses = _noises((z - data.centre) / data.scale / gains, steps)
+    return [
+        np.where(np.isnan(asked.known), np.maximum(one * gains**2, asked.floor), asked.known) for one in guesses
+    ]
 
 
 def starting_gains(data: Readings, z: Array, gained: Indices, gauge: int) -> Array:

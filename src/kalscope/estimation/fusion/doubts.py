@@ -1,0 +1,76 @@
+"""What the model of independent white noise does not describe: noise that sensors share, and slow disagreement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from kalscope.common.array import Array
+from kalscope.estimation.fusion.moving import fused_signal
+from kalscope.estimation.fusion.search.fit import Asked, Found, climbed
+from kalscope.estimation.fusion.search.likelihood import Readings, place_at
+
+MIN_ROWS = 30
+"""Rows in which all sensors answer, to say anything."""
+SURE = 10.83
+"""Rise of twice the log-likelihood that one parameter brings by chance once in a thousand records."""
+MUCH = 1.3
+"""Factor by which the fused value must be noisier than the sensors explain."""
+SLOW = 0.2
+"""Correlation of what differs between the sensors with the same a row before, beyond which it counts as slow."""
+
+
+def common_noise(z: Array, steps: Array, found: Found) -> float:
+    """Variance of white noise that the sensors share, on the scale of the quantity, unit²; 0 where none shows.
+
+    Over the rows in which all sensors answer, the fused value is one signal of which the noise is known, 1/Σ c²/r.
+    Where it shows more, that is common to all: it counts as movement.
+    """
+    data, place = found.coordinates.data, found.place
+    signal = _complete(z, found)
+    if signal is None or place.r.min() == 0.0 or place.q == 0.0:
+        return 0.0
+    one = Readings.of(signal[:, None], steps)
+    expected = data.scale**2 / float(np.sum(place.c**2 / place.r)) / one.scale**2
+    step = place.q * data.scale**2 / one.scale**2
+    start = place_at(one, step, place.tau, np.array([expected]), np.ones(1))
+    asked = Asked(np.array([expected]), np.zeros(1), False, np.empty(0, np.intp))
+    fixed = climbed(one, asked, start).place
+    free = climbed(one, replace(asked, known=np.array([math.nan])), fixed).place
+    if 2.0 * (free.loglik - fixed.loglik) <= SURE or free.r[0] <= MUCH * expected:
+        return 0.0
+    return float(free.r[0] - expected) * one.scale**2
+
+
+def slow_sensors(z: Array, found: Found) -> list[int]:
+    """The sensors that differ from the fused value by more than white noise: what differs stays for some rows."""
+    data, place = found.coordinates.data, found.place
+    signal = _complete(z, found)
+    if signal is None:
+        return []
+    apart = (z - data.centre - place.offset * data.scale) / place.c - signal[:, None]
+    slow: list[int] = []
+    for i in range(data.sensors):
+        level: Array = apart[:, i] - np.nanmean(apart[:, i])
+        pairs = level[1:] * level[:-1]
+        pairs = pairs[np.isfinite(pairs)]
+        size = float(np.nanmean(level**2))
+        certain = len(pairs) >= MIN_ROWS and size > 0.0
+        if certain and float(pairs.mean()) / size > max(SLOW, 4.0 / math.sqrt(len(pairs))):
+            slow.append(i)
+    return slow
+
+
+def _complete(z: Array, found: Found) -> Array | None:
+    """The fused value of the rows in which all sensors answer, unit, NaN in the others; None if there are few."""
+    if z.shape[1] < 2:
+        return None
+    rows = np.isfinite(z).all(axis=1)
+    if int(rows.sum()) < MIN_ROWS:
+        return None
+    place = found.place
+    exact = (place.r == 0.0).astype(np.float64)
+    weights = exact if exact.any() else place.c**2 / place.r
+    return np.where(rows, fused_signal(z, place, found.coordinates.data, weights), np.nan)
