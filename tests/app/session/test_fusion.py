@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from feed import Board
 
 from kalscope import BadSetting, Recording, load_tuning, save_tuning
 from kalscope.filtering.fusion.batch import fuse
+from kalscope.filtering.fusion.growing import GrowingFusion
 from kalscope.filtering.fusion.params import FusionParams
 from kalscope_app.engine.decimation import MAX_POINTS, choose_samples
 from kalscope_app.engine.filter_runs import FilterRuns
@@ -25,6 +27,7 @@ from kalscope_app.session.changes.fusion import (
     set_taking_part,
     stop_fusing,
 )
+from kalscope_app.session.changes.live import opened_live, refreshed
 from kalscope_app.session.changes.momentum import set_momentum_text
 from kalscope_app.session.changes.parameters import reset_parameters, set_exponent, set_text
 from kalscope_app.session.changes.view import set_smoother
@@ -266,3 +269,27 @@ def test_an_answer_that_comes_too_late_changes_nothing():
     late = apply_fusion(recording(), SENSORS, params(), "")(other)
     assert late.settings == other.settings
     assert "another recording" in late.answers.note
+
+
+def test_of_a_live_record_only_new_rows_are_fused_and_the_line_is_that_of_all(monkeypatch):
+    board, runs, taken = Board(SENSORS), FilterRuns(), []
+    extend = GrowingFusion.extend
+    monkeypatch.setattr(GrowingFusion, "extend", lambda self, z: (taken.append(len(z)), extend(self, z))[1])
+    state = refreshed(opened_live(board.id, "x"), board.send(500).snapshot())
+    state = apply_fusion(state.recording, SENSORS, params(), "")(state)
+    for sent, first in ((0, 0), (20, 0), (7, 100), (0, 100)):
+        board.first = first
+        state = refreshed(state, board.send(sent, seed=9).snapshot())
+        drawn = choose_samples(state.recording, "a", None, others=("b", "c"))
+        whole = fuse(board.values, params()).x
+        assert np.array_equal(compute_frame(state, 0, drawn, runs).filtered, whole[first:])
+    assert taken == [500, 20, 7, 0]
+    assert state.fusion is not None
+
+
+def test_a_live_board_that_starts_again_stays_fused():
+    board = Board(SENSORS)
+    state = refreshed(opened_live(board.id, "x"), board.send(500).snapshot())
+    state = apply_fusion(state.recording, SENSORS, params(), "")(state)
+    board.generation, board.values = 1, board.values[:300]
+    assert refreshed(state, board.snapshot()).fusion == state.fusion

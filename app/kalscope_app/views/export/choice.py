@@ -136,7 +136,7 @@ def goal_of(state: State) -> Request | None:
 
 def limits_text(state: State, choice: Choice = Choice()) -> str:
     """What will differ from the screen, as markdown; "" where nothing does."""
-    if not state.is_standard:
+    if not state.filter.is_standard:
         return "There is no code for the Khan et al. filter: choose *Kalman filter* in the Tune tab."
 
     def level(name: str) -> float:
@@ -168,13 +168,15 @@ def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str
 
 
 def device_tuning(state: State, choice: Choice) -> Tuning:
-    """The tuning of the device: the chosen channels, at its period.
+    """The tuning of the device: the chosen channels, or the sensors that are fused, at its period.
 
     Raises:
         BadSetting: The period is none, or a channel has the Khan et al. filter.
     """
-    state.require_standard_filter(state.recording.names if choice.all_channels else [state.channel])
-    tuning = state.as_tuning().only(None if choice.all_channels else state.channel)
+    tuning = state.as_tuning()
+    if state.fusion is None:
+        state.require_standard_filter(state.recording.names if choice.all_channels else [state.channel])
+        tuning = replace(tuning.only(None if choice.all_channels else state.channel), fusion=None)
     if not choice.period.strip():
         return tuning
     period = typed_number("period", choice.period)

@@ -158,8 +158,8 @@ class CodeView:
         self._jobs.run_with_state(self._session, work, failed)
 
     def show(self, frame: Frame) -> None:
-        """One channel leaves no choice."""
-        self._channels.visible = len(frame.state.recording.names) > 1
+        """One channel leaves no choice, and neither do fused sensors."""
+        self._channels.visible = len(frame.state.recording.names) > 1 and frame.state.fusion is None
 
     def show_notes(self, notes: DeviceNotes) -> None:
         """Show the lag at the period of the device, and what differs there."""

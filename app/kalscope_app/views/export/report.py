@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import viser
 
 from kalscope.errors import BadSetting
-from kalscope.export.filtered_csv import filtered_csv_chunks
+from kalscope.export.filtered_csv import filtered_csv_chunks, fused_csv_chunks
 from kalscope.export.report.content import Report, make_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import as_png
@@ -51,16 +51,23 @@ def png_report(state: State) -> bytes:
 
 
 def csv(state: State) -> bytes:
-    """The filtered signal of every channel."""
-    state.require_standard_filter(state.recording.names)
+    """The filtered signal of every channel, or the fused one of its sensors."""
     file = io.BytesIO()  # not one text and then its bytes: of 10 million samples each is 0.6 GB
-    for text in filtered_csv_chunks(state.recording, state.as_tuning()):
+    for text in _csv_chunks(state):
         file.write(text.encode())
     return file.getvalue()
 
 
+def _csv_chunks(state: State) -> Iterator[str]:
+    if state.fusion is not None:
+        return fused_csv_chunks(state.recording, state.fusion.used)
+    state.require_standard_filter(state.recording.names)
+    return filtered_csv_chunks(state.recording, state.as_tuning())
+
+
 def _report(state: State) -> Report:
     if not state.is_standard:
+        state.require_one_channel()
         raise BadSetting("a report needs the Kalman filter with q and r (got the Khan et al. filter)")
     pins = [(variant.name, variant.tuning) for variant in state.variants]
     return make_report(state.recording, state.as_tuning(), state.channel, command=share_line(state).line, pins=pins)

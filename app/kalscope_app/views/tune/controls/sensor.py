@@ -22,7 +22,7 @@ from kalscope_app.views.tune.controls.slider import SliderWithText
 MAX_NAME = 24
 """Letters of a sensor's name."""
 
-R_HINT = "How noisy this sensor is: the variance of one reading, {unit}. Larger gives it a smaller share."
+R_HINT = "How noisy this sensor is: the variance of one reading. Larger gives it a smaller share."
 
 OFFSET_HINT = "How much too high this sensor reads, beside the others. It is taken off."
 

@@ -1,0 +1,63 @@
+"""Sensors of one quantity as a user fuses them: ticked, one dropped out, tuned, saved, and loaded again."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from kalscope import estimate_fusion, fuse, load_tuning, open_source
+
+SOURCE = "synthetic:sine?n=400&sigmas=0.1,0.2,0.4&offsets=0,0.3,-0.2&drop_outs=0.02"
+
+
+def tick(screen, name):
+    screen.pause()
+    screen.page.get_by_label(name, exact=True).click()
+
+
+def press(screen, name):
+    screen.pause()
+    screen.page.get_by_role("button", name=name, exact=True).click()
+
+
+def wait_for_share(screen, share):
+    screen.page.locator("label", has_text=re.compile(f"^share {share}$")).wait_for()
+
+
+def test_sensors_are_fused_one_drops_out_and_the_file_brings_them_back(start, tmp_path):
+    z = open_source(SOURCE).values
+    found = estimate_fusion(z, names=("a", "b", "c")).params
+    screen = start(SOURCE)
+    screen.page.get_by_text("Fuse sensors", exact=True).click()
+    for name in ("a", "b", "c"):
+        tick(screen, name)
+    press(screen, "Fuse")
+    screen.wait_for_line("fused", fuse(z, found).x, 1e-9)
+    screen.wait_for_value("channel", "fused")
+    assert screen.text_box("measurement noise r").count() == 0
+    assert np.array_equal(screen.line("b")[1], z[:, 1], equal_nan=True)
+    screen.shot("fusion")
+
+    tick(screen, "c")
+    two = found.only([0, 1])
+    screen.wait_for_line("fused", fuse(z[:, :2], two).x, 1e-9)
+    wait_for_share(screen, f"{100 * two.shares[0]:.0f} %")
+    screen.type("process noise q", "0.001")
+    screen.tab("Export")
+    press(screen, "Save tuning file")
+    screen.notification("Saved").wait_for()
+    saved = load_tuning(tmp_path / "tuning.toml").fusion
+    assert (saved.sensors, saved.q) == (("a", "b"), 0.001)
+    tuned = fuse(z[:, :2], saved.params).x
+    screen.wait_for_line("fused", tuned, 1e-9)
+
+    screen.tab("Tune")
+    press(screen, "Stop fusing")
+    screen.text_box("measurement noise r").wait_for()
+    screen.tab("Export")
+    press(screen, "Load tuning file")
+    screen.wait_for_line("fused", tuned, 1e-9)
+    screen.tab("Tune")
+    press(screen, "Undo")
+    screen.text_box("measurement noise r").wait_for()
