@@ -15,7 +15,7 @@ from kalscope.errors import BadSetting
 from kalscope.export.float32 import STALLING_GAIN, float32_params
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
-from kalscope.tuning.tuning import ChannelTuning
+from kalscope.tuning.tuning import Filter
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ def device_limits(
     return tuple(limit for limit in (*found, _time(params, sample_period, channels)) if limit is not None)
 
 
-def not_in_counts(channels: Iterable[ChannelTuning]) -> list[ChannelTuning]:
-    """The channels in a unit such as g or V, which analogRead() does not return; an unknown unit may be counts."""
+def not_in_counts(channels: Iterable[Filter]) -> list[Filter]:
+    """The filters in a unit such as g or V, which analogRead() does not return; an unknown unit may be counts."""
     return [one for one in channels if one.unit and COUNTS.isdisjoint(re.findall(r"[^\W\d_]+", one.unit.lower()))]
 
 

@@ -81,13 +81,13 @@ def float32_params(params: FilterParams) -> Float32Params:
         raise BadSetting(f"params must be those of one channel (got {params.channels} channels)")
     q, r, p0, x0, gate = (cast("float | None", getattr(params, name)) for name in ("q", "r", "p0", "x0", "gate"))
     rounded = Float32Params(
-        q=_rounded("q", q or 0.0),
-        r=_rounded("r", r or 0.0),
-        p0=_INFINITE if p0 is None else _rounded("p0", p0),
-        x0=_UNKNOWN if x0 is None else _rounded("x0", x0),
-        gate=_NOTHING if gate is None else _rounded("gate", gate),
+        q=to_float32("q", q or 0.0),
+        r=to_float32("r", r or 0.0),
+        p0=_INFINITE if p0 is None else to_float32("p0", p0),
+        x0=_UNKNOWN if x0 is None else to_float32("x0", x0),
+        gate=_NOTHING if gate is None else to_float32("gate", gate),
         settled_gain=_settled_gain(params),
-        momentum=_momentum(cast("float", params.q), cast("float", params.momentum)),
+        momentum=float32_momentum(cast("float", params.q), cast("float", params.momentum)),
     )
     parts = [v for v in (rounded.q, rounded.r, rounded.p0) if np.isfinite(v)]
     if sum(map(float, parts)) > float(np.finfo(np.float32).max):
@@ -138,7 +138,8 @@ def filter_float32(z: ArrayLike, params: FilterParams | Float32Params) -> Floats
     return out
 
 
-def _rounded(name: str, value: float) -> np.float32:
+def to_float32(name: str, value: float) -> np.float32:
+    """`value` rounded once; BadSetting names it where float32 cannot hold it with its 24 bits."""
     with np.errstate(over="ignore", under="ignore"):
         rounded = np.float32(value)
     if math.isinf(rounded) or (value != 0.0 and abs(float(rounded)) < MIN_NORMAL):
@@ -146,13 +147,15 @@ def _rounded(name: str, value: float) -> np.float32:
     return rounded
 
 
-def _momentum(q: float, momentum: float) -> Float32Momentum | None:
+def float32_momentum(q: float, momentum: float) -> Float32Momentum | None:
     """The constants, computed in double and rounded; None without momentum."""
     if momentum == 0.0:
         return None
     held = asdict(step_constants(q, momentum))
-    begin = {"momentum": np.float32(momentum), "w0": _rounded("q / (2 momentum)", held["w0"])}
-    rest = {name: _rounded(f"{name} of q and momentum", value) for name, value in held.items() if name not in begin}
+    begin = {"momentum": np.float32(momentum), "w0": to_float32("q / (2 momentum)", held["w0"])}
+    rest = {
+        name: to_float32(f"{name} of q and momentum", value) for name, value in held.items() if name not in begin
+    }
     return Float32Momentum(**begin, **rest)
 
 

@@ -7,34 +7,37 @@ from collections.abc import Iterable
 from pathlib import Path
 from string import Template
 
-from kalscope.export.job import ExportJob
+from kalscope.export.job import ExportJob, FusionJob, Origin
 from kalscope.export.names import comment_text, number_text
 from kalscope.filtering.kernels import GATE_LIMIT
+from kalscope.filtering.steady_state import SteadyState
+from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 TEMPLATES = Path(__file__).parent / "targets" / "templates"
 
 
-_MARKED = re.compile(r"^@(plain|momentum) ?(.*\n)", re.MULTILINE)
+_MARKED = re.compile(r"^@(plain|momentum|gains) ?(.*\n)", re.MULTILINE)
 
 
-def fill_template(name: str, *, has_momentum: bool = False, **texts: str) -> str:
+def fill_template(name: str, marks: frozenset[str] = frozenset(), /, **texts: str) -> str:
     """A file of `targets/templates` in which each $name is replaced by its text.
 
-    A line after `@momentum` stands only in exports with momentum, one after `@plain` only in the others.
+    A line after `@momentum` or `@gains` stands only in an export with that mark, one after `@plain` only in one
+    without momentum.
     """
-    keep = "momentum" if has_momentum else "plain"
+    kept = marks if "momentum" in marks else marks | {"plain"}
     text = (TEMPLATES / name).read_text(encoding="utf-8")
-    chosen = _MARKED.sub(lambda found: found[2] if found[1] == keep else "", text)
+    chosen = _MARKED.sub(lambda found: found[2] if found[1] in kept else "", text)
     return Template(chosen).substitute(texts)
 
 
-def about(job: ExportJob, *, for_one_period: bool = False) -> tuple[str, ...]:
+def about(job: Origin, *, for_one_period: bool = False) -> tuple[str, ...]:
     """Where the export comes from and which sample period it holds for: only for that one, or with another q.
 
     Not for the first two lines of a Python file: a name may read "coding: utf-7".
     """
-    lines = ["Scalar Kalman noise filter, tuned and exported by Kalscope."]
+    lines = [f"{job.title}, tuned and exported by Kalscope."]
     origin = [f"recording {comment_text(job.source_name)}"] if job.source_name else []
     if job.sha256:
         origin.append(f"SHA-256 {comment_text(job.sha256, 64)[:16]}")
@@ -62,9 +65,6 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
     """What the filter of one channel is: the three variances with their unit, gain, lag and start."""
     square = ascii_squared(channel.unit) or "the square of the signal's unit"
     steady = job.steady(channel)
-    lag = f"{steady.lag_samples:.4g} samples"
-    if steady.lag_s is not None:
-        lag += f" = {steady.lag_s:.4g} s"
     gate = "off"
     if channel.gate is not None:
         limit = number_text(channel.gate)
@@ -77,18 +77,57 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
         f"  start: {start_words(channel)}",
         f"  outlier gate: {gate}",
         f"  found: {comment_text(channel.how)}",
-        f"  settled: gain K = {steady.gain:.6g}, lag behind a ramp {lag}",
+        f"  settled: gain K = {steady.gain:.6g}, lag behind a ramp {_lag_words(steady)}",
     ]
     if channel.momentum > 0.0:
-        lasts = f"{number_text(channel.momentum)} samples"
-        if job.sample_period is not None:
-            lasts += f" = {channel.momentum * job.sample_period:.4g} s"
-        lines[3:3] = [f"  momentum tau = {lasts}: how long the signal keeps its direction"]
+        lines[3:3] = [_momentum_words(job, channel)]
         lines.append(
             f"  settled: velocity gain L = {steady.velocity_gain:.6g} per sample,"
             f" overshoot on a step {100.0 * float(steady.overshoot):.3g} %"
         )
     return tuple(lines)
+
+
+def about_fusion(job: FusionJob) -> tuple[str, ...]:
+    """What the fused filter is: variances with their unit, each sensor, and gain and lag while all answer."""
+    fusion, steady = job.fusion, job.steady
+    square = ascii_squared(fusion.unit) or "the square of its unit"
+    start = "the first reading sets x = (z - offset) / gain and p = r / gain^2"
+    gate = "off"
+    if fusion.gate is not None:
+        limit = number_text(fusion.gate)
+        gate = f"a reading whose v^2/s exceeds {limit} is not used, {GATE_LIMIT} in a row of a sensor at most"
+    lines = [
+        f"Fused value {comment_text(fusion.name)}; all are variances (not standard deviations),"
+        f" q and p0 in {square}:",
+        f"  process noise q = {number_text(fusion.q)} per sample",
+        *([_momentum_words(job, fusion)] if job.has_momentum else []),
+        f"  start variance p0 = {number_text(fusion.p0, 'unknown (diffuse)')}",
+        f"  start: {start if fusion.p0 is None else start_words(fusion)}",
+        f"  outlier gate: {gate}",
+        f"  found: {comment_text(fusion.how)}",
+        f"  settled, while all sensors answer: gain K = {steady.gain:.6g}, lag behind a ramp {_lag_words(steady)}",
+        "Sensors, in the order of the readings: each reads offset + gain x + noise of variance r, in its own unit.",
+    ]
+    values = zip(fusion.sensors, fusion.offset, fusion.gain, fusion.r, fusion.params.shares, strict=True)
+    for i, (name, offset, gain, r, share) in enumerate(values, 1):
+        lines.append(
+            f"  {i} {comment_text(name, 40)}: offset {number_text(offset)}, gain {number_text(gain)},"
+            f" r = {number_text(r)}, share {100.0 * share:.3g} %"
+        )
+    return tuple(lines)
+
+
+def _lag_words(steady: SteadyState) -> str:
+    seconds = "" if steady.lag_s is None else f" = {steady.lag_s:.4g} s"
+    return f"{steady.lag_samples:.4g} samples{seconds}"
+
+
+def _momentum_words(job: Origin, one: ChannelTuning | FusionTuning) -> str:
+    lasts = f"{number_text(one.momentum)} samples"
+    if job.sample_period is not None:
+        lasts += f" = {one.momentum * job.sample_period:.4g} s"
+    return f"  momentum tau = {lasts}: how long the signal keeps its direction"
 
 
 def ascii_squared(unit: str) -> str:
@@ -99,7 +138,7 @@ def ascii_squared(unit: str) -> str:
     return f"{word}^2" if word.isalpha() else f"({word})^2"
 
 
-def start_words(channel: ChannelTuning) -> str:
+def start_words(channel: ChannelTuning | FusionTuning) -> str:
     """The start rule in a phrase."""
     if channel.p0 is None:
         return "the first sample sets x = z and p = r"

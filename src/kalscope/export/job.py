@@ -2,35 +2,57 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
+from typing import Any, ClassVar
 
 from kalscope.errors import BadSetting
 from kalscope.export.names import identifiers
+from kalscope.filtering.arrays import scalar
 from kalscope.filtering.momentum.constants import step_constants
 from kalscope.filtering.steady_state import SteadyState, steady_state
+from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """Where an export comes from; the texts are from outside: only through `comment_text`."""
+
+    title: ClassVar[str]
+    """What is exported, as its first line says it."""
+    sample_period: float | None = None
+    """Sample period that q belongs to, s; None where unknown."""
+    source_name: str = ""
+    """Name of the recording it was tuned on, for display."""
+    sha256: str = ""
+    """SHA-256 of that recording, "" where unknown."""
+    tool: str = ""
+    """Program and version that made the tuning."""
+    date: str = ""
+    """When the tuning was made, UTC, ISO 8601."""
+
+    @property
+    def has_momentum(self) -> bool:
+        """Whether any filter has momentum: its code then has the second state, also for those without."""
+        raise NotImplementedError
+
+    @property
+    def marks(self) -> frozenset[str]:
+        """Marks of the lines of a template that this export needs."""
+        return frozenset({"momentum"} if self.has_momentum else ())
+
+
 @dataclass(frozen=True)
-class ExportJob:
+class ExportJob(Origin):
     """The filters to be exported and where they come from.
 
     Raises:
         BadSetting: No channel.
     """
 
+    title: ClassVar[str] = "Scalar Kalman noise filter"
     channels: tuple[ChannelTuning, ...]
     """The filters, at least one, names distinct (as in the tuning)."""
-    sample_period: float | None = None
-    """Sample period that q belongs to, s; None where unknown."""
-    source_name: str = ""
-    """Name of the recording it was tuned on, for display; from outside: only through `comment_text`."""
-    sha256: str = ""
-    """SHA-256 of that recording, "" where unknown; from outside as well."""
-    tool: str = ""
-    """Program and version that made the tuning; from outside as well."""
-    date: str = ""
-    """When the tuning was made, UTC, ISO 8601; from outside as well."""
 
     def __post_init__(self) -> None:
         if not self.channels:
@@ -48,7 +70,7 @@ class ExportJob:
 
     @property
     def has_momentum(self) -> bool:
-        """Whether any filter has momentum: its code then has the second state, also for those without."""
+        """As of `Origin`."""
         return any(channel.momentum > 0.0 for channel in self.channels)
 
     def steady(self, channel: ChannelTuning) -> SteadyState:
@@ -56,18 +78,72 @@ class ExportJob:
         return steady_state(channel.params, self.sample_period)
 
 
-def step_of(channel: ChannelTuning) -> dict[str, float]:
-    """The constants of a channel with momentum by the names of `StepConstants`; {} without momentum."""
+@dataclass(frozen=True)
+class FusionJob(Origin):
+    """The filter that fuses several sensors, and where it comes from."""
+
+    title: ClassVar[str] = "Kalman filter that fuses several sensors of one quantity"
+    fusion: FusionTuning
+    """The filter."""
+
+    @property
+    def identifier(self) -> str:
+        """The fused value as an identifier [a-z][a-z0-9_]*, other than those of the sensors."""
+        return identifiers((*self.fusion.sensors, self.fusion.name))[-1]
+
+    @property
+    def sensor_identifiers(self) -> tuple[str, ...]:
+        """A distinct identifier for each sensor, in their order."""
+        return identifiers(self.fusion.sensors)
+
+    @property
+    def has_momentum(self) -> bool:
+        """As of `Origin`."""
+        return self.fusion.momentum > 0.0
+
+    @property
+    def has_gains(self) -> bool:
+        """Whether a reading must be divided by a gain."""
+        return any(gain != 1.0 for gain in self.fusion.gain)
+
+    @property
+    def marks(self) -> frozenset[str]:
+        """As of `Origin`, and of the gains."""
+        return super().marks.union(["gains"] if self.has_gains else [])
+
+    @property
+    def noise(self) -> tuple[float, ...]:
+        """Measurement-noise variance of each sensor on the scale of the fused value, r / gain²."""
+        return tuple(self.fusion.params.scaled_r.tolist())
+
+    @property
+    def as_single(self) -> ExportJob:
+        """The filter of one reading that equals it while all sensors answer, of their weighted mean."""
+        fusion, one = self.fusion, self.fusion.params.as_single
+        name, unit, r = fusion.name, fusion.unit, scalar(one.r)
+        channel = ChannelTuning(name, unit, fusion.q, r, fusion.p0, fusion.x0, momentum=fusion.momentum)
+        return ExportJob((channel,), sample_period=self.sample_period)
+
+    @property
+    def steady(self) -> SteadyState:
+        """Gain, lag and cut-off of the settled filter while all sensors answer."""
+        return self.as_single.steady(self.as_single.channels[0])
+
+
+def step_of(channel: ChannelTuning | FusionTuning) -> dict[str, float]:
+    """The constants of a filter with momentum by the names of `StepConstants`; {} without momentum."""
     return asdict(step_constants(channel.q, channel.momentum)) if channel.momentum > 0.0 else {}
 
 
 def job_of(tuning: Tuning) -> ExportJob:
-    """The job of a whole tuning."""
-    return ExportJob(
-        channels=tuning.channels,
-        sample_period=tuning.sample_period,
-        source_name=tuning.source_name,
-        sha256=tuning.sha256,
-        tool=tuning.tool,
-        date=tuning.date,
-    )
+    """The job of all channels of a tuning."""
+    return ExportJob(tuning.channels, **_origin(tuning))
+
+
+def fusion_job_of(tuning: Tuning) -> FusionJob | None:
+    """The job of the fusion of a tuning; None where it has none."""
+    return None if tuning.fusion is None else FusionJob(tuning.fusion, **_origin(tuning))
+
+
+def _origin(tuning: Tuning) -> dict[str, Any]:
+    return {field.name: getattr(tuning, field.name) for field in fields(Origin)}

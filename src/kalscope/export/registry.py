@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from kalscope.errors import BadSetting
-from kalscope.export.job import ExportJob, job_of
+from kalscope.export.job import ExportJob, FusionJob, fusion_job_of, job_of
+from kalscope.export.names import comment_text
 from kalscope.export.targets import arduino, c, fixed_gains, javascript, json_file, matlab, platformio, python, ros2
 from kalscope.export.targets.libraries import bachagas, esphome, kalmanjs, linuxcnc
+from kalscope.export.targets.libraries.nearest import refusal_of_fusion
 from kalscope.export.targets.libraries.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
 from kalscope.recording import Recording
 from kalscope.tuning.device_period import rescaled_to_period
@@ -31,6 +33,8 @@ class Target:
     """What it is, one sentence."""
     fixed_gains: Callable[[ExportJob], dict[str, str]] | None = None
     """Writes the settled filter instead; None = the target has no such option."""
+    fused: Callable[[FusionJob], dict[str, str]] | None = None
+    """Writes the filter that fuses several sensors; None = the target takes one reading a sample."""
     is_offered: bool = True
     """Whether a user can choose it; False: it only explains why these values would give a different filter."""
     is_common: bool = False
@@ -44,23 +48,37 @@ TARGETS = MappingProxyType(
             "Arduino sketch",
             "A sketch for the Arduino IDE and its C++ header (float32).",
             fixed_gains.arduino_files,
+            arduino.fused_files,
             is_common=True,
         ),
-        "c": Target(c.files, "C99", "The filter in C99, in double or float.", fixed_gains.c_files, is_common=True),
+        "c": Target(
+            c.files,
+            "C99",
+            "The filter in C99, in double or float.",
+            fixed_gains.c_files,
+            c.fused_files,
+            is_common=True,
+        ),
         "python": Target(
             python.files,
             "Python",
             "A small Python class without dependencies, and the same with Kalscope.",
+            fused=python.fused_files,
             is_common=True,
         ),
         "matlab": Target(
-            matlab.files, "MATLAB, Octave", "A script for MATLAB and Octave, in the letters of Ma'arif 2019."
+            matlab.files,
+            "MATLAB, Octave",
+            "A script for MATLAB and Octave, in the letters of Ma'arif 2019.",
+            fused=matlab.fused_files,
         ),
         "javascript": Target(
             javascript.files, "JavaScript", "An ES module with a small class without dependencies."
         ),
-        "json": Target(json_file.files, "JSON", "The parameters as JSON.", is_common=True),
-        "ros2": Target(ros2.files, "ROS 2 parameters", "A ROS 2 parameter file (YAML)."),
+        "json": Target(
+            json_file.files, "JSON", "The parameters as JSON.", fused=json_file.fused_files, is_common=True
+        ),
+        "ros2": Target(ros2.files, "ROS 2 parameters", "A ROS 2 parameter file (YAML).", fused=ros2.fused_files),
         "platformio": Target(
             platformio.files,
             "PlatformIO flags",
@@ -70,6 +88,7 @@ TARGETS = MappingProxyType(
             esphome.files,
             "ESPHome sensor",
             "A Kalman combination sensor of ESPHome, in standard deviations per second.",
+            fused=esphome.fused_files,
             is_common=True,
         ),
         "bachagas": Target(
@@ -114,7 +133,8 @@ def export_tuning(
     Args:
         tuning: What was found.
         target: A name of `TARGETS`.
-        channel: Export this channel only; None = all.
+        channel: Export the filter of this channel only; None = the fusion of the tuning, or all channels if it has
+            none.
         vectors: The recording whose first samples, filtered, come along as `groundtruth.csv`; None = none.
         sample_period: Time between two samples on the device, s: q is carried over to it; None = the tuning's.
         fixed_gains: Write only the settled filter, whose gains never change (`kalscope_fixed_gains.h`).
@@ -124,16 +144,17 @@ def export_tuning(
 
     Raises:
         BadSetting: No such target or channel; the target cannot hold this filter (the message says what can);
-            the recording lacks a channel; fixed gains for another target, with vectors, with a gate or q = 0;
+            the recording lacks a channel; fixed gains for another target, a fusion, vectors, a gate or q = 0;
             the period is not positive, or the tuning does not know its own.
     """
     if target not in TARGETS:
         raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
     chosen = tuning.only(channel)
-    job = job_of(chosen if sample_period is None else rescaled_to_period(chosen, sample_period))
+    chosen = chosen if sample_period is None else rescaled_to_period(chosen, sample_period)
+    job = fusion_job_of(chosen) or job_of(chosen)
     if fixed_gains:
         return _fixed(target, job, vectors)
-    files = TARGETS[target].files(job)
+    files = _fused(target, job) if isinstance(job, FusionJob) else TARGETS[target].files(job)
     if vectors is not None:
         from kalscope.export.vectors import vector_files
 
@@ -141,7 +162,21 @@ def export_tuning(
     return files
 
 
-def _fixed(target: str, job: ExportJob, vectors: Recording | None) -> dict[str, str]:
+def _fused(target: str, job: FusionJob) -> dict[str, str]:
+    write = TARGETS[target].fused
+    if write is not None:
+        return write(job)
+    if not TARGETS[target].is_offered:
+        return TARGETS[target].files(job.as_single)  # says why these values would give a different filter
+    raise refusal_of_fusion(job, target, (name for name, each in TARGETS.items() if each.fused is not None))
+
+
+def _fixed(target: str, job: ExportJob | FusionJob, vectors: Recording | None) -> dict[str, str]:
+    if isinstance(job, FusionJob):
+        raise BadSetting(
+            f"fixed gains must be of one sensor (got the fusion {comment_text(job.fusion.name)}, whose gains change"
+            " with the sensors that answer): leave that option out, or choose a channel"
+        )
     write = TARGETS[target].fixed_gains
     if write is None:
         able = " or ".join(name for name, each in TARGETS.items() if each.fixed_gains is not None)

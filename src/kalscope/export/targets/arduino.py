@@ -1,13 +1,14 @@
-"""Arduino: `KalscopeFilter.h`, a C++ class in float32 with the tuned constants, and a sketch that uses it."""
+"""Arduino: a C++ class in float32 with the tuned constants, and a sketch that uses it; also for a fusion."""
 
 from __future__ import annotations
 
 from kalscope.errors import BadSetting
+from kalscope.export.board.fusion import fusion_on_board
 from kalscope.export.board.momentum import LAST_POWER
 from kalscope.export.device_limits import not_in_counts
 from kalscope.export.float32 import Float32Params, float32_params, float32_text, without_momentum
-from kalscope.export.header_text import about, about_channel, commented, fill_template
-from kalscope.export.job import ExportJob
+from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
+from kalscope.export.job import ExportJob, FusionJob, Origin
 from kalscope.export.names import comment_text
 from kalscope.filtering.kernels import GATE_LIMIT
 
@@ -35,10 +36,7 @@ def files(job: ExportJob) -> dict[str, str]:
         BadSetting: float32 cannot hold a value, an Uno has not enough analogue pins, or the period is out of
             the range that it can count.
     """
-    if len(job.channels) > ANALOGUE_PINS:
-        raise BadSetting(
-            f"the sketch must read 1 to {ANALOGUE_PINS} channels (got {len(job.channels)}): choose one"
-        )
+    _check_pins(len(job.channels), "channels", "choose one")
     held = [_held(job, i) for i in range(len(job.channels))]
     return {"KalscopeFilter.h": _header(job, held), "kalscope_filter.ino": _sketch(job)}
 
@@ -72,8 +70,8 @@ def _header(job: ExportJob, held: list[Float32Params]) -> str:
             said += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
         parts.append(f"{commented(said, '//')}{constants(name, params, momentum=job.has_momentum)}\n")
     return fill_template(
-        "KalscopeFilter.h",
-        has_momentum=job.has_momentum,
+        "arduino/KalscopeFilter.h",
+        job.marks,
         last_power=str(LAST_POWER),
         about=commented(about(job), "//").rstrip(),
         first=names[0],
@@ -88,14 +86,15 @@ def _sketch(job: ExportJob) -> str:
     pins = [f"A{i}" for i in range(n)]
     period_us, said = _period(job)
     return fill_template(
-        "kalscope_filter.ino",
-        has_momentum=job.has_momentum,
+        "arduino/kalscope_filter.ino",
+        job.marks,
         about=commented(about(job), "//").rstrip(),
         pin_words=" ".join(pins),
         columns=columns,
         period_us=str(period_us),
         period_words=said,
         pins=", ".join(pins),
+        print_float=fill_template("arduino/print_float.ino"),
         names=", ".join(f'"{name}"' for name in names),
         filters=", ".join(f"KalscopeFilter({name})" for name in _constant_names(job)),
         units=", ".join(f"{name} in {_unit(channel.unit)}" for name, channel in job.named_channels),
@@ -103,11 +102,71 @@ def _sketch(job: ExportJob) -> str:
     )
 
 
+def fused_files(job: FusionJob) -> dict[str, str]:
+    """`KalscopeFusion.h` and `kalscope_fusion.ino`; errors as `files`."""
+    _check_pins(len(job.fusion.sensors), "sensors", "fuse fewer, or export c")
+    return {"KalscopeFusion.h": _fused_header(job), "kalscope_fusion.ino": _fused_sketch(job)}
+
+
+def _fused_header(job: FusionJob) -> str:
+    try:
+        held = fusion_on_board(job.fusion.params)
+    except BadSetting as error:
+        raise BadSetting(f"{comment_text(job.fusion.name)}: {error}") from None
+    values = [float32_text(value) for value in (held.q, held.p0, held.x0, held.gate)]
+    if job.has_momentum:
+        values += map(float32_text, vars(held.momentum).values())
+    for each in (held.r, held.offset, held.gain)[: 3 if job.has_gains else 2]:
+        values.append(f"{{{', '.join(map(float32_text, each))}}}")
+    reading = "(readings[i] - tuning.offset[i]) / tuning.gain[i]"
+    return fill_template(
+        "arduino/KalscopeFusion.h",
+        job.marks,
+        about=commented(about(job), "//").rstrip(),
+        tuning=_fusion_constant(job),
+        words=", ".join(job.sensor_identifiers),
+        all_bits="1" * (len(held.r) - 1) + "0",
+        count=str(len(held.r)),
+        gate_limit=str(GATE_LIMIT),
+        tuning_about=commented(about_fusion(job), "//").rstrip(),
+        values=f"  {', '.join(values)}",
+        reading=reading if job.has_gains else "readings[i] - tuning.offset[i]",
+    )
+
+
+def _fused_sketch(job: FusionJob) -> str:
+    fusion, names = job.fusion, job.sensor_identifiers
+    pins = [f"A{i}" for i in range(len(names))]
+    period_us, said = _period(job)
+    return fill_template(
+        "arduino/kalscope_fusion.ino",
+        about=commented(about(job), "//").rstrip(),
+        pin_words=" ".join(pins),
+        columns=",".join((*names, job.identifier)),
+        period_us=str(period_us),
+        period_words=said,
+        pins=", ".join(pins),
+        print_float=fill_template("arduino/print_float.ino"),
+        tuning=_fusion_constant(job),
+        units=f"{', '.join(names)}, for a fused value in {_unit(fusion.unit)}",
+        unit_check=UNIT_CHECK if not_in_counts((fusion,)) else "",
+    )
+
+
+def _fusion_constant(job: FusionJob) -> str:
+    return f"KALSCOPE_FUSION_{job.identifier.upper()}"
+
+
+def _check_pins(count: int, what: str, instead: str) -> None:
+    if count > ANALOGUE_PINS:
+        raise BadSetting(f"the sketch must read 1 to {ANALOGUE_PINS} {what} (got {count}): {instead}")
+
+
 def _unit(unit: str) -> str:
     return comment_text(unit, 20) or "its own unit"
 
 
-def _period(job: ExportJob) -> tuple[int, str]:
+def _period(job: Origin) -> tuple[int, str]:
     """Microseconds between samples, and a remark on them."""
     if job.sample_period is None:
         return DEFAULT_PERIOD_US, " a guess: the tuning does not know its own"

@@ -1,17 +1,22 @@
-"""C99: `kalscope_filter.h` and `kalscope_filter.c`, double, or float by a macro, with the tuned constants."""
+"""C99 with the tuned constants, in double, or float by a macro: `kalscope_filter`, or `kalscope_fusion`."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 
 from kalscope.errors import BadSetting
+from kalscope.export.board.fusion import fusion_on_board
 from kalscope.export.float32 import float32_params, float32_text
-from kalscope.export.header_text import about, about_channel, commented, fill_template
-from kalscope.export.job import ExportJob
+from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
+from kalscope.export.job import ExportJob, FusionJob, step_of
 from kalscope.export.names import number_text
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.momentum.constants import step_constants
+from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
+
+MAX_SENSORS = 32
+"""Bits of the mask that says which sensors have a reading."""
 
 
 def files(job: ExportJob) -> dict[str, str]:
@@ -19,19 +24,78 @@ def files(job: ExportJob) -> dict[str, str]:
     names = job.identifiers
     header = fill_template(
         "kalscope_filter.h",
-        has_momentum=job.has_momentum,
+        job.marks,
         about=_commented(about(job)),
         first=names[0],
         declarations="\n".join(f"extern const kalscope_tuning kalscope_tuning_{name};" for name in names),
     )
     source = fill_template(
         "kalscope_filter.c",
-        has_momentum=job.has_momentum,
+        job.marks,
         about=_commented(about(job)),
         gate_limit=str(GATE_LIMIT),
         tunings="\n".join(_constant(job, *named) for named in job.named_channels),
     )
     return {"kalscope_filter.h": header, "kalscope_filter.c": source}
+
+
+def fused_files(job: FusionJob) -> dict[str, str]:
+    """`kalscope_fusion.h` and `.c`; what float cannot hold stops the compiler as in `files`.
+
+    Raises:
+        BadSetting: More sensors than a mask has bits.
+    """
+    names = job.sensor_identifiers
+    if len(names) > MAX_SENSORS:
+        raise BadSetting(f"a fusion in C must have at most {MAX_SENSORS} sensors (got {len(names)}): fuse fewer")
+    reading = "(readings[i] - tuning->offset[i]) / tuning->gain[i]"
+    header = fill_template(
+        "fused/kalscope_fusion.h",
+        job.marks,
+        about=_commented(about(job)),
+        words=", ".join(names),
+        name=job.identifier,
+        count=str(len(names)),
+    )
+    source = fill_template(
+        "fused/kalscope_fusion.c",
+        job.marks,
+        about=_commented(about(job)),
+        gate_limit=str(GATE_LIMIT),
+        tuning=_fusion_constant(job),
+        reading=reading if job.has_gains else "readings[i] - tuning->offset[i]",
+    )
+    return {"kalscope_fusion.h": header, "kalscope_fusion.c": source}
+
+
+def _fusion_constant(job: FusionJob) -> str:
+    fusion = job.fusion
+    values = _starting_values(fusion) | {name: number_text(value) for name, value in step_of(fusion).items()}
+    fields = "".join(f"    .{field} = (kalscope_fusion_real){value},\n" for field, value in values.items())
+    each = {"r": job.noise, "offset": fusion.offset} | ({"gain": fusion.gain} if job.has_gains else {})
+    for field, numbers in each.items():
+        listed = ", ".join(f"(kalscope_fusion_real){number_text(number)}" for number in numbers)
+        fields += f"    .{field} = {{{listed}}},\n"
+    guard = ""
+    try:
+        fusion_on_board(fusion.params)
+    except BadSetting:
+        guard = _float_guard(job.identifier)
+    said, name = _commented(about_fusion(job)), f"kalscope_fusion_tuning_{job.identifier}"
+    return f"{said}\n{guard}const kalscope_fusion_tuning {name} = {{\n{fields}}};\n"
+
+
+def _starting_values(one: ChannelTuning | FusionTuning) -> dict[str, str]:
+    return {
+        "q": number_text(one.q),
+        "p0": number_text(one.p0, "INFINITY"),
+        "x0": number_text(one.x0, "NAN"),
+        "gate": number_text(one.gate or 0.0),
+    }
+
+
+def _float_guard(name: str) -> str:
+    return f'#ifdef KALSCOPE_FLOAT\n#error "float cannot hold the values of {name}: use double"\n#endif\n'
 
 
 def _commented(lines: tuple[str, ...]) -> str:
@@ -40,14 +104,8 @@ def _commented(lines: tuple[str, ...]) -> str:
 
 def _constant(job: ExportJob, name: str, channel: ChannelTuning) -> str:
     """The constant of one channel. A double rounded to float by the compiler is the float of `float32_params`."""
-    values = {
-        "q": number_text(channel.q),
-        "r": number_text(channel.r),
-        "p0": number_text(channel.p0, "INFINITY"),
-        "x0": number_text(channel.x0, "NAN"),
-        "gate": number_text(channel.gate or 0.0),
-        "settled_gain": "0.0",
-    }
+    start = _starting_values(channel)
+    values = {"q": start.pop("q"), "r": number_text(channel.r), **start, "settled_gain": "0.0"}
     if job.has_momentum:
         step = asdict(step_constants(channel.q, channel.momentum))
         values |= {field: number_text(value) for field, value in step.items()}
@@ -55,7 +113,7 @@ def _constant(job: ExportJob, name: str, channel: ChannelTuning) -> str:
     try:
         gain = float32_params(channel.params).settled_gain
     except BadSetting:
-        guard = f'#ifdef KALSCOPE_FLOAT\n#error "float cannot hold the values of {name}: use double"\n#endif\n'
+        guard = _float_guard(name)
     else:
         if gain > 0:
             values["settled_gain"] = (

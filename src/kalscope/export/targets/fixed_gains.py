@@ -86,7 +86,7 @@ def _files(job: ExportJob, real: str, written: Callable[[float], str]) -> dict[s
         )
     text = fill_template(
         "kalscope_fixed_gains.h",
-        has_momentum=job.has_momentum,
+        job.marks,
         about=_commented(about(job, for_one_period=True)).rstrip(),
         first=job.identifiers[0].upper(),
         real=real,

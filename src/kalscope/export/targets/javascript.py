@@ -12,7 +12,7 @@ def files(job: ExportJob) -> dict[str, str]:
     """`kalscope_filter.mjs`."""
     text = fill_template(
         "kalscope_filter.mjs",
-        has_momentum=job.has_momentum,
+        job.marks,
         about=commented(about(job), "//"),
         first=job.identifiers[0],
         filters="".join(_entry(job, *named) for named in job.named_channels),

@@ -5,27 +5,64 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from kalscope.export.header_text import about, about_channel, ascii_squared
-from kalscope.export.job import ExportJob, step_of
+from kalscope.export.header_text import about, about_channel, about_fusion, ascii_squared
+from kalscope.export.job import ExportJob, FusionJob, Origin, step_of
 from kalscope.filtering.steady_state import SteadyState
+from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
-FORMAT = "kalscope-parameters-1"
-"""Name and number of the layout."""
+FORMAT, FUSION_FORMAT = "kalscope-parameters-1", "kalscope-fusion-1"
+"""Name and number of each layout."""
 
 
 def files(job: ExportJob) -> dict[str, str]:
     """`kalscope_parameters.json`; names are whole, in escapes."""
-    document = {
-        "format": FORMAT,
+    document = {**_head(job, FORMAT), "channels": [_channel(job, *named) for named in job.named_channels]}
+    return {"kalscope_parameters.json": _text(document)}
+
+
+def fused_files(job: FusionJob) -> dict[str, str]:
+    """`kalscope_fusion.json`; names are whole, in escapes."""
+    fusion, steady = job.fusion, job.steady
+    shares = fusion.params.shares.tolist()
+    values = zip(fusion.sensors, job.sensor_identifiers, fusion.r, fusion.offset, fusion.gain, shares, strict=True)
+    fused = {
+        "name": _clean(fusion.name),
+        "identifier": job.identifier,
+        "unit": _clean(fusion.unit),
+        "unit_of_variances": ascii_squared(fusion.unit),
+        "process_noise_q": fusion.q,
+        **_start(fusion),
+        **({"momentum": _momentum(steady, fusion)} if job.has_momentum else {}),
+        "found": _clean(fusion.how),
+        "steady_gain": steady.gain,
+        "lag_samples": steady.lag_samples if fusion.q > 0.0 else None,
+        "about": list(about_fusion(job)),
+    }
+    sensors = [
+        {"name": _clean(name), "identifier": word, "measurement_noise_r": r, "offset": b, "gain": c, "share": share}
+        for name, word, r, b, c, share in values
+    ]
+    return {"kalscope_fusion.json": _text({**_head(job, FUSION_FORMAT), "fusion": fused, "sensors": sensors})}
+
+
+def _head(job: Origin, layout: str) -> dict[str, Any]:
+    return {
+        "format": layout,
         "about": list(about(job)),
         "sample_period_s": job.sample_period,
         "recording": {"name": _clean(job.source_name), "sha256": _clean(job.sha256)},
         "tool": _clean(job.tool),
         "date": _clean(job.date),
-        "channels": [_channel(job, *named) for named in job.named_channels],
     }
-    return {"kalscope_parameters.json": json.dumps(document, indent=2, allow_nan=False) + "\n"}
+
+
+def _text(document: dict[str, Any]) -> str:
+    return json.dumps(document, indent=2, allow_nan=False) + "\n"
+
+
+def _start(one: ChannelTuning | FusionTuning) -> dict[str, float | None]:
+    return {"start_variance_p0": one.p0, "start_value_x0": one.x0, "outlier_gate": one.gate}
 
 
 def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> dict[str, Any]:
@@ -38,9 +75,7 @@ def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> dict[str, Any
         "unit_of_variances": ascii_squared(channel.unit),
         "process_noise_q": channel.q,
         "measurement_noise_r": channel.r,
-        "start_variance_p0": channel.p0,
-        "start_value_x0": channel.x0,
-        "outlier_gate": channel.gate,
+        **_start(channel),
         **({"momentum": _momentum(steady, channel)} if channel.momentum > 0.0 else {}),
         "found": _clean(channel.how),
         "steady_gain": steady.gain,
@@ -49,7 +84,7 @@ def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> dict[str, Any
     }
 
 
-def _momentum(steady: SteadyState, channel: ChannelTuning) -> dict[str, Any]:
+def _momentum(steady: SteadyState, channel: ChannelTuning | FusionTuning) -> dict[str, Any]:
     """How long the signal keeps its direction, and the constants of one sample period that follow."""
     constants = step_of(channel)
     return {

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from kalscope.export.header_text import about, about_channel, commented, fill_template
-from kalscope.export.job import ExportJob, step_of
+from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
+from kalscope.export.job import ExportJob, FusionJob, step_of
 from kalscope.export.names import number_text
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -18,11 +18,35 @@ def files(job: ExportJob) -> dict[str, str]:
     """
     head = commented(about(job), "#")
     return {
-        name: fill_template(
-            f"{name}.txt", has_momentum=job.has_momentum, about=head, filters=_entries(job, maker, whole)
-        )
+        name: fill_template(f"{name}.txt", job.marks, about=head, filters=_entries(job, maker, whole))
         for name, maker, whole in FILES
     }
+
+
+def fused_files(job: FusionJob) -> dict[str, str]:
+    """`kalscope_fusion.py` and `fusion_with_kalscope.py`, whose first two lines are constant as well."""
+    fusion = job.fusion
+    start = {"q": fusion.q, "p0": fusion.p0, "x0": fusion.x0, "gate": fusion.gate}
+    each = {"offset": fusion.offset, "gain": fusion.gain}
+    own = _lines({**start, **step_of(fusion)}, {"r": job.noise, **each})
+    kalscope = _lines({**start, "momentum": fusion.momentum or None}, {"r": fusion.r, **each})
+    return {
+        name: fill_template(
+            f"fused/{name}.txt",
+            job.marks,
+            about=commented((*about(job), *about_fusion(job)), "#"),
+            words=", ".join(job.sensor_identifiers),
+            values=values,
+        )
+        for name, values in (("kalscope_fusion.py", own), ("fusion_with_kalscope.py", kalscope))
+    }
+
+
+def _lines(values: dict[str, float | None], each: dict[str, tuple[float, ...]]) -> str:
+    """Arguments, one a line; what is None is automatic and left out."""
+    listed = {name: f"[{', '.join(map(number_text, numbers))}]" for name, numbers in each.items()}
+    single = {name: number_text(value) for name, value in values.items() if value is not None}
+    return "".join(f"    {name}={text},\n" for name, text in (single | listed).items())
 
 
 def _entries(job: ExportJob, maker: str, own_filter: bool) -> str:

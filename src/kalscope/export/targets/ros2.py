@@ -10,9 +10,10 @@ import sys
 from collections.abc import Iterator
 
 from kalscope.errors import BadSetting
-from kalscope.export.header_text import about, about_channel, commented, fill_template
-from kalscope.export.job import ExportJob, step_of
+from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
+from kalscope.export.job import ExportJob, FusionJob, Origin, step_of
 from kalscope.export.names import comment_text, number_text, quoted
+from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 _CHANNEL = """\
@@ -29,41 +30,67 @@ def files(job: ExportJob) -> dict[str, str]:
     Raises:
         BadSetting: A number is too small for the parser.
     """
-    period = "" if job.sample_period is None else f"      sample_period: {_number(job.sample_period)}\n"
     text = fill_template(
         "kalscope_parameters.yaml",
         about=commented(about(job), "#"),
-        period=period,
+        period=_period(job),
         names=", ".join(map(quoted, job.identifiers)),
         channels="".join(_channel(job, *named) for named in job.named_channels),
     )
     return {"kalscope_parameters.yaml": text}
 
 
-def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> str:
-    """A parameter cannot be null or unset: a bool says what is automatic, and the number is left out."""
-    known = {
-        "start_variance_known": ("start_variance_p0", channel.p0),
-        "start_value_known": ("start_value_x0", channel.x0),
-        "outlier_gate_on": ("outlier_gate", channel.gate),
-    }
-    rest = "".join(
-        f"        {switch}: {'false' if value is None else 'true'}\n"
-        + ("" if value is None else f"        {name}: {_number(value)}\n")
-        for switch, (name, value) in known.items()
+def fused_files(job: FusionJob) -> dict[str, str]:
+    """`kalscope_fusion.yaml`; errors as `files`."""
+    fusion = job.fusion
+    values = zip(fusion.sensors, job.sensor_identifiers, fusion.r, fusion.offset, fusion.gain, strict=True)
+    fused = {"name": quoted(comment_text(fusion.name)), "process_noise_q": _number(fusion.q)}
+    lines = [*(f"        {name}: {value}\n" for name, value in fused.items()), *_rest(fusion)]
+    text = fill_template(
+        "fused/kalscope_fusion.yaml",
+        about=commented((*about(job), *about_fusion(job)), "#"),
+        period=_period(job),
+        fusion="".join(("      fused:\n", *lines)),
+        names=", ".join(map(quoted, job.sensor_identifiers)),
+        sensors="".join(
+            f"      sensor_{word}:\n"
+            f"        name: {quoted(comment_text(name))}\n"
+            f"        measurement_noise_r: {_number(r)}\n"
+            f"        offset: {_number(offset)}\n"
+            f"        gain: {_number(gain)}\n"
+            for name, word, r, offset, gain in values
+        ),
     )
+    return {"kalscope_fusion.yaml": text}
+
+
+def _period(job: Origin) -> str:
+    return "" if job.sample_period is None else f"      sample_period: {_number(job.sample_period)}\n"
+
+
+def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> str:
     return _CHANNEL.format(
         about=commented(about_channel(job, channel), "      #"),
         word=f"channel_{word}",  # no name of a channel is a word of the level above
         name=quoted(comment_text(channel.name)),  # harmless: launch files may substitute "$(…)"
         q=_number(channel.q),
         r=_number(channel.r),
-        rest=rest + "".join(_momentum_lines(channel)),
+        rest="".join(_rest(channel)),
     )
 
 
-def _momentum_lines(channel: ChannelTuning) -> Iterator[str]:
-    for name, value in step_of(channel).items():
+def _rest(one: ChannelTuning | FusionTuning) -> Iterator[str]:
+    """A parameter cannot be null or unset: a bool says what is automatic, and the number is left out."""
+    known = {
+        "start_variance_known": ("start_variance_p0", one.p0),
+        "start_value_known": ("start_value_x0", one.x0),
+        "outlier_gate_on": ("outlier_gate", one.gate),
+    }
+    for switch, (name, value) in known.items():
+        yield f"        {switch}: {'false' if value is None else 'true'}\n"
+        if value is not None:
+            yield f"        {name}: {_number(value)}\n"
+    for name, value in step_of(one).items():
         yield f"        {name if name == 'momentum' else f'momentum_{name}'}: {_number(value)}\n"
 
 

@@ -12,22 +12,34 @@ import sys
 import numpy as np
 
 from kalscope.errors import BadSetting
-from kalscope.export.header_text import about, about_channel, commented, fill_template
-from kalscope.export.job import ExportJob
+from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
+from kalscope.export.job import ExportJob, FusionJob, Origin
 from kalscope.export.names import comment_text, number_text, quoted
 from kalscope.export.targets.libraries.nearest import require_no_momentum
+from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 _SENSOR = """\
 {about}  - platform: combination
     type: kalman
-    id: {word}_filtered
+    id: {word}_{what}
     name: {name}
     process_std_dev: {process}
     sources:
-      - source: {word}  # id of your raw sensor
+{sources}"""
+_SOURCE = """\
+      - source: {source}{remark}
         error: {error}
 """
+_SCALED = """\
+  - platform: copy
+    source_id: {word}  # id of your raw sensor
+    id: {word}_scaled
+    filters:
+      - offset: {offset}
+      - multiply: {factor}
+"""
+_RAW = "  # id of your raw sensor"
 
 
 def files(job: ExportJob) -> dict[str, str]:
@@ -37,36 +49,68 @@ def files(job: ExportJob) -> dict[str, str]:
         BadSetting: The sample period is unknown, or float32 cannot hold the variances, or a channel has momentum.
     """
     require_no_momentum(job, "ESPHome")
-    if job.sample_period is None:
-        raise BadSetting(
-            "sample_period of the tuning must be known for ESPHome, which counts q per second (got none)"
-        )
-    sensors = "".join(_sensor(job, job.sample_period, *named) for named in job.named_channels)
+    return _files(job, "".join(_sensor(job, *named) for named in job.named_channels))
+
+
+def fused_files(job: FusionJob) -> dict[str, str]:
+    """`kalscope_esphome.yaml`: one Kalman combination sensor of all, each scaled by a copy of it where it must be.
+
+    Raises:
+        BadSetting: As `files`.
+    """
+    fusion = job.fusion
+    require_no_momentum(job.as_single, "ESPHome")
+    scaled, sources = "", ""
+    for word, r, offset, gain in zip(job.sensor_identifiers, job.noise, fusion.offset, fusion.gain, strict=True):
+        is_raw = offset == 0.0 and gain == 1.0
+        if not is_raw:
+            scaled += _SCALED.format(word=word, offset=number_text(-offset), factor=number_text(1.0 / gain))
+        error = math.sqrt(r)
+        _check("r", word, r, error, 1.0)
+        source, remark = (word, _RAW) if is_raw else (f"{word}_scaled", "")
+        sources += _SOURCE.format(source=source, remark=remark, error=number_text(error))
+    return _files(job, scaled + _combination(job, job.identifier, "fused", fusion, about_fusion(job), sources))
+
+
+def _files(job: Origin, sensors: str) -> dict[str, str]:
     text = fill_template("libraries/kalscope_esphome.yaml", about=commented(about(job), "#"), sensors=sensors)
     return {"kalscope_esphome.yaml": text}
 
 
-def _sensor(job: ExportJob, period: float, word: str, channel: ChannelTuning) -> str:
-    # √q/√T: q/T alone might overflow.
-    process, error = math.sqrt(channel.q) / math.sqrt(period), math.sqrt(channel.r)
-    _check("q", channel, process, 0.001)
-    _check("r", channel, error, 1.0)
+def _sensor(job: ExportJob, word: str, channel: ChannelTuning) -> str:
+    error = math.sqrt(channel.r)
+    source = _SOURCE.format(source=word, remark=_RAW, error=number_text(error))
+    text = _combination(job, word, "filtered", channel, about_channel(job, channel), source)
+    _check("r", channel.name, channel.r, error, 1.0)
+    return text
+
+
+def _combination(
+    job: Origin, word: str, what: str, one: ChannelTuning | FusionTuning, said: tuple[str, ...], sources: str
+) -> str:
+    if job.sample_period is None:
+        raise BadSetting(
+            "sample_period of the tuning must be known for ESPHome, which counts q per second (got none)"
+        )
+    process = math.sqrt(one.q) / math.sqrt(job.sample_period)  # q/T alone might overflow
+    _check("q", one.name, one.q, process, 0.001)
     return _SENSOR.format(
-        about=commented(about_channel(job, channel), "  #"),
+        about=commented(said, "  #"),
         word=word,
-        name=quoted(f"{comment_text(channel.name, 40)} filtered"),  # harmless: "${…}" would be substituted
+        what=what,
+        name=quoted(f"{comment_text(one.name, 40)} {what}"),  # harmless: "${…}" would be substituted
         process=number_text(process),
-        error=number_text(error),
+        sources=sources,
     )
 
 
-def _check(name: str, channel: ChannelTuning, deviation: float, factor: float) -> None:
+def _check(name: str, owner: str, variance: float, deviation: float, factor: float) -> None:
     """Refuse a variance that float32 loses; `factor` is what ESPHome multiplies it by."""
     with np.errstate(over="ignore", under="ignore"):
-        variance = float(np.float32(deviation) * np.float32(deviation) * np.float32(factor))
+        held = float(np.float32(deviation) * np.float32(deviation) * np.float32(factor))
     smallest, largest = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
-    if deviation > 0.0 and not smallest <= variance <= largest:
+    if deviation > 0.0 and not smallest <= held <= largest:
         raise BadSetting(
-            f"{name} must be a variance that float32 holds, for ESPHome (got {getattr(channel, name)!r} of"
-            f" {comment_text(channel.name)}, {deviation * min(deviation, sys.float_info.max) * factor:.3g} inside)"
+            f"{name} must be a variance that float32 holds, for ESPHome (got {variance!r} of"
+            f" {comment_text(owner)}, {deviation * min(deviation, sys.float_info.max) * factor:.3g} inside)"
         )

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 from kalscope.common.text import decibels, lag_in_full, number
 from kalscope.errors import BadSetting
-from kalscope.export.job import ExportJob
+from kalscope.export.job import ExportJob, FusionJob
 from kalscope.export.names import comment_text, number_text
 from kalscope.filtering.params import MAX_VARIANCE
 from kalscope.filtering.steady_state import ratio_for, steady_state
+from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 LARGEST_RATIO = 1e15
 """q/r that stands for no noise reduction at all: the gain is 1 to fifteen digits."""
+
+MAX_SENSORS_SHOWN = 4
+"""Sensors whose mean a message writes out: it is one line."""
 
 
 def nearest_without_momentum(channel: ChannelTuning) -> ChannelTuning:
@@ -28,6 +33,38 @@ def nearest_without_momentum(channel: ChannelTuning) -> ChannelTuning:
     decibel = float(steady_state(channel.params).noise_reduction_db)
     ratio = min(ratio_for(noise_reduction_db=decibel), LARGEST_RATIO) if decibel > 0.0 else LARGEST_RATIO
     return replace(channel, q=min(ratio * channel.r, MAX_VARIANCE), momentum=0.0)
+
+
+def refusal_of_fusion(job: FusionJob, target: str, able: Iterable[str]) -> BadSetting:
+    """What to raise for a target that takes one reading, with the mean of the readings that would do instead.
+
+    Args:
+        job: The fusion.
+        target: Its name.
+        able: The targets that fuse.
+    """
+    fusion, (single,) = job.fusion, job.as_single.channels
+    instead = "or one sensor by its own filter, with --channel"
+    if single.momentum == 0.0 and len(fusion.sensors) <= MAX_SENSORS_SHOWN:
+        filtered = f"{_mean_text(fusion)} with q = {single.q:.6g} and r = {single.r:.6g}"
+        instead += f"; or, if all sensors always answer, give it {filtered}"
+    return BadSetting(
+        f"target must be a filter of several sensors (got {target}, which takes one reading a sample)."
+        f" Export {', '.join(able)}; {instead}"
+    )
+
+
+def _mean_text(fusion: FusionTuning) -> str:
+    """The mean of the readings, offset and gain taken out, by their shares: 0.25 (a - 3) + 0.75 b."""
+    parts: list[str] = []
+    for name, share, gain, offset in zip(
+        fusion.sensors, fusion.params.shares.tolist(), fusion.gain, fusion.offset, strict=True
+    ):
+        reading = comment_text(name)
+        if offset:
+            reading = f"({reading} {'-' if offset > 0.0 else '+'} {abs(offset):.6g})"
+        parts.append(f"{share / gain:.4g} {reading}")
+    return " + ".join(parts)
 
 
 def require_no_momentum(job: ExportJob, target: str) -> None:

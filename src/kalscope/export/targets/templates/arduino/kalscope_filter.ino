@@ -25,32 +25,7 @@ const uint8_t CHANNELS = sizeof(PINS);
 // What the filter takes, in the unit it was tuned in: $units. NAN where there is no sample.
 ${unit_check}float readSensor(uint8_t channel) { return analogRead(PINS[channel]); }
 
-// Prints as many digits as it takes to read the same float back, for values of 1/16 and more; in whole numbers.
-void printFloat(float value) {
-  if (value < 0.0f) {
-    Serial.print('-');
-    value = -value;
-  }
-  if (!(value < 4.0e9f)) {  // NAN as well
-    Serial.print(value);
-    return;
-  }
-  const uint32_t whole = value;
-  Serial.print(whole);
-  uint32_t rest = (value - whole) * 268435456.0f;  // in units of 1/2^28
-  uint32_t enough = 4;                             // a quarter of the distance to the next float, in the same unit
-  for (uint32_t size = whole; size > 0 && enough < 134217728; size >>= 1) enough <<= 1;
-  for (uint32_t size = rest; whole == 0 && enough > 1 && size < 134217728; size <<= 1) enough >>= 1;
-  Serial.print('.');
-  do {
-    rest *= 10;
-    enough *= 10;
-    Serial.print((char)('0' + (rest >> 28)));
-    rest &= 268435455;
-  } while (rest >= enough);
-}
-
-void printBits(float value) {
+${print_float}void printBits(float value) {
   uint32_t bits;
   memcpy(&bits, &value, sizeof(bits));
   for (int8_t shift = 28; shift >= 0; shift -= 4) Serial.print((bits >> shift) & 15, HEX);

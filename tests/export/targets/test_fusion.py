@@ -1,0 +1,393 @@
+"""A fused filter exported to every target that can hold it: the bits of `fuse`, and of its float32 twin."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import runpy
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from required import not_here
+from waiting import PATIENCE
+
+from kalscope import BadSetting, ChannelTuning, FusionTuning, Recording, Tuning, export_tuning, fuse
+from kalscope.export.board.fusion import fuse_float32, fusion_on_board
+from kalscope.export.job import step_of
+from kalscope.export.registry import TARGETS
+
+ROWS = 300
+ABLE = ("arduino", "c", "python", "matlab", "json", "ros2", "esphome")
+
+
+def readings(seed, fusion):
+    """What the sensors say of a walk: gaps of each, of all, and at the start; spikes; a step."""
+    rng = np.random.default_rng(seed)
+    x = 20.0 + np.cumsum(rng.normal(0.0, 0.3, ROWS))
+    x[200:] += 15.0  # the gate gives in after five of a sensor
+    z = np.array(fusion.offset) + np.array(fusion.gain) * x[:, None]
+    z += rng.normal(size=z.shape) * np.sqrt(fusion.r)
+    z[rng.random(z.shape) < 0.03] += 40.0
+    z[rng.random(z.shape) < 0.1] = np.nan
+    z[[0, 1, 120, 121]] = np.nan
+    z[2, 0] = np.nan
+    return z
+
+
+PAIR = FusionTuning("level", "cm", ("sonar", "float"), 0.09, (1.0, 0.25))
+CASES = {
+    "two": PAIR,
+    "offsets": replace(PAIR, offset=(3.0, -1.5), gate=9.0),
+    "gains": FusionTuning(
+        "tilt", "deg", ("a", "b", "c"), 0.09, (1.0, 16.0, 0.01), (0.5, -3.0, 0.0), (1.0, -4.1, 0.01), gate=6.0
+    ),
+    "known start": replace(PAIR, p0=4.0, x0=19.0, gate=9.0),
+    "first reading": replace(PAIR, p0=4.0),
+    "momentum": replace(PAIR, offset=(3.0, -1.5), momentum=7.0, gate=9.0),
+    "momentum, gains and start": replace(PAIR, gain=(1.25, 0.8), momentum=1e4, p0=9.0, x0=20.0),
+    "momentum, first reading": replace(PAIR, momentum=0.3, p0=2.0),
+    "one": FusionTuning("only", "", ("a",), 0.09, (1.0,)),
+    "exact": FusionTuning("x", "", ("a", "b"), 0.09, (1e-30, 0.0), p0=1.0),
+    "exact, momentum": FusionTuning("x", "", ("a", "b"), 0.09, (1e-30, 0.0), p0=1.0, momentum=5.0),
+}
+EACH = pytest.mark.parametrize("case", CASES)
+
+
+def tuned(fusion):
+    return Tuning((ChannelTuning(fusion.sensors[0], "", 1.0, 1.0),), sample_period=0.01, fusion=fusion)
+
+
+def exported(case, target):
+    return export_tuning(tuned(CASES[case]), target)
+
+
+def write(files, folder):
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="ascii")
+
+
+def program(name):
+    found = shutil.which(name)
+    if found is None:
+        not_here(f"{name} is not installed")
+    return found
+
+
+def test_the_cases_are_hard_enough():
+    """Readings are refused at the gate, rows have nobody, and an exact value meets an exact reading."""
+    results = {name: fuse(readings(4, fusion), fusion.params) for name, fusion in CASES.items()}
+    assert results["gains"].rejected.min() > 10
+    assert results["momentum"].rejected.sum() > 10
+    assert (results["exact"].s == 0.0).sum() > 100
+    assert (results["two"].weights.sum(axis=1) == 0.0).sum() >= 4
+
+
+# ---- programs
+
+
+@EACH
+def test_python_gives_the_bits_of_fuse(case, tmp_path):
+    write(exported(case, "python"), tmp_path)
+    fusion, z = CASES[case], readings(4, CASES[case])
+    made = runpy.run_path(str(tmp_path / "kalscope_fusion.py"))["FUSION"]
+    answers = np.array([(made.update(row), made.p, *made.k) for row in z.tolist()])
+    expected = fuse(z, fusion.params)
+    np.testing.assert_array_equal(answers[:, 0], expected.x)
+    np.testing.assert_array_equal(answers[:, 1], expected.p)
+    np.testing.assert_allclose(answers[:, 2:] / np.array(fusion.gain), expected.k, rtol=1e-15)
+    if fusion.momentum:
+        assert made.velocity == expected.velocity[-1]
+    with_kalscope = runpy.run_path(str(tmp_path / "fusion_with_kalscope.py"))
+    assert with_kalscope["PARAMS"] == fusion.params
+    np.testing.assert_array_equal(with_kalscope["fused"](z), expected.x)
+
+
+C_MAIN = r"""
+#include <stdio.h>
+#include "kalscope_fusion.h"
+int main(void)
+{
+    kalscope_fusion fusion;
+    kalscope_fusion_real row[KALSCOPE_SENSORS + 1], out[2]; /* the mask, then the readings */
+    kalscope_fusion_start(&fusion, &kalscope_fusion_tuning_NAME);
+    while (fread(row, sizeof row, 1, stdin) == 1) {
+        out[0] = kalscope_fusion_update(&fusion, row + 1, row[0] < 0 ? KALSCOPE_ALL_VALID : (uint32_t)row[0]);
+        out[1] = fusion.p;
+        if (fwrite(out, sizeof out, 1, stdout) != 1) return 1;
+    }
+    return 0;
+}
+"""
+CPP_MAIN = r"""
+#include <stdio.h>
+#include "KalscopeFusion.h"
+int main() {
+  KalscopeFusion fusion(KALSCOPE_FUSION_NAME);
+  float row[KALSCOPE_SENSORS + 1], out[2];
+  while (fread(row, sizeof row, 1, stdin) == 1) {
+    out[0] = row[0] < 0 ? fusion.update(row + 1) : fusion.update(row + 1, row[0]);
+    out[1] = fusion.p;
+    if (fwrite(out, sizeof out, 1, stdout) != 1) return 1;
+  }
+}
+"""
+STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
+
+
+def compiled(folder, files, main, *command):
+    write({**files, next(word for word in command if word.startswith("main.")): main}, folder)
+    subprocess.run([*command, "-o", "fuse", "-lm"], cwd=folder, check=True, capture_output=True, text=True)
+
+    def run(z, mask, dtype):
+        rows = np.column_stack([mask, z]).astype(dtype)
+        done = subprocess.run([folder / "fuse"], input=rows.tobytes(), check=True, capture_output=True)
+        return np.frombuffer(done.stdout, dtype).reshape(-1, 2)
+
+    return run
+
+
+def in_both_ways(run, z, dtype):
+    """The answers where what is missing is NaN, after seeing that a mask over nonsense gives the same."""
+    answers = run(z, np.full(len(z), -1.0), dtype)
+    there = np.isfinite(z)
+    mask = there @ (1 << np.arange(z.shape[1]))
+    np.testing.assert_array_equal(run(np.where(there, z, 1e9), mask, dtype), answers)
+    return answers
+
+
+@EACH
+def test_c_gives_the_bits_of_fuse_and_in_float_those_of_its_float32_twin(case, tmp_path):
+    gcc, fusion, z = program("gcc"), CASES[case], readings(4, CASES[case])
+    main = C_MAIN.replace("NAME", fusion.name)
+    command = (gcc, "-std=c99", *STRICT, "main.c", "kalscope_fusion.c")
+    answers = in_both_ways(compiled(tmp_path, exported(case, "c"), main, *command), z, np.float64)
+    expected = fuse(z, fusion.params)
+    np.testing.assert_array_equal(answers, np.column_stack([expected.x, expected.p]))
+    answers = in_both_ways(compiled(tmp_path, {}, main, *command, "-DKALSCOPE_FLOAT"), z, np.float32)
+    np.testing.assert_array_equal(answers[:, 0], fuse_float32(z, fusion.params))
+
+
+@EACH
+def test_cpp_gives_the_bits_of_the_float32_twin_which_stays_with_fuse(case, tmp_path):
+    fusion, z = CASES[case], readings(4, CASES[case])
+    command = (program("g++"), "-std=c++11", *STRICT, "main.cpp")
+    main = CPP_MAIN.replace("NAME", fusion.name.upper())
+    x = in_both_ways(compiled(tmp_path, exported(case, "arduino"), main, *command), z, np.float32)[:, 0]
+    np.testing.assert_array_equal(x, fuse_float32(z, fusion.params))
+    np.testing.assert_allclose(x, fuse(z, fusion.params).x, rtol=2e-5)
+
+
+def test_octave_gives_the_bits_of_fuse(tmp_path):
+    octave, scripts = program("octave-cli"), {}
+    driver = ["no_plot = true;"]
+    for i, (case, fusion) in enumerate(CASES.items()):
+        ((name, text),) = exported(case, "matlab").items()
+        scripts[name.replace("kalman_", f"kalman_{i}_")] = text
+        readings(4, fusion).astype("<f8").T.tofile(tmp_path / f"z{i}.bin")
+        driver.append(f"f = fopen('z{i}.bin'); z = fread(f, [{ROWS}, {len(fusion.sensors)}], 'double'); fclose(f);")
+        driver.append(
+            f"run('{[*scripts][-1]}'); f = fopen('x{i}.bin', 'w'); fwrite(f, buff_xk, 'double'); fclose(f);"
+        )
+    driver.append(f"clear z; run('{next(iter(scripts))}'); printf('%d %d', numel(buff_xk), any(isnan(buff_xk)));")
+    write(scripts, tmp_path)
+    command = [octave, "--no-gui", "--norc", "--quiet", "--eval", "\n".join(driver)]
+    done = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True, timeout=PATIENCE)
+    assert done.stdout.split() == ["100", "0"]
+    for i, (case, fusion) in enumerate(CASES.items()):
+        x = np.fromfile(tmp_path / f"x{i}.bin", "<f8")
+        np.testing.assert_array_equal(x, fuse(readings(4, fusion), fusion.params).x, err_msg=case)
+
+
+def test_one_sensor_on_a_board_is_the_single_filter():
+    from kalscope import FilterParams
+    from kalscope.export.float32 import filter_float32
+
+    z = readings(4, CASES["one"])
+    for start in ({}, {"p0": 4.0, "x0": 19.0, "gate": 9.0}, {"p0": 4.0, "momentum": 7.0}):
+        single = FilterParams(0.09, 1.0, **start)
+        one = replace(CASES["one"], **start).params
+        np.testing.assert_array_equal(fuse_float32(z, one), filter_float32(z[:, 0], single))
+
+
+# ---- parameters
+
+
+def shared_values(fusion):
+    return [fusion.q, fusion.p0, fusion.x0, fusion.gate]
+
+
+@EACH
+def test_json_and_ros2_hold_the_tuned_numbers(case):
+    fusion = CASES[case]
+    document = json.loads(*exported(case, "json").values(), parse_constant=pytest.fail)
+    assert (document["format"], document["sample_period_s"]) == ("kalscope-fusion-1", 0.01)
+    keys = ("process_noise_q", "start_variance_p0", "start_value_x0", "outlier_gate")
+    assert [document["fusion"][key] for key in keys] == shared_values(fusion)
+    each = [(s["name"], s["measurement_noise_r"], s["offset"], s["gain"]) for s in document["sensors"]]
+    assert each == list(zip(fusion.sensors, fusion.r, fusion.offset, fusion.gain, strict=True))
+    assert [s["share"] for s in document["sensors"]] == fusion.params.shares.tolist()
+    named = step_of(fusion)
+    assert {name: document["fusion"].get("momentum", {}).get(name) for name in list(named)[1:]} == {
+        name: value for name, value in named.items() if name != "momentum"
+    }
+    (text,) = exported(case, "ros2").values()
+    parameters = yaml.safe_load(text)["/**"]["ros__parameters"]["kalscope_fusion"]
+    assert [parameters["fused"].get(key) for key in keys] == shared_values(fusion)
+    switches = ("start_variance_known", "start_value_known", "outlier_gate_on")
+    given = [value is not None for value in shared_values(fusion)[1:]]
+    assert [parameters["fused"][switch] for switch in switches] == given
+    for word, r, offset, gain in zip(parameters["sensors"], fusion.r, fusion.offset, fusion.gain, strict=True):
+        entry = parameters[f"sensor_{word}"]
+        assert [entry[key] for key in ("measurement_noise_r", "offset", "gain")] == [r, offset, gain]
+    constants = {name if name == "momentum" else f"momentum_{name}": value for name, value in named.items()}
+    assert {n: v for n, v in parameters["fused"].items() if n.startswith("momentum")} == constants
+
+
+def esphome(sensors, z):
+    """What ESPHome makes of the readings of a row, one after the other at one time of its clock, in float32."""
+    f, copies = np.float32, {one["source_id"]: one["filters"] for one in sensors[:-1]}
+    sources = [
+        (f(one["error"]), copies.get(one["source"].removesuffix("_scaled"))) for one in sensors[-1]["sources"]
+    ]
+    per_row = f(sensors[-1]["process_std_dev"]) * f(sensors[-1]["process_std_dev"]) * f(0.001) * f(10)
+    x, p, answers = f(math.nan), f(math.inf), []
+    for row in z:
+        waited = False
+        for value, (error, filters) in zip(map(f, row), sources, strict=True):
+            if math.isnan(value):
+                continue
+            if filters:
+                value = (value + f(filters[0]["offset"])) * f(filters[1]["multiply"])  # noqa: PLW2901
+            r = error * error
+            if math.isnan(x):
+                x, p, waited = value, r, True
+                continue
+            p, waited = p if waited else p + per_row, True
+            first, second, a, b = (x, value, p, r) if p < r else (value, x, r, p)
+            x, p = first + a * (second - first) / (a + b), a - a * a / (a + b)
+        if not waited and not math.isnan(x):
+            p = p + per_row
+        answers.append(x)
+    return np.array(answers, dtype=np.float64)
+
+
+@pytest.mark.parametrize("fusion", [PAIR, replace(CASES["gains"], gate=None)], ids=["raw", "scaled"])
+def test_esphome_fuses_as_we_do_within_float32(fusion):
+    (text,) = export_tuning(tuned(fusion), "esphome").values()
+    sensors = yaml.safe_load(text)["sensor"]
+    assert (sensors[-1]["platform"], sensors[-1]["type"]) == ("combination", "kalman")
+    z = readings(4, fusion)
+    np.testing.assert_allclose(esphome(sensors, z), fuse(z, fusion.params).x, rtol=1e-5)
+
+
+# ---- what is refused, and what is said
+
+
+@pytest.mark.parametrize("target", [name for name, each in TARGETS.items() if each.is_offered and name not in ABLE])
+def test_a_target_of_one_reading_is_refused_with_the_mean_that_would_do(target):
+    fusion = CASES["offsets"]
+    with pytest.raises(
+        BadSetting, match=rf"^target must be a filter of several sensors \(got {target}, "
+    ) as caught:
+        export_tuning(tuned(fusion), target)
+    said = str(caught.value)
+    assert f"Export {', '.join(ABLE)};" in said
+    weights = re.search(
+        r"give it (\S+) \(sonar - 3\) \+ (\S+) \(float \+ 1\.5\) with q = 0\.09 and r = (\S+)$", said
+    )
+    np.testing.assert_allclose([float(word) for word in weights.groups()], [0.2, 0.8, 0.2], rtol=1e-3)
+    with pytest.raises(BadSetting, match=r"with --channel$"):
+        export_tuning(tuned(CASES["momentum"]), target)
+    assert export_tuning(tuned(fusion), target, channel="sonar")
+
+
+def test_other_refusals_say_what_helps(tmp_path):
+    with pytest.raises(BadSetting, match=r"\|x - x before\|.*level \+= 0\.4"):
+        export_tuning(tuned(PAIR), "simplekalmanfilter")
+    with pytest.raises(BadSetting, match=r"^fixed gains must be of one sensor \(got the fusion level, whose gains"):
+        export_tuning(tuned(PAIR), "c", fixed_gains=True)
+    with pytest.raises(BadSetting, match=r"^target must be a filter with momentum \(got ESPHome"):
+        export_tuning(tuned(CASES["momentum"]), "esphome")
+    with pytest.raises(BadSetting, match="sample_period of the tuning must be known for ESPHome"):
+        export_tuning(replace(tuned(PAIR), sample_period=None), "esphome")
+    many = FusionTuning("x", "", tuple(map(str, range(33))), 1.0, (1.0,) * 33)
+    with pytest.raises(BadSetting, match=r"1 to 6 sensors \(got 33\): fuse fewer, or export c"):
+        export_tuning(tuned(many), "arduino")
+    with pytest.raises(BadSetting, match=r"at most 32 sensors \(got 33\)"):
+        export_tuning(tuned(many), "c")
+    tiny = replace(PAIR, r=(1e-60, 1.0))
+    with pytest.raises(BadSetting, match=r"^level: r / gain² must fit float32"):
+        export_tuning(tuned(tiny), "arduino")
+    with pytest.raises(BadSetting, match=r"^q \+ r / gain² \+ p0 must fit float32"):
+        fusion_on_board(replace(PAIR, q=3e38, r=(3e38, 1.0)).params)
+    command = (program("gcc"), "-std=c99", *STRICT, "-DKALSCOPE_FLOAT", "main.c", "kalscope_fusion.c")
+    with pytest.raises(subprocess.CalledProcessError) as failed:
+        compiled(tmp_path, export_tuning(tuned(tiny), "c"), C_MAIN.replace("NAME", "level"), *command)
+    assert "float cannot hold the values of level" in failed.value.stderr
+
+
+@pytest.mark.parametrize("target", ABLE)
+def test_every_export_says_what_it_holds(target):
+    fusion = replace(CASES["gains"], how="by hand", q=0.07, p0=0.5, x0=21.0)
+    text = "\n".join(export_tuning(replace(tuned(fusion), source_name="oven.csv"), target).values())
+    said = (
+        "Kalman filter that fuses several sensors of one quantity, tuned and exported by Kalscope.",
+        "oven.csv",
+        "sample period of 0.01 s",
+        "variances (not standard deviations), q and p0 in deg^2",
+        "process noise q = 0.07 per sample",
+        "start variance p0 = 0.5",
+        "x0 = 21.0 before the first predict",
+        "whose v^2/s exceeds 6.0 is not used",
+        "settled, while all sensors answer: gain K = ",
+        "2 b: offset -3.0, gain -4.1, r = 16.0, share ",
+    )
+    assert [words for words in said if words not in text] == []
+    assert "@" not in re.sub(r"@momentum|@gains|@plain", "@", text)
+
+
+@pytest.mark.parametrize("target", ABLE)
+def test_a_name_from_outside_stays_in_comments_and_strings(target):
+    name = '*/ #define x\n"); system("\\'
+    plain = replace(PAIR, name="level", sensors=("sonar", "float"))
+    hostile = replace(plain, name=name, unit=name, how=name, sensors=(name + "1", "float"))
+    ours, theirs = (export_tuning(tuned(each), target) for each in (plain, hostile))
+    for text in theirs.values():
+        assert text.isascii()
+        assert not any(line.endswith("\\") for line in text.splitlines())
+    if target != "json":  # which has no comments, and strings of any text
+        assert not any("#define x" in text for text in theirs.values())
+        assert [len(t.splitlines()) for t in theirs.values()] == [len(t.splitlines()) for t in ours.values()]
+
+
+# ---- test vectors, and which filter is meant
+
+
+def test_vectors_have_a_column_a_sensor_and_read_back_bit_for_bit():
+    fusion = CASES["momentum"]
+    z = readings(4, fusion)
+    values = np.column_stack([z[:, 1], z[:, 0]])  # in another order than the sensors
+    recording = Recording(np.arange(ROWS) * 0.01, ("float", "sonar"), ("", ""), values, 0.01)
+    text = export_tuning(tuned(fusion), "json", vectors=recording)["groundtruth.csv"]
+    assert text.splitlines()[0] == "time,sonar,ch_float,filtered,variance,velocity"
+    table = np.array([[float(word) for word in line.split(",")] for line in text.splitlines()[1:]])
+    expected = fuse(z, fusion.params)
+    np.testing.assert_array_equal(table[:, 1:3], z)
+    np.testing.assert_array_equal(table[:, 3:], np.column_stack([expected.x, expected.p, expected.velocity]))
+    other = Recording(recording.time, ("float",), ("",), values[:, :1], 0.01)
+    with pytest.raises(BadSetting, match="sonar"):
+        export_tuning(tuned(fusion), "json", vectors=other)
+
+
+def test_a_fusion_is_exported_unless_a_channel_is_named():
+    tuning = tuned(PAIR)
+    alone = replace(tuning, fusion=None)
+    assert "KalscopeFusion.h" in export_tuning(tuning, "arduino")
+    assert export_tuning(tuning, "arduino", channel="sonar") == export_tuning(alone, "arduino")
+    moved = export_tuning(tuning, "json", sample_period=0.02)["kalscope_fusion.json"]
+    assert json.loads(moved)["fusion"]["process_noise_q"] == 0.18
