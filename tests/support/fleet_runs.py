@@ -25,6 +25,12 @@ def table(folder):
     return pq.ParquetFile(folder / "fleet.parquet").read().drop_columns(["seconds"]).to_pylist()
 
 
+def fits(folder):
+    """The same without what each loses by the filter for all, which is another one where a device is."""
+    lost = ("lag_loss_samples", "noise_loss_db", "error_growth")
+    return [{name: value for name, value in row.items() if name not in lost} for row in table(folder)]
+
+
 def parts(folder):
     return sorted((folder / "parts").glob("??/*.parquet"))
 

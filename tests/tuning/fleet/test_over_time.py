@@ -19,6 +19,7 @@ from kalscope.tuning.fleet.answer.save import save_answer
 from kalscope.tuning.fleet.answer.words import summary
 from kalscope.tuning.fleet.run import Tally
 from kalscope.tuning.fleet.store.begun import SUMMARY
+from kalscope.tuning.fleet.store.merge import merge
 
 TALLY = Tally(units=100, kept=0, bytes=1, done=100, rows=100, seconds=2.0)
 MONTHS = [f"2024-{month:02d}-01" for month in range(1, 6)]
@@ -72,6 +73,7 @@ def test_a_device_that_grows_noisier_is_named_with_the_date(tmp_path):
     assert "Changed in r, of 20 devices with several recordings: dev07 (" in text
     assert "× from dev07/2024-04-01.csv on)" in text
     assert "Changed in q, of 20 devices with several recordings: none" in text
+    merge(tmp_path, [], {})
     save_answer(answer, tmp_path)
     (listed,) = json.loads((tmp_path / SUMMARY).read_text())["changed"]["r"]["devices"]
     assert (listed["since"], listed["recordings"]) == ("dev07/2024-04-01.csv", 5)

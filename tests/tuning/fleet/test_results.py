@@ -10,6 +10,7 @@ import pytest
 from fleet_folder import NOISY, PLAIN, FleetRun, finished_fleet, write_logs
 from required import not_here
 
+from kalscope import estimate, kalman_filter, steady_state
 from kalscope.cli.tune.options import NOTHING, TuneOptions
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -82,9 +83,34 @@ def test_a_running_fleet_grows_and_ends_equal_to_its_table(tmp_path):
     assert final.done is None
     assert float(every.shared.params.q) == pytest.approx(float(answer.shared.params.q), rel=1e-12)
     assert sorted(every.devices.ids) == final.devices.ids
+    order = np.argsort(every.devices.ids)
+    np.testing.assert_allclose(every.growth[order], final.growth, rtol=1e-9)
+    assert np.isfinite(final.growth).sum() == 12
     assert {*zip(every.devices.ids, every.sources, strict=True)} == {
         *zip(final.devices.ids, final.sources, strict=True)
     }
+
+
+def test_the_table_says_what_each_device_loses_also_by_a_goal(tmp_path):
+    write_logs(tmp_path / "logs", devices=4)
+    asked = Asked(TuneOptions(numbers={"--lag-ms": 20.0}, momentum=0.0))
+    run = FleetRun(tmp_path / "logs", tmp_path / "result", asked).do()
+    answer = run.finish()
+    rows = pq.read_table(run.folder / TABLE).to_pylist()
+    assert "left" not in rows[0]
+    fitted = [row for row in rows if not row["reason"]]
+    assert {row["verdict"] for row in fitted} == {"chosen"}
+    z = read_recording(tmp_path / "logs" / "dev00.csv").values[:, 0]
+    own = steady_state(estimate(z, momentum=0.0, robust=False).params)
+    assert fitted[0]["lag_loss_samples"] == pytest.approx(2.0 - own.lag_samples, rel=1e-5)
+    shared = steady_state(answer.shared.params)
+    wanted = own.noise_reduction_db - shared.noise_reduction_db
+    assert fitted[0]["noise_loss_db"] == pytest.approx(wanted, rel=1e-5)
+    half = estimate(z[:150], momentum=0.0, robust=False).params
+    errors = [kalman_filter(z, params).innovation[150:] for params in (answer.shared.params, half)]
+    assert fitted[0]["error_growth"] == pytest.approx(
+        np.sqrt(np.mean(errors[0] ** 2) / np.mean(errors[1] ** 2)) - 1, abs=2e-3
+    )
 
 
 def test_parts_of_other_options_do_not_count(tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from fleet_runs import files_of, parts, run_here, table, write_devices
+from fleet_runs import files_of, fits, parts, run_here, table, write_devices
 from required import not_here
 from waiting import PATIENCE, wait_until
 
@@ -80,12 +80,12 @@ def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, at_once, capsys)
     logs, out = tmp_path / "logs", tmp_path / "out"
     write_devices(logs, 30)
     run_here(capsys, logs, "-o", out, *PLAIN)
-    whole = {row["id"]: row for row in table(out)}
+    whole = {row["id"]: row for row in fits(out)}
     (logs / "dev0007.csv").write_text("time (s),light (lx)\n0.0,1\n0.1,5\n0.2,2\n")
     (logs / "dev0008.csv").unlink()
     write_devices(logs / "new", 1)
     assert ": 2 of 30 files or row groups read" in run_here(capsys, logs, "-o", out, *PLAIN).out
-    rows = {row["id"]: row for row in table(out)}
+    rows = {row["id"]: row for row in fits(out)}
     assert rows.pop("dev0007.csv")["samples"] == 3
     assert rows.pop("new/dev0000.csv")["samples"] == 200
     assert rows == {name: row for name, row in whole.items() if name not in ("dev0007.csv", "dev0008.csv")}

@@ -9,7 +9,7 @@ import numpy as np
 from kalscope.common.array import Array, Indices, Mask
 from kalscope.errors import BadSetting
 from kalscope.estimation.fleet.held_out import share_served
-from kalscope.estimation.fleet.many.table import gains_of
+from kalscope.estimation.fleet.losses import Losses
 from kalscope.estimation.fleet.pool import Pool
 from kalscope.estimation.fleet.pooled import PooledFit, fit_pool, pool_at
 from kalscope.estimation.fleet.unlike import Unlike, unlike
@@ -41,9 +41,18 @@ class Shared:
     """The filter itself."""
     how: str
     """How it was found, in a few words, for the tuning file."""
-    growth: Array
-    """By which share the error of predicting the next sample is larger than with the device's own filter, if its q
-    and r are true, shape (rows,); NaN for a device without q and r, or with momentum."""
+    losses: Losses
+    """What each device loses by it, NaN for one that could not be judged."""
+
+    @property
+    def growth(self) -> Array:
+        """By which share its prediction error on unseen samples is larger than with the device's own filter."""
+        return self.losses.error
+
+    @property
+    def judged(self) -> int:
+        """How many devices could be judged."""
+        return int(np.isfinite(self.growth).sum())
 
     @property
     def served(self) -> float:
@@ -109,27 +118,7 @@ def _shared(devices: Devices, pool: Pool, question: Question) -> Shared:
     if fit.params is None:
         raise BadSetting(f"q and r of all must both be above 0 (got {fit.verdict} for {fit.devices} recordings)")
     params = FilterParams(fit.q, fit.r, momentum=momentum)
-    return Shared(fit, params, f"one filter for {fit.devices} recordings, {how}", growth_of(devices, fit.ratio))
-
-
-def growth_of(devices: Devices, ratio: float) -> Array:
-    """By which share the prediction error grows with λ in place of each device's own, by its own q and r.
-
-    A settled filter of gain K on a walk of q under noise of r predicts the next sample with the variance
-    r + (q + K²r)/(K(2 − K)), which is smallest at the device's own gain.
-
-    Args:
-        devices: The table.
-        ratio: λ that all share, > 0.
-    """
-    own = np.where(devices.usable & ~(devices.momentum > 0.0), devices.q / devices.r, np.nan)
-    shared, best = (_prediction(own, gains_of(value)) for value in (np.full(len(own), ratio), own))
-    return np.sqrt(shared / best) - 1.0
-
-
-def _prediction(ratio: Array, gain: Array) -> Array:
-    """Variance of predicting the next sample over r."""
-    return 1.0 + (ratio + gain * gain) / (gain * (2.0 - gain))
+    return Shared(fit, params, f"one filter for {fit.devices} recordings, {how}", devices.losses(params))
 
 
 def unlike_in(devices: Devices, name: str) -> Unlike:

@@ -11,7 +11,11 @@ from typing import Any
 import numpy as np
 
 from kalscope.common.array import Array, Mask
+from kalscope.estimation.fleet.losses import WIDTH, Losses, losses_of
+from kalscope.filtering.params import FilterParams
 from kalscope.tuning.fleet.store.begun import TABLE
+from kalscope.tuning.fleet.store.left import unpacked
+from kalscope.tuning.fleet.store.row import LEFT
 from kalscope.tuning.fleet.store.table import read_table
 
 
@@ -39,6 +43,9 @@ class Devices:
     """Momentum, sample periods."""
     reasons: Counter[str]
     """Why rows have no q and r, and how many for each reason."""
+    left: Array | None = None
+    """What the fits left to tell what each loses by a filter for all, shape (rows, WIDTH); None in a finished
+    table."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -69,6 +76,11 @@ class Devices:
         """Whether some rates differ by more than a tenth from the median: one q a sample suits them badly."""
         known = self.rate_hz[self.usable & np.isfinite(self.rate_hz)]
         return bool(len(known)) and bool(np.any(np.abs(known / np.median(known) - 1.0) > 0.1))
+
+    def losses(self, params: FilterParams) -> Losses:
+        """What each loses by a filter for all."""
+        nothing = np.full((len(self), WIDTH), np.nan)
+        return losses_of(nothing if self.left is None else self.left, params)
 
     def name(self, i: int) -> str:
         """The recording, with its channel where that is another than usual."""
@@ -101,4 +113,5 @@ def devices_of(table: Any) -> Devices:
         r_interval=(numbers("r_low"), numbers("r_high")),
         momentum=numbers("momentum"),
         reasons=Counter(reason for reason in table["reason"].to_pylist() if reason),
+        left=unpacked(table[LEFT].to_pylist()) if LEFT in table.column_names else None,
     )

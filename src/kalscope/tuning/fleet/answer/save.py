@@ -7,7 +7,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-from kalscope.common.files import write_atomic
+import numpy as np
+
+from kalscope.common.array import Array
+from kalscope.common.files import atomic_file, write_atomic
+from kalscope.common.text import count, percent
 from kalscope.common.version import program
 from kalscope.estimation.fleet.changes import FALSE_ALARM
 from kalscope.filtering.arrays import scalar
@@ -15,7 +19,10 @@ from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import WITHIN, Answer, Shared
 from kalscope.tuning.fleet.answer.devices import Devices
 from kalscope.tuning.fleet.answer.own import RECORD, check_tuning, digest_of, own_digest
-from kalscope.tuning.fleet.store.begun import SUMMARY, TUNING
+from kalscope.tuning.fleet.libraries import library
+from kalscope.tuning.fleet.store.begun import SUMMARY, TABLE, TUNING
+from kalscope.tuning.fleet.store.row import FINISHED
+from kalscope.tuning.fleet.store.table import schema
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope.tuning.tuning_file import dumps, save_tuning
 
@@ -24,7 +31,9 @@ MAX_LISTED = 1000
 
 
 def save_answer(answer: Answer, folder: Path) -> None:
-    """Write both files, each whole or not at all. Without a filter for all there is no tuning file.
+    """Write what each device loses into the table, and both files, each whole or not at all.
+
+    Without a filter for all there is no tuning file.
 
     Raises:
         OSError: The folder cannot be written; the files are unchanged.
@@ -32,6 +41,7 @@ def save_answer(answer: Answer, folder: Path) -> None:
     """
     if answer.shared is not None:
         check_tuning(folder)
+    _finish_table(answer, folder / TABLE)
     before = own_digest(folder)
     tuning = None if answer.shared is None else tuning_of(answer.devices, answer.shared)
     digests = [one for one in (before, tuning and digest_of(dumps(tuning))) if one]
@@ -44,10 +54,33 @@ def save_answer(answer: Answer, folder: Path) -> None:
         (folder / TUNING).unlink()
 
 
+def _finish_table(answer: Answer, path: Path) -> None:
+    """The table with what each device loses, in place of what that follows from; row group by row group."""
+    pa, parquet = library("pyarrow"), library("pyarrow.parquet")
+    losses = {} if answer.shared is None else _losses(answer.shared)
+    kept = pa.schema([one for one in schema() if one.name in FINISHED])
+    with (
+        atomic_file(path) as file,
+        parquet.ParquetFile(path, memory_map=False) as before,
+        parquet.ParquetWriter(file, kept, compression="zstd") as writer,
+    ):
+        first = 0
+        for i in range(before.num_row_groups):
+            rows = before.read_row_group(i, columns=list(FINISHED))
+            here = slice(first, first + len(rows))
+            first = here.stop
+            for name, values in losses.items():
+                column = pa.array(values[here], pa.float64(), mask=~np.isfinite(values[here]))
+                rows = rows.set_column(FINISHED.index(name), name, column)
+            writer.write_table(rows.cast(kept))
+
+
 def tuning_of(devices: Devices, shared: Shared) -> Tuning:
     """The tuning of the filter for all."""
     q, r, momentum = (scalar(value) for value in (shared.params.q, shared.params.r, shared.params.momentum))
-    channel = ChannelTuning(devices.channel, devices.unit, q, r, how=shared.how, momentum=momentum)
+    served = f", serves {percent(shared.served)} of {count(shared.judged)} within {percent(WITHIN)}"
+    how = f"{shared.how}{served if shared.judged else ''}"
+    channel = ChannelTuning(devices.channel, devices.unit, q, r, how=how, momentum=momentum)
     return Tuning((channel,), source_name=f"fleet of {len(devices)}", sample_period=devices.sample_period)
 
 
@@ -84,12 +117,30 @@ def _shared(answer: Answer) -> dict[str, Any] | None:
         "noise_reduction_db": scalar(settled.noise_reduction_db),
         "how": shared.how,
         "within": WITHIN,
+        "judged": shared.judged,
         "served": shared.served,
+        "lost": {name: _spread(values) for name, values in _losses(shared).items()},
         "not_served": [
-            {"id": devices.ids[i], "channel": devices.channels[i], "growth": float(shared.growth[i])}
+            {"id": devices.ids[i], "channel": devices.channels[i]}
+            | {name: _finite(float(values[i])) for name, values in _losses(shared).items()}
             for i in shared.not_served[:MAX_LISTED]
         ],
     }
+
+
+def _losses(shared: Shared) -> dict[str, Array]:
+    """What each device loses, by its name in the table and in fleet.json."""
+    one = shared.losses
+    return {"lag_loss_samples": one.lag_samples, "noise_loss_db": one.noise_db, "error_growth": one.error}
+
+
+def _spread(values: Array) -> dict[str, float] | None:
+    """Median and the ends of the middle 90 % of the devices; None where none is judged."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return None
+    low, middle, high = np.percentile(known, (5.0, 50.0, 95.0)).tolist()
+    return {"median": middle, "p5": low, "p95": high}
 
 
 def _unlike(answer: Answer, name: str) -> dict[str, Any]:

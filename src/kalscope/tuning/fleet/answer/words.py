@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.common.text import (
     THIN_SPACE,
     count,
     decibels,
     duration,
     lag_in_full,
+    lag_text,
     number,
     percent,
     plural,
     squared,
     trimmed,
 )
+from kalscope.estimation.fleet.losses import Losses
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import WITHIN, Answer, Shared
+from kalscope.tuning.fleet.answer.devices import Devices
 from kalscope.tuning.fleet.run import Tally
 from kalscope.tuning.fleet.store.begun import TABLE, TUNING
 
@@ -88,19 +92,51 @@ def _filter(answer: Answer) -> Iterator[str]:
 
 
 def _served(answer: Answer, shared: Shared) -> Iterator[str]:
-    judged = int(np.isfinite(shared.growth).sum())
-    with_momentum = int((answer.devices.usable & (answer.devices.momentum > 0.0)).sum())
-    if judged:
+    """Whom it serves, and what it costs them."""
+    devices = answer.devices
+    if shared.judged:
         worst = [
-            f"{answer.devices.name(i)} +{percent(float(shared.growth[i]))}" for i in shared.not_served[:MAX_NAMED]
+            f"{devices.name(i)} ({', '.join(_lost(devices, shared.losses, i))})"
+            for i in map(int, shared.not_served[:MAX_NAMED])
         ]
         more = f"; not {', '.join(worst)}{_and_more(len(shared.not_served))}" if worst else ""
         yield (
-            f"  for {percent(shared.served)} of {count(judged)} its prediction error is at most {percent(WITHIN)} "
-            f"above that of the device's own filter{more}"
+            f"  for {percent(shared.served)} of {count(shared.judged)} its prediction error on unseen samples is "
+            f"at most {percent(WITHIN)} above that of the device's own filter{more}"
         )
-    if with_momentum:
-        yield f"  {count(with_momentum)} with momentum are not judged: --momentum 0 fits all alike"
+        yield from _usual_loss(devices, shared.losses)
+    elif scalar(shared.params.momentum) > 0.0:
+        yield "  what each device loses is only tried without momentum"
+
+
+def _lost(devices: Devices, losses: Losses, i: int) -> list[str]:
+    """What one device loses."""
+    period = 1.0 / float(devices.rate_hz[i]) if devices.rate_hz[i] > 0.0 else None
+    lag, noise = float(losses.lag_samples[i]), float(losses.noise_db[i])
+    said = [f"error {_signed(percent(float(losses.error[i])))}"]
+    if math.isfinite(lag):
+        said.append(f"lag {_signed(lag_text(lag, period))}")
+    return [*said, f"noise {_signed(decibels(noise))}"] if math.isfinite(noise) else said
+
+
+def _usual_loss(devices: Devices, losses: Losses) -> Iterator[str]:
+    """What nine of ten devices lose, in the words of the median sample rate."""
+    said: list[str] = []
+    texts: tuple[tuple[str, Array, Callable[[float], str]], ...] = (
+        ("error", losses.error, percent),
+        ("lag", losses.lag_samples, lambda value: lag_text(value, devices.sample_period)),
+        ("noise", losses.noise_db, decibels),
+    )
+    for name, values, text in texts:
+        known = values[np.isfinite(values)]
+        if len(known):
+            low, high = np.percentile(known, (5.0, 95.0)).tolist()
+            said.append(f"{name} {_signed(text(low))} to {_signed(text(high))}")
+    yield f"  nine of ten devices, against their own filters: {', '.join(said)}"
+
+
+def _signed(text: str) -> str:
+    return text if text.startswith(("−", "-")) else f"+{text}"
 
 
 def _unlike(answer: Answer) -> Iterator[str]:

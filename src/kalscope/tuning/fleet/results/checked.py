@@ -7,7 +7,7 @@ from typing import Any
 
 from kalscope.errors import BadFile
 from kalscope.tuning.fleet.libraries import library
-from kalscope.tuning.fleet.store.row import COLUMNS
+from kalscope.tuning.fleet.store.row import COLUMNS, FINISHED
 from kalscope.tuning.fleet.store.table import POOL, schema
 
 MAX_ROWS = 5_000_000
@@ -30,13 +30,15 @@ def checked_table(path: Path, *, part: bool = False) -> Any:
         file = parquet.ParquetFile(path, memory_map=False, read_dictionary=texts)
         _check_size(file.metadata)
         names = set(file.schema_arrow.names)
-        missing = [name for name in (*COLUMNS, *((POOL,) if part else ())) if name not in names]
+        wanted = (*COLUMNS, POOL) if part else FINISHED
+        missing = [name for name in wanted if name not in names]
         if missing:
             raise ValueError(f"no column {missing[0]}; an older Kalscope may have written it: run the fleet again")
-        table = file.read(columns=[*COLUMNS, *((POOL,) if part else ())])
-        columns = [_text(table[one.name]) if one.name in texts else table[one.name] for one in schema()]
-        columns = [column.cast(one.type) for column, one in zip(columns, schema(), strict=True)]
-        plain = pa.table(columns, names=list(COLUMNS))
+        table = file.read(columns=list(wanted))
+        known = [one for one in schema() if one.name in wanted]
+        columns = [_text(table[one.name]) if one.name in texts else table[one.name] for one in known]
+        columns = [column.cast(one.type) for column, one in zip(columns, known, strict=True)]
+        plain = pa.table(columns, names=[one.name for one in known])
         return plain.append_column(POOL, table[POOL].cast(pa.binary())) if part else plain
     except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, OverflowError) as error:
         said = str(error).splitlines() or [type(error).__name__]

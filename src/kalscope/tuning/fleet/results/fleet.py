@@ -15,7 +15,7 @@ from kalscope.estimation.fleet.held_out import share_served
 from kalscope.estimation.fleet.pool import Pool
 from kalscope.estimation.fleet.pooled import fit_pool
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
-from kalscope.tuning.fleet.answer.answer import WITHIN, growth_of, unlike_in
+from kalscope.tuning.fleet.answer.answer import WITHIN, unlike_in
 from kalscope.tuning.fleet.answer.devices import Devices, devices_of
 from kalscope.tuning.fleet.libraries import library
 from kalscope.tuning.fleet.results.checked import MAX_ROWS, checked_table
@@ -59,7 +59,7 @@ class Fleet:
     shared: SharedFilter | None
     """One filter for all; None where there is none, or not yet."""
     growth: Array
-    """By which share the error of predicting the next sample is larger with the filter for all, see `growth_of`."""
+    """By which share the error of predicting unseen samples is larger with the filter for all, see `Losses`."""
     distance: Array
     """How far each lies from the others in r or q, whichever is more, standard deviations; NaN where unknown."""
     unlike: Mask
@@ -197,12 +197,20 @@ def _fleet(folder: Path, table: Any, shared: SharedFilter | None, begun: Begun, 
         sources=tuple(table["source"].to_pylist()),
         reasons=tuple(table["reason"].to_pylist()),
         shared=shared,
-        growth=nothing if shared is None else growth_of(devices, float(shared.params.q) / float(shared.params.r)),
+        growth=nothing if shared is None else _growth(devices, table, shared),
         distance=np.fmax(*(np.abs(one.z) for one in compared)),
         unlike=unlike,
         begun=begun,
         done=done,
     )
+
+
+def _growth(devices: Devices, table: Any, shared: SharedFilter) -> Array:
+    """By which share the prediction error of each grows: as a finished table says, or from what the fits left."""
+    if devices.left is not None:
+        return devices.losses(shared.params).error
+    said = np.asarray(table["error_growth"].to_numpy(), dtype=np.float64)
+    return np.where(np.isfinite(said) & (said > -1.0), said, math.nan)
 
 
 def _plain(devices: Devices) -> Devices:
@@ -223,4 +231,5 @@ def _plain(devices: Devices) -> Devices:
         r_interval=devices.r_interval,
         momentum=within(devices.momentum, MAX_MOMENTUM),
         reasons=devices.reasons,
+        left=devices.left,
     )

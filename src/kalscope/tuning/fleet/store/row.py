@@ -54,7 +54,19 @@ class Row:
     """Why there is no q and r; "" where there are."""
     source: str = ""
     """Where the recording lies: an absolute path, or in JSON the row groups that hold it, see `Unit.source`."""
+    lag_loss_samples: float | None = None
+    """By how many samples the filter for all lags more than the device's own; known once all are fitted."""
+    noise_loss_db: float | None = None
+    """How much more noise it leaves, dB."""
+    error_growth: float | None = None
+    """By which share its error of predicting samples that no fit has seen is larger."""
+    left: bytes | None = None
+    """What the three follow from, see `store.left`; the finished table has them in its place."""
 
 
+LEFT = "left"
+"""The column that is not in a finished table."""
 COLUMNS = tuple(one.name for one in fields(Row))
-"""The columns of the table, in order."""
+"""The columns of the table, in order, before the answer."""
+FINISHED = tuple(name for name in COLUMNS if name != LEFT)
+"""The columns of a finished table."""

@@ -30,7 +30,14 @@ AGAIN = b"kalscope_again"
 def schema() -> Any:
     """The schema of the table."""
     pa = library("pyarrow")
-    kinds = {"str": pa.string(), "int": pa.int64(), "float": pa.float64(), "float | None": pa.float64()}
+    number = pa.float64()
+    kinds = {
+        "str": pa.string(),
+        "int": pa.int64(),
+        "float": number,
+        "float | None": number,
+        "bytes | None": pa.binary(),
+    }
     return pa.schema([pa.field(one.name, kinds[str(one.type)]) for one in fields(Row)])
 
 

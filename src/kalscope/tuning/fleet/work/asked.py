@@ -14,7 +14,7 @@ from kalscope.estimation.finding import Request
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
-FORMAT = 3
+FORMAT = 4
 """Raised when the same recording would give another row: parts of another format are not used."""
 
 

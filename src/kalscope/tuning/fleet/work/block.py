@@ -11,12 +11,16 @@ import numpy as np
 from kalscope.common.array import Array, Indices, Mask
 from kalscope.errors import BadFile, KalscopeError
 from kalscope.estimation.finding import Request, find_parameters
+from kalscope.estimation.fleet.held_out import held_out
+from kalscope.estimation.fleet.losses import left_by
 from kalscope.estimation.fleet.many.estimate_many import estimate_many
 from kalscope.estimation.fleet.many.series import Series as Many
+from kalscope.estimation.fleet.many.table import EstimateTable
 from kalscope.estimation.fleet.pool import Pool, pool_of
 from kalscope.filtering.params import FilterParams
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.tuning.fleet.recordings.unit import Unit
+from kalscope.tuning.fleet.store.left import packed
 from kalscope.tuning.fleet.store.row import Row
 from kalscope.tuning.fleet.work.asked import Asked, Question, any_recording
 from kalscope.tuning.fleet.work.fit import Fitted, first_sentence, fit_each, mean_nis
@@ -102,7 +106,8 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, question: Question, 
     if len(table.set_aside):
         used = used.copy()
         used[table.set_aside] = math.nan
-    pool = pool_of(Many(used, many.starts, many.steps))
+    cleaned = Many(used, many.starts, many.steps)
+    pool, left = pool_of(cleaned), _left(cleaned, table)
     seconds = (time.thread_time() - begun) / len(chosen)
     channel, unit = block.columns.names[0], block.columns.units[0]
     names = [block.ids[int(i)] for i in chosen]
@@ -118,12 +123,18 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, question: Question, 
             # The scale of the likelihood's maximum makes the mean of v²/s one; a floor of r or a gate does not.
             exact = verdict != "below_resolution" and not table.spikes[i]
             nis = 1.0 if exact else _nis(many, i, FilterParams(found[0], found[1], gate=gate))
-            known = {"momentum": 0.0, "gate": gate, "spikes": int(table.spikes[i]), "nis": nis}
+            known = {"momentum": 0.0, "gate": gate, "spikes": int(table.spikes[i]), "nis": nis, "left": left[i]}
             rows.append(replace(head, **pair, **known))
         else:
             message = find_parameters(many.one(len(rows))[0], request).message
             rows.append(replace(head, reason=first_sentence(message)))
     return Fitted(rows, pool)
+
+
+def _left(many: Many, table: EstimateTable) -> list[bytes | None]:
+    """What tells what each device loses by a filter for all; of one without q and r, nothing."""
+    own = np.where(table.usable, table.ratio, math.nan)
+    return packed(left_by(own, np.zeros(len(own)), held_out(many)))
 
 
 def _nis(many: Many, i: int, params: FilterParams) -> float | None:

@@ -13,15 +13,19 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.errors import KalscopeError, describe
 from kalscope.estimation.finding import Found, find_parameters
-from kalscope.estimation.fleet.many.plain import pair_intervals
+from kalscope.estimation.fleet.held_out import held_out
+from kalscope.estimation.fleet.losses import left_by
+from kalscope.estimation.fleet.many.plain import fitted_ratios, pair_intervals
+from kalscope.estimation.fleet.many.series import Series, series_of
 from kalscope.estimation.fleet.pool import Pool, pool_of
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
+from kalscope.tuning.fleet.store.left import packed
 from kalscope.tuning.fleet.store.row import FAILED, Row
 from kalscope.tuning.fleet.work.asked import Question
-from kalscope.tuning.fleet.work.read import Series
+from kalscope.tuning.fleet.work.read import Series as Channel
 
 CHOSEN = "chosen"
 """Verdict where the filter follows from the options alone."""
@@ -51,7 +55,7 @@ class Fitted:
         )
 
 
-def fit_each(several: Sequence[Series], question: Question) -> Fitted:
+def fit_each(several: Sequence[Channel], question: Question) -> Fitted:
     """Fit some channels, one after the other. One that cannot be fitted gives a row with the reason."""
     rows: list[Row] = []
     pool, again = Pool.empty(), False
@@ -64,12 +68,26 @@ def fit_each(several: Sequence[Series], question: Question) -> Fitted:
             row = filled(row, z, dt, found, question.gate)
             outliers = None if found.estimate is None else found.estimate.outliers
             used = z if outliers is None else np.where(outliers, np.nan, z)
-            pool = pool + pool_of([used], None if dt is None else [dt])
+            many = series_of([used], None if dt is None else [dt])
+            pool = pool + pool_of(many)
+            row = replace(row, left=_left(many, found))
         except Exception as error:  # whatever is wrong with one recording, the others go on
             row = replace(_row(series), reason=reason_of(error))
             again = again or may_pass(error)
         rows.append(replace(row, seconds=time.thread_time() - begun))
     return Fitted(rows, pool, again)
+
+
+def _left(many: Series, found: Found) -> bytes | None:
+    """What tells what the device loses by a filter for all; of one without q and r, nothing."""
+    if found.params is None:
+        return None
+    tau = 0.0 if found.estimate is None else scalar(found.params.momentum)
+    own = fitted_ratios(many, many.starts[1:])
+    if found.estimate is not None:
+        own = np.array([scalar(found.params.q) / scalar(found.params.r)])
+    growth = held_out(many, momentum=np.array([tau > 0.0]))
+    return packed(left_by(own, np.array([tau]), growth))[0]
 
 
 def reason_of(error: Exception) -> str:
@@ -91,7 +109,7 @@ def may_pass(error: BaseException | None) -> bool:
     return False
 
 
-def _row(series: Series) -> Row:
+def _row(series: Channel) -> Row:
     recording = series.recording
     period = recording.sample_period
     return Row(
