@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from kalscope.analysis.alternatives.agreement.comparison import compare_methods
     from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+    from kalscope.analysis.fusion.judge import judge_fusion
+    from kalscope.analysis.fusion.result import FusionVerdict
     from kalscope.catalogue import open_source
     from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
     from kalscope.estimation.estimate import estimate
@@ -60,6 +62,7 @@ __all__ = [
     "FusionParams",
     "FusionResult",
     "FusionTuning",
+    "FusionVerdict",
     "KalmanFilter",
     "KalscopeError",
     "LineIssue",
@@ -80,6 +83,7 @@ __all__ = [
     "estimate_many",
     "export_tuning",
     "fuse",
+    "judge_fusion",
     "kalman_filter",
     "likelihood_profile",
     "list_samples",
@@ -106,6 +110,8 @@ _NAMES = {
         "diagnose",
         "diagnose_held_out",
     ),
+    "analysis.fusion.judge": ("judge_fusion",),
+    "analysis.fusion.result": ("FusionVerdict",),
     "catalogue": ("open_source",),
     "errors": (
         "BadDevice",

@@ -10,8 +10,8 @@ from PIL import Image
 from screen import FIND, Screen, dashboard
 
 from kalscope import open_source, starting_params
-from kalscope.analysis.noise.allan import allan_deviation
 from kalscope.analysis.alternatives.comparison import compare_alternatives
+from kalscope.analysis.noise.allan import allan_deviation
 
 pytestmark = pytest.mark.browser
 

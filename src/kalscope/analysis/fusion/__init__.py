@@ -1,0 +1,1 @@
+"""What fusing brings, what each sensor contributes, which one disagrees, and what happens when one fails."""

@@ -1,0 +1,146 @@
+"""Which sensor does not go with the others: its difference from them moves, or its noise changes.
+
+In a row in which several sensors answer, the quantity cancels out of the difference of one from the mean of the
+others, weighted by their information: what is left is white noise of known variance. Where sensors answer in
+different rows, the others are smoothed, and take part in the difference with their own error. The sensor that is
+furthest beyond chance is set aside before the others are compared: it is in their mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kalscope.common.array import Array
+from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.fusion.smoothing import smooth_fusion
+from kalscope.filtering.steady_state import steady_state
+
+BEYOND_CHANCE = 5.0
+"""Standard errors from which on a difference is not chance: many blocks of many sensors are looked at."""
+
+MIN_DRIFT = 0.5
+"""Smallest drift that is worth a word, in standard deviations of the sensor's noise."""
+
+MIN_NOISE_RATIO = 3.0
+"""Smallest change of a noise variance that is worth a word."""
+
+MAX_BLOCKS, MIN_BLOCK, MIN_NOISE_BLOCK = 16, 30, 100
+"""Blocks of a record, and the readings that the mean and the variance of one need."""
+
+MAX_SIZE = 4.0
+"""Differences are clipped at so many standard deviations: spikes are no drift."""
+
+MAD = 1.4826
+"""Standard deviation of normal numbers by the median of their size."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One sensor less the others, on the scale of x, where both answer."""
+
+    d: Array
+    """Its values, shape (m,)."""
+    own: Array
+    """Variance of what is new in each value."""
+    others: float
+    """Variance of the error of the others that goes on for a while, 0 where it is new in each row too."""
+    lasting: float
+    """For how many values that error goes on."""
+
+    @property
+    def noise(self) -> float:
+        """Variance of what is new in each value: by the model, or as seen where that is more."""
+        return max(float(self.own.mean()), _noise(self.d)) if len(self.d) else 0.0
+
+
+def difference(z: Array, dt: Array | None, params: FusionParams, sensor: int, others: Sequence[int]) -> Difference:
+    """Sensor less others."""
+    y = (z - params.offset) / params.gain
+    own, rest = y[:, sensor], y[:, list(others)]
+    information = np.where(np.isfinite(rest), params.information[list(others)], 0.0)
+    total, r = information.sum(axis=1), float(params.scaled_r[sensor])
+    answered = np.isfinite(own)
+    both = answered & (total > 0.0)
+    if 2 * both.sum() >= answered.sum():
+        mean = (information * np.where(np.isfinite(rest), rest, 0.0)).sum(axis=1)[both] / total[both]
+        return Difference(own[both] - mean, r + 1.0 / total[both], 0.0, 1.0)
+    remaining = params.only(others)
+    smoothed = smooth_fusion(z[:, list(others)], remaining, dt)
+    known = answered & np.isfinite(smoothed.p)
+    per_row = known.sum() / max(len(z), 1)
+    lasting = 1.0 + 2.0 * float(steady_state(remaining.as_single).lag_samples) * per_row
+    others_p = float(smoothed.p[known].mean()) if known.any() else 0.0
+    return Difference((own - smoothed.x)[known], np.full(int(known.sum()), r), others_p, lasting)
+
+
+def drift(one: Difference) -> tuple[float, float]:
+    """By how much the difference moves, and the standard errors of that."""
+    count = min(MAX_BLOCKS, len(one.d) // MIN_BLOCK)
+    if count < 2:
+        return 0.0, 0.0
+    middle, sigma = float(np.median(one.d)), math.sqrt(one.noise + one.others)
+    d = np.clip(one.d - middle, -MAX_SIZE * sigma - _reach(one.d), MAX_SIZE * sigma + _reach(one.d))
+    means = np.array([block.mean() for block in np.array_split(d, count)])
+    size = len(d) / count
+    error = math.sqrt(one.noise / size + one.others * min(1.0, one.lasting / size))
+    return float(np.ptp(means)), float(np.abs(means - means.mean()).max()) / error if error > 0.0 else 0.0
+
+
+def noise_change(one: Difference) -> tuple[float, float]:
+    """The largest over the smallest variance of the noise of blocks, and the standard errors of its logarithm."""
+    count = min(MAX_BLOCKS // 2, len(one.d) // MIN_NOISE_BLOCK)
+    if count < 2:
+        return 1.0, 0.0
+    variances = [_noise(block) for block in np.array_split(one.d, count)]
+    if min(variances) <= 0.0:  # as coarse as its steps
+        return 1.0, 0.0
+    ratio = max(variances) / min(variances)
+    return ratio, math.log(ratio) / (3.0 * math.sqrt(2.0 * count / len(one.d)))  # 3/√m: of a MAD of differences
+
+
+def odd_ones(
+    sensors: int,
+    compare: Callable[[int, tuple[int, ...]], tuple[float, float]],
+    enough: Callable[[int, float], bool],
+) -> dict[int, float]:
+    """The sensors that differ from the others by more than chance, worst first, and how much each does.
+
+    Args:
+        sensors: their number.
+        compare: size and standard errors of the difference of a sensor from others.
+        enough: whether a size of a sensor is worth a word.
+    """
+    odd: dict[int, float] = {}
+    left = list(range(sensors))
+    while len(left) > 1:
+        found = {i: compare(i, tuple(j for j in left if j != i)) for i in left}
+        beyond = {i: one for i, one in found.items() if one[1] > BEYOND_CHANCE and enough(i, one[0])}
+        if not beyond:
+            break
+        if len(left) == 2:  # which of the two is odd cannot be known
+            return odd | {i: found[i][0] for i in left}
+        worst = max(beyond, key=lambda i: beyond[i][1])
+        odd[worst] = beyond[worst][0]
+        left.remove(worst)
+    return odd
+
+
+def undecided(odd: dict[int, float], sensor: int, sensors: int) -> tuple[int, ...]:
+    """The two sensors that no third one tells apart, where this is one of them; () where it is decided."""
+    last = tuple(odd)[-2:]
+    return last if len(odd) == sensors and sensor in last else ()
+
+
+def _noise(d: Array) -> float:
+    """Variance of white noise in d, by the median size of its steps: neither drift nor spikes count."""
+    return 0.5 * (MAD * float(np.median(np.abs(np.diff(d))))) ** 2 if len(d) > 1 else 0.0
+
+
+def _reach(d: Array) -> float:
+    """What the difference spans without its outer tenths: a drift is not clipped."""
+    low, high = np.quantile(d, (0.1, 0.9))
+    return float(high - low)

@@ -1,0 +1,72 @@
+"""What a sensor shows by itself: readings far off, one value for ever, no reading for long."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kalscope.analysis.fusion.agreement import MAD
+from kalscope.common.array import Array, Mask
+from kalscope.filtering.fusion.batch import fuse
+from kalscope.filtering.fusion.params import FusionParams
+
+FAR_OFF, CONFIRMED = 6.0, 3.0
+"""Size of a residual, in its own standard deviations, from which it is far off; and from which that of another
+sensor in the same row confirms it: then the quantity has moved."""
+
+MIN_STRETCH, MUCH_LONGER = 30, 20.0
+"""Readings in a row, and times the usual number, from which on a stretch of equal or missing ones is odd."""
+
+Stretch = tuple[int, int]
+"""First row, and one past the last; (0, 0) for none."""
+
+
+def spikes(z: Array, dt: Array | None, params: FusionParams) -> list[int]:
+    """Readings of each sensor that are far off, by a filter of its own, and that no other sensor confirms."""
+    sizes = np.stack([_sizes(z[:, [i]], dt, params.only([i])) for i in range(params.sensors)], axis=1)
+    far, confirming = sizes > FAR_OFF, sizes > CONFIRMED
+    alone = far & (confirming.sum(axis=1, keepdims=True) == 1)
+    alone[1:] &= ~far[:-1]  # the reading after a spike is far from where the filter went
+    return alone.sum(axis=0).tolist()
+
+
+def _sizes(z: Array, dt: Array | None, params: FusionParams) -> Array:
+    """|v|/√s of one sensor, by the usual size of them; 0 where none is scored."""
+    run = fuse(z, params, dt)
+    with np.errstate(invalid="ignore"):
+        size = np.abs(run.innovation[:, 0]) / np.sqrt(run.s[:, 0])
+    scored = np.isfinite(size)
+    usual = MAD * float(np.median(size[scored])) if scored.any() else 0.0
+    return np.where(scored, size, 0.0) / max(usual, 1.0)
+
+
+def stuck(column: Array) -> Stretch:
+    """The longest stretch of equal readings where it is far longer than the others of this sensor."""
+    rows = np.flatnonzero(np.isfinite(column))
+    if not len(rows):
+        return 0, 0
+    values = column[rows]
+    first, length = _longest(np.append(0, np.flatnonzero(np.diff(values)) + 1), len(values))
+    return (int(rows[first]), int(rows[first + length - 1]) + 1) if length else (0, 0)
+
+
+def silent(answered: Mask) -> Stretch:
+    """The longest stretch of rows without a reading where it is far longer than the others of this sensor."""
+    rows = np.flatnonzero(answered)
+    if not len(rows):
+        return 0, len(answered)
+    first, length = _longest(np.append(0, rows), len(answered))  # a reading and the silence after it
+    start = first + int(answered[first])
+    return (start, first + length) if length else (0, 0)
+
+
+def _longest(starts: Sequence[int] | Array, end: int) -> Stretch:
+    """First place and length of the longest stretch, length 0 where it is as long as the others."""
+    starts = np.asarray(starts)
+    lengths = np.diff(np.append(starts, end))
+    worst = int(lengths.argmax())
+    length = int(lengths[worst])
+    others = np.delete(lengths, worst)
+    usual = float(others.mean()) if len(others) else 1.0
+    return (int(starts[worst]), length) if length >= max(MIN_STRETCH, MUCH_LONGER * usual) else (0, 0)

@@ -1,0 +1,116 @@
+"""What is said of fused sensors, in sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from kalscope.analysis.fusion.result import Fault, HeldOut, SensorVerdict
+from kalscope.common.text import count, gate_text, lag_text, number, percent, plural
+
+CLOSE = 0.005
+"""Shares of a difference below this are none: both errors read the same."""
+
+
+@dataclass(frozen=True)
+class Words:
+    """How this record is spoken of."""
+
+    names: tuple[str, ...]
+    """The sensors."""
+    unit: str
+    """The unit of the quantity; "" where unknown."""
+    period: float | None
+    """Sample period, s; None where unknown."""
+
+    def size(self, value: float) -> str:
+        """A size with its unit."""
+        return f"{number(value)} {self.unit}".rstrip()
+
+    def headline(self, error: float, single: Sequence[float], best: int) -> str:
+        """What fusing brings."""
+        if len(single) == 1:
+            return f"The filtered value of {self.names[0]} has an error of {self.size(error)} (1 σ, predicted)."
+        saved = 1.0 - error / single[best] if single[best] > 0.0 else 0.0
+        said = "as" if saved < CLOSE else f"{percent(saved)} less than"
+        return (
+            f"The fused value has an error of {self.size(error)} (1 σ, predicted), {said} the best single sensor, "
+            f"{self.names[best]} ({self.size(single[best])})."
+        )
+
+    def held_out(self, seen: HeldOut) -> str:
+        """How well later readings are predicted."""
+        best = f"{self.names[seen.best]} alone"
+        told = (
+            f"In the second half the next reading is predicted to {self.size(seen.fused)}, its own noise included"
+        )
+        less = 1.0 - seen.fused / seen.single[seen.best] if seen.single[seen.best] > 0.0 else 0.0
+        if not seen.is_certain or abs(less) < CLOSE:
+            return f"{told}: as well as by {best}, within chance."
+        return f"{told}: {percent(abs(less))} {'better' if less > 0.0 else 'worse'} than by {best}."
+
+    def shares(self, shares: Sequence[float]) -> str:
+        """What each sensor contributes."""
+        return f"While all answer, the fused value is {self.parts(shares)}."
+
+    def parts(self, shares: Sequence[float]) -> str:
+        """Shares as a list: 60 % a, 30 % b and 10 % c."""
+        written = [
+            f"{percent(share)} {name}" for name, share in zip(self.names, shares, strict=True) if share > 0.0
+        ]
+        return written[0] if len(written) == 1 else f"{', '.join(written[:-1])} and {written[-1]}"
+
+    def fault(self, sensor: SensorVerdict, fault: Fault, noise: float, pair: tuple[int, ...]) -> str:
+        """One fault of a sensor.
+
+        Args:
+            sensor: what was found.
+            fault: which.
+            noise: standard deviation of its noise, on the scale of the quantity.
+            pair: two sensors of which it is one, where no third one tells which of them it is; else ().
+        """
+        name = sensor.name
+        two = " and ".join(self.names[i] for i in pair)
+        spikes = plural(sensor.spikes, "spike")
+        drifted = f"{self.size(sensor.drift)} within the record"
+        changed = f"changes {number(sensor.noise_ratio, 2)} × within the record"
+        said: dict[Fault, str] = {
+            "silent": f"{name} has no reading{self._when(sensor.silent)}.",
+            "stuck": f"{name} is stuck at one value{self._when(sensor.stuck)}: leave it out there.",
+            "drift": f"{name} drifts against the others by {drifted} (σ of its noise: {self.size(noise)}).",
+            "noise": f"The noise variance of {name} {changed}: one r cannot fit all of it.",
+            "spikes": f"{name} has {spikes} that no other sensor confirms: set an outlier gate.",
+        }
+        if pair and fault == "drift":
+            return f"{two} drift apart by {drifted}; which of them drifts, two sensors cannot tell."
+        if pair and fault == "noise":
+            return f"The noise variance of {two} {changed}; of which of them, two sensors cannot tell."
+        return said[fault]
+
+    def dropped(self, sensor: SensorVerdict, error: float) -> str:
+        """What happens when it drops out."""
+        if math.isinf(sensor.error_without):
+            return f"Without {sensor.name} nothing is left to go by."
+        more = sensor.error_without / error - 1.0 if error > 0.0 else 0.0
+        change = "as large as with it" if more < CLOSE else f"{percent(more)} more than with it"
+        return (
+            f"If {sensor.name} drops out, the error is {self.size(sensor.error_without)}, {change}; "
+            f"the fused value is then {self.parts(sensor.shares_without.tolist())}."
+        )
+
+    def sticks(self, sensor: SensorVerdict, gate: float | None) -> str:
+        """What happens when it sticks at one value, which no filter can see in a single reading."""
+        if math.isinf(sensor.error_without):
+            return f"If {sensor.name} sticks at one value, the filter follows it."
+        held = "" if gate is None else f", with the gate of {gate_text(gate)}"
+        return (
+            f"If {sensor.name} sticks at one value, the fused value ends {percent(sensor.pull)} of the way to it"
+            f"{held}; leave it out then."
+        )
+
+    def _when(self, stretch: tuple[int, int]) -> str:
+        first, last = stretch
+        rows = last - first
+        long = lag_text(rows, self.period) if self.period else f"{count(rows)} rows"
+        return f" for {long} (rows {count(first)} to {count(last - 1)})"

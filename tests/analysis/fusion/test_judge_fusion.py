@@ -1,0 +1,176 @@
+"""What is said of fused sensors: nothing of good ones, and the fault of each bad one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, FusionParams, estimate_fusion, fuse, judge_fusion, steady_state
+
+R = np.array([0.25, 1.0, 4.0])
+PARAMS = FusionParams(0.01, R)
+
+
+def recorded(seed=1, sensors=3, n=3000):
+    rng = np.random.default_rng(seed)
+    x = np.cumsum(rng.normal(0.0, 0.1, n))
+    return x[:, None] + rng.normal(size=(n, sensors)) * np.sqrt(R[:sensors])
+
+
+def judged(z, **options):
+    sensors = z.shape[1]
+    options.setdefault("names", ["a", "b", "c"][:sensors])
+    return judge_fusion(z, options.pop("params", PARAMS.only(range(sensors))), **options)
+
+
+def in_turns(z):
+    turns = np.arange(len(z))[:, None] % z.shape[1] == np.arange(z.shape[1])
+    return np.where(turns, z, np.nan)
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("sensors", [1, 2, 3])
+def test_nothing_is_wrong_with_sensors_as_the_model_has_them(seed, sensors):
+    z = recorded(seed, sensors, n=1000)
+    for one in (z, in_turns(z)):
+        found = judged(one)
+        assert [sensor.faults for sensor in found.sensors] == [()] * sensors
+
+
+def test_the_errors_are_those_of_the_settled_filters():
+    found = judged(recorded(), unit="°C")
+    assert found.error == pytest.approx(math.sqrt(steady_state(PARAMS.as_single).p), rel=1e-6)
+    for i, one in enumerate(found.sensors):
+        others = [j for j in range(3) if j != i]
+        assert one.error == pytest.approx(math.sqrt(steady_state(PARAMS.only([i]).as_single).p), rel=1e-3)
+        assert one.error_without == pytest.approx(
+            math.sqrt(steady_state(PARAMS.only(others).as_single).p), rel=1e-3
+        )
+        assert one.shares_without.sum() == pytest.approx(1.0)
+    assert found.best == 0
+    assert found.headline == (
+        "The fused value has an error of 0.197 °C (1 σ, predicted), "
+        "7.2 % less than the best single sensor, a (0.213 °C)."
+    )
+    assert found.sensors[0].sentences == (
+        "If a drops out, the error is 0.291 °C, 47 % more than with it; the fused value is then 80 % b and 20 % c.",
+        "If a sticks at one value, the fused value ends 76 % of the way to it; leave it out then.",
+    )
+
+
+@pytest.mark.parametrize("gate", [None, 9.0])
+def test_the_pull_of_a_stuck_sensor_is_where_the_fused_value_ends(gate):
+    z = 0.1 * recorded(5)
+    z -= z.mean(axis=1, keepdims=True)
+    z[500:, 0] = 70.0
+    params = FusionParams(0.01, R, gate=gate)
+    assert judged(z, params=params).sensors[0].pull == pytest.approx(
+        fuse(z, params).x[1500:].mean() / 70.0, abs=0.03
+    )
+
+
+def drifting(z):
+    z[:, 1] += np.linspace(0.0, 2.0, len(z))
+
+
+def sticking(z):
+    z[1000:1300, 0] = z[1000, 0]
+
+
+def ending(z):
+    z[2000:, 2] = np.nan
+
+
+def spiking(z):
+    z[50::150, 1] += 40.0
+
+
+def growing_louder(z):
+    z[1500:, 0] += np.random.default_rng(9).normal(0.0, 3.0, 1500)
+
+
+FAULTS = [
+    (drifting, "b", "drift", "b drifts against the others by 1.88 °C within the record (σ of its noise: 1.00 °C)."),
+    (
+        sticking,
+        "a",
+        "stuck",
+        "a is stuck at one value for 30 s (rows 1\u202f000 to 1\u202f299): leave it out there.",
+    ),
+    (ending, "c", "silent", "c has no reading for 1.67 min (rows 2\u202f000 to 2\u202f999)."),
+    (spiking, "b", "spikes", "b has 20 spikes that no other sensor confirms: set an outlier gate."),
+    (
+        growing_louder,
+        "a",
+        "noise",
+        "The noise variance of a changes 14 × within the record: one r cannot fit all of it.",
+    ),
+]
+
+
+@pytest.mark.parametrize(("spoil", "name", "fault", "sentence"), FAULTS)
+def test_the_sensor_that_is_at_fault_is_named(spoil, name, fault, sentence):
+    z = recorded()
+    spoil(z)
+    found = judged(z, unit="°C", sample_period=0.1)
+    assert sentence in found.sentences
+    assert fault in {one.name: one for one in found.sensors}[name].faults
+    assert all(one.faults == () for one in found.sensors if one.name != name)
+
+
+def test_two_sensors_cannot_tell_which_of_them_drifts():
+    z = recorded(sensors=2)
+    drifting(z)
+    found = judged(z)
+    assert [one.faults for one in found.sensors] == [("drift",), ("drift",)]
+    assert sum("a and b drift apart by" in sentence for sentence in found.sentences) == 1
+
+
+def test_a_drift_shows_between_sensors_that_never_answer_together():
+    z = recorded()
+    drifting(z)
+    found = judged(in_turns(z))
+    assert [one.faults for one in found.sensors] == [(), ("drift",), ()]
+
+
+def test_a_step_of_the_quantity_is_no_spike():
+    z = recorded()
+    z[1000:1004] += 40.0
+    assert [one.spikes for one in judged(z).sensors] == [0, 0, 0]
+
+
+def test_a_fused_value_that_is_better_is_said_so_on_the_second_half():
+    rng = np.random.default_rng(4)
+    x = np.cumsum(rng.normal(0.0, 1.0, 3000))
+    z = x[:, None] + rng.normal(size=(3000, 3))
+    found = judged(z, params=FusionParams(1.0, np.ones(3)), fit=lambda *_: FusionParams(1.0, np.ones(3)))
+    assert found.held_out.is_certain
+    assert found.held_out.fused < 0.95 * found.held_out.single.min()
+    assert "better than by" in found.sentences[1]
+
+
+def test_the_estimate_brings_its_names_and_its_filter():
+    z = recorded(n=400)
+    estimate = estimate_fusion(z, names=["left", "middle", "right"], momentum=0.0)
+    found = judge_fusion(z, estimate)
+    assert [one.name for one in found.sensors] == ["left", "middle", "right"]
+    assert "left" in found.headline
+
+
+def test_few_rows_and_none():
+    assert judged(recorded(n=20)).held_out is None
+    found = judged(np.empty((0, 2)))
+    assert math.isinf(found.error)
+    assert [one.answered for one in found.sensors] == [0.0, 0.0]
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(BadSetting, match="names must be 3"):
+        judged(recorded(), names=["a"])
+    with pytest.raises(BadSetting, match="column for each"):
+        judge_fusion(np.zeros((5, 2)), PARAMS)
+    constant = estimate_fusion(np.ones((50, 2)))
+    with pytest.raises(BadSetting, match="without params"):
+        judge_fusion(np.ones((50, 2)), constant)
