@@ -98,6 +98,22 @@ def ultrasonic() -> str:
     return _csv("time (s),distance (cm)", rows)
 
 
+def tank_level() -> str:
+    """A tank fills and empties under three level sensors; the sonar sees only foam for a while."""
+    rng = np.random.default_rng(2020)
+    time = np.arange(1200.0)
+    flow = np.repeat(rng.choice((-1.2, -0.4, 0.0, 0.6, 1.5), 24), 50)  # a pump and a drain, switched now and then
+    truth = 900.0 + np.cumsum(_lagged(flow, gain=0.05)) + np.cumsum(rng.normal(0.0, 0.6, len(time)))
+    sonar = truth + 12.0 + rng.normal(0.0, 6.0, len(time))
+    float_arm = truth - 9.0 + rng.normal(0.0, 14.0, len(time))
+    pressure = truth - 31.0 + rng.normal(0.0, 4.0, len(time))
+    lost = (rng.random(len(time)) < 0.03) | ((time >= 700) & (time < 780))
+    slow = np.mod(time, 5.0) > 0.0
+    columns = [_cells(sonar, lost), _cells(float_arm, time < 0), _cells(pressure, slow)]
+    rows = [f"{t:.0f},{','.join(cells)}" for t, *cells in zip(time, *columns, strict=True)]
+    return _csv("time (s),sonar (mm),float (mm),pressure (mm)", rows)
+
+
 RECORDINGS = {
     "balancing_robot": balancing_robot,
     "flex_finger": flex_finger,
@@ -105,6 +121,7 @@ RECORDINGS = {
     "hot_water": hot_water,
     "ldr_pwm": ldr_pwm,
     "lis302dl": lis302dl,
+    "tank_level": tank_level,
     "ultrasonic": ultrasonic,
 }
 """What makes each file, by its name without .csv."""
@@ -129,6 +146,11 @@ def _lagged(values: Array, gain: float) -> Array:
         state += gain * (value - state)
         out[i] = state
     return out
+
+
+def _cells(values: Array, missing: NDArray[np.bool_]) -> list[str]:
+    """Readings to a tenth, empty where there is none."""
+    return ["" if gone else f"{value:.1f}" for value, gone in zip(values, missing, strict=True)]
 
 
 def _csv(header: str, rows: list[str]) -> str:
