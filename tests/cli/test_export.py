@@ -13,7 +13,7 @@ import time
 import pytest
 from waiting import wait_until
 
-from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, load_tuning, save_tuning
+from kalscope import BadSetting, ChannelTuning, FusionTuning, Tuning, export_tuning, load_tuning, save_tuning
 from kalscope.cli import app as cli
 from kalscope.cli.export import CHOICES
 from kalscope.export.registry import TARGETS
@@ -49,6 +49,26 @@ def test_without_a_folder_the_main_file_goes_to_stdout(tuning_file, capfd):
     shown = capfd.readouterr()
     assert shown.out == export_tuning(load_tuning(tuning_file), "python")["kalscope_filter.py"]
     assert shown.err == "kalscope: note: kalscope_filter.py; with -o DIR also with_kalscope.py\n"
+
+
+def test_a_fusion_is_exported_and_said_unless_a_channel_is_named(tmp_path, capfd):
+    path, fusion = tmp_path / "tuning.toml", FusionTuning("level", "cm", ("a", "b"), 0.01, (4.0, 9.0))
+    channels = (ChannelTuning("a", "cm", 0.01, 0.25), ChannelTuning("b", "cm", 0.02, 0.25))
+    save_tuning(Tuning(channels, sample_period=0.01, fusion=fusion), path)
+    tuning = load_tuning(path)
+    assert cli.run(["export", str(path), "--to", "json", "--sample-period", "0.02"]) == 0
+    shown = capfd.readouterr()
+    assert shown.out == export_tuning(tuning, "json", sample_period=0.02)["kalscope_fusion.json"]
+    assert "note: this is the fusion level of a, b; --channel NAME exports the filter of one" in shown.err
+    assert cli.run(["export", str(path), "--to", "json", "--channel", "b"]) == 0
+    shown = capfd.readouterr()
+    assert (shown.out, shown.err) == (export_tuning(tuning, "json", channel="b")["kalscope_parameters.json"], "")
+    assert cli.run(["export", str(path), "--to", "kalmanjs"]) == 2
+    assert "give it 0.6923 a + 0.3077 b with q = 0.01 and r = 2.76923" in capfd.readouterr().err
+    out = tmp_path / "elsewhere"
+    assert cli.run(["export", str(path), "--to", "arduino", "-o", str(out)]) == 0
+    assert "opens a sketch only from a folder of its name, as with -o" in capfd.readouterr().err
+    assert sorted(contents(out)) == ["KalscopeFusion.h", "kalscope_fusion.ino"]
 
 
 def test_fixed_gains_are_written_and_their_limits_named(tmp_path, capfd):

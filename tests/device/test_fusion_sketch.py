@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from board import FLAT_OUT, read_lines
 
-from kalscope import FusionTuning, Tuning, export_tuning
+from kalscope import ChannelTuning, FusionTuning, Tuning, export_tuning
 from kalscope.export.board.fusion import fuse_float32
+from kalscope.export.device_limits import UNO_FUSION, UNO_FUSION_WITH_MOMENTUM, fusion_us
 
 pytestmark = pytest.mark.device
 
@@ -17,8 +20,6 @@ MISSING = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[sensor]); ret
 
 def saved(folder, fusion):
     """The sketch of an export, as it leaves."""
-    from kalscope import ChannelTuning
-
     tuning = Tuning((ChannelTuning("a", "", 1.0, 1.0),), sample_period=0.005, fusion=fusion)
     for name, text in export_tuning(tuning, "arduino").items():
         (folder / name).write_text(text, encoding="ascii")
@@ -46,3 +47,41 @@ def test_three_sensors_with_gaps_and_spikes_are_fused_to_the_bit(start_board, wo
     z = np.where(counts[: len(printed)] == 0, np.nan, counts[: len(printed)])
     np.testing.assert_array_equal(printed[:, :3], z.astype(np.float32))
     np.testing.assert_array_equal(printed[:, 3], fuse_float32(z, fusion.params))
+
+
+TIMING = r"""
+#include "KalscopeFusion.h"
+KalscopeFusion fusion(KALSCOPE_FUSION_LEVEL);
+volatile float z, x;
+unsigned long spent(bool fusing) {
+  const unsigned long start = micros();
+  for (int i = 0; i < 500; i++) {
+    float row[KALSCOPE_SENSORS];
+    for (uint8_t j = 0; j < KALSCOPE_SENSORS; j++) row[j] = z = 500 + (i & 31) + j;
+    x = fusing ? fusion.update(row) : row[0];
+  }
+  return micros() - start;
+}
+void setup() {
+  Serial.begin(115200);
+  Serial.println(spent(true) - spent(false));
+}
+void loop() {}
+"""
+
+
+@pytest.mark.parametrize(
+    ("momentum", "gain", "cost"),
+    [(0.0, 1.0, UNO_FUSION), (20.0, 1.05, UNO_FUSION_WITH_MOMENTUM)],
+    ids=["five lines", "momentum and gains"],
+)
+def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, momentum, gain, cost):
+    plain = FusionTuning("level", "", ("a", "b", "c"), 0.5, (9.0, 18.0, 27.0), momentum=momentum)
+    firmware = workshop.sketch(saved(tmp_path, plain))
+    assert firmware.flash == pytest.approx(cost.flash, rel=0.05)
+    assert firmware.ram == pytest.approx(cost.ram, rel=0.05)
+    timed = replace(plain, offset=(0.0, 1.0, 2.0), gain=(1.0, gain, 1.0))
+    saved(tmp_path, timed)
+    (tmp_path / "timing.ino").write_text(TIMING)
+    board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
+    assert int(read_lines(board.port, 1)[0]) / 500 == pytest.approx(fusion_us(timed), rel=0.05)

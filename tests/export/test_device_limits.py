@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import FilterParams
+from kalscope import ChannelTuning, FilterParams, FusionTuning, Tuning
 from kalscope.errors import BadSetting
-from kalscope.export.device_limits import UNO, UNO_READ_US, UNO_WITH_MOMENTUM, device_limits
+from kalscope.export.device_limits import UNO, UNO_READ_US, UNO_WITH_MOMENTUM, device_limits, fusion_limits
 from kalscope.export.float32 import filter_float32
+from kalscope.export.write import limits_of
 
 
 def kinds(*args, **settings):
@@ -72,3 +73,31 @@ def test_what_is_no_period_or_level_is_refused():
             device_limits(FilterParams(1.0, 1.0), level=wrong)
         with pytest.raises(BadSetting):
             device_limits(FilterParams(1.0, 1.0), level=1.0, sample_period=wrong)
+
+
+def test_the_limits_of_a_fusion_are_those_of_the_filter_it_settles_into_and_its_time_that_of_its_sensors():
+    fusion = FusionTuning("level", "", ("a", "b"), 0.01, (4.0, 9.0))
+    assert fusion_limits(fusion, levels=(1023.0, 1023.0)) == ()
+    (limit,) = fusion_limits(replace(fusion, q=1e-60), levels=(1.0, 1.0))
+    assert limit.message.startswith("q must fit float32")
+    slow = replace(fusion, q=1e-13)
+    assert [one.kind for one in fusion_limits(slow, levels=(1.0, 1.0))] == ["gain"]
+    gained = replace(slow, q=1e-10, gain=(1.0, 0.001))
+    assert [one.kind for one in fusion_limits(gained, levels=(1.0, 1.0))] == ["estimate"]
+    assert "steps by 6.1e-05 at 1000," in fusion_limits(gained, levels=(1.0, 1.0))[0].message
+    costs = ((fusion, 2 * 123), (replace(fusion, gain=(1.0, 2.0)), 2 * 152), (replace(fusion, momentum=9.0), 522))
+    for one, us in costs:
+        needed = 1e-6 * (us + 2 * UNO_READ_US)
+        assert fusion_limits(one, levels=(1023.0, 1023.0), sample_period=1.001 * needed) == ()
+        (limit,) = fusion_limits(one, levels=(1023.0, 1023.0), sample_period=0.999 * needed)
+        assert (limit.kind, "to read and fuse 2 sensors" in limit.message) == ("time", True)
+
+
+def test_the_notes_of_a_fusion_take_the_level_of_each_sensor_and_its_own_unit():
+    fusion = FusionTuning("level", "cm", ("a", "b"), 1e-9, (4.0, 9.0), gain=(1.0, 0.5))
+    tuning = Tuning((ChannelTuning("a", "V", 0.1, 1.0),), fusion=fusion)
+    first, second = limits_of(tuning, None, "arduino", {"a": 3.0, "b": 600.0}.__getitem__)
+    assert "at 1200," in first
+    assert second.startswith("the sketch reads counts, but level is in cm")
+    assert limits_of(tuning, "a", "arduino") == limits_of(replace(tuning, fusion=None), None, "arduino")
+    assert limits_of(tuning, None, "c") == []

@@ -28,7 +28,9 @@ def export_command(
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Folder to write to; default: the main file on stdout."),
     ] = None,
-    channel: Annotated[str | None, typer.Option(metavar="NAME", help="Default: all channels.")] = None,
+    channel: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Default: the fusion if there is one, else all channels.")
+    ] = None,
     vectors: Annotated[
         str | None, typer.Option(metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered.")
     ] = None,
@@ -55,7 +57,11 @@ def export_command(
         tuned = rescaled_to_period(tuned, sample_period)
     recording = None if vectors is None else open_source(vectors, reading)
     files = export_tuning(tuned, target, vectors=recording, fixed_gains=fixed)
-    for message in [*_other_rate(recording, tuned), *limits_of(tuned, None, target, fixed_gains=fixed)]:
+    for message in [
+        *_what(tuned),
+        *_other_rate(recording, tuned),
+        *limits_of(tuned, None, target, fixed_gains=fixed),
+    ]:
         say(f"note: {message}")
     if output is None:
         (main, text), *others = files.items()
@@ -68,6 +74,16 @@ def export_command(
     if sketch and output.resolve().name != sketch:
         say(f"note: the Arduino IDE opens a sketch only from a folder of its name, as with -o {output / sketch}")
     write_output((f"{path}\n" for path in written), None)
+
+
+def _what(tuning: Tuning) -> list[str]:
+    """A sentence where a fusion is exported and not the channels."""
+    if tuning.fusion is None:
+        return []
+    return [
+        f"this is the fusion {tuning.fusion.name} of {', '.join(tuning.fusion.sensors)};"
+        " --channel NAME exports the filter of one channel instead"
+    ]
 
 
 def _other_rate(vectors: Recording | None, tuning: Tuning) -> list[str]:

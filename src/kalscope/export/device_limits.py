@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, cast
 
@@ -12,9 +12,11 @@ import numpy as np
 
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
+from kalscope.export.board.fusion import fusion_on_board
 from kalscope.export.float32 import STALLING_GAIN, float32_params
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
+from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import Filter
 
 
@@ -36,6 +38,14 @@ UNO_WITH_MOMENTUM = Cost(update_us=317, flash=9916, ram=386)
 """The filter with momentum, also in a channel without it beside one that has it."""
 UNO_FIXED_US, UNO_FIXED_WITH_MOMENTUM_US = 34, 70
 """Time of one update with fixed gains, µs."""
+UNO_FUSION = Cost(update_us=123, flash=5152, ram=317)
+"""A fusion: the time for each sensor; the others for three of them."""
+UNO_FUSION_WITH_MOMENTUM = Cost(update_us=199, flash=5942, ram=385)
+"""The same with momentum."""
+UNO_FUSION_PREDICT_US = 124
+"""Time that momentum takes once a row, µs."""
+UNO_GAIN_US = 29
+"""Time for each sensor where one has a gain, µs."""
 UNO_READ_US = 112
 """Time of one analogRead() on an Uno, µs."""
 
@@ -93,6 +103,36 @@ def device_limits(
     return tuple(limit for limit in (*found, _time(params, sample_period, channels)) if limit is not None)
 
 
+def fusion_limits(
+    fusion: FusionTuning, *, levels: Sequence[float], sample_period: float | None = None
+) -> tuple[DeviceLimit, ...]:
+    """The limits of a fusion on a board that computes in float32.
+
+    Args:
+        fusion: The filter.
+        levels: Largest size of what each sensor reads, unit of the sensor, > 0.
+        sample_period: s; None = unknown, then time is not checked.
+
+    Raises:
+        BadSetting: A level or sample_period is not positive.
+    """
+    try:
+        fusion_on_board(fusion.params)
+    except BadSetting as error:
+        return (_refusal(error),)
+    scaled = (level / abs(gain) for level, gain in zip(levels, fusion.gain, strict=True))
+    # Settled it is the filter of one reading, so what float32 cannot hold of that one it cannot hold of this one.
+    found = device_limits(fusion.params.as_single, level=max(scaled), constant_gain=False)
+    return (*found, *_fusion_time(fusion, sample_period))
+
+
+def fusion_us(fusion: FusionTuning) -> float:
+    """Time of one update of a fusion, all sensors, on an Uno, µs."""
+    cost = UNO_FUSION_WITH_MOMENTUM if fusion.momentum else UNO_FUSION
+    each = cost.update_us + (UNO_GAIN_US if any(gain != 1.0 for gain in fusion.gain) else 0)
+    return len(fusion.sensors) * each + (UNO_FUSION_PREDICT_US if fusion.momentum else 0)
+
+
 def not_in_counts(channels: Iterable[Filter]) -> list[Filter]:
     """The filters in a unit such as g or V, which analogRead() does not return; an unknown unit may be counts."""
     return [one for one in channels if one.unit and COUNTS.isdisjoint(re.findall(r"[^\W\d_]+", one.unit.lower()))]
@@ -102,8 +142,12 @@ def _refused(params: FilterParams) -> DeviceLimit | None:
     try:
         float32_params(params)
     except BadSetting as error:
-        return DeviceLimit("refused", f"{error}. Scale the signal, or export to a target with double.")
+        return _refusal(error)
     return None
+
+
+def _refusal(error: BadSetting) -> DeviceLimit:
+    return DeviceLimit("refused", f"{error}. Scale the signal, or export to a target with double.")
 
 
 def _gain(params: FilterParams, *, constant_gain: bool) -> DeviceLimit | None:
@@ -152,12 +196,21 @@ def _settled(params: FilterParams) -> tuple[float, float]:
 
 def _time(params: FilterParams, sample_period: float | None, channels: int) -> DeviceLimit | None:
     cost = UNO_WITH_MOMENTUM if params.momentum else UNO
-    needed_us = channels * (cost.update_us + UNO_READ_US)
     all_of_them = "one channel" if channels == 1 else f"{channels} channels"
+    return _too_slow(channels * (cost.update_us + UNO_READ_US), f"filter {all_of_them}", sample_period)
+
+
+def _fusion_time(fusion: FusionTuning, sample_period: float | None) -> tuple[DeviceLimit, ...]:
+    sensors = len(fusion.sensors)
+    limit = _too_slow(fusion_us(fusion) + sensors * UNO_READ_US, f"fuse {sensors} sensors", sample_period)
+    return () if limit is None else (limit,)
+
+
+def _too_slow(needed_us: float, work: str, sample_period: float | None) -> DeviceLimit | None:
     if sample_period is None or needed_us <= sample_period * 1e6:
         return None
     return DeviceLimit(
         "time",
-        f"an Uno needs {needed_us} µs to read and filter {all_of_them}, more than "
+        f"an Uno needs {needed_us} µs to read and {work}, more than "
         f"the sample period of {sample_period * 1e6:.4g} µs. Take fewer samples, with q multiplied by as much.",
     )

@@ -25,30 +25,36 @@ def limits_of(
 
     Args:
         tuning: What is exported.
-        channel: Only this channel; None = all.
+        channel: Only this channel; None = the fusion, or all where there is none.
         target: A name of `TARGETS`.
-        level: Largest size of the signal of a channel, unit, by its name.
+        level: Largest size of the signal of a channel, or of the reading of a sensor, unit, by its name.
         fixed_gains: Whether only the settled filter is exported: no variance can stall, and it is faster.
     """
-    from kalscope.export.device_limits import FLOAT32_TARGETS, device_limits, not_in_counts
+    from kalscope.export.device_limits import FLOAT32_TARGETS, device_limits, fusion_limits, not_in_counts
 
     if target not in FLOAT32_TARGETS:
         return []
 
-    chosen = tuning.channels if channel is None else (tuning.channel(channel),)
-    said = [
-        limit.message
-        for one in chosen
-        for limit in device_limits(
-            one.params,
-            level=level(one.name),
-            sample_period=tuning.sample_period,
-            channels=len(chosen),
-            constant_gain=FLOAT32_TARGETS[target],
+    chosen = tuning.only(channel)
+    if chosen.fusion is not None:
+        levels = [level(name) for name in chosen.fusion.sensors]
+        found = fusion_limits(chosen.fusion, levels=levels, sample_period=chosen.sample_period)
+        others = not_in_counts((chosen.fusion,))
+    else:
+        found = tuple(
+            limit
+            for one in chosen.channels
+            for limit in device_limits(
+                one.params,
+                level=level(one.name),
+                sample_period=chosen.sample_period,
+                channels=len(chosen.channels),
+                constant_gain=FLOAT32_TARGETS[target],
+            )
         )
-        if limit.kind == "estimate" or not fixed_gains
-    ]
-    others = " and ".join(f"{one.name} is in {one.unit}" for one in not_in_counts(chosen))
+        others = not_in_counts(chosen.channels)
+    said = [limit.message for limit in found if limit.kind == "estimate" or not fixed_gains]
+    others = " and ".join(f"{one.name} is in {one.unit}" for one in others)
     if target == "arduino" and others and not fixed_gains:
         said.append(f"the sketch reads counts, but {others}: it compiles once you have written readSensor().")
     return list(dict.fromkeys(said))
