@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from datetime import date
 
 import numpy as np
 import pytest
@@ -16,6 +18,11 @@ from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.tuning.fleet.recordings import data_set
 from kalscope.tuning.fleet.recordings.find import find_units
+from kalscope.tuning.fleet.recordings.unit import Piece, Unit
+from kalscope.tuning.fleet.results import reopen
+from kalscope.tuning.fleet.results.checked import checked_table
+from kalscope.tuning.fleet.store.merge import merge
+from kalscope.tuning.fleet.store.parts import find_parts, write_part
 from kalscope.tuning.fleet.work.asked import Asked
 from kalscope.tuning.fleet.work.block import fit_block
 from kalscope.tuning.fleet.work.read import channels_of
@@ -99,19 +106,106 @@ def test_a_small_data_set_may_be_in_any_order(tmp_path):
     assert equal(read(tmp_path), series)
 
 
-def test_ids_mixed_over_more_bytes_than_a_worker_holds_are_refused_with_what_to_do(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("size", "units"), [(1, 8), (1 << 20, 1)])
+@pytest.mark.parametrize("files", [1, 3])
+def test_a_data_set_in_any_order_is_cut_by_its_ids(tmp_path, monkeypatch, size, units, files):
+    """As pandas writes one that it has shuffled: each series whole and once, each row group read a few times."""
+    series = {f"dev{i:03d}": (np.arange(3.0), RNG.normal(size=3)) for i in range(300)}
+    table = long_table(series)
+    table = table.take(RNG.permutation(len(table)))
+    n = -(-len(table) // files)
+    for i in range(files):
+        pq.write_table(table.slice(i * n, n), tmp_path / f"{i}.pq", row_group_size=60)
+    monkeypatch.setattr(data_set, "MIXED_BYTES", size)
+    found = find_units([str(tmp_path)], tmp_path / "out")
+    assert len(found) == units
+    assert sum(len(piece.groups) for unit in found for piece in unit.pieces) <= 8 * 15
+    assert equal(read(tmp_path), series)
+
+
+def test_long_series_and_large_row_groups_are_no_mixed_ids(tmp_path, monkeypatch):
+    table = long_table(fleet(6, n=400))
+    pq.write_table(table, tmp_path / "x.parquet", row_group_size=100)
+    (tmp_path / "large").mkdir()
+    pq.write_table(table, tmp_path / "large" / "x.parquet", row_group_size=900)
+    for name in ("MAX_UNIT_BYTES", "MIXED_BYTES"):
+        monkeypatch.setattr(data_set, name, 1000)
+    assert reasons(tmp_path) == {}
+
+
+def reasons(folder):
+    return {unit.id: unit.reason for unit in find_units([str(folder)], folder / "out") if unit.reason}
+
+
+def test_ids_mixed_over_too_many_bytes_are_a_row_that_says_how_to_sort_them(tmp_path, monkeypatch):
+    (tmp_path / "site").mkdir()
     table = long_table(fleet()).sort_by([("time", "ascending")])
-    pq.write_table(table, tmp_path / "x.parquet", row_group_size=50)
-    monkeypatch.setattr(data_set, "MAX_UNIT_BYTES", 1000)
-    with pytest.raises(BadFile, match=r"must be sorted by id, .* ORDER BY"):
-        find_units([str(tmp_path)], tmp_path / "out")
+    for name in "ab":
+        pq.write_table(table, tmp_path / "site" / f"{name}.parquet", row_group_size=50)
+    (tmp_path / "fine.csv").write_text("1\n2\n3\n")
+    for limit in ("MAX_UNIT_BYTES", "MIXED_BYTES"):
+        monkeypatch.setattr(data_set, limit, 1000)
+    (said,) = reasons(tmp_path).items()
+    command = f"COPY (FROM '{tmp_path}/site/*.parquet' ORDER BY id) TO 'sorted.parquet'"
+    assert said[0] == "site"
+    assert said[1].endswith(f' GB with mixed ids): duckdb -c "{command}"')
+    assert len(find_units([str(tmp_path)], tmp_path / "out")) == 2
 
 
-def test_row_groups_that_would_be_read_many_times_are_refused(tmp_path):
-    ids = RNG.permutation(10_000).repeat(2)
-    pq.write_table(pa.table({"id": ids, "value": ids * 1.0}), tmp_path / "x.parquet", row_group_size=1000)
-    with pytest.raises(BadFile, match=r"must be sorted by id, .* ORDER BY"):
-        find_units([str(tmp_path)], tmp_path / "out")
+@pytest.mark.parametrize("kind", ["text", "number", "date"])
+@pytest.mark.parametrize("statistics", [True, False])
+def test_rows_without_an_id_are_counted(tmp_path, kind, statistics):
+    table = long_table(fleet(3))
+    ids = table["id"].to_pylist()
+    if kind != "text":
+        ids = [float(one[3:]) for one in ids]
+    if kind == "date":
+        ids = [date(2026, 1, 1 + int(one)) for one in ids]
+    nothing = float("nan") if kind == "number" else None
+    ids[5:9] = [nothing] * 4
+    ids[-60:] = [nothing] * 60  # a row group of its own, and more
+    table = table.set_column(0, "id", pa.array(ids))
+    pq.write_table(table, tmp_path / "x.parquet", row_group_size=20, write_statistics=statistics)
+    assert reasons(tmp_path) == {"rows without an id": "64 rows have no id, so that no series can take them"}
+    units = [unit for unit in find_units([str(tmp_path)], tmp_path / "out") if not unit.reason]
+    held = sum(int(block.starts[-1]) for unit in units if (block := read_block(unit, ReadOptions())))
+    assert held == len(table) - 64
+
+
+def test_files_that_hold_each_id_once_come_together(tmp_path):
+    """A file a day, and an id that only one file has: what its neighbours hold decides."""
+    for k in range(9):
+        table = pa.table({"id": ["a", "b", "c"], "time": [k / 10] * 3, "value": [1.0 * k, 2.0 * k, 7.0]})
+        pq.write_table(table, tmp_path / f"{k}.parquet")
+    pq.write_table(pa.table({"id": ["d", "a"], "time": [0.0, 0.9], "value": [5.0, 9.0]}), tmp_path / "x.parquet")
+    units = find_units([str(tmp_path)], tmp_path / "out")
+    blocks = [block for unit in units if (block := read_block(unit, ReadOptions()))]
+    names = [name for block in blocks for name in block.ids]
+    samples = [part for one in blocks for part in np.split(one.columns.values[0], one.starts[1:-1])]
+    found = {name: list(z) for name, z in zip(names, samples, strict=True)}
+    days = list(range(9))
+    assert found == {"a": [*days, 9.0], "b": [2.0 * k for k in days], "c": [7.0] * 9, "d": [5.0]}
+    assert len(names) == 4
+
+
+def test_recordings_that_number_their_rows_stay_apart(tmp_path):
+    for name in "ab":
+        table = pa.table({"id": np.arange(50), "value": RNG.normal(size=50)})
+        pq.write_table(table, tmp_path / f"{name}.parquet")
+    assert [unit.id for unit in find_units([str(tmp_path)], tmp_path / "out")] == ["a.parquet", "b.parquet"]
+
+
+def test_ids_that_a_footer_cuts_short_give_no_row_of_their_own(tmp_path, monkeypatch):
+    """A writer may round the ends of long ids: the spans then hold no id at all."""
+    series = fleet(4)
+    pq.write_table(long_table(series), tmp_path / "x.parquet", row_group_size=40)
+    plain = data_set._known_ends
+    monkeypatch.setattr(data_set, "_known_ends", lambda known: (plain(known)[0][:-1], plain(known)[1] + "~", 0))
+    units = find_units([str(tmp_path)], tmp_path / "out")
+    units.append(replace(units[0], span=("x", "y")))
+    rows = [row for unit in units for row in fit_block(unit, Asked(PLAIN)).rows]
+    assert [row.id for row in rows] == list(series)
+    assert all(not row.reason for row in rows)
 
 
 def test_numbers_as_ids_dictionaries_and_missing_statistics(tmp_path):
@@ -257,8 +351,9 @@ def test_ids_of_two_types_are_refused(tmp_path):
         pq.write_table(
             pa.table({"id": ids, "time": np.arange(4.0), "value": np.arange(4.0)}), tmp_path / f"{name}.pq"
         )
-    with pytest.raises(BadFile, match=r"must be of one type in all files \(got int and str\)"):
-        find_units([str(tmp_path)], tmp_path / "out")
+    ((name, reason),) = reasons(tmp_path).items()
+    assert name == tmp_path.name
+    assert "must be of one type in all files (got int and str)" in reason
 
 
 @pytest.mark.parametrize("ids", [[b"a", b"b"], [1.0, 2.5], [True, False], [np.datetime64("2024-05-01", "us")] * 2])
@@ -275,3 +370,30 @@ def test_a_worker_of_another_version_is_refused(tmp_path):
     (tmp_path / ".lock").touch()
     with pytest.raises(BadSetting, match=r"every worker of --cluster must have kalscope 9 \(got "):
         run_batch([], Asked(NOTHING, program="kalscope 9"), str(tmp_path))
+
+
+def test_an_id_that_is_too_long_for_the_table_is_cut_and_found_again(tmp_path):
+    (one, other) = series = {"x" * 10_000 + end: (np.arange(40) / 10, RNG.normal(size=40)) for end in "ab"}
+    pq.write_table(long_table(series), tmp_path / "x.parquet")
+    for unit in find_units([str(tmp_path)], tmp_path / "out"):
+        fitted = fit_block(unit, Asked(PLAIN))
+        write_part(tmp_path / "out", {"k": (fitted.rows, fitted.pool)})
+        merge(tmp_path / "out", [["k"]], find_parts(tmp_path / "out"))
+        names = checked_table(tmp_path / "out" / "fleet.parquet")["id"].to_pylist()
+        assert len(set(names)) == 2
+        for name, key in zip(names, (one, other), strict=True):
+            again = one_recording(replace(unit, id=name), ReadOptions(), None)
+            assert np.array_equal(again.channel("value"), series[key][1])
+
+
+def test_a_source_names_runs_of_row_groups(tmp_path):
+    """A thousand row groups that a unit reads take no thousand numbers in the table."""
+    path = tmp_path / "x.parquet"
+    path.write_bytes(b"")
+    groups = (*range(1000), 2000)
+    unit = Unit("a", (Piece(str(path), groups=groups),), span=(None, "z"), data_set="site/")
+    assert unit.source == f'["site/", [["{path}", [[0, 999], [2000, 2000]]]]]'
+    assert reopen._unit("a", unit.source).pieces[0].groups == groups
+    for runs in ([[0, 10**9]], [[3, 1]], [[0, 5], [5, 6]], [7], ["ab"]):
+        with pytest.raises(BadFile, match="must name row groups"):
+            reopen._unit("a", json.dumps(["site/", [[str(path), runs]]]))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+import sys
 
 import pytest
 
@@ -105,10 +107,29 @@ def test_a_pattern_leaves_out_the_results_of_an_earlier_run(tmp_path):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1\n2\n3\n")
     units = find_units([str(tmp_path / "logs" / "**")], tmp_path / "logs" / "out")
-    assert [unit.id for unit in units] == ["logs/a.csv"]
+    assert [unit.id for unit in units] == ["a.csv"]
 
 
 def test_a_line_of_a_list_that_is_longer_than_any_path_is_refused(tmp_path):
     (tmp_path / "list.txt").write_text("x" * 200_000)
     with pytest.raises(BadFile, match="line 1 of"):
         read_list(str(tmp_path / "list.txt"))
+
+
+def test_folders_may_be_nested_deeper_than_python_calls(tmp_path):
+    (tmp_path / "/".join("d" * 100)).mkdir(parents=True)
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(len(inspect.stack()) + 70)
+    try:
+        ((name, _), unit) = next(iter(found(tmp_path).items()))
+    finally:
+        sys.setrecursionlimit(limit)
+    assert (name.count("d"), unit.reason) == (100, "the folder is empty")
+
+
+def test_loops_of_links_under_a_pattern_end(tree):
+    for name in ("one", "two", "three"):
+        os.symlink(tree, tree / "x.csv" / name)
+    assert {name for name in reasons(tree / "**") if name.endswith("b.csv")} == {"x.csv/b.csv"}
+    os.symlink("self", tree / "self")
+    assert "symbolic links" in reasons(tree / "self")["self"]

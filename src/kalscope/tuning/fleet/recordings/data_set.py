@@ -1,7 +1,8 @@
 """Parquet data sets in the long form, id, time, value: which row groups make up a unit.
 
-A unit owns the ids of a row group up to its largest, and reads every row group in which one of them lies. So a
-series that runs over the end of a row group is whole, and no id has two owners. Only footers are read here.
+A unit owns a span of ids, and reads every row group in which one of them lies: each series is whole, and no id has
+two owners. Where the rows are sorted by id a unit owns the ids of a row group up to its largest, and only footers
+are read here. Where they are mixed, the ids are counted and cut into spans of like size, each of which reads all.
 """
 
 from __future__ import annotations
@@ -11,18 +12,23 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from kalscope.errors import BadFile
+import numpy as np
+
+from kalscope.errors import BadFile, describe
 from kalscope.tuning.fleet.libraries import library
+from kalscope.tuning.fleet.recordings.long_form import id_column, plain_ids
 from kalscope.tuning.fleet.recordings.unit import Piece, Unit
 
-ENDINGS = (".parquet", ".pq")
-"""Endings of Parquet files."""
-ID_NAMES = ("id", "series_id", "unique_id", "device_id", "sensor_id", "device", "sensor")
-"""Names of the column that says which series a row belongs to, in lower case, the first one found."""
-MAX_READINGS = 4
-"""How often the bytes of a data set may be read in all: more where its ids are not sorted."""
-MAX_UNIT_BYTES = 1 << 30
-"""Most bytes of a unit of several row groups: a worker holds it twice or three times."""
+MAX_READINGS = 8
+"""How often the bytes of a data set may be read in all, where its ids are mixed."""
+SORTED_READINGS = 2
+"""How often at most where they are sorted: a row group holds the end of one unit and the begin of another."""
+MIXED_BYTES = 64 << 20
+"""Bytes of the rows of a unit of mixed ids, where the data set is not too large for that."""
+MAX_UNIT_BYTES = 256 << 20
+"""Most bytes of the rows of such a unit: a worker holds them four times."""
+WITHOUT = "rows without an id"
+"""Name in the table of the rows that belong to no series."""
 
 
 @dataclass(frozen=True)
@@ -34,76 +40,123 @@ class _Group:
     size: int
     stamp: int
     first: Any
+    """The least id, or less; None where it has none."""
     last: Any
+    """The largest id, or more."""
+    missing: int
+    """Rows without an id."""
 
 
-def id_column(names: Sequence[str]) -> str | None:
-    """The column that holds the ids; None where there is none."""
-    lower = {name.lower(): name for name in reversed(names)}
-    return next((lower[name] for name in ID_NAMES if name in lower), None)
+Share = tuple[tuple[Any, Any], Sequence[_Group]]
+"""A span of ids, above the first and up to the second, and the row groups that may hold any of them."""
 
 
-def plain_ids(column: Any) -> Any:
-    """The ids themselves where a column holds numbers that stand for them."""
-    return column.cast(column.type.value_type) if library("pyarrow").types.is_dictionary(column.type) else column
-
-
-def is_data_set(path: str) -> bool:
-    """Whether the file is Parquet in the long form: one that can be read, whose ids do not just number its rows."""
-    pa = library("pyarrow")
-    try:
-        file = library("pyarrow.parquet").ParquetFile(path, memory_map=False)
-        name = id_column(file.schema_arrow.names)
-        if name is None or len(file.schema_arrow.names) < 2 or not file.num_row_groups:
-            return False
-        ids = file.read_row_groups(list(range(min(file.num_row_groups, 8))), columns=[name])[name]
-        return 2 * len(ids.unique()) <= len(ids)
-    except (pa.ArrowException, OSError, ValueError):
-        return False
-
-
-def data_set_units(paths: Sequence[str], name: str) -> list[Unit]:
-    """The units of the files of one data set.
+def data_set_units(paths: Sequence[str], name: str, label: str) -> list[Unit]:
+    """The units of the files of one data set; one with the reason where it cannot be divided.
 
     Args:
         paths: Its files, which have an id column.
         name: Of the folder in the table, "" for none; the ids of its series follow.
-
-    Raises:
-        BadFile: its ids are of several types, or so mixed that a row group would be read many times.
+        label: Name in the table for the whole data set.
     """
-    groups = [group for path in paths for group in _groups(path)]
-    if not groups:
-        return []
-    kinds = sorted({type(group.first).__name__ for group in groups})
-    if len(kinds) > 1:
-        raise BadFile(
-            f"the ids of {os.path.dirname(paths[0])!r} must be of one type in all files (got {' and '.join(kinds)})"
-        )
-    units = [
-        Unit(f"{name}{i:09d}", _pieces(inside), span=span, data_set=name)
-        for i, (span, inside) in enumerate(_owned(groups))
-    ]
-    read, whole = sum(unit.size for unit in units), sum(group.size for group in groups)
-    largest = max((unit.size for unit in units if sum(len(piece.groups) for piece in unit.pieces) > 1), default=0)
-    if read > MAX_READINGS * whole or largest > MAX_UNIT_BYTES:
-        raise BadFile(
-            f"the rows of {os.path.dirname(paths[0])!r} must be sorted by {_id_of(paths[0])}, so that a series lies"
-            f" in few row groups (got ids mixed over many): write them again with ORDER BY"
-        )
+    try:
+        groups = [group for path in paths for group in _groups(path)]
+        units = [
+            Unit(f"{name}{i:09d}", _pieces(inside), span=span, data_set=name)
+            for i, (span, inside) in enumerate(_shares([group for group in groups if group.first is not None]))
+        ]
+    except (library("pyarrow").ArrowException, OSError, ValueError, TypeError) as error:
+        reason = " ".join(describe(error).split()) or type(error).__name__
+        return [Unit(label, tuple(map(_whole, paths)), reason=reason)]
+    without = [group for group in groups if group.missing]
+    if without:
+        count = sum(group.missing for group in without)
+        reason = f"{count} {'rows have' if count > 1 else 'row has'} no id, so that no series can take them"
+        files = tuple(_whole(path) for path in dict.fromkeys(group.path for group in without))
+        units.append(Unit(f"{name}{WITHOUT}", files, reason=reason, data_set=name))
     return units
 
 
-def _owned(groups: Sequence[_Group]) -> Iterator[tuple[tuple[Any, Any], list[_Group]]]:
-    """The spans of ids, each up to the largest of a row group, and the row groups that hold any of them."""
+def _shares(groups: Sequence[_Group]) -> list[Share]:
+    """The spans of ids that are read together.
+
+    Raises:
+        BadFile: the ids are of several types, or mixed over more bytes than may be read again and again.
+    """
+    kinds = sorted({type(group.first).__name__ for group in groups})
+    if len(kinds) > 1:
+        raise BadFile(
+            f"the ids of a data set must be of one type in all files (got {' and '.join(kinds)}): move the files"
+            " of each type into a folder of their own"
+        )
+    shares, whole = list(_owned(groups)), sum(group.size for group in groups)
+    read = sum(group.size for _, inside in shares for group in inside)
+    if read <= SORTED_READINGS * whole and not any(_is_mixed(inside) for _, inside in shares):
+        return shares
+    if whole > MAX_READINGS * MAX_UNIT_BYTES:
+        raise BadFile(_how_to_sort(groups[0].path, whole))
+    return _cut(groups, max(MIXED_BYTES, whole // MAX_READINGS + 1) / whole)
+
+
+def _is_mixed(groups: Sequence[_Group]) -> bool:
+    """Whether row groups that are read together hold more than the end of one unit and the begin of the next."""
+    several = [group for group in groups if group.first != group.last]
+    return len(several) > 2 and sum(group.size for group in several) > MIXED_BYTES
+
+
+def _owned(groups: Sequence[_Group]) -> Iterator[Share]:
+    """The spans up to the largest id of each row group."""
     waiting = sorted(groups, key=lambda group: (group.first, group.last), reverse=True)
     active: list[_Group] = []
     low = None
     for end in sorted({group.last for group in groups}):
         while waiting and waiting[-1].first <= end:
             active.append(waiting.pop())
-        yield (low, end), active
+        yield (low, end), tuple(active)
         active, low = [group for group in active if group.last > end], end
+
+
+def _cut(groups: Sequence[_Group], share: float) -> list[Share]:
+    """Spans of ids that hold about this share of all rows each, at least one id."""
+    pa = library("pyarrow")
+    counted = [_counted(path, indices) for path, indices in _by_file(groups).items()]
+    table = pa.concat_tables(counted, promote_options="permissive")
+    table = table.group_by("id").aggregate([("rows", "sum")]).sort_by("id")
+    upto = np.cumsum(table["rows_sum"].to_numpy())
+    last_of_each = np.flatnonzero(np.diff(np.ceil(upto / (share * upto[-1])), append=np.inf))
+    ends = table["id"].take(pa.array(last_of_each)).to_pylist()
+    spans = list(zip([None, *ends], ends, strict=False))
+    return [
+        (span, tuple(group for group in groups if group.first <= span[1] and (i == 0 or group.last > span[0])))
+        for i, span in enumerate(spans)
+    ]
+
+
+def _counted(path: str, indices: Sequence[int]) -> Any:
+    """The ids of some row groups and how many rows each has."""
+    pa = library("pyarrow")
+    file = library("pyarrow.parquet").ParquetFile(path, memory_map=False)
+    name = str(id_column(file.schema_arrow.names))
+    several = [_present(file.read_row_group(i, columns=[name])[name]).value_counts() for i in indices]
+    return pa.concat_tables([pa.table({"id": one.field("values"), "rows": one.field("counts")}) for one in several])
+
+
+def _present(column: Any) -> Any:
+    """The ids without those that are missing, null or NaN."""
+    ids = plain_ids(column)
+    if library("pyarrow").types.is_floating(ids.type):
+        compute = library("pyarrow.compute")
+        ids = ids.filter(compute.invert(compute.is_nan(ids)))
+    return ids.drop_null()
+
+
+def _how_to_sort(path: str, size: int) -> str:
+    folder, name = os.path.dirname(path), id_column(library("pyarrow.parquet").read_schema(path).names)
+    return (
+        f"a data set of more than {MAX_READINGS * MAX_UNIT_BYTES >> 30} GiB must be sorted by {name} (got"
+        f" {size / 1e9:.3g} GB with mixed ids): duckdb -c"
+        f" \"COPY (FROM '{folder}/*.parquet' ORDER BY {name}) TO 'sorted.parquet'\""
+    )
 
 
 def row_group_units(path: str, name: str) -> list[Unit]:
@@ -113,46 +166,73 @@ def row_group_units(path: str, name: str) -> list[Unit]:
         footer = library("pyarrow.parquet").read_metadata(path)
     except (library("pyarrow").ArrowException, OSError, ValueError):
         return []
-    sizes = [footer.row_group(i).total_byte_size for i in range(footer.num_row_groups)]
+    sizes = [_size(footer.row_group(i)) for i in range(footer.num_row_groups)]
     return [
         Unit(f"{name}#{i}", (Piece(os.path.abspath(path), size, state.st_mtime_ns, (i,)),))
         for i, size in enumerate(sizes)
     ]
 
 
-def _id_of(path: str) -> str:
-    return str(id_column(library("pyarrow.parquet").read_schema(path).names))
-
-
-def _groups(path: str) -> list[_Group]:
-    """The row groups of a file with the ids in them; those without rows or ids left out."""
+def _groups(path: str) -> Iterator[_Group]:
+    """The row groups of a file with the ids in them; those without rows left out."""
     file = library("pyarrow.parquet").ParquetFile(path, memory_map=False)
     stamp, name = os.stat(path).st_mtime_ns, str(id_column(file.schema_arrow.names))
-    found: list[_Group] = []
+    exact = not library("pyarrow").types.is_floating(
+        file.schema_arrow.field(name).type
+    )  # footers say nothing of NaN
     for i in range(file.num_row_groups):
         footer = file.metadata.row_group(i)
-        column = next(c for c in map(footer.column, range(footer.num_columns)) if c.path_in_schema == name)
-        ends = _limits(file, i, name, column.statistics)
-        if ends is not None:
-            found.append(_Group(os.path.abspath(path), i, footer.total_byte_size, stamp, *ends))
+        if footer.num_rows:
+            columns = map(footer.column, range(footer.num_columns))
+            column = next((one for one in columns if one.path_in_schema == name), None)
+            known = column.statistics if exact and column is not None else None
+            ends = _known_ends(known) or _read_ends(file, i, name)
+            yield _Group(os.path.abspath(path), i, _size(footer), stamp, *ends)
+
+
+def _size(group: Any) -> int:
+    """Bytes of a row group in memory: a file holds equal values once."""
+    return max(group.total_byte_size, 8 * group.num_rows * group.num_columns)
+
+
+def _known_ends(known: Any) -> tuple[Any, Any, int] | None:
+    """The least and the largest id and the number of rows without one by the footer; None where it is silent."""
+    if known is None or not (known.has_min_max and known.has_null_count):
+        return None
+    try:
+        return known.min, known.max, known.null_count
+    except (ValueError, library("pyarrow").ArrowException):  # a text that was cut within a letter
+        return None
+
+
+def _read_ends(file: Any, index: int, name: str) -> tuple[Any, Any, int]:
+    column = file.read_row_group(index, columns=[name])[name]
+    ids = _present(column)
+    both = library("pyarrow.compute").min_max(ids)
+    return both["min"].as_py(), both["max"].as_py(), len(column) - len(ids)
+
+
+def _by_file(groups: Sequence[_Group]) -> dict[str, list[int]]:
+    """The numbers of row groups by their files."""
+    found: dict[str, list[int]] = {}
+    for group in sorted(groups, key=lambda group: (group.path, group.index)):
+        found.setdefault(group.path, []).append(group.index)
     return found
 
 
-def _limits(file: Any, index: int, name: str, known: Any) -> tuple[Any, Any] | None:
-    """The smallest and the largest id of a row group, read where its footer does not say."""
-    if known is not None and known.has_min_max:
-        return known.min, known.max
-    both = library("pyarrow.compute").min_max(plain_ids(file.read_row_group(index, columns=[name])[name]))
-    low, high = both["min"].as_py(), both["max"].as_py()
-    return None if low is None else (low, high)
-
-
 def _pieces(groups: Sequence[_Group]) -> tuple[Piece, ...]:
-    """Row groups by their files."""
-    by_file: dict[str, list[_Group]] = {}
-    for group in sorted(groups, key=lambda group: (group.path, group.index)):
-        by_file.setdefault(group.path, []).append(group)
+    """Row groups as pieces of their files."""
+    size = {(group.path, group.index): group.size for group in groups}
+    stamp = {group.path: group.stamp for group in groups}
     return tuple(
-        Piece(path, sum(group.size for group in some), some[0].stamp, tuple(group.index for group in some))
-        for path, some in by_file.items()
+        Piece(path, sum(size[path, i] for i in indices), stamp[path], tuple(indices))
+        for path, indices in _by_file(groups).items()
     )
+
+
+def _whole(path: str) -> Piece:
+    """A file of which nothing is read, as it is now."""
+    try:
+        return Piece(os.path.abspath(path), stamp=os.stat(path).st_mtime_ns)
+    except OSError:
+        return Piece(os.path.abspath(path))

@@ -5,12 +5,17 @@ from __future__ import annotations
 import glob
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from fnmatch import fnmatch
 from pathlib import Path
 
 from kalscope.errors import BadSetting, describe
-from kalscope.tuning.fleet.recordings.data_set import ENDINGS, data_set_units, is_data_set, row_group_units
+from kalscope.tuning.fleet.recordings.data_set import data_set_units, row_group_units
 from kalscope.tuning.fleet.recordings.listed import read_list
+from kalscope.tuning.fleet.recordings.long_form import long_files
 from kalscope.tuning.fleet.recordings.unit import Piece, Unit, unit_of
+
+ENDINGS = (".parquet", ".pq")
+"""Endings of Parquet files."""
 
 
 def find_units(sources: Sequence[str], output: str | os.PathLike[str], row_groups: bool = False) -> list[Unit]:
@@ -50,32 +55,62 @@ def find_units(sources: Sequence[str], output: str | os.PathLike[str], row_group
 
 def _spread(units: Iterable[Unit], row_groups: bool) -> Iterator[Unit]:
     """The units with those of Parquet data sets in place of their files; the files of a folder are one data set."""
-    sets: dict[str, list[Unit]] = {}
+    folders: dict[str, dict[str, Unit]] = {}
     for unit in units:
         path = unit.pieces[0].path
         if unit.reason or unit.channel or not path.lower().endswith(ENDINGS):
             yield unit
         elif row_groups:
             yield from row_group_units(path, unit.id) or [unit]
-        elif is_data_set(path):
-            sets.setdefault(os.path.dirname(path), []).append(unit)
         else:
-            yield unit
-    for several in sets.values():
-        folder = os.path.dirname(several[0].id)
-        yield from data_set_units([unit.pieces[0].path for unit in several], f"{folder}/" if folder else "")
+            folders.setdefault(os.path.dirname(path), {})[path] = unit
+    for folder, by_path in folders.items():
+        together = long_files(by_path)
+        yield from (unit for path, unit in by_path.items() if path not in together)
+        if together:
+            paths = [path for path in by_path if path in together]
+            first = by_path[paths[0]].id
+            name = os.path.dirname(first)
+            label = first if len(paths) == 1 else name or os.path.basename(folder)
+            yield from data_set_units(paths, f"{name}/" if name else "", label)
 
 
 def _matches(source: str) -> list[str]:
     """The paths that a source stands for."""
     if os.path.lexists(source):
         return [os.path.abspath(source)]
-    found = sorted(glob.glob(source, recursive=True)) if glob.has_magic(source) else []
+    found = sorted(_expanded(source)) if glob.has_magic(source) else []
     if not found:
         raise BadSetting(
             f"SOURCE must be a folder, a file, a pattern such as 'logs/*.csv' or @LIST (got {source!r})"
         )
     return [os.path.abspath(path) for path in found]
+
+
+def _expanded(pattern: str) -> Iterator[str]:
+    """What a pattern stands for; ** is any depth of folders, and follows no link to one, which might be a loop."""
+    parts = Path(pattern).parts
+    if "**" not in parts:
+        yield from glob.glob(pattern)
+        return
+    at = parts.index("**")
+    roots = glob.glob(os.path.join(*parts[:at])) if at else [os.curdir]
+    if set(parts[at:]) <= {"**", "*"}:
+        yield from roots
+        return
+    for root in roots:
+        for path, _ in _below(root, ""):
+            if _fits(Path(os.path.relpath(path, root)).parts, parts[at:]):
+                yield path
+
+
+def _fits(parts: Sequence[str], pattern: Sequence[str]) -> bool:
+    """Whether the parts of a path fit those of a pattern."""
+    if not pattern:
+        return not parts
+    if pattern[0] == "**":
+        return _fits(parts, pattern[1:]) or (bool(parts) and _fits(parts[1:], pattern))
+    return bool(parts) and fnmatch(parts[0], pattern[0]) and _fits(parts[1:], pattern[1:])
 
 
 def _base(paths: Sequence[str]) -> str:
@@ -99,26 +134,27 @@ def _name(path: str, base: str) -> str:
 
 def _below(root: str, skipped: str) -> Iterator[tuple[str, str]]:
     """The files at or below a path, each with the reason why it cannot be read, "" where none is known."""
-    if not os.path.isdir(root) or (os.path.islink(root) and not os.path.exists(root)):
+    if not os.path.isdir(root):
         yield root, ""
         return
-    if os.path.realpath(root) == skipped:
-        return
-    try:
-        with os.scandir(root) as entries:
-            seen = sorted((entry.name, entry.is_dir(follow_symlinks=False)) for entry in entries)
-    except OSError as error:
-        yield root, describe(error)
-        return
-    visible = [(name, folder) for name, folder in seen if not name.startswith(".")]
-    if not visible:
-        yield root, "the folder is empty"
-    for name, folder in visible:
-        path = os.path.join(root, name)
-        if folder:
-            yield from _below(path, skipped)
-        else:
-            yield path, ""
+    waiting = [] if os.path.realpath(root) == skipped else [root]
+    while waiting:
+        folder = waiting.pop()
+        try:
+            with os.scandir(folder) as entries:
+                seen = [
+                    (entry.path, entry.is_dir(follow_symlinks=False)) for entry in entries if entry.name[0] != "."
+                ]
+        except OSError as error:
+            yield folder, describe(error)
+            continue
+        if not seen:
+            yield folder, "the folder is empty"
+        for path, is_folder in seen:
+            if not is_folder:
+                yield path, ""
+            elif os.path.basename(path) != os.path.basename(skipped) or os.path.realpath(path) != skipped:
+                waiting.append(path)
 
 
 def _unreadable(path: str, base: str, reason: str) -> Unit:

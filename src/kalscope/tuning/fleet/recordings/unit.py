@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import stat
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,7 +55,7 @@ class Unit:
         if not self.pieces[0].groups:
             return self.pieces[0].path
         data_set = None if self.span is None else self.data_set
-        return json.dumps([data_set, [[piece.path, list(piece.groups)] for piece in self.pieces]])
+        return json.dumps([data_set, [[piece.path, _runs(piece.groups)] for piece in self.pieces]])
 
     def key(self, options: str) -> str:
         """Hash of all that the result depends on: 32 hexadecimal digits.
@@ -66,6 +67,17 @@ class Unit:
         own = [self.id, self.channel, self.reason, self.span, self.data_set, pieces]
         text = json.dumps([options, *own], default=str)
         return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:32]
+
+
+def _runs(numbers: Sequence[int]) -> list[list[int]]:
+    """Rising numbers as runs, each with its first and its last."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    return runs
 
 
 def unit_of(path: str, name: str, channel: str | None = None) -> Unit:

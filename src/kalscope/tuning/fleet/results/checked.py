@@ -8,14 +8,12 @@ from typing import Any
 from kalscope.errors import BadFile
 from kalscope.tuning.fleet.libraries import library
 from kalscope.tuning.fleet.store.row import COLUMNS, FINISHED
-from kalscope.tuning.fleet.store.table import POOL, schema
+from kalscope.tuning.fleet.store.table import MAX_LETTERS, POOL, schema
 
 MAX_ROWS = 5_000_000
 """Rows of a table, at most: one of a million devices needs about 1 GB of memory."""
 MAX_BYTES = 2 << 30
 """Bytes of its columns, at most."""
-MAX_LETTERS = 4096
-"""Bytes of a text in it, at most."""
 
 
 def checked_table(path: Path, *, part: bool = False) -> Any:

@@ -19,6 +19,9 @@ from kalscope.tuning.fleet.results.fleet import Fleet
 from kalscope.tuning.fleet.work.row_groups import one_recording
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
+MAX_GROUPS = 100_000
+"""Row groups of a file, at most."""
+
 
 def reopen(
     fleet: Fleet,
@@ -93,7 +96,7 @@ def _unit(name: str, source: str) -> Unit:
     """The row groups that a source names."""
     try:
         data_set, found = json.loads(source)
-        pieces = tuple(Piece(_lying(str(path)), groups=tuple(map(_group, groups))) for path, groups in found)
+        pieces = tuple(Piece(_lying(str(path)), groups=_groups(runs)) for path, runs in found)
         if not (pieces and all(piece.groups for piece in pieces)):
             raise ValueError("no row group")
     except (ValueError, TypeError, RecursionError) as error:
@@ -104,7 +107,12 @@ def _unit(name: str, source: str) -> Unit:
     return Unit(name, pieces, span=None if whole else (None, None), data_set="" if whole else str(data_set))
 
 
-def _group(value: object) -> int:
-    if not isinstance(value, int) or value < 0:
-        raise ValueError("a row group must be a whole number from 0")
-    return value
+def _groups(runs: Any) -> tuple[int, ...]:
+    """The numbers in some runs, each with its first and its last; above those of the run before."""
+    found: list[int] = []
+    for first, last in runs:
+        least = found[-1] + 1 if found else 0
+        if not (isinstance(first, int) and isinstance(last, int) and least <= first <= last < MAX_GROUPS):
+            raise ValueError("row groups must be rising whole numbers")
+        found += range(first, last + 1)
+    return tuple(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 from collections.abc import Collection, Mapping, Sequence
@@ -23,6 +24,8 @@ IN_PART = [KEY, *COLUMNS, POOL]
 """The columns of a part."""
 UNITS = b"kalscope_units"
 """Entry of the metadata of a part: the keys of all its units, those without rows too."""
+MAX_LETTERS = 4096
+"""Bytes of a text in it, at most: a path is no longer."""
 AGAIN = b"kalscope_again"
 """Entry of its metadata: the keys of those that the next run tries again."""
 
@@ -51,7 +54,9 @@ def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]], again: Collectio
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")
     rows = [row for several, _ in units.values() for row in several]
     columns = [pa.array([key for key, (several, _) in units.items() for _ in several], pa.string())]
-    columns += [pa.array([_told(getattr(row, one.name)) for row in rows], one.type) for one in schema()]
+    for one in schema():
+        cells = [getattr(row, one.name) for row in rows]
+        columns.append(pa.array(map(told, cells) if one.type == pa.string() else cells, one.type))
     pools = [_packed(pool) if i == 0 else None for several, pool in units.values() for i in range(len(several))]
     columns.append(pa.array(pools, pa.binary()))
     table = pa.table(columns, names=IN_PART).replace_schema_metadata(
@@ -64,9 +69,12 @@ def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]], again: Collectio
     return buffer.getvalue()
 
 
-def _told(value: Any) -> Any:
-    """A cell as Parquet can hold it: a file name that is no UTF-8 has its bytes written out."""
-    return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
+def told(text: str) -> str:
+    """A text as the table holds it: bytes that are no UTF-8 written out, a hash for what is too long."""
+    data = text.encode("utf-8", "backslashreplace")
+    if len(data) <= MAX_LETTERS:
+        return data.decode()
+    return f"{data[: MAX_LETTERS - 24].decode('utf-8', 'ignore')}… {hashlib.sha256(data).hexdigest()[:16]}"
 
 
 def _packed(pool: Pool) -> bytes | None:

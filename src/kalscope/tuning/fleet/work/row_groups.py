@@ -5,7 +5,9 @@ Stamps of one even step, the usual case, need no search for the sample rate; all
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,8 +22,9 @@ from kalscope.sources.layout.columns import named_column
 from kalscope.sources.readers.assemble import assemble
 from kalscope.sources.readers.table_reading import reading_of
 from kalscope.tuning.fleet.libraries import library
-from kalscope.tuning.fleet.recordings.data_set import id_column, plain_ids
+from kalscope.tuning.fleet.recordings.long_form import id_column, plain_ids
 from kalscope.tuning.fleet.recordings.unit import Unit
+from kalscope.tuning.fleet.store.table import told
 
 TIME_NAMES = ("time", "timestamp", "t", "ts", "ds", "datetime", "date", "time_s", "time_ms", "time_us", "time_ns")
 """Names of the time column, in lower case, the first one found; a column of dates comes before all."""
@@ -91,14 +94,15 @@ def read_block(unit: Unit, options: ReadOptions) -> Block | None:
         BadFile: the row groups cannot be read, or hold no channel.
         BadSetting: there is no such time column.
     """
-    table = _table(unit)
-    if unit.span is None:
+    span = unit.span
+    if span is None:
+        table = _table(unit, None)
         return Block([unit.id], np.array([0, len(table)]), _columns(table, options, None)) if len(table) else None
-    name = str(id_column(table.column_names))
-    ids, table = _own(table, name, unit.span)
+    table = _table(unit, partial(_within, span))
     if not len(table):
         return None
-    codes = ids.dictionary_encode()
+    name = str(id_column(table.column_names))
+    codes = table[name].combine_chunks().dictionary_encode()
     places, names = codes.indices.to_numpy(), codes.dictionary.to_pylist()
     places, columns = _sorted(places, _columns(table, options, name))
     starts = np.flatnonzero(np.diff(places, prepend=-1))
@@ -118,46 +122,54 @@ def one_recording(unit: Unit, options: ReadOptions, sample_period: float | None)
         BadFile: the row groups cannot be read, or do not hold it.
         BadSetting: there is no such time column.
     """
-    table, name = _table(unit), None
-    if unit.span is not None:
-        name = id_column(table.column_names)
-        if name is None:
-            raise BadFile(f"the row groups must have a column of ids (got {', '.join(table.column_names)[:80]})")
-        ids, wanted = plain_ids(table[name]), unit.id.removeprefix(unit.data_set)
-        own = [
-            one for one in ids.unique().to_pylist() if one is not None and f"{one}" == wanted
-        ]  # named as read_block does
-        table = table.filter(library("pyarrow.compute").is_in(ids, library("pyarrow").array(own, ids.type)))
+    table = _table(unit, None if unit.span is None else partial(_named, unit))
+    name = None if unit.span is None else id_column(table.column_names)
     if not len(table):
         raise BadFile(f"the row groups must hold {unit.id!r} (got none of its rows)")
     _, columns = _sorted(np.zeros(len(table)), _columns(table, options, name))
     return Block([unit.id], np.array([0, len(table)]), columns).recording(0, options, sample_period)
 
 
-def _table(unit: Unit) -> Any:
-    """All row groups of a unit, one below the other."""
+def _table(unit: Unit, own: Callable[[Any], Any] | None) -> Any:
+    """The row groups of a unit, one below the other; of each only the rows whose ids are `own`, a mask or None."""
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")
+    tables: list[Any] = []
     try:
-        tables = [
-            parquet.ParquetFile(piece.path, memory_map=False).read_row_groups(list(piece.groups), use_threads=False)
-            for piece in unit.pieces
-        ]
-        return pa.concat_tables(tables, promote_options="default").combine_chunks()
+        for piece in unit.pieces:
+            with parquet.ParquetFile(piece.path, memory_map=False) as file:
+                read = (file.read_row_group(i, use_threads=False) for i in piece.groups)
+                tables += read if own is None else (_only(table, own) for table in read)
+        return pa.concat_tables(tables, promote_options="permissive").combine_chunks()
     except (pa.ArrowException, ValueError) as error:
+        if isinstance(error, BadFile):
+            raise
         raise BadFile(f"the row groups cannot be read: {str(error).splitlines()[0]}") from None
 
 
-def _own(table: Any, name: str, span: tuple[Any, Any]) -> tuple[Any, Any]:
-    """The ids within the span, and their rows."""
+def _only(table: Any, own: Callable[[Any], Any]) -> Any:
+    """The rows of a table whose ids are wanted, with plain ids."""
+    compute, name = library("pyarrow.compute"), id_column(table.column_names)
+    if name is None:
+        raise BadFile(f"the row groups must have a column of ids (got {', '.join(table.column_names)[:80]})")
+    ids = plain_ids(table[name])
+    table = table.set_column(table.column_names.index(name), name, ids)
+    wanted = own(ids)
+    return table if wanted.null_count == 0 and compute.all(wanted).as_py() else table.filter(wanted)
+
+
+def _within(span: tuple[Any, Any], ids: Any) -> Any:
+    """Which ids lie within the span."""
     compute = library("pyarrow.compute")
     low, high = span
-    ids = plain_ids(table[name])
     own = compute.less_equal(ids, high)
-    if low is not None:
-        own = compute.and_(own, compute.greater(ids, low))
-    if not compute.all(own).as_py() or ids.null_count:
-        table, ids = table.filter(own), ids.filter(own)
-    return library("pyarrow").concat_arrays(ids.chunks), table
+    return own if low is None else compute.and_(own, compute.greater(ids, low))
+
+
+def _named(unit: Unit, ids: Any) -> Any:
+    """Which ids have the name of the unit, as `read_block` and the table give it."""
+    names = ((one, f"{unit.data_set}{one}") for one in ids.unique().to_pylist() if one is not None)
+    own = [one for one, name in names if unit.id in (name, told(name))]
+    return library("pyarrow.compute").is_in(ids, library("pyarrow").array(own, ids.type))
 
 
 def _columns(table: Any, options: ReadOptions, ids: str | None) -> Columns:
