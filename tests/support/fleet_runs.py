@@ -45,10 +45,11 @@ class AtOnce:
     threads = 2
 
     def __init__(self, fault):
-        self.flight, self.fault, self.most = [], fault, 0
+        self.flight, self.fault, self.most, self.batches = [], fault, 0, []
 
     def submit(self, batch, *call):
         self.flight.append((batch, call))
+        self.batches.append(batch)
         self.most = max(self.most, len(self.flight))
 
     def ended(self, _timeout):

@@ -29,7 +29,7 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
 RNG = np.random.default_rng(2)
-TALLY = Tally(units=500, kept=0, bytes=1, done=500, rows=500, seconds=2.0)
+TALLY = Tally(units=500, kept=0, bytes=1, kept_bytes=0, done=500, rows=500, seconds=2.0)
 NOISY, DRIFTING = range(5), range(5, 10)
 
 

@@ -21,7 +21,7 @@ from kalscope.tuning.fleet.run import Tally
 from kalscope.tuning.fleet.store.begun import SUMMARY
 from kalscope.tuning.fleet.store.merge import merge
 
-TALLY = Tally(units=100, kept=0, bytes=1, done=100, rows=100, seconds=2.0)
+TALLY = Tally(units=100, kept=0, bytes=1, kept_bytes=0, done=100, rows=100, seconds=2.0)
 MONTHS = [f"2024-{month:02d}-01" for month in range(1, 6)]
 
 

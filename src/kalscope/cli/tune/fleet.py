@@ -92,9 +92,13 @@ def progress_text(tally: Tally) -> str:
     """How far a run is, how fast and for how long yet, in one line."""
     from kalscope.common.text import count, duration, number, percent
 
-    share = tally.done_bytes / tally.bytes if tally.bytes else 1.0
+    if tally.bytes:
+        done_now, todo = tally.done_bytes, tally.bytes - tally.kept_bytes - tally.done_bytes
+    else:
+        done_now, todo = tally.done, tally.units - tally.kept - tally.done
+    share = 1.0 - todo / (tally.bytes or tally.units)
     done = f"{count(tally.kept + tally.done)} of {count(tally.units)} done ({percent(share)})"
     if not tally.seconds or not tally.done:
         return done
-    left = duration(tally.seconds * (1.0 - share) / share) if share else ""
+    left = duration(tally.seconds * todo / done_now) if done_now else ""
     return f"{done}, {number(tally.rows / tally.seconds)} rows/s{f', {left} left' if left else ''}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import queue
 import signal
-import threading
 import time
 from collections.abc import Generator
 from concurrent.futures import CancelledError
@@ -23,8 +22,15 @@ SETTINGS = {
     "distributed.worker.daemon": True,  # workers end with the driver, even after kill -9
     "distributed.comm.timeouts.connect": PATIENCE_S,
     "distributed.admin.tick.limit": "1 h",  # no words on a loop that waited for a fit
+    # A worker holds nothing between two batches, so that waiting or writing its memory to the disk would not help:
+    # paused workers would never go on. One that is about to exceed its share is ended, and its batch halved.
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
 }
 """Settings of Dask for the driver, and for the workers that it starts."""
+WORKER_BYTES = 1 << 30
+"""Memory that a worker of this machine may need; fewer are started where the cores are more than that allows."""
 
 
 class WorkerDied(Exception):
@@ -102,7 +108,7 @@ def open_workers(address: str | None, tasks: int) -> Generator[Workers]:
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(SETTINGS))
         if address is None:
-            place = stack.enter_context(_this_machine(distributed, min(tasks, library("dask.system").CPU_COUNT)))
+            place = stack.enter_context(_this_machine(distributed, _workers_here(tasks)))
         else:
             place = address
         try:
@@ -115,6 +121,12 @@ def open_workers(address: str | None, tasks: int) -> Generator[Workers]:
         found = Workers(client)
         stack.callback(found.cancel)
         yield found
+
+
+def _workers_here(tasks: int) -> int:
+    """How many workers this machine has cores and memory for, at most one for each task."""
+    memory = library("distributed.system").MEMORY_LIMIT
+    return max(1, min(tasks, library("dask.system").CPU_COUNT, memory // WORKER_BYTES))
 
 
 @contextmanager
@@ -137,12 +149,15 @@ def _this_machine(distributed: Any, count: int) -> Generator[Any]:
 
 @contextmanager
 def _without_interrupts() -> Generator[None]:
-    """Ignore Ctrl+C while processes are started, which inherit that; a terminal sends it to them too."""
-    if threading.current_thread() is not threading.main_thread():
+    """Hold Ctrl+C back while processes are started, which inherit that: a terminal sends it to them too.
+
+    It is delivered when the block ends. Elsewhere than on POSIX nothing is inherited.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, previous)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

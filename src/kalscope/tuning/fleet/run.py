@@ -35,7 +35,9 @@ class Tally:
     kept: int
     """Units that an earlier run had done."""
     bytes: int
-    """Bytes of the units that are to be done."""
+    """Bytes of all units."""
+    kept_bytes: int
+    """Bytes of those that an earlier run had done."""
     done: int = 0
     """Units done."""
     done_bytes: int = 0
@@ -121,8 +123,9 @@ def run_fleet(
         batches = lay_out([unit.size for unit in units])
         missing = [[i for i in batch if keys[i] not in settled] for batch in batches]
         todo = [i for some in missing for i in some]
-        tally = Tally(len(units), len(units) - len(todo), sum(units[i].size for i in todo))
-        if todo:
+        whole = sum(unit.size for unit in units)
+        tally = Tally(len(units), len(units) - len(todo), whole, whole - sum(units[i].size for i in todo))
+        if todo and not (stopped is not None and stopped()):
             with open_workers(cluster, sum(map(bool, missing))) as workers:
                 _Run(units, keys, asked, folder, tally).all_of(missing, workers, show, stopped)
         parts = find_parts(folder)

@@ -1,0 +1,90 @@
+"""How a run begins, reports and ends on its workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import pytest
+from fleet_runs import parts, run_here, table, write_devices
+from required import not_here
+
+from kalscope.cli.console import stop_signals
+from kalscope.cli.tune.fleet import progress_text
+from kalscope.cli.tune.options import TuneOptions
+from kalscope.tuning.fleet.cluster import _without_interrupts, _workers_here
+from kalscope.tuning.fleet.run import Tally, run_fleet
+from kalscope.tuning.fleet.work import task
+from kalscope.tuning.fleet.work.asked import Asked
+
+try:
+    import dask.system
+    import distributed.system
+except ImportError:
+    not_here("dask, distributed or pyarrow is not installed")
+
+PLAIN = ["--momentum", "0", "--no-robust"]
+GIB = 1 << 30
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="nothing is inherited here")
+def test_ctrl_c_while_workers_start_is_held_back_from_them_and_not_lost():
+    shown = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()))"
+    with stop_signals() as stop:
+        with _without_interrupts():
+            os.kill(os.getpid(), signal.SIGINT)
+            assert subprocess.check_output([sys.executable, "-c", shown], text=True) == "True\n"
+        assert stop.is_set()
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_a_run_that_is_stopped_before_it_begins_starts_no_workers(tmp_path, at_once):
+    write_devices(tmp_path / "logs", 2)
+    asked = Asked(TuneOptions(momentum=0.0, robust=False))
+    outcome = run_fleet([str(tmp_path / "logs")], asked, tmp_path / "out", stopped=lambda: True)
+    assert (outcome.pool, outcome.tally.done, at_once[1]) == (None, 0, [])
+
+
+def test_no_more_workers_are_started_than_cores_memory_and_tasks_allow(monkeypatch):
+    monkeypatch.setattr(dask.system, "CPU_COUNT", 64)
+    for memory, tasks, workers in (
+        (16 * GIB, 1000, 16),
+        (256 * GIB, 1000, 64),
+        (256 * GIB, 3, 3),
+        (GIB // 2, 9, 1),
+    ):
+        monkeypatch.setattr(distributed.system, "MEMORY_LIMIT", memory * GIB)
+        assert _workers_here(tasks) == workers
+
+
+def test_progress_counts_what_was_kept_in_both_numbers():
+    tally = Tally(10, 8, 1000, 800, done=1, done_bytes=50, rows=1, seconds=2.0)
+    assert progress_text(tally) == "9 of 10 done (85 %), 0.500 rows/s, 6 s left"
+    empty = Tally(4, 2, 0, 0, done=1, rows=1, seconds=2.0)
+    assert progress_text(empty) == "3 of 4 done (75 %), 0.500 rows/s, 2 s left"
+    assert progress_text(Tally(4, 4, 9, 9)) == "4 of 4 done (100 %)"
+
+
+def test_a_straggling_batch_ends_with_its_slow_recording_and_the_rest_is_shared_out(
+    tmp_path, at_once, capsys, monkeypatch
+):
+    """Three of nine are done when the time is up; the other six go to two workers, and nothing is done twice."""
+    write_devices(tmp_path / "logs", 9)
+    clock, plain, read = [0.0], task.read_file, []
+
+    def slow(unit, asked):
+        read.append(unit.id)
+        clock[0] += 2 * task.MAX_SECONDS if unit.id == "dev0002.csv" else 0.0
+        return plain(unit, asked)
+
+    monkeypatch.setattr(task, "read_file", slow)
+    monkeypatch.setattr(task, "time", SimpleNamespace(monotonic=lambda: clock[0], thread_time=time.thread_time))
+    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
+    _, (workers,) = at_once
+    assert [batch.units for batch in workers.batches] == [tuple(range(9)), (3, 4, 5), (6, 7, 8)]
+    assert len(parts(tmp_path / "out")) == 3
+    assert read == [row["id"] for row in table(tmp_path / "out")]
