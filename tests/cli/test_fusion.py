@@ -189,8 +189,11 @@ def test_json_says_what_the_library_says(capsys: Captured) -> None:
     assert of_each(said, "r") == best.r.tolist()
     assert of_each(said, "offset_interval") == best.offset_interval.tolist()
     assert sum(of_each(said, "share")) == pytest.approx(1.0)
-    assert said["error"] < min(of_each(said, "error_alone"))
-    assert all(said["error"] < one for one in of_each(said, "error_without"))
+    judged = of_each(said, "judgement")
+    assert said["error"] < min(one["error"] for one in judged)
+    assert all(said["error"] < one["error_without"] for one in judged)
+    assert said["judgement"][0].startswith("The fused value has an error of ")
+    assert len(said["held_out"]["single"]) == 3
 
 
 def test_the_predicted_errors_are_those_of_the_known_truth(capsys: Captured) -> None:
@@ -206,7 +209,9 @@ def test_the_page_begins_with_what_the_fusion_is_worth_and_ends_with_what_cannot
     assert run(["tune", WALK, "--fuse", "a,b,c"]) == 0
     lines = capsys.readouterr().out.splitlines()
     page = " ".join(lines[1:])
-    assert re.match(r"a \+ b \+ c fused: error .* below that of a alone \(.*\), the best of them q = ", page)
+    assert re.match(
+        r"The fused value has an error of .* less than the best single sensor, a .* In the second half", page
+    )
     assert "An offset that all sensors share cannot be known" in page
     assert max(map(len, lines)) <= 96
     assert run(["tune", WALK, "--fuse", "a,b,c", "--details"]) == 0

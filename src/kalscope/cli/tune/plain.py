@@ -101,4 +101,4 @@ def finite(value: Any) -> Any:
     if isinstance(value, float):
         number = float(value)
         return None if math.isnan(number) else number if math.isfinite(number) else str(number)
-    return value.item() if hasattr(value, "item") else value
+    return finite(value.tolist()) if hasattr(value, "tolist") else value

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kalscope.analysis.fusion.judge import judge_fusion
+from kalscope.analysis.fusion.result import FusionVerdict
 from kalscope.cli.tune.fusion.options import FusionOptions, known_noise, request_of
 from kalscope.cli.tune.options import TuneOptions
 from kalscope.common.array import Array
@@ -17,37 +19,11 @@ from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
 from kalscope.estimation.fusion.result import FusionEstimate
 from kalscope.estimation.known import params_for_specification
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.fusion.batch import fuse
 from kalscope.filtering.fusion.params import FusionParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
 from kalscope.tuning.choose_fusion import units_of
-from kalscope.tuning.fused_channels import channels_to_fuse, common_unit, sensor_named
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Predicted errors, one standard deviation in the unit of the fused value."""
-
-    fused: float
-    """Of the fused value."""
-    alone: Array
-    """Of the best filter of each sensor alone, shape (sensors,)."""
-    without: Array
-    """Of the fused value without each sensor, shape (sensors,)."""
-
-
-def errors_of(z: Array, params: FusionParams, dt: Array | None) -> Errors:
-    """The errors that the filter predicts: the root of its mean variance over the record once it has settled."""
-    every = range(params.sensors)
-
-    def error(sensors: list[int]) -> float:
-        p = fuse(z[:, sensors], params.only(sensors), dt).p
-        settled = p[np.isfinite(p)][len(p) // 10 :]
-        return math.sqrt(float(settled.mean())) if len(settled) else math.nan
-
-    alone = np.array([error([i]) for i in every])
-    return Errors(error(list(every)), alone, np.array([error([j for j in every if j != i]) for i in every]))
+from kalscope.tuning.fused_channels import channels_to_fuse, sensor_named
 
 
 @dataclass(frozen=True)
@@ -76,8 +52,8 @@ class FusionAnswer:
     """How it was found, for the tuning file."""
     steady: SteadyState | None
     """The settled filter while all sensors answer; None without a filter."""
-    errors: Errors | None
-    """What the fusion is worth; None without a filter."""
+    verdict: FusionVerdict | None
+    """What the fusion is worth, and which sensor to look at; None without a filter."""
 
 
 def answer_fusion(
@@ -98,23 +74,40 @@ def answer_fusion(
     request = request_of(asked, recording)
     z = recording.values[:, [recording.index(name) for name in sensors]]
     dt = recording.steps() if recording.gaps == "dt" else None
-    progress(0.0, "fitting all sensors together")
-    found = estimate_fusion(
-        z,
-        dt=dt,
-        names=sensors,
-        momentum=0.0 if request.goal else request.momentum,
-        robust=asked.robust,
-        gains=fusing.gains,
-        reference=reference,
-        known_r=known_noise(asked, recording, sensors),
-    )
-    params = _with_gate(_at_goal(found, request, recording.sample_period), asked.gate)
-    progress(0.7, "judging the sensors")
+    known = known_noise(asked, recording, sensors)
+
+    def fitted(z: Array, dt: Array | None, progress: Progress) -> tuple[FusionEstimate, FusionParams | None]:
+        """The estimate, and the filter that is asked for."""
+        found = estimate_fusion(
+            z,
+            dt=dt,
+            names=sensors,
+            momentum=0.0 if request.goal else request.momentum,
+            robust=asked.robust,
+            gains=fusing.gains,
+            reference=reference,
+            known_r=known,
+            progress=progress,
+        )
+        return found, _with_gate(_at_goal(found, request, recording.sample_period), asked.gate)
+
+    found, params = fitted(z, dt, progress.part(0.0, 0.5))
+    verdict = None
+    if params is not None:
+        judging = progress.part(0.5, 1.0)
+        verdict = judge_fusion(
+            z,
+            params,
+            dt,
+            names=sensors,
+            unit=units[reference or sensors[0]],
+            sample_period=recording.sample_period,
+            fit=lambda half, steps: fitted(half, steps, judging)[1] or params,
+        )
     return FusionAnswer(
         sensors=sensors,
         units=tuple(units.values()),
-        unit=common_unit(units) if reference is None else units[reference],
+        unit=units[reference or sensors[0]],
         rows=len(z),
         readings=tuple(np.isfinite(z).sum(axis=0).tolist()),
         sample_period=recording.sample_period,
@@ -123,7 +116,7 @@ def answer_fusion(
         params=params,
         how=_how(asked, request),
         steady=None if params is None else steady_state(params.as_single, recording.sample_period),
-        errors=None if params is None else errors_of(z, params, dt),
+        verdict=verdict,
     )
 
 

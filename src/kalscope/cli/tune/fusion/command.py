@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,7 @@ def json_of(recording: Recording, answer: FusionAnswer) -> str:
 
 
 def _plain(answer: FusionAnswer) -> dict[str, Any]:
-    found, params, errors = answer.estimate, answer.params, answer.errors
+    found, params, verdict = answer.estimate, answer.params, answer.verdict
     sensors = [
         {
             "name": name,
@@ -57,8 +57,7 @@ def _plain(answer: FusionAnswer) -> dict[str, Any]:
             "offset_interval": found.offset_interval[i].tolist(),
             "gain_interval": found.gain_interval[i].tolist(),
             "spikes": found.spikes[i].tolist(),
-            "error_alone": None if errors is None else float(errors.alone[i]),
-            "error_without": None if errors is None else float(errors.without[i]),
+            "judgement": None if verdict is None else asdict(verdict.sensors[i]),
         }
         for i, name in enumerate(answer.sensors)
     ]
@@ -74,8 +73,10 @@ def _plain(answer: FusionAnswer) -> dict[str, Any]:
         "how": answer.how,
         "q_interval": found.q_interval.tolist(),
         "loglik": found.loglik,
-        "error": None if errors is None else errors.fused,
-        "steady": None if answer.steady is None else vars(answer.steady),
+        "steady": None if answer.steady is None else asdict(answer.steady),
+        "error": None if verdict is None else verdict.error,
+        "held_out": None if verdict is None or verdict.held_out is None else asdict(verdict.held_out),
+        "judgement": [] if verdict is None else list(verdict.sentences),
         "sensors": sensors,
     }
 

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from kalscope.cli.tune.fusion.answer import Errors, FusionAnswer
+from kalscope.analysis.fusion.result import FusionVerdict
+from kalscope.cli.tune.fusion.answer import FusionAnswer
 from kalscope.cli.tune.words import between, wrapped
 from kalscope.common.array import Array
 from kalscope.common.text import (
@@ -23,32 +24,33 @@ from kalscope.common.text import (
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.fusion.params import FusionParams
 
+NOTHING_FOUND = (
+    "Next: give the noise of a sensor (--sigma a=0.4), leave one out, or choose a filter (--lag-ms, --cutoff-hz)"
+)
+
 MAX_NAME = 24
 """Characters of a sensor's name in the table."""
 
 
 def summary_of(answer: FusionAnswer) -> list[str]:
     """The lines of the answer, the verdict first."""
-    if answer.params is None or answer.errors is None:
-        return [
-            line
-            for text in (_nothing(answer), answer.estimate.message, *answer.estimate.notes, _instead())
-            for line in wrapped(text)
-        ]
-    said = [_worth(answer, answer.errors), _filter(answer, answer.params)]
-    lines = [line for text in said for line in wrapped(text)]
-    lines += [*_table(answer, answer.params, answer.errors)]
-    notes = [
-        *answer.estimate.notes,
-        "Next: -o tuning.toml keeps it, kalscope filter --config tuning.toml fuses with it",
-    ]
-    return lines + [line for text in notes for line in wrapped(text)]
+    found, params, verdict = answer.estimate, answer.params, answer.verdict
+    if params is None or verdict is None:
+        return _page(_nothing(answer), found.message, *found.notes, NOTHING_FOUND)
+    said = verdict.sentences[: 2 if verdict.held_out else 1]  # the headline, and the second half
+    lines = _page(*said, _filter(answer, params)) + list(_table(answer, params, verdict))
+    faults = [sentence for one in verdict.sensors for sentence in one.sentences[: len(one.faults)]]
+    edge = [] if found.verdict == "ok" else [found.message]
+    return lines + _page(*dict.fromkeys(faults), *edge, *found.notes, _next(params, verdict))
 
 
 def details_of(answer: FusionAnswer) -> list[str]:
     """What `--details` adds: how it was found, and what the record allows."""
     found = answer.estimate
-    lines = ["", *wrapped(f"How: {answer.how}. {found.message}"), "", "The record allows (95 %):"]
+    lines = ["", *wrapped(f"How: {answer.how}. {found.message}"), "", "Where a sensor fails:"]
+    for one in () if answer.verdict is None else answer.verdict.sensors:
+        lines += wrapped("  " + " ".join(one.sentences[len(one.faults) :]))
+    lines += ["", "The record allows (95 %):"]
     q = between(*found.q_interval.tolist())
     lines.append(f"  q {q} {squared(answer.unit)}")
     for i, name in enumerate(answer.sensors):
@@ -66,17 +68,18 @@ def _nothing(answer: FusionAnswer) -> str:
     return f"{' + '.join(answer.sensors)}: no filter to recommend ({answer.estimate.verdict.replace('_', ' ')})"
 
 
-def _instead() -> str:
-    return "Next: give the noise of a sensor (--sigma a=0.4), or choose a filter (--lag-ms, --cutoff-hz, --gain)"
+def _next(params: FusionParams, verdict: FusionVerdict) -> str:
+    """What to do: look at a sensor that disagrees, set a gate, or keep the filter."""
+    odd = [one.name for one in verdict.sensors if {"drift", "noise", "stuck"} & set(one.faults)]
+    if odd:
+        return f"Next: look at {' and '.join(odd)}; --fuse without one of them says what it is worth"
+    if params.gate is None and any("spikes" in one.faults for one in verdict.sensors):
+        return "Next, with --gate 16: refuse readings beyond 4 σ"
+    return "Next: -o tuning.toml keeps it, kalscope filter --config tuning.toml fuses with it, --details says more"
 
 
-def _worth(answer: FusionAnswer, errors: Errors) -> str:
-    """How much better than the best sensor alone."""
-    best = int(np.nanargmin(errors.alone))
-    alone, name, unit = float(errors.alone[best]), answer.sensors[best], _after(answer.unit)
-    share = 1.0 - errors.fused / alone if alone else 0.0
-    start = f"{' + '.join(answer.sensors)} fused: error {number(errors.fused)}{unit} (1 σ, predicted)"
-    return f"{start}, {percent(share)} below that of {name} alone ({number(alone)}{unit}), the best of them"
+def _page(*texts: str) -> list[str]:
+    return [line for text in texts for line in wrapped(text)]
 
 
 def _filter(answer: FusionAnswer, params: FusionParams) -> str:
@@ -93,10 +96,10 @@ def _filter(answer: FusionAnswer, params: FusionParams) -> str:
     return f"{text}; while all answer: lag {lag}, noise {noise} of their mean{over}"
 
 
-def _table(answer: FusionAnswer, params: FusionParams, errors: Errors) -> Iterator[str]:
+def _table(answer: FusionAnswer, params: FusionParams, verdict: FusionVerdict) -> Iterator[str]:
     """A row a sensor: noise, offset, share, and what is left without it."""
     gains = _has_gains(answer)
-    head = ("sensor", "noise σ", "r", "offset", *(("gain",) if gains else ()), "share", "alone", "without it")
+    head = ("sensor", "noise σ", "r", "offset", *(("gain",) if gains else ()), "share", "error alone", "without it")
     rows: list[tuple[str, ...]] = [head]
     for i, name in enumerate(answer.sensors):
         unit = _after(answer.units[i])
@@ -108,8 +111,8 @@ def _table(answer: FusionAnswer, params: FusionParams, errors: Errors) -> Iterat
                 f"{number(float(params.offset[i]))}{unit}",
                 *((number(float(params.gain[i])),) if gains else ()),
                 percent(float(params.shares[i])),
-                f"{number(float(errors.alone[i]))}{_after(answer.unit)}",
-                f"{number(float(errors.without[i]))}{_after(answer.unit)}",
+                f"{number(verdict.sensors[i].error)}{_after(answer.unit)}",
+                f"{number(verdict.sensors[i].error_without)}{_after(answer.unit)}",
             )
         )
     yield from _aligned(rows)
