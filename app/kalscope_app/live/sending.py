@@ -59,9 +59,11 @@ def send_setting(state: State, source: LiveSource) -> Sent:
 
     Raises:
         BadSetting: the values do not fit float32, the board has no such filter or does not know momentum, or no
-            standard filter is on screen.
+            standard filter of one channel is on screen.
         BadDevice: the board did not answer, or did not take a value.
     """
+    if state.fusion is not None:
+        raise BadSetting("the sketch of fused sensors takes no values while it runs: export it again and flash it")
     state.require_standard_filter([state.channel])
     wanted = float32_params(state.params)
     names = state.recording.names

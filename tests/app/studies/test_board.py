@@ -9,13 +9,14 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, Recording
+from kalscope import BadSetting, FusionParams, Recording
 from kalscope.errors import BadDevice
 from kalscope.export.board.momentum import momentum_on_board
 from kalscope.export.float32 import Float32Params, filter_float32
 from kalscope.sources.live.live_samples import Snapshot
 from kalscope_app.live.connection import BoardConnection
 from kalscope_app.live.sending import BoardFilter, board_filter, send_setting
+from kalscope_app.session.changes.fusion import apply_fusion
 from kalscope_app.session.live_state import BoardId, Live, Sent
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import Session
@@ -68,6 +69,25 @@ def test_a_channel_is_known_by_its_place_among_the_filtered_ones():
     for sent, channel in ((("A0", "A1"), "A0"), (names, "t"), (names, "light_filtered")):
         with pytest.raises(BadSetting, match="this board cannot be tuned: it sends no filtered column"):
             board_filter(sent, channel)
+
+
+def test_fused_sensors_cannot_be_sent_to_a_running_board_and_the_folder_says_so(state):
+    readings = np.column_stack([state.z, state.z + 1.0])
+    recording = Recording(state.recording.time, ("a", "b"), ("", ""), readings, 0.005)
+    fused = apply_fusion(recording, ("a", "b"), FusionParams(1.0, np.ones(2)), "by hand")(opened(recording))
+    fused = replace(fused, live=state.live)
+    board = Board()
+    with pytest.raises(BadSetting, match="sketch of fused sensors takes no values while it runs: export it again"):
+        send_setting(fused, board)
+    assert board.asked == []
+    view = BoardView(gui := MagicMock(), MagicMock(), MagicMock(), MagicMock(), MagicMock())
+    button, how = gui.add_button.return_value, view._how
+    for shown, words in (
+        (fused, "takes no values while it runs"),
+        (state, "Its filter restarts with"),
+    ):
+        view.show(SimpleNamespace(state=shown))
+        assert (button.visible, words in how.content) == (shown is state, True)
 
 
 UNNAMED = ("value 1", "value 2", "value 3", "value 4")

@@ -24,6 +24,7 @@ HOW = (
     "Works with the exported Arduino sketch. Its filter restarts with these values; the initial estimate and the "
     "outlier gate remain those of the export."
 )
+FUSED = "The sketch of fused sensors takes no values while it runs: export it again and flash it."
 
 
 class BoardView:
@@ -39,12 +40,12 @@ class BoardView:
     ) -> None:
         self._session, self._tell, self._connection = session, tell, connection
         with gui.add_folder("Send to the board", visible=False) as self._folder:
-            gui.add_markdown(HOW)
-            send = gui.add_button(
+            self._how = gui.add_markdown(HOW)
+            self._button = gui.add_button(
                 "Send q, r and p0", hint="And the momentum, where the sketch has it. The board confirms each value."
             )
             self._text = gui.add_markdown("")
-        on_user(send.on_click, lambda _client: jobs.run_with_state(session, self._send, Failed.SEND))
+        on_user(self._button.on_click, lambda _client: jobs.run_with_state(session, self._send, Failed.SEND))
 
     def _send(self, state: State) -> None:
         source = self._connection.source
@@ -56,8 +57,11 @@ class BoardView:
         self._tell(f"The board now uses {values(sent)}", good=True)
 
     def show(self, frame: Frame) -> None:
-        """Only a live board can be sent to."""
+        """Only a live board can be sent to, and only the filter of one channel."""
         self._folder.visible = frame.state.live is not None
+        single = frame.state.fusion is None
+        self._button.visible = self._text.visible = single
+        self._how.content = HOW if single else FUSED
 
     def show_check(self, text: str) -> None:
         """Say how the board's curve compares."""
