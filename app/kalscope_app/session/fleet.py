@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,8 @@ from kalscope.common.array import Array, Indices
 if TYPE_CHECKING:
     from kalscope.tuning.fleet.results.fleet import Fleet
 
+MAX_ROWS = 12
+"""Devices in the table; the file has them all."""
 MAX_DECADES = 12.0
 """Decades of q or r up to which the map holds all devices; of a wider fleet 1 % lie on each of its edges."""
 
@@ -51,6 +54,21 @@ class OpenFleet:
     """What they are coloured by, one of COLOURS."""
     at_shared: bool = False
     """Whether a device is opened at the filter for all; else at its own."""
+    find: str = ""
+    """What the names of the devices in the table hold, in any case of its letters; "" = all."""
+    picked: int | None = None
+    """The row whose point in the map was clicked; a second click opens it."""
+
+    @cached_property
+    def rows(self) -> list[int]:
+        """The rows of the table: the first ones in its order, of the names that hold `find`; then the others."""
+        order = ORDERS[self.order](self.fleet)
+        if not self.find:
+            return order[:MAX_ROWS].tolist()
+        devices, wanted = self.fleet.devices, self.find.casefold()
+        rest = np.setdiff1d(np.arange(len(devices)), order)
+        found = (i for i in np.concatenate([order, rest]).tolist() if wanted in devices.name(i).casefold())
+        return list(islice(found, MAX_ROWS))
 
     @cached_property
     def corners(self) -> tuple[tuple[float, float], ...]:

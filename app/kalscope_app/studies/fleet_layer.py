@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.common.array import Array, Indices, Mask
-from kalscope.common.text import count
+from kalscope.common.text import count, one_line, percent, trimmed
 from kalscope_app.session.fleet import OpenFleet
 from kalscope_app.studies.map_geometry import MapFrame, Point, Range
 
@@ -30,8 +30,22 @@ LOSS_WORDS = ("loses below 10 %", "10 to 30 %", "above 30 %", "not judged")
 """What the colours mean."""
 MAX_VERDICTS = 3
 """Verdicts with a colour of their own."""
+MAX_NAME = 36
+"""Letters of the name of a device that was clicked."""
 REACH = 8.0
 """Pixels of the picture from which a click takes the nearest point."""
+
+
+@dataclass(frozen=True)
+class Picked:
+    """A device that was clicked."""
+
+    device: int
+    """Its row."""
+    point: Point
+    """Its exponents (q, r), held within the map."""
+    words: tuple[str, ...]
+    """What is said of it, a line each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +69,8 @@ class FleetLayer:
     """The filter for all; None where there is none."""
     ratio_ends: tuple[float, float] | None
     """log₁₀ of the q/r that the fleet allows, 95 %; None where it is not known."""
+    picked: Picked | None = None
+    """The device that was clicked."""
 
     @property
     def unit(self) -> str:
@@ -100,7 +116,25 @@ def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
         words=words,
         shared=None if shared is None else (_exponent(shared.params.q), _exponent(shared.params.r)),
         ratio_ends=(math.log10(ends[0]), math.log10(ends[1])) if known and ends is not None else None,
+        picked=_picked(fleet, open_fleet.picked, q, r),
     )
+
+
+def _picked(fleet: Fleet, device: int | None, q: Range, r: Range) -> Picked | None:
+    """What is said of the device that was clicked."""
+    devices = fleet.devices
+    if device is None or not devices.usable[device]:
+        return None
+    pair, growth = (float(devices.q[device]), float(devices.r[device])), float(fleet.growth[device])
+    loss = "" if math.isnan(growth) else f", loss {percent(growth)}"
+    name = one_line(devices.name(device))
+    words = (
+        name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}",
+        f"q {trimmed(pair[0])}, r {trimmed(pair[1])}{loss}",
+        "click it again to open it",
+    )
+    x, y = (math.log10(value) for value in pair)
+    return Picked(device, (min(max(x, q[0]), q[1]), min(max(y, r[0]), r[1])), words)
 
 
 def _exponent(value: object) -> float:

@@ -16,7 +16,9 @@ from kalscope.tuning.fleet.results.reopen import reopen
 from kalscope_app.session.changes.fleet import (
     at_device,
     close_fleet,
+    find_devices,
     open_fleet,
+    pick_device,
     renew_fleet,
     set_at_shared,
     set_fleet_colour,
@@ -121,3 +123,13 @@ def test_the_corners_hold_the_devices_and_the_filter_for_all(fleet, state):
     assert (r, to_r) == pytest.approx((fleet.devices.r[usable].min(), fleet.devices.r[usable].max()))
     assert shared == (fleet.shared.params.q, fleet.shared.params.r)
     assert math.isfinite(to_q)
+
+
+def test_what_was_picked_is_let_go_with_its_rows_and_a_text_to_find_is_one_short_line(fleet, state):
+    picked = pick_device(NOISY)(state)
+    assert picked.fleet.picked == NOISY
+    assert at(fleet, picked, NOISY).fleet.picked is None
+    assert renew_fleet(fleet)(picked).fleet.picked is None
+    assert find_devices(" dev\n0 " + "x" * 999)(state).fleet.find.startswith("dev 0 x")
+    assert len(find_devices("x" * 999)(state).fleet.find) == 200
+    assert find_devices("x")(close_fleet(state)).fleet is None

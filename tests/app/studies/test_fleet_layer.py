@@ -12,8 +12,8 @@ from kalscope import FilterParams, synthesize
 from kalscope.tuning.fleet.answer.devices import Devices
 from kalscope.tuning.fleet.results.fleet import Fleet, SharedFilter
 from kalscope.tuning.fleet.store.begun import Begun
-from kalscope_app.session.changes.fleet import open_fleet, set_fleet_colour
-from kalscope_app.session.fleet import OpenFleet
+from kalscope_app.session.changes.fleet import open_fleet, pick_device, set_fleet_colour
+from kalscope_app.session.fleet import MAX_ROWS, OpenFleet
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.fleet_layer import CELLS, MAX_POINTS, fleet_layer
 from kalscope_app.studies.map_geometry import frame_for
@@ -21,7 +21,7 @@ from kalscope_app.studies.tuning_map import MapMaker
 from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP
 from kalscope_app.views.map.picture import SHARPNESS, draw_map_picture
 from kalscope_app.views.map.view import SIZE, picture_input
-from kalscope_app.views.source.fleet_words import MAX_ROWS, about_fleet, device_labels, fleet_table
+from kalscope_app.views.source.fleet_words import about_fleet, device_labels, fleet_table
 
 RANGES = (-6, 2), (-4, 2)
 
@@ -176,6 +176,34 @@ def test_the_table_is_short_and_no_name_is_markup():
     labels = device_labels(shown)
     assert next(iter(labels.values())) == 5
     assert len(labels) == MAX_ROWS
+
+
+def test_devices_are_found_by_a_part_of_their_name_those_without_q_and_r_too():
+    fleet = fleet_of([0.01] * 30 + [np.nan], [1.0] * 31, odd=[17])
+    assert OpenFleet(fleet, find="dev00001").rows == [17, 10, 11, 12, 13, 14, 15, 16, 18, 19]
+    assert OpenFleet(fleet, find="DEV000030").rows == [30]
+    assert fleet_table(OpenFleet(fleet, find="30")) == "1. dev000030\\.csv: it is empty"
+    mixed = fleet_table(OpenFleet(fleet, find="0003")).splitlines()
+    assert [line.split(" | ")[2] for line in mixed[2:]] == ["0.01", "–"]
+    assert fleet_table(OpenFleet(fleet, find="nowhere")) == "None."
+    assert len(OpenFleet(fleet, find="csv").rows) == MAX_ROWS
+
+
+def test_a_device_that_was_clicked_says_what_it_is_and_is_ringed():
+    shown = fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5])
+    state = pick_device(1)(open_fleet(shown)(opened(synthesize("random_walk", n=1000, seed=1))))
+    layer = MapMaker()(state).fleet
+    assert layer.picked.device == 1
+    assert layer.picked.words == ("dev000001.csv", "q 0.3, r 0.1, loss 50 %", "click it again to open it")
+    without = MapMaker()(pick_device(None)(state))
+    assert without.fleet.picked is None
+    frame = frame_for(*SIZE, without.q, without.r)
+    pictures = [
+        draw_map_picture(picture_input(one, MapMaker()(one), frame)) for one in (state, pick_device(None)(state))
+    ]
+    assert np.any(pictures[0] != pictures[1])
+    long = fleet_of([0.1], [0.1], names=["x" * 300], growth=[np.nan])
+    assert fleet_layer(OpenFleet(long, picked=0), *RANGES).picked.words[:2] == ("…" + "x" * 35, "q 0.1, r 0.1")
 
 
 def test_those_without_q_and_r_are_listed_with_their_reason():

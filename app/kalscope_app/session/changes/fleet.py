@@ -14,6 +14,9 @@ from kalscope_app.session.state import Change, State
 if TYPE_CHECKING:
     from kalscope.tuning.fleet.results.fleet import Fleet
 
+MAX_FIND = 200
+"""Letters of a text to find, at most."""
+
 
 def open_fleet(fleet: Fleet) -> Change:
     """Look at a fleet; the map, on which its devices are, opens."""
@@ -26,7 +29,7 @@ def renew_fleet(fleet: Fleet) -> Change:
     def change(state: State) -> State:
         if state.fleet is None or state.fleet.fleet.folder != fleet.folder:
             return state
-        return replace(state, fleet=replace(state.fleet, fleet=fleet))
+        return replace(state, fleet=replace(state.fleet, fleet=fleet, picked=None))  # its rows are others
 
     return change
 
@@ -48,6 +51,17 @@ def set_fleet_colour(colour: str) -> Change:
     if colour not in COLOURS:
         raise BadSetting(f"devices coloured by must be one of {', '.join(COLOURS)} (got {str(colour)[:40]!r})")
     return lambda state: state if state.fleet is None else replace(state, fleet=replace(state.fleet, colour=colour))
+
+
+def find_devices(text: str) -> Change:
+    """List the devices whose names hold a text."""
+    wanted = one_line(str(text))[:MAX_FIND].strip()
+    return lambda state: state if state.fleet is None else replace(state, fleet=replace(state.fleet, find=wanted))
+
+
+def pick_device(i: int | None) -> Change:
+    """Show what a device of the map is; None: no one."""
+    return lambda state: state if state.fleet is None else replace(state, fleet=replace(state.fleet, picked=i))
 
 
 def set_at_shared(chosen: bool) -> Change:
@@ -73,6 +87,8 @@ def at_device(fleet: Fleet, i: int) -> Change:
             return state.with_answers(note=f"{name} has no q and r: {one_line(fleet.reasons[i])[:200]}.")
         after = adapted(state, shared or own_tuning(fleet, i))
         which = "its own filter" if shared is None else "the filter for all"
+        if after.fleet is not None and after.fleet.picked is not None:
+            after = replace(after, fleet=replace(after.fleet, picked=None))
         return after.with_answers(note=f"{name} at {which}. {after.answers.note}".strip())
 
     return change

@@ -41,6 +41,24 @@ def draw_devices(pen: Pen, layer: FleetLayer, palette: MapPalette, frame: MapFra
         draw_shared(pen, frame.pixel(frame.held(layer.shared)), palette)
 
 
+def draw_picked(pen: Pen, layer: FleetLayer, palette: MapPalette, frame: MapFrame) -> None:
+    """The device that was clicked: a ring around it, and what it is, in the half of the map that it is not in."""
+    if layer.picked is None:
+        return
+    at = frame.pixel(layer.picked.point)
+    pen.ring(at, 2.5 * RADIUS, palette.ink, palette.background)
+    lines = layer.picked.words
+    width, height = max(pen.width(line, 12) for line in lines) + 16.0, 18.0 * len(lines) + 8.0
+    left, top = frame.left + 8.0, frame.top + 8.0
+    if at[1] < 0.5 * (frame.top + frame.bottom):
+        top = frame.bottom - height - 8.0
+    pen.box((left, top, left + width, top + height), palette.background, palette.quiet)
+    for place, line in enumerate(lines):
+        pen.text(
+            (left + 8.0, top + 13.0 + 18.0 * place), line, palette.quiet if place == 2 else palette.ink, 12, "lm"
+        )
+
+
 def draw_shared(pen: Pen, at: Point, palette: MapPalette) -> None:
     """The mark of the filter for all, a diamond."""
     x, y = at

@@ -14,7 +14,7 @@ from kalscope_app.session.changes.momentum import momentum_words
 from kalscope_app.studies.map_geometry import MapFrame, Point, decades, diagonal, lag_lines
 from kalscope_app.studies.tuning_map import TuningMap
 from kalscope_app.views.charts.pen import Pen
-from kalscope_app.views.map.fleet_marks import draw_density, draw_devices, write_fleet_legend
+from kalscope_app.views.map.fleet_marks import draw_density, draw_devices, draw_picked, write_fleet_legend
 from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP, MapPalette
 
 SHARPNESS = 2
@@ -115,6 +115,8 @@ def _draw_inside(
         pen.cross(frame.pixel(frame.held(inputs.map.optimum)), palette.best, palette.background)
     for name, colour, point in inputs.pinned:
         pen.badge(frame.pixel(frame.held(point)), name, colour, palette.background)
+    if inputs.map.fleet is not None:
+        draw_picked(pen, inputs.map.fleet, palette, frame)
     inside = box[0], box[1], box[2] + 1, box[3] + 1
     part = layer.crop(inside)
     image.paste(part, inside[:2], part)

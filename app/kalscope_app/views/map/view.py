@@ -16,6 +16,7 @@ import viser
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.program.user_settings import UserSettings
+from kalscope_app.session.changes.fleet import pick_device
 from kalscope_app.session.changes.parameters import set_point
 from kalscope_app.session.changes.view import set_map_colour, set_map_shown
 from kalscope_app.session.session import Session
@@ -45,7 +46,7 @@ class TuningMapView:
     def __init__(self, session: Session) -> None:
         self._session = session
         self.on_device: Callable[[Fleet, int], None] = lambda _fleet, _device: None
-        """Called when a device of an open fleet is clicked."""
+        """Called when the device of an open fleet that is picked is clicked."""
         self._lock = threading.Lock()
         self._map: TuningMap = nothing("")
         self._state: State | None = None
@@ -85,9 +86,7 @@ class TuningMapView:
         if state is None or not self._map.colour:
             return
         x, y = across * frame.width, down * frame.height
-        fleet = self._map.fleet
-        if gesture < 0.0 and fleet is not None and (device := fleet.nearest(frame, (x, y))) is not None:
-            self.on_device(fleet.fleet, device)
+        if gesture < 0.0 and self._on_fleet((x, y)):
             return
         if gesture > 0.0 or frame.inside((x, y)):
             point = frame.held(frame.point((x, y)))
@@ -97,6 +96,18 @@ class TuningMapView:
             for colour, (left, top, right, bottom) in chips(frame, truth):
                 if left <= x <= right and top <= y <= bottom:
                     self._session.request(set_map_colour(colour))
+
+    def _on_fleet(self, at: Point) -> bool:
+        """Whether a click is for a device: the first one says which it is, a second one opens it."""
+        fleet = self._map.fleet
+        if fleet is None:
+            return False
+        device, picked = fleet.nearest(self._frame, at), fleet.picked and fleet.picked.device
+        if device is not None and device == picked:
+            self.on_device(fleet.fleet, device)
+        elif device != picked:
+            self._session.request(pick_device(device))
+        return device is not None
 
     # What the user sees.
 

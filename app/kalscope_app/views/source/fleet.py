@@ -14,6 +14,7 @@ from kalscope.errors import BadSetting, KalscopeError
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes.fleet import (
     close_fleet,
+    find_devices,
     open_fleet,
     renew_fleet,
     set_at_shared,
@@ -60,12 +61,13 @@ class FleetView:
             self._order = gui.add_dropdown(
                 "sort by", tuple(ORDERS), visible=False, hint="Which devices the table begins with."
             )
+            self._find = gui.add_text("find device", "", visible=False, hint="Part of its name.")
             self._table = gui.add_markdown("", visible=False)
             self._device = gui.add_dropdown(
                 "open device",
                 _options({}),
                 visible=False,
-                hint="Opens its recording; so does a click on it in the map.",
+                hint="Opens its recording; so does a second click on its point in the map.",
             )
             self._at_shared = gui.add_checkbox(
                 "at the filter for all", False, visible=False, hint="Open devices with the q and r that all share."
@@ -81,6 +83,7 @@ class FleetView:
             on_user(subscribe, lambda _client: self._open(self._path.value.strip()))
         on_user(self._close.on_click, lambda _client: session.request(close_fleet))
         bind(self._order, session, set_fleet_order)
+        bind(self._find, session, find_devices)
         bind(self._colour, session, set_fleet_colour)
         bind(self._at_shared, session, set_at_shared)
         on_user(self._device.on_update, lambda _client: self._on_device())
@@ -108,10 +111,15 @@ class FleetView:
 
     def _watch(self, reader: FleetReader, fleet: Fleet) -> None:
         """Read the folder of a run that goes on again in a while."""
+
+        def look() -> None:
+            if self._jobs.is_full:  # the user's work comes first
+                self._watch(reader, fleet)
+            else:
+                self._jobs.run(lambda: self._again(reader, fleet), Failed.FLEET)
+
         if fleet.done is not None:
-            timer = threading.Timer(
-                WATCH_S, lambda: self._jobs.run(lambda: self._again(reader, fleet), Failed.FLEET)
-            )
+            timer = threading.Timer(WATCH_S, look)
             timer.daemon = True
             timer.start()
 
@@ -139,13 +147,16 @@ class FleetView:
         if shown is self._shown:
             return
         before, self._shown = self._shown, shown
-        for part in self._about, self._order, self._table, self._device, self._at_shared, self._colour, self._close:
+        about = self._about, self._order, self._find, self._table
+        for part in (*about, self._device, self._at_shared, self._colour, self._close):
             put(part, visible=shown is not None)
         if shown is None:
             self._reader = None
             return
         if before is None or before.fleet is not shown.fleet:
             self._about.content = about_fleet(shown.fleet)
+        if before is None:
+            put(self._find, value=shown.find)
         put(self._table, content=fleet_table(shown))
         put(self._order, value=shown.order)
         put(self._colour, value=shown.colour)

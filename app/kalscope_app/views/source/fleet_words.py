@@ -10,21 +10,14 @@ import numpy as np
 from kalscope.common.text import count, lag_in_full, one_line, percent, plural, squared, trimmed
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
-from kalscope_app.session.fleet import ORDERS, OpenFleet
+from kalscope_app.session.fleet import OpenFleet
 from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
     from kalscope.tuning.fleet.results.fleet import Fleet
 
-MAX_ROWS = 12
-"""Devices in the table; the file has them all."""
 MAX_NAME = 16
 """Letters of a name in the table."""
-
-
-def shown_devices(shown: OpenFleet) -> list[int]:
-    """The rows of the table."""
-    return ORDERS[shown.order](shown.fleet)[:MAX_ROWS].tolist()
 
 
 def about_fleet(fleet: Fleet) -> str:
@@ -43,8 +36,8 @@ def about_fleet(fleet: Fleet) -> str:
         judged = int(np.isfinite(fleet.growth).sum())
         if judged:
             said.append(
-                f"For {percent(fleet.served)} of {count(judged)} its prediction error is at most 10 % above that of"
-                " the device's own filter."
+                f"For {percent(fleet.served)} of {count(judged)} its error on unseen samples is at most 10 % above"
+                " that of the device's own filter."
             )
     odd = int(fleet.unlike.sum())
     if odd:
@@ -54,12 +47,11 @@ def about_fleet(fleet: Fleet) -> str:
 
 def fleet_table(shown: OpenFleet) -> str:
     """The first devices in the chosen order."""
-    fleet, rows = shown.fleet, shown_devices(shown)
+    fleet, rows = shown.fleet, shown.rows
     if not rows:
         return "None."
     devices = fleet.devices
-    failed = bool(fleet.reasons[rows[0]]) and not devices.usable[rows[0]]
-    if failed:
+    if not devices.usable[rows].any():
         return "\n".join(
             f"{place}. {_name(fleet, i)}: {escape_markdown(fleet.reasons[i], 120)}"
             for place, i in enumerate(rows, 1)
@@ -69,21 +61,21 @@ def fleet_table(shown: OpenFleet) -> str:
         growth = float(fleet.growth[i])
         loss = "–" if math.isnan(growth) else percent(growth).replace(" ", "\u00a0")
         name = f"**{_name(fleet, i)}**" if fleet.unlike[i] else _name(fleet, i)
-        lines.append(
-            f"| {place} | {name} | {trimmed(float(devices.q[i]))} | {trimmed(float(devices.r[i]))} | {loss} |"
-        )
+        lines.append(f"| {place} | {name} | {_variance(devices.q[i])} | {_variance(devices.r[i])} | {loss} |")
     return "\n".join(lines)
 
 
 def device_labels(shown: OpenFleet) -> dict[str, int]:
     """The devices of the table as a menu names them: their place and name, and the row of each."""
     fleet = shown.fleet
-    return {
-        f"{place}. {one_line(fleet.devices.name(i))[-60:]}": i for place, i in enumerate(shown_devices(shown), 1)
-    }
+    return {f"{place}. {one_line(fleet.devices.name(i))[-60:]}": i for place, i in enumerate(shown.rows, 1)}
 
 
 def _name(fleet: Fleet, i: int) -> str:
     """The end of a name, which tells devices apart."""
     name = one_line(fleet.devices.name(i))
     return escape_markdown(name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}", MAX_NAME)
+
+
+def _variance(value: float) -> str:
+    return "–" if math.isnan(value) else trimmed(float(value))
