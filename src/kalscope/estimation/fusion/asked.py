@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array, Mask
 from kalscope.errors import BadSetting
 from kalscope.estimation.fusion import words
-from kalscope.estimation.verdict.words import MIN_SAMPLES
+from kalscope.estimation.verdict.words import BAD_UNIT, MIN_SAMPLES
 from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
 from kalscope.filtering.params import MAX_VARIANCE
 
+_MAX_SIZE = 1e140
+"""Readings that vary by more, or by less than its inverse, have variances that do not fit a double."""
 _SAME = 1e-12
 """Relative difference up to which two sensors are copies: that of rounding."""
 
@@ -44,17 +46,19 @@ class Question:
         """The record without some readings, shape (n, sensors)."""
         return replace(self, z=np.where(away, np.nan, self.z)) if away.any() else self
 
-    def unusable(self) -> tuple[str, str] | None:
-        """Verdict and words where a sensor makes the fit meaningless."""
+    def unusable(self, gains: bool) -> tuple[str, str] | None:
+        """Verdict and words where a sensor makes the fit meaningless; a copy may have another gain with `gains`."""
         for name, column in zip(self.names, self.z.T, strict=True):
             readings = column[np.isfinite(column)]
             if len(readings) < MIN_SAMPLES:
                 return "too_few", words.too_few(name, len(readings))
             if np.all(readings == readings[0]):
                 return "constant", words.constant(name)
+            if not 1.0 / _MAX_SIZE < float(np.ptp(0.5 * readings)) < _MAX_SIZE:
+                return "bad_unit", BAD_UNIT
         for i in range(len(self.names)):
             for j in range(i):
-                if _are_copies(self.z[:, j], self.z[:, i]):
+                if _are_copies(self.z[:, j], self.z[:, i], gains):
                     return "copies", words.copies(self.names[j], self.names[i])
         return None
 
@@ -91,11 +95,14 @@ def _index(reference: int | str | None, names: tuple[str, ...]) -> int | None:
     )
 
 
-def _are_copies(first: Array, second: Array) -> bool:
-    """Whether two sensors differ by the same value wherever both answer."""
+def _are_copies(first: Array, second: Array, gains: bool) -> bool:
+    """Whether two sensors differ by the same value wherever both answer; with `gains` by a factor too."""
     both = np.isfinite(first) & np.isfinite(second)
     if both.sum() < MIN_SAMPLES:
         return False
-    apart = second[both] - first[both]
-    size = max(float(np.abs(first[both]).max()), float(np.abs(second[both]).max()))
-    return float(np.ptp(apart)) <= _SAME * size
+    one, other = first[both], second[both]
+    size = max(float(np.abs(one).max()), float(np.abs(other).max()))
+    one, other = (one - one[0]) / size, (other - other[0]) / size
+    squares = float(one @ one)
+    factor = float(one @ other) / squares if gains and squares > 0.0 else 1.0
+    return float(np.ptp(other - factor * one)) <= _SAME

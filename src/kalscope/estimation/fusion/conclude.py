@@ -177,7 +177,7 @@ def _model_notes(asked: Question, away: Mask, found: Found, moving: Estimate | N
     z = asked.without(away).z
     shared = common_noise(z, asked.steps, found)
     if shared > 0.0:
-        notes.append(words.shared_noise(shared))
+        notes.append(words.shared_noise(shared, not bool(np.isnan(asked.known).all())))
     slow = slow_sensors(z, found)
     if slow:
         notes.append(words.slow([asked.names[i] for i in slow], len(asked.names)))

@@ -69,7 +69,7 @@ def estimate_fusion(
     asked = question(z, dt, names, reference, known_r)
     tau, always = checked_momentum(momentum, "ml"), checked_robust(robust)
     task = Progress(progress, cancelled)
-    wrong = asked.unusable()
+    wrong = asked.unusable(gains)
     if wrong is not None:
         return refused(asked, *wrong)
     away = np.zeros(asked.z.shape, dtype=bool)

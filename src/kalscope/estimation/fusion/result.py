@@ -38,7 +38,7 @@ class FusionEstimate:
     """The readings of each sensor that were set aside, their rows."""
     verdict: str
     """"ok", "no_noise" (the most likely r of one sensor is 0: it is taken for the signal), "no_movement" (q = 0),
-    "too_few", "constant" (a sensor always says the same), "copies" (two sensors always differ by the same),
+    "too_few", "constant" (a sensor always says the same), "copies" (two sensors always move exactly alike),
     "too_many_outliers" (over 20 % of the readings of a sensor set aside) or "bad_unit"."""
     message: str
     """What was found and what to do, for the user."""

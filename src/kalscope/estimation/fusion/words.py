@@ -36,10 +36,10 @@ def constant(name: str) -> str:
 
 
 def copies(first: str, second: str) -> str:
-    """Two sensors that always differ by the same."""
+    """Two sensors that always move exactly alike."""
     return (
-        f"{first} and {second} always differ by the same value: one is a copy of the other, and a copy adds "
-        "nothing. Leave one of them out."
+        f"{first} and {second} always move exactly alike: one is a copy of the other, and a copy adds nothing. "
+        "Leave one of them out."
     )
 
 
@@ -94,20 +94,21 @@ def at_rounding(name: str, r: float) -> str:
     return f"The noise of {name} is smaller than its steps: r = {number(r)} is the variance of rounding, Δ²/12."
 
 
-def shared_noise(size: float) -> str:
-    """Noise that the sensors share."""
+def shared_noise(size: float, known: bool) -> str:
+    """Noise that the sensors share; `known` where some r was given."""
+    or_known = " Or an r that was given is too small." if known else ""
     return (
         f"The sensors share noise of variance {number(size)}, such as interference or a common supply: no sensor "
-        "differs from the others by it, so it passes as movement. Choose a longer lag to smooth it."
+        f"differs from the others by it, so it passes as movement. Choose a longer lag to smooth it.{or_known}"
     )
 
 
 def slow(names: Sequence[str], sensors: int) -> str:
     """Sensors whose difference from the others changes slowly."""
-    who = "these sensors" if len(names) == sensors else listed(names)
+    who = "the sensors" if len(names) == sensors else f"the fused value and {listed(names)}"
     return (
-        f"What {who} show beside the fused value changes slowly: an offset that drifts, or not quite the same "
-        "quantity. It counts as noise, so the intervals are too narrow."
+        f"The difference between {who} changes slowly: an offset that drifts, or not quite the same quantity. It "
+        "counts as noise, so the intervals are too narrow."
     )
 
 

@@ -84,6 +84,9 @@ def offset_equations(
             speed[k] += kv * d[k]
         w -= kv * c[i] * g
         p, g = p * r[i] * part, g * r[i] * part
+    for k in range(sensors):
+        for m in range(k):
+            matrix[m, k] = matrix[k, m]
 
 
 @compiled(error_model="numpy")

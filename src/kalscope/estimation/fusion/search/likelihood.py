@@ -98,10 +98,11 @@ def place_at(data: Readings, q: float, tau: float, r: Array, c: Array) -> Place:
     if sensors > 1:
         matrix, right = np.zeros((sensors, sensors)), np.zeros(sensors)
         kernels.offset_equations(*record, q, tau, r, c, matrix, right)
-        if np.isfinite(matrix).all() and np.isfinite(right).all():
-            inner = np.linalg.pinv(matrix[1:, 1:] + np.tril(matrix[1:, 1:], -1).T, hermitian=True)
-            spread[1:, 1:] = inner
-            offset[1:] = inner @ right[1:]
+        try:
+            spread[1:, 1:] = np.linalg.inv(matrix[1:, 1:])
+        except np.linalg.LinAlgError:  # q = 0 or r = 0 to the last digit: no offset is better than another
+            spread[1:, 1:] = np.linalg.pinv(np.nan_to_num(matrix[1:, 1:]), hermitian=True)
+        offset[1:] = spread[1:, 1:] @ right[1:]
     kept = np.empty((len(data.value), kernels.KEPT))
     chi2, logdet = kernels.filter_readings(*record, q, tau, r, c, offset, kept)
     loglik = -0.5 * (data.m * (math.log(2.0 * math.pi) + 2.0 * math.log(data.scale)) + logdet + chi2)

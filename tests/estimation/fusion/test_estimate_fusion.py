@@ -1,0 +1,187 @@
+"""Laws of `estimate_fusion`: for one sensor it is `estimate`, it follows units and order, its intervals hold."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from statsmodels.tsa.statespace.mlemodel import MLEModel
+
+from kalscope import BadSetting, Cancelled, FusionParams, estimate, estimate_fusion, fuse
+from kalscope.estimation.likelihood.search import DROP
+
+PLAIN = {"momentum": 0.0, "robust": False}
+
+
+def record(n=400, seed=3, q=0.1, r=(0.25, 1.0, 2.0), offset=(1.0, -3.0, 2.0), missing=0.0):
+    rng = np.random.default_rng(seed)
+    x = np.cumsum(rng.normal(0.0, math.sqrt(q), n))
+    z = 20.0 + x[:, None] + offset[: len(r)] + rng.normal(0.0, 1.0, (n, len(r))) * np.sqrt(r)
+    z[rng.random(z.shape) < missing] = np.nan
+    return z
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+@pytest.mark.parametrize("momentum", ["auto", 0.0, 20.0])
+def test_one_sensor_is_estimated_as_estimate_does(momentum, missing):
+    z = record(missing=missing)[:, :1]
+    dt = np.random.default_rng(1).choice([1.0, 2.0], len(z))
+    found, one = estimate_fusion(z, dt=dt, momentum=momentum), estimate(z[:, 0], dt=dt, momentum=momentum)
+    assert found.q == pytest.approx(one.q, rel=1e-6)
+    assert found.r[0] == pytest.approx(one.r, rel=1e-6)
+    assert found.momentum == pytest.approx(one.momentum, rel=1e-6)
+    assert found.loglik == pytest.approx(one.loglik, rel=1e-9)
+
+
+def test_the_likelihood_is_that_of_the_filter_and_not_below_the_truth():
+    truth = FusionParams(q=0.1, r=[0.25, 1.0, 2.0], offset=[1.0, -3.0, 2.0])
+    for seed in range(6):
+        z = record(n=200, seed=seed, missing=0.2)
+        found = estimate_fusion(z, **PLAIN)
+        assert found.verdict == "ok"
+        assert found.params is not None
+        assert found.loglik == pytest.approx(fuse(z, found.params).loglik, rel=1e-12)
+        assert found.loglik >= fuse(z, truth).loglik
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1000.0, -3.0])
+def test_another_unit_changes_the_numbers_only(factor):
+    z = record(missing=0.2)
+    one, other = estimate_fusion(z, **PLAIN), estimate_fusion(z * factor, **PLAIN)
+    for name, power in (("q", 2), ("r", 2), ("r_interval", 2), ("q_interval", 2), ("offset", 1)):
+        expected = np.asarray(getattr(one, name)) * factor**power
+        assert getattr(other, name) == pytest.approx(expected, rel=2e-3 if "interval" in name else 1e-6)
+
+
+def test_the_order_of_the_sensors_does_not_matter():
+    z = record(missing=0.2)
+    order = [2, 0, 1]
+    one, other = estimate_fusion(z, **PLAIN), estimate_fusion(z[:, order], **PLAIN)
+    assert other.q == pytest.approx(one.q, rel=1e-8)
+    assert other.r == pytest.approx(one.r[order], rel=1e-8)
+    assert other.offset == pytest.approx(one.offset[order], abs=1e-8)
+    assert other.offset_interval == pytest.approx(one.offset_interval[order], abs=1e-7)
+
+
+def test_a_constant_added_to_a_column_moves_its_offset_only():
+    z, shift = record(missing=0.2), np.array([0.0, 7.0, 0.0])
+    one, other = (estimate_fusion(part, reference=0, **PLAIN) for part in (z, z + shift))
+    assert other.offset == pytest.approx(one.offset + shift, abs=1e-8)
+    assert other.r == pytest.approx(one.r, rel=1e-8)
+    assert other.q == pytest.approx(one.q, rel=1e-8)
+
+
+def test_a_reference_is_right_and_without_one_the_offsets_add_up_to_nothing():
+    z = record()
+    free, named = estimate_fusion(z, **PLAIN), estimate_fusion(z, names=["a", "b", "c"], reference="b", **PLAIN)
+    assert free.offset.sum() == pytest.approx(0.0, abs=1e-10)
+    assert named.offset[1] == 0.0
+    assert named.offset_interval[1] == pytest.approx([0.0, 0.0])
+    assert np.diff(free.offset) == pytest.approx(np.diff(named.offset), abs=1e-8)
+    assert any("cannot be known" in note for note in free.notes)
+    assert not any("cannot be known" in note for note in named.notes)
+
+
+def test_the_likelihood_falls_by_the_same_at_both_ends_of_an_interval():
+    z = record(n=60, r=(0.25, 1.0))
+    found = estimate_fusion(z, **PLAIN)
+    for sensor in (0, 1):
+        for end in found.r_interval[sensor]:
+            known = np.full(2, np.nan)
+            known[sensor] = end
+            there = estimate_fusion(z, known_r=known, **PLAIN)
+            assert there.r[sensor] == pytest.approx(end)
+            assert found.loglik - there.loglik == pytest.approx(DROP, abs=2e-3)
+
+
+def test_intervals_hold_the_truth_about_as_often_as_they_say():
+    held = np.zeros((2, 3))
+    for seed in range(40):
+        found = estimate_fusion(record(n=100, seed=100 + seed), **PLAIN)
+        low, high = found.r_interval.T
+        held[0] += (low <= [0.25, 1.0, 2.0]) & (high >= [0.25, 1.0, 2.0])
+        low, high = found.offset_interval.T
+        held[1] += (low <= [1.0, -3.0, 2.0]) & (high >= [1.0, -3.0, 2.0])
+    assert np.all(held.sum(axis=1) / 120.0 > 0.90)
+    assert np.all(held.sum(axis=1) / 120.0 < 0.99)
+
+
+def test_a_known_noise_stays_and_the_others_follow():
+    z = record()
+    free, fixed = estimate_fusion(z, **PLAIN), estimate_fusion(z, known_r=[np.nan, 4.0, np.nan], **PLAIN)
+    assert fixed.r[1] == pytest.approx(4.0)
+    assert fixed.r_interval[1] == pytest.approx([4.0, 4.0])
+    assert fixed.params is not None
+    assert fixed.params.r[1] == pytest.approx(4.0)
+    assert fixed.loglik < free.loglik
+
+
+def test_gains_are_found_where_they_are_asked_for():
+    z = 5.0 + (record(n=1500, q=0.5) - 20.0) * [1.0, 2.0, -0.5]
+    named = estimate_fusion(z, gains=True, reference=0, **PLAIN)
+    assert named.gain == pytest.approx([1.0, 2.0, -0.5], rel=0.03)
+    assert np.all((named.gain_interval[:, 0] <= [1.0, 2.0, -0.5]) & (named.gain_interval[:, 1] >= [1.0, 2.0, -0.5]))
+    assert named.r == pytest.approx([0.25, 4.0, 0.5], rel=0.2)
+    free = estimate_fusion(z, gains=True, **PLAIN)
+    assert np.prod(np.abs(free.gain)) == pytest.approx(1.0)
+    assert free.gain / free.gain[0] == pytest.approx(named.gain, rel=1e-6)
+    assert free.loglik == pytest.approx(named.loglik, rel=1e-9)
+    assert free.params is not None
+    assert free.loglik == pytest.approx(fuse(z, free.params).loglik, rel=1e-9)
+
+
+def test_statsmodels_finds_the_same_maximum():
+    z = record(n=300, r=(0.25, 1.0), missing=0.1)
+
+    class Local(MLEModel):
+        def __init__(self):
+            super().__init__(z, k_states=1, initialization="diffuse")
+            self["design"], self["transition"], self["selection"] = np.ones((2, 1)), [[1.0]], [[1.0]]
+
+        @property
+        def start_params(self):
+            return [*np.log([0.5, 0.5, 0.5]).tolist(), -4.0]
+
+        def update(self, params, **_):
+            q, first, second = np.exp(params[:3])
+            self["state_cov"], self["obs_cov"] = [[q]], np.diag([first, second])
+            self["obs_intercept"] = [[0.0], [params[3]]]
+
+    theirs = np.asarray(Local().fit(disp=False, maxiter=200).params)
+    ours = estimate_fusion(z, reference=0, **PLAIN)
+    assert np.exp(theirs[:3]) == pytest.approx([ours.q, *ours.r], rel=2e-3)
+    assert theirs[3] == pytest.approx(ours.offset[1], abs=1e-3)
+
+
+def test_a_slower_sensor_is_a_sensor_with_gaps():
+    z = record(n=1200)
+    z[np.arange(len(z)) % 5 != 0, 2] = np.nan
+    found = estimate_fusion(z, **PLAIN)
+    assert found.r == pytest.approx([0.25, 1.0, 2.0], rel=0.25)
+    rows = np.repeat(np.arange(len(z)), 3)  # each reading in a row of its own, at the same time
+    apart = np.where(np.arange(3 * len(z))[:, None] % 3 == np.arange(3), z[rows], np.nan)
+    dt = np.where(np.arange(3 * len(z)) % 3 == 0, 1.0, 0.0)
+    other = estimate_fusion(apart, dt=dt, **PLAIN)
+    assert other.loglik == pytest.approx(found.loglik, rel=1e-10)
+    assert other.r == pytest.approx(found.r, rel=1e-6)
+
+
+def test_what_does_not_fit_is_refused():
+    z = record(n=20)
+    for wrong, words in (
+        ({"reference": 3}, "reference must be"),
+        ({"reference": "x"}, "reference must be"),
+        ({"known_r": [1.0, 2.0]}, "known_r must be"),
+        ({"known_r": [0.0, 1.0, 1.0]}, "known_r must be"),
+        ({"names": ["a", "a", "b"]}, "names must be"),
+        ({"momentum": -1.0}, "momentum must be"),
+        ({"robust": "yes"}, "robust must be"),
+        ({"dt": np.ones(3)}, "dt must have"),
+    ):
+        with pytest.raises(BadSetting, match=words):
+            estimate_fusion(z, **wrong)
+    with pytest.raises(BadSetting, match="finite"):
+        estimate_fusion(np.where(z > 20.0, np.inf, z))
+    with pytest.raises(Cancelled):
+        estimate_fusion(z, cancelled=lambda: True)

@@ -1,0 +1,157 @@
+"""What several sensors cannot tell, and what makes the model wrong, is said in words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope import FilterParams, denoise, estimate, estimate_fusion, fuse
+from kalscope.filtering.momentum.kernels import transition
+
+PLAIN = {"momentum": 0.0, "robust": False}
+
+
+def walk(n=1500, seed=1, q=0.1):
+    return np.cumsum(np.random.default_rng(seed).normal(0.0, np.sqrt(q), n))
+
+
+def moving(n, tau=12.0, q=6.0, seed=8):
+    """A signal with momentum."""
+    e, f, a, b, c = transition(1.0, q, tau)
+    shocks = np.random.default_rng(seed).standard_normal((n, 2)) @ np.linalg.cholesky([[a, b], [b, c]]).T
+    x, v, signal = 0.0, 0.0, np.empty(n)
+    for i, (move, turn) in enumerate(shocks):
+        x, v = x + f * v + move, e * v + turn
+        signal[i] = x
+    return signal
+
+
+def noise(*sigma, n=1500, seed=2):
+    return np.random.default_rng(seed).normal(0.0, 1.0, (n, len(sigma))) * sigma
+
+
+def said(found, words):
+    return any(words in note for note in found.notes)
+
+
+def test_a_still_signal_shows_the_noise_but_no_movement():
+    found = estimate_fusion(noise(1.0, 3.0, n=200, seed=3))
+    assert found.verdict == "no_movement"
+    assert found.q == 0.0
+    assert found.r == pytest.approx([1.0, 9.0], rel=0.25)
+    assert found.params is not None
+    assert found.params.q == found.q_interval[1] > 0.0
+    assert "No movement can be identified" in found.message
+
+
+def test_a_sensor_that_adds_nothing_is_named():
+    z = walk()[:, None] + noise(0.3, 5.0)
+    found = estimate_fusion(z, names=["good", "bad"], **PLAIN)
+    assert said(found, "bad adds almost nothing")
+    assert not said(found, "good adds almost nothing")
+
+
+def test_r_at_nought_gives_a_filter_with_the_largest_that_the_record_allows():
+    for seed in range(20):
+        x = walk(n=60, seed=seed, q=4.0)
+        found = estimate_fusion(np.stack([x, x + noise(1.0, n=60, seed=seed)[:, 0]], 1), **PLAIN)
+        if found.verdict == "no_noise":
+            break
+    assert found.verdict == "no_noise"
+    assert found.r[0] == 0.0
+    assert found.params is not None
+    assert found.params.r[0] == found.r_interval[0, 1] > 0.0
+    assert "No noise can be identified in sensor 1" in found.message
+
+
+def test_rounding_is_the_least_noise():
+    x = walk()
+    z = np.stack([np.round(2.0 * x) / 2.0, x + noise(1.0)[:, 0]], 1)
+    found = estimate_fusion(z, **PLAIN)
+    assert found.r[0] >= 0.25 / 12.0 * 0.999
+    assert said(found, "variance of rounding") == (found.r[0] < 0.25 / 12.0 * 1.001)
+
+
+@pytest.mark.parametrize(
+    ("z", "verdict", "words"),
+    [
+        (noise(1.0, 1.0, n=7), "too_few", "at least 8 are needed"),
+        (np.where([True, False], noise(1.0, 1.0, n=50), 4.0), "constant", "sensor 2 are equal"),
+        (np.where([True, False], noise(1.0, 1.0, n=50), np.nan), "too_few", "sensor 2 has too few readings (0)"),
+        (walk(50)[:, None] + [0.0, 3.0], "copies", "sensor 1 and sensor 2 always move exactly alike"),
+        (noise(1.0, 1.0, n=50) * 1e-170, "bad_unit", "Choose a unit"),
+        (noise(1.0, 1.0, n=50) * 1e170, "bad_unit", "Choose a unit"),
+    ],
+)
+def test_where_there_is_nothing_to_fit_the_sensor_is_named(z, verdict, words):
+    found = estimate_fusion(z)
+    assert found.verdict == verdict
+    assert words in found.message
+    assert found.params is None
+    assert np.isfinite(found.r).all()
+
+
+def test_noise_that_all_share_is_noticed():
+    z = walk()[:, None] + noise(1.0, 1.0, 0.5)
+    assert not said(estimate_fusion(z, **PLAIN), "share noise")
+    shared = estimate_fusion(z + noise(1.0, seed=9), **PLAIN)
+    assert said(shared, "share noise of variance")
+    assert shared.r == pytest.approx([1.0, 1.0, 0.25], rel=0.8)
+
+
+def test_a_drifting_offset_is_noticed():
+    z = walk()[:, None] + noise(0.5, 0.5, 0.5)
+    assert not said(estimate_fusion(z, **PLAIN), "changes slowly")
+    z[:, 1] += walk(seed=7, q=0.02)
+    assert said(estimate_fusion(z, names=["a", "b", "c"], **PLAIN), "fused value and b changes slowly")
+
+
+def test_spikes_of_each_sensor_are_set_aside_but_not_what_all_see():
+    z = walk()[:, None] + noise(1.0, 2.0)
+    rng = np.random.default_rng(5)
+    rows = np.sort(rng.choice(np.arange(20, 1480), 15, replace=False))
+    z[rows, 0] += 60.0
+    found = estimate_fusion(z, momentum=0.0)
+    assert set(rows) <= set(found.spikes[0])
+    assert len(found.spikes[1]) < 3
+    assert found.r == pytest.approx([1.0, 4.0], rel=0.15)
+    assert found.params is not None
+    assert found.params.gate == 16.0
+    assert said(found, "set aside")
+    assert estimate_fusion(z, **PLAIN).r[0] > 10.0
+    away = z.copy()
+    for sensor, spikes in enumerate(found.spikes):
+        away[spikes, sensor] = np.nan
+    assert found.loglik == pytest.approx(fuse(away, replace(found.params, gate=None)).loglik, rel=1e-12)
+    both = walk()[:, None] + noise(1.0, 2.0)
+    both[rows] += 60.0
+    assert not np.intersect1d(estimate_fusion(both, momentum=0.0).spikes[0], rows).size
+
+
+def test_momentum_is_found_by_the_rule_of_one_signal():
+    z = moving(1500)[:, None] + noise(1.0, 2.0)
+    found = estimate_fusion(z)
+    assert 8.0 < found.momentum < 18.0
+    assert found.r == pytest.approx([1.0, 4.0], rel=0.15)
+    assert said(found, "keeps its direction")
+    assert found.loglik > estimate_fusion(z, momentum=0.0).loglik
+    one, alone = estimate_fusion(z[:, :1]), estimate(z[:, 0])
+    assert one.momentum == pytest.approx(alone.momentum, rel=1e-5)
+    assert one.r[0] == pytest.approx(alone.r, rel=1e-6)
+    given = estimate_fusion(z, momentum=30.0)
+    assert given.momentum == 30.0
+    assert given.loglik < found.loglik
+    assert estimate_fusion(walk(400)[:, None] + noise(1.0, 2.0, n=400)).momentum == 0.0
+
+
+def test_the_fused_filter_is_nearer_than_the_best_sensor():
+    x = walk()
+    z = x[:, None] + noise(1.0, 1.2, 2.0)
+    found = estimate_fusion(z)
+    assert found.params is not None
+    fused = float(np.std((fuse(z, found.params).x - x)[20:]))
+    own = [denoise(z[:, i], FilterParams(0.1, sigma**2)) for i, sigma in enumerate((1.0, 1.2, 2.0))]
+    best = min(float(np.std((one - x)[20:])) for one in own)
+    assert fused < best
