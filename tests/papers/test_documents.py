@@ -14,7 +14,7 @@ from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.experiments import list_experiments, open_experiment
 from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope.papers.interactive_matter_2009 import document as lis302dl
-from kalscope.papers.interactive_matter_2009 import questions
+from kalscope.papers.interactive_matter_2009 import questions, tilt
 from kalscope.papers.khan import paper as generalized
 from kalscope.papers.maarif_2019 import limits
 from kalscope.papers.maarif_2019 import paper as noise_reducer
@@ -174,12 +174,13 @@ def test_second_question_two_updates_are_one_filter_of_the_weighted_mean():
     assert answer.fused == pytest.approx(answer.fused_theory, rel=0.03)
 
 
-def test_two_equal_sensors_are_an_interleaved_record_with_dt_0():
-    z = np.random.default_rng(1).normal(size=(50, 2))
-    z[7, 0] = z[9, 1] = np.nan
-    dt = np.tile([1.0, 0.0], 50)
-    one = kalman_filter(z.ravel(), FilterParams(q=0.2, r=1.5), dt).x[1::2]
-    np.testing.assert_array_equal(questions.fuse(z, (1.5, 1.5), 0.2), one)
+def test_second_question_noise_and_offset_of_two_sensors_are_found_in_their_readings():
+    answer = tilt.answer_tilt()
+    assert answer.r_first == pytest.approx(9.0, rel=0.1)
+    assert answer.r_second == pytest.approx(0.64, rel=0.25)
+    assert answer.offset_low < 2.5 < answer.offset_high
+    assert answer.fused < 0.85 * min(answer.first, answer.second)
+    assert answer.predicted == pytest.approx(answer.fused, rel=0.15)
 
 
 @pytest.mark.parametrize(("name", "q", "r"), lis302dl.WALK)

@@ -167,3 +167,12 @@ def test_masked_readings_are_missing():
     z = readings()
     params = FusionParams(0.09, np.ones(3))
     same(fuse(np.ma.masked_invalid(z), params).x, fuse(z, params).x)
+
+
+@pytest.mark.parametrize("momentum", [0.0, 8.0])
+def test_equal_sensors_are_an_interleaved_record_with_no_time_in_between(momentum):
+    z = np.random.default_rng(1).normal(size=(50, 2))
+    z[7, 0] = z[9, 1] = np.nan
+    dt = np.tile([1.0, 0.0], 50)
+    one = kalman_filter(z.ravel(), FilterParams(0.2, 1.5, momentum=momentum), dt)
+    same(fuse(z, FusionParams(0.2, np.array([1.5, 1.5]), momentum=momentum)).x, one.x[1::2])

@@ -14,7 +14,7 @@ from kalscope.common.progress import OnProgress
 from kalscope.filtering.batch import denoise, kalman_filter
 from kalscope.papers.appendices import c_listing
 from kalscope.papers.interactive_matter_2009 import document as paper
-from kalscope.papers.interactive_matter_2009 import questions
+from kalscope.papers.interactive_matter_2009 import questions, tilt
 from kalscope.papers.interactive_matter_2009.document import WalkRow
 from kalscope.papers.interactive_matter_2009.questions import ExponentialAnswer
 from kalscope.papers.page.prose import Prose
@@ -30,7 +30,7 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
     report(0.1, "estimating q and r")
     estimated = questions.answer_estimation(effort.estimate_draws)
     report(0.8, "two sensors, the listing, the figures")
-    fused = questions.answer_fusion()
+    fused, board = questions.answer_fusion(), tilt.answer_tilt()
     simple = tuple(questions.answer_exponential(q, r) for _, q, r in paper.WALK)
     listing = listing_difference()
     verdicts = ", ".join(sorted(set(estimated.resting_verdicts))).replace("_", " ")
@@ -41,6 +41,7 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             _axes_figure(),
             PROSE.table("estimate", draws=effort.estimate_draws, verdicts=verdicts, **asdict(estimated)),
             PROSE.table("fusion", gain=100 * (1 - fused.fused / fused.first), **asdict(fused)),
+            PROSE.table("tilt", gain=100 * (1 - board.fused / min(board.first, board.second)), **asdict(board)),
             _exponential_table(simple),
             _exponential_figure(),
         ),
@@ -52,6 +53,8 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             Check("RMSE with the estimated pair over the true one", estimated.loss, 1.0, 0.02),
             Check("Two sensors fused: RMSE", fused.fused, fused.fused_theory, 0.05, relative=True),
             Check("Fused, against the filter of the weighted mean", fused.difference, 0.0, 1e-9),
+            Check("Accelerometer and tilt: offset found", board.offset, tilt.OFFSET, 0.1, relative=True),
+            Check("Accelerometer and tilt: predicted error", board.predicted, board.fused, 0.15, relative=True),
             Check("Exponential filter, worst of the walk, last half", max(a.at_end for a in simple), 0.0, 1e-6),
         ),
         results={
@@ -61,6 +64,7 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             "c_listing_differences": listing,
             "estimation": asdict(estimated),
             "fusion": asdict(fused),
+            "tilt": asdict(board),
             "exponential": [asdict(answer) for answer in simple],
         },
     )

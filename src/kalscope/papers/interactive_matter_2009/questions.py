@@ -13,7 +13,8 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.estimation.estimate import estimate
 from kalscope.filtering.batch import denoise
-from kalscope.filtering.kernels import step
+from kalscope.filtering.fusion.batch import fuse
+from kalscope.filtering.fusion.params import FusionParams
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.interactive_matter_2009.document import P0, X0, moved_board, truth_of, walk_params
@@ -125,38 +126,15 @@ def _on_the_board() -> tuple[float, float, tuple[str, ...]]:
     return _rmse(np.column_stack(columns), truth), _rmse(by_eye, truth), verdicts
 
 
-def fuse(z: Array, r: tuple[float, float], q: float) -> Array:
-    """Two sensors of one quantity in one filter: one predict a sample, then an update for each sensor.
-
-    Args:
-        z: readings, shape (n, 2), unit; NaN is a missing one.
-        r: noise variance of each sensor, unit².
-        q: process noise a sample, unit².
-
-    Returns:
-        x, shape (n,), exact diffuse start.
-
-    Source: the measurement update of Ma'arif et al. (2019), (13)–(15), twice; independent noises.
-    """
-    x, p = math.nan, math.inf
-    fused = np.empty(len(z))
-    for i, (first, second) in enumerate(np.asarray(z, dtype=np.float64).tolist()):
-        x, p, *_ = step(first, 1.0, q, r[0], math.inf, x, p, 0)
-        x, p, *_ = step(second, 0.0, q, r[1], math.inf, x, p, 0)  # no time passes in between
-        fused[i] = x
-    return fused
-
-
 def answer_fusion() -> FusionAnswer:
     """Two sensors of σ = 3 and 5 counts on one random walk of 20,000 samples."""
     rng = np.random.default_rng(2)
     n = 10 * RECORD
     truth = np.cumsum(math.sqrt(TRUE_Q) * rng.standard_normal(n))
     z = truth[:, None] + np.sqrt(SENSOR_R) * rng.standard_normal((n, 2))
-    fused = fuse(z, SENSOR_R, TRUE_Q)
-    together = 1.0 / sum(1.0 / r for r in SENSOR_R)
-    mean = together * (z / np.array(SENSOR_R)).sum(axis=1)
-    one = FilterParams(q=TRUE_Q, r=together)
+    both = FusionParams(TRUE_Q, np.array(SENSOR_R))
+    fused, one = fuse(z, both).x, both.as_single
+    mean = (z * both.shares).sum(axis=1)
     alone = [_rmse(denoise(z[:, i], FilterParams(q=TRUE_Q, r=SENSOR_R[i])), truth) for i in range(2)]
     return FusionAnswer(
         first=alone[0],
