@@ -25,7 +25,7 @@ from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.channels_overview import Overviews
 from kalscope_app.studies.checks import Checks, compute_checks
-from kalscope_app.studies.fusion import Judged, judge_fused
+from kalscope_app.studies.fusion import FusionJudge, Judged
 from kalscope_app.studies.spectra import compute_allan, compute_spectra
 from kalscope_app.studies.still_stretch import StillStretches
 from kalscope_app.studies.tuning_map import MapMaker
@@ -104,12 +104,12 @@ class Dashboard:
         self._map = TuningMapView(self.session)
         self._phones = PhonePictures(server)
         self._build(folder)
-        make_map, still = MapMaker(), StillStretches()
+        make_map, still, judge = MapMaker(), StillStretches(), FusionJudge()
         rounds = [
             self._study(VariantTable().compute, self._variants.show_table),
             Study(lambda state: (state, make_map(state)) if state.view.map_shown else None, self._map.show),
             self._study(compared, self._board.show_check),
-            self._study(lambda state: judge_fused(state) or compute_checks(state, still.of), self._show_checks),
+            self._study(lambda state: judge.of(state) or compute_checks(state, still.of), self._show_checks),
             self._study(lambda state: device_notes(state, self._code.choice), self._code.show_notes),
             self._study(Overviews().compute, self._channels.show_overview),
             self._study(compute_spectra, self._spectrum.show),

@@ -86,7 +86,7 @@ class Frame:
     set_aside: Array | None = None
     """The measurements that the last search set aside as spikes, unit, NaN at all others; None where none were."""
     sensors: tuple[SensorCurve, ...] = ()
-    """The readings of the sensors that are fused; empty where one channel is filtered."""
+    """The readings of the sensors that are fused, the noisiest first; empty where one channel is filtered."""
     variants: tuple[Array, ...] = ()
     """The filtered signal of each pinned setting, in the order of `state.variants`, unit."""
 
@@ -164,13 +164,18 @@ def _smoothed(state: State, drawn: DrawnSamples) -> Array:
 
 
 def _sensors(state: State, fusion: Fusion, drawn: DrawnSamples, fused: Array) -> tuple[SensorCurve, ...]:
-    """What the sensors that take part read at the drawn samples, and how far from the fused value that is."""
+    """What the sensors that take part read at the drawn samples, and how far from the fused value that is.
+
+    The noisiest comes first, to be drawn below the others; by what was found, so that no slider changes that.
+    """
     raw = state.recording.values[drawn.indices][:, fusion.columns(state.recording)]
     difference = (raw - fusion.params.offset) / fusion.params.gain - fused[:, None]
-    return tuple(
+    noise = dict(zip(fusion.start.sensors, fusion.start.params.scaled_r, strict=True))
+    curves = [
         SensorCurve(name, fusion.tuning.sensors.index(name), raw[:, i], difference[:, i])
         for i, name in enumerate(fusion.used.sensors)
-    )
+    ]
+    return tuple(sorted(curves, key=lambda one: -noise[one.name]))
 
 
 def _velocity(state: State, result: FilterResult) -> tuple[Array | None, Array | None]:

@@ -1,51 +1,69 @@
-"""What the fused value is worth beside the best single sensor: an idle-time computation."""
+"""What the fused value is worth, and which sensor disagrees: an idle-time computation."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
-from kalscope.common.text import percent
-from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.analysis.fusion.judge import judge_fusion
+from kalscope.analysis.fusion.result import FusionVerdict
+from kalscope_app.engine.cache import Cache
 from kalscope_app.session.fusion import Fusion
 from kalscope_app.session.state import State
+
+MAX_NAME = 20
+"""Letters of a sensor's name on the button above the tabs."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What is said about the fused sensors."""
+    """What is said about the fused sensors; plain text, with names from outside."""
 
     word: str
     """On the button above the tabs."""
-    tone: Literal["good", "note", "bad"]
+    tone: Literal["good", "bad"]
     """Its colour."""
     headline: str
-    """How much better than the best single sensor; plain text."""
+    """How much better than the best single sensor."""
+    faults: tuple[str, ...]
+    """Who disagrees, one sentence each."""
     notes: tuple[str, ...]
-    """Who disagrees, and what cannot be known; plain text."""
+    """What was found on a held-out stretch, and what cannot be known."""
 
 
-def judge_fused(state: State) -> Judged | None:
-    """What is to be said about the fused sensors on screen; None where one channel is."""
-    fusion = state.fusion
-    if fusion is None:
-        return None
+class FusionJudge:
+    """Judges the fused sensors on screen, and keeps the answer while only the view changes."""
+
+    def __init__(self) -> None:
+        self._verdicts = Cache[FusionVerdict]()
+
+    def of(self, state: State) -> Judged | None:
+        """What is to be said about the fused sensors on screen; None where one channel is."""
+        fusion = state.fusion
+        if fusion is None:
+            return None
+        self._verdicts.begin(state.recording, fusion.used.sensors, state.recording.gaps)
+        return judged(fusion, self._verdicts.get(fusion.params, lambda: _verdict(state, fusion)))
+
+
+def _verdict(state: State, fusion: Fusion) -> FusionVerdict:
+    return judge_fusion(
+        state.recording.values[:, fusion.columns(state.recording)],
+        fusion.params,
+        state.dt,
+        names=fusion.used.sensors,
+        unit=fusion.tuning.unit,
+        sample_period=state.recording.sample_period,
+    )
+
+
+def judged(fusion: Fusion, verdict: FusionVerdict) -> Judged:
+    """The verdict as it stands on screen."""
+    odd = [one for one in verdict.sensors if one.faults]
+    word = f"{odd[0].name[:MAX_NAME]} disagrees" if len(odd) == 1 else f"{len(odd)} sensors disagree"
+    faults = dict.fromkeys(sentence for one in odd for sentence in one.sentences[: len(one.faults)])
+    seen = [one for one in verdict.sentences if one.startswith("In the second half")]
     notes = () if fusion.estimate is None else fusion.estimate.notes
-    return Judged("fused", "good", headline_of(fusion), tuple(notes))
-
-
-def headline_of(fusion: Fusion) -> str:
-    """The predicted error beside that of the best sensor alone."""
-    params, names = fusion.params, fusion.used.sensors
-    if len(names) == 1:
-        return f"Only {names[0]} takes part: nothing is gained."
-    alone = [_error(FilterParams(params.q, float(r), momentum=params.momentum)) for r in params.r / params.gain**2]
-    best = min(range(len(names)), key=alone.__getitem__)
-    gained = 1.0 - _error(params.as_single) / alone[best] if alone[best] > 0.0 else 0.0
-    return f"{percent(max(gained, 0.0))} less error than {names[best]} alone, the best sensor, is predicted."
-
-
-def _error(params: FilterParams) -> float:
-    return math.sqrt(float(steady_state(params).p))
+    return Judged(
+        word if odd else "fused", "bad" if odd else "good", verdict.headline, tuple(faults), (*seen, *notes)
+    )

@@ -101,9 +101,9 @@ def test_fused_sensors_are_on_screen_in_place_of_the_channel(state):
     assert np.array_equal(frame.filtered, expected.x)
     assert np.array_equal(frame.spread, 2.0 * np.sqrt(expected.p))
     assert frame.rejected == expected.rejected.sum()
-    assert [one.name for one in frame.sensors] == list(SENSORS)
-    assert np.array_equal(frame.sensors[1].raw, state.recording.channel("b"))
-    assert frame.sensors[1].difference == pytest.approx(state.recording.channel("b") - 0.5 - expected.x)
+    assert [(one.name, one.colour) for one in frame.sensors] == [("c", 2), ("a", 0), ("b", 1)]  # the noisiest first
+    assert np.array_equal(frame.sensors[2].raw, state.recording.channel("b"))
+    assert frame.sensors[2].difference == pytest.approx(state.recording.channel("b") - 0.5 - expected.x)
     assert (state.tuning.name, state.is_standard) == ("fused", False)
     assert state.tuning.r == pytest.approx(1.0 / (1.0 + 4.0 + 0.25))
 

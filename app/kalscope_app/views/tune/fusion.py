@@ -41,6 +41,7 @@ class FusionView:
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button("Cancel", visible=False, hint="Stop and change nothing.")
             self._end = gui.add_button("Stop fusing", visible=False, hint="Back to the channel; Undo reverts it.")
+            self._notes = gui.add_markdown("", visible=False)
         on_user(self._fuse.on_click, lambda _client: self._start())
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
         on_user(self._end.on_click, lambda _client: session.request(stop_fusing))
@@ -83,16 +84,13 @@ class FusionView:
             row.show(frame)
         put(self._fuse, label="Fuse again" if fused else "Fuse", visible=bool(names))
         put(self._end, visible=fused)
+        put(self._notes, visible=fused)
         if not fused:
             put(self._said, content=HOW)
 
     def show_judged(self, judged: Judged | None) -> None:
         """Say what the fused value is worth, and which sensor disagrees."""
         if judged is not None:
-            put(self._said, content=text_of(judged))
-
-
-def text_of(judged: Judged) -> str:
-    """How much better than the best sensor, who disagrees, and what cannot be known; markdown."""
-    said = [f"**{escape_markdown(judged.headline, 300)}**", *(escape_markdown(one, 400) for one in judged.notes)]
-    return "\n\n".join(said)
+            headline, *faults = (escape_markdown(one, 400) for one in (judged.headline, *judged.faults))
+            put(self._said, content="\n\n".join([f"**{headline}**", *faults]))
+            put(self._notes, content="\n\n".join(escape_markdown(one, 400) for one in judged.notes))

@@ -51,7 +51,8 @@ class VerdictView:
     def show_judged(self, judged: Judged) -> None:
         """Write the word on fused sensors and what is said about them."""
         self._word.label, self._word.color = judged.word, COLOURS[judged.tone]
-        self._headline.content = f"**{escape_markdown(judged.headline, 300)}**"
+        headline, *faults = (escape_markdown(one, 400) for one in (judged.headline, *judged.faults))
+        self._headline.content = "\n\n".join([f"**{headline}**", *faults])
         for row in self._advice:
             row.show(None, None)
 
