@@ -19,6 +19,7 @@ from board_fixtures import start_board, stream_sketch, workshop
 from effort import EXAMPLES, FUZZ
 from hypothesis import settings
 from markers import mark
+from traced import trace
 
 __all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every folder
 
@@ -41,6 +42,12 @@ def pytest_configure() -> None:
     gc.disable()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Measure coverage where it may grow, once pytest-cov has begun."""
+    trace(session.config)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

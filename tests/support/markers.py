@@ -3,7 +3,7 @@
 So no test can be forgotten: `make test-fast` leaves out every marked one. Coverage is not measured in the long ones
 that drive a browser or a board or are slow: they would take half as long again, and reach almost nothing that no
 short one reaches. Neither is it in what reads the recordings beside the repository, which is skipped where they are
-absent: so the report is the same everywhere.
+absent: so the report is the same everywhere. `traced.py` chooses among the others.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def mark(item: pytest.Item) -> None:
     parameters = item.callspec.params.values() if hasattr(item, "callspec") else ()
     untraced = any(map(item.get_closest_marker, UNTRACED)) or any(map(is_shared, parameters))
     if untraced or any(uses_any(function, names_shared) for function in functions):
-        item.add_marker("no_cover")
+        item.add_marker("untraced")
 
 
 @cache
