@@ -318,3 +318,35 @@ def test_what_cannot_be_tuned_together_is_refused_with_words(argv: list[str], mu
     assert out == ""
     assert must in err
     assert err.count("\n") == 1
+
+
+# ---- report
+
+
+def test_the_report_of_a_fusion_shows_its_sensors_and_says_what_it_brings(tmp_path: Path, config: Path) -> None:
+    page = tmp_path / "report.html"
+    assert run(["report", SOURCE, "--config", str(config), "-o", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    for words in (
+        "a + b + c",
+        "Sensors",
+        "noise σ",
+        "What does fusing bring?",
+        "If a sensor fails",
+        "RMSE to the truth",
+    ):
+        assert words in text
+    assert "The fused value has an error of" in text
+    assert all(f">{name}<" in text for name in ("a", "b", "c", "level"))
+    assert run(["report", SOURCE, "--config", str(config), "-o", str(tmp_path / "report.png")]) == 0
+    assert (tmp_path / "report.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_report_of_one_of_its_channels_is_the_page_of_a_channel(
+    tmp_path: Path, config: Path, capsys: Captured
+) -> None:
+    page = tmp_path / "report.html"
+    assert run(["report", SOURCE, "--config", str(config), "-o", str(page), "--channel", "b"]) == 0
+    assert "Does the filter fit?" in page.read_text(encoding="utf-8")
+    assert run(["report", SOURCE, "--config", str(config), "-o", str(page), "--momentum", "5"]) == 2
+    assert "--momentum and --overshoot need --channel" in capsys.readouterr().err

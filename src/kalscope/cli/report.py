@@ -13,7 +13,9 @@ from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
-    from kalscope.tuning.tuning import ChannelTuning
+    from kalscope.export.report.content import Report
+    from kalscope.recording import Recording
+    from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 
 @reads_source
@@ -24,7 +26,8 @@ def report_command(
         Path, typer.Option("-o", "--output", metavar="FILE", help="Write to this file: .html or .png.")
     ],
     channel: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Default: the one that was on screen.")
+        str | None,
+        typer.Option(metavar="NAME", help="Default: what --config fuses, else the one that was on screen."),
     ] = None,
     momentum: Annotated[
         float | None, number_option("In sample periods, in place of that of --config; q and r stay.", number)
@@ -45,10 +48,8 @@ def report_command(
 
     from kalscope.catalogue import open_source
     from kalscope.common.files import write_atomic
-    from kalscope.export.report.content import make_report
     from kalscope.export.report.page import as_html
     from kalscope.export.report.picture import as_png
-    from kalscope.tuning.choose import adapt_tuning, with_momentum
     from kalscope.tuning.tuning_file import load_tuning
 
     tell_compiling()
@@ -58,21 +59,54 @@ def report_command(
     if momentum is not None and overshoot is not None:
         raise BadSetting("--overshoot must stand without --momentum, which follows from it (got both)")
     tuning = load_tuning(config)
+    fused = tuning.fusion is not None and channel is None
+    if fused and (momentum is not None or overshoot is not None):
+        raise BadSetting(
+            "--momentum and --overshoot need --channel: a fusion has the momentum of --config (got none)"
+        )
     with progress_line() as progress:
         recording = open_source(source, reading, sample_period=sample_period, progress=progress)
     if recording.sample_period is None and tuning.sample_period is not None:
         moments = np.arange(len(recording)) * tuning.sample_period
         recording = replace(recording, time=moments, sample_period=tuning.sample_period)
-    chosen, notes = adapt_tuning(recording, tuning, channel=channel)
-    selected = channel or (tuning.selected if tuning.selected in chosen else next(iter(chosen)))
-    changed = with_momentum(chosen[selected], momentum, overshoot)
-    options = [] if changed == chosen[selected] else _options(selected, changed)
-    own = tuple(replace(entry, name=name) for name, entry in {**chosen, selected: changed}.items())
-    fitted = replace(tuning, channels=own, selected=selected)
-    report = make_report(recording, fitted, config=str(config), options=options)
+    if fused:
+        report, notes = _of_fusion(recording, tuning, config)
+    else:
+        report, notes = _of_channel(recording, tuning, config, channel, (momentum, overshoot))
     write_atomic(output, as_png(report) if kind == ".png" else as_html(report).encode())
     for note in notes:
         say(f"note: {note}")
+
+
+def _of_fusion(recording: Recording, tuning: Tuning, config: Path) -> tuple[Report, list[str]]:
+    """The page on the sensors that the tuning fuses, and notes on the choice of the filter."""
+    from kalscope.export.report.fusion import make_fusion_report
+    from kalscope.tuning.choose_fusion import FusionGiven, fusion_for
+
+    fusion, notes = fusion_for(recording, config, FusionGiven())
+    return make_fusion_report(recording, tuning, fusion, config=str(config)), notes
+
+
+def _of_channel(
+    recording: Recording,
+    tuning: Tuning,
+    config: Path,
+    channel: str | None,
+    change: tuple[float | None, float | None],
+) -> tuple[Report, list[str]]:
+    """The page on one channel, its filter with another momentum or overshoot; and notes on the choice."""
+    from dataclasses import replace
+
+    from kalscope.export.report.content import make_report
+    from kalscope.tuning.choose import adapt_tuning, with_momentum
+
+    chosen, notes = adapt_tuning(recording, tuning, channel=channel)
+    selected = channel or (tuning.selected if tuning.selected in chosen else next(iter(chosen)))
+    changed = with_momentum(chosen[selected], *change)
+    options = [] if changed == chosen[selected] else _options(selected, changed)
+    own = tuple(replace(entry, name=name) for name, entry in {**chosen, selected: changed}.items())
+    fitted = replace(tuning, channels=own, selected=selected)
+    return make_report(recording, fitted, config=str(config), options=options), notes
 
 
 def _options(channel: str, changed: ChannelTuning) -> list[str]:

@@ -115,7 +115,7 @@ def make_report(
     error = "" if truth is None else f"{number(rmse(result.x, truth))} {own.unit}".strip()
     return Report(
         title=f"{recording.title or recording.source or 'Recording'}: {name}",
-        subtitle=_subtitle(recording, z),
+        subtitle=subtitle_of(recording, z),
         charts=_charts(recording, own, z, result, truth),
         tables=(
             ReportTable("Parameters", parameters(own, recording.sample_period)),
@@ -128,8 +128,8 @@ def make_report(
             ("Does the filter fit?", _fits(own, checks, recording.sample_period)),
             ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
         ),
-        command=command or _command(recording, config, options),
-        origin=_origin(recording, tuning, now),
+        command=command or command_of(recording, config, options),
+        origin=origin_of(recording, tuning, now),
     )
 
 
@@ -139,7 +139,8 @@ def _fits(own: ChannelTuning, checks: Diagnostics, period: float | None) -> str:
     return f"{judgement.headline}{advice}"
 
 
-def _subtitle(recording: Recording, z: Array) -> str:
+def subtitle_of(recording: Recording, z: Array) -> str:
+    """How much there is of the samples z, in a few words."""
     parts = [f"{count(len(z))} samples"]
     if recording.sample_period is not None:
         parts.append(sample_rate(recording.sample_period))
@@ -149,12 +150,14 @@ def _subtitle(recording: Recording, z: Array) -> str:
     return ", ".join(parts)
 
 
-def _command(recording: Recording, config: str, options: Sequence[str]) -> str:
+def command_of(recording: Recording, config: str, options: Sequence[str]) -> str:
+    """What reopens the recording with a tuning file."""
     source = recording.source or "FILE"
     return shlex.join(["kalscope", "open", source, *recording.report.options, "--config", config, *options])
 
 
-def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
+def origin_of(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
+    """File, SHA-256, versions, date."""
     moment = (now or datetime.now(UTC)).astimezone(UTC)
     rows = [
         ("data", recording.source or recording.title),
@@ -178,10 +181,10 @@ def _charts(
         named.insert(1, ("truth", truth, "truth"))
 
     def panel(title: str, first: int, stop: int) -> Panel:
-        at = first + _chosen(z[first:stop])
+        at = first + chosen_samples(z[first:stop])
         across, at = (x[at], at) if len(at) > 1 else (x[0] + np.arange(2.0), [0, 0])  # a line needs two points
         lines = tuple(Line(across, values[at], name, style) for name, values, style in named)
-        low_high = _y_range([values[at] for name, values, _ in named if name != "filtered"])
+        low_high = y_range([values[at] for name, values, _ in named if name != "filtered"])
         return Panel(title, lines, "time (s)" if timed else "sample", _label(own.name, own.unit), low_high)
 
     whole = panel("The whole recording", 0, n)
@@ -193,7 +196,7 @@ def _charts(
     )
 
 
-def _y_range(curves: list[Array]) -> tuple[float, float]:
+def y_range(curves: list[Array]) -> tuple[float, float]:
     """Ends of the ordinate: what raw and truth need; a wild start of the filter may leave the picture."""
     seen = np.concatenate(curves)
     seen = seen[np.isfinite(seen)]
@@ -208,7 +211,7 @@ def _label(name: str, unit: str) -> str:
     return f"{short} ({unit[:8]})" if unit else short
 
 
-def _chosen(z: Array) -> NDArray[np.intp]:
+def chosen_samples(z: Array) -> NDArray[np.intp]:
     """Indices of the lowest and the highest sample of each of MAX_DRAWN_POINTS/2 equal pieces."""
     if len(z) <= MAX_DRAWN_POINTS:
         return np.arange(len(z))
