@@ -83,6 +83,7 @@ def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving:
     params = with_gate(params, asked.z, asked.steps, away)
     verdict, message = _verdict(asked, params, place.q, r)
     sensors = _sensor_notes(asked, away, params, r, searched.floor * unit)
+    unsure = _unsure(asked, q, q_interval, r, r_interval)
     return FusionEstimate(
         names=asked.names,
         q=q,
@@ -98,7 +99,7 @@ def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving:
         spikes=tuple(np.flatnonzero(column) for column in away.T),
         verdict=verdict,
         message=message,
-        notes=(*_model_notes(asked, away, found, moving), *sensors),
+        notes=(*_model_notes(asked, away, found, moving), *unsure, *sensors),
         params=params,
     )
 
@@ -182,6 +183,14 @@ def _model_notes(asked: Question, away: Mask, found: Found, moving: Estimate | N
     if slow:
         notes.append(words.slow([asked.names[i] for i in slow], len(asked.names)))
     return notes
+
+
+def _unsure(asked: Question, q: float, q_interval: Array, r: Array, r_interval: Array) -> list[str]:
+    """What is said of variances above 0 of which the record does not exclude that they are 0."""
+    names = ["q"] if q > 0.0 and q_interval[0] == 0.0 else []
+    lowest = zip(asked.names, r, r_interval[:, 0], strict=True)
+    names += [f"the r of {name}" for name, size, low in lowest if size > 0.0 and low == 0.0]
+    return [words.not_excluded(names)] if names else []
 
 
 def _sensor_notes(asked: Question, away: Mask, params: FusionParams, r: Array, floor: Array) -> list[str]:

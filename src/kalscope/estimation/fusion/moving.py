@@ -17,8 +17,7 @@ from kalscope.estimation.momentum.choice import MIN_GAIN, SHORT_RECORD
 from kalscope.estimation.result import Estimate
 
 _EVEN = 0.1
-"""Share of the mean r that is added to each for the weights of the fused value: without momentum one r may come
-out as 0 although its sensor is no better."""
+"""Share of the mean r that is added to each for the weights; of the largest, the least where a search begins."""
 
 
 def fused_signal(z: Array, place: Place, data: Readings, weights: Array) -> Array:
@@ -43,26 +42,44 @@ def with_momentum(
         tau: the momentum that is given; None = find it.
         progress: reported to.
     """
-    r = plain.place.r / plain.place.c**2
-    signal = fused_signal(asked.z, plain.place, data, 1.0 / (r + _EVEN * r.mean()))
-    dt = asked.steps if len(asked.steps) else None
-    moves = "auto" if tau is None else tau
-    one = estimate(signal, dt=dt, momentum=moves, robust=False, progress=progress.part(0.0, 0.5))
+    one, count = _asked_of_signal(asked, plain, tau, progress.part(0.0, 0.5))
     if not float(one.momentum) or not float(one.q):
         return plain, one
     fitted = replace(searched, keeps=tau is None)
     step = float(one.q) / data.scale**2
     starts = [
-        place_at(data, step, float(one.momentum), noise, plain.place.c)
+        place_at(data.middle(), step, float(one.momentum), noise, plain.place.c)
         for noise in [*guessed_noises(asked.z, data, searched, plain.place.c), lifted(plain.place, searched)]
     ]
     found = best_fit(data, fitted, starts, progress.part(0.5, 1.0))
     if tau is None:
         found = within_record(data, fitted, found)
-        needed = MIN_GAIN + SHORT_RECORD / int(np.isfinite(signal).sum())
+        needed = MIN_GAIN + SHORT_RECORD / count
         if 2.0 * (found.place.loglik - plain.place.loglik) <= needed:
             return plain, replace(one, momentum=0.0)
     return found, one
+
+
+def _asked_of_signal(asked: Question, plain: Found, tau: float | None, progress: Progress) -> tuple[Estimate, int]:
+    """The estimate of the fused value as one signal, and of how many rows.
+
+    Without momentum one r may come out as 0 although its sensor is no better, only quicker than the random walk
+    expects. So the mean with even weights is asked where the weighted one shows no momentum.
+    """
+    place, data = plain.place, plain.coordinates.data
+    r = place.r / place.c**2
+    dt = asked.steps if len(asked.steps) else None
+    signal = fused_signal(asked.z, place, data, 1.0 / (r + _EVEN * r.mean()))
+    found = _estimate(signal, dt, tau, progress.part(0.0, 0.5))
+    if data.sensors > 1 and not float(found.momentum):
+        signal = fused_signal(asked.z, place, data, np.ones(data.sensors))
+        found = _estimate(signal, dt, tau, progress.part(0.5, 1.0))
+    return found, int(np.isfinite(signal).sum())
+
+
+def _estimate(signal: Array, dt: Array | None, tau: float | None, progress: Progress) -> Estimate:
+    moves = "auto" if tau is None else tau
+    return estimate(signal, dt=dt, momentum=moves, robust=False, progress=progress, cancelled=progress.cancelled)
 
 
 def lifted(place: Place, searched: Asked) -> Array:

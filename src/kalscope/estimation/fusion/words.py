@@ -108,7 +108,7 @@ def slow(names: Sequence[str], sensors: int) -> str:
     who = "the sensors" if len(names) == sensors else f"the fused value and {listed(names)}"
     return (
         f"The difference between {who} changes slowly: an offset that drifts, or not quite the same quantity. It "
-        "counts as noise, so the intervals are too narrow."
+        "counts as noise, so trust neither the shares nor the intervals too far."
     )
 
 
@@ -130,3 +130,10 @@ def given_momentum(tau: float) -> str:
 def gate(threshold: float) -> str:
     """The gate that goes with spikes."""
     return f"The filter gets a gate of {gate_text(threshold)}, which ignores such spikes."
+
+
+def not_excluded(names: Sequence[str]) -> str:
+    """Variances whose intervals begin at 0: "q" or "r of A"."""
+    return (
+        f"The record does not exclude that {listed(names)} {'is' if len(names) == 1 else 'are'} 0: record longer."
+    )

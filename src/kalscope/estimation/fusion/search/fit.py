@@ -19,8 +19,12 @@ LOWEST, HIGHEST = 40.0, 12.0
 """How far ln of a variance may go below and above that of the differences of the readings."""
 _MAX_GAIN = 100.0
 """Factor from its start within which a gain is searched."""
-_MAX_TRIED = 2
-"""Starts that are climbed from."""
+_MAX_TRIED = 6
+"""Starts that are climbed from on the middle of the record."""
+_MAX_FINAL = 2
+"""Tops of those that are climbed from on the whole record."""
+_SAME = 0.5
+"""Distance of ln r up to which two tops are one."""
 _FAR = 40.0
 """An edge whose log-likelihood is lower by this, before the other parameters follow, is not looked at."""
 
@@ -60,12 +64,15 @@ class Found:
 
 
 def best_fit(data: Readings, asked: Asked, starts: Sequence[Place], progress: Progress) -> Found:
-    """The highest place near one of the starts, or at an edge."""
+    """The highest place near one of the starts, which are on `data.middle()`, or at an edge."""
+    part = data.middle()
     starts = sorted(starts, key=lambda one: -one.loglik)[:_MAX_TRIED]
     tops: list[Found] = []
     for i, start in enumerate(starts):
-        progress(0.7 * i / len(starts), "likelihood of all sensors together")
-        tops.append(climbed(data, asked, start))
+        progress(0.5 * i / len(starts), "likelihood of all sensors together")
+        tops.append(climbed(part, asked, start))
+    if part is not data:
+        tops = [climbed(data, asked, start) for start in _apart([one.place for one in tops])]
     best = max(tops, key=lambda one: one.place.loglik)
     progress(0.7, "likelihood at the edges")
     for edge in _edges(data, asked, best.place):
@@ -73,6 +80,15 @@ def best_fit(data: Readings, asked: Asked, starts: Sequence[Place], progress: Pr
         if there.place.loglik >= best.place.loglik - 1e-9 - 1e-12 * abs(best.place.loglik):
             best = there
     return best
+
+
+def _apart(places: Sequence[Place]) -> list[Place]:
+    """The best places that differ from each other."""
+    chosen: list[Place] = []
+    for place in sorted(places, key=lambda one: -one.loglik):
+        if all(np.abs(np.log(place.r / one.r)).max() > _SAME for one in chosen):
+            chosen.append(place)
+    return chosen[:_MAX_FINAL]
 
 
 def climbed(data: Readings, asked: Asked, start: Place) -> Found:

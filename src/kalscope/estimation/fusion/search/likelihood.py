@@ -7,7 +7,7 @@ offsets enter linearly, so each place of the search has its most likely ones, fr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from kalscope.common.array import Array
 from kalscope.estimation.fusion.search import kernels
 from kalscope.estimation.momentum.likelihood import step_variance
 
+SEARCHED = 15_000
+"""Readings that are enough for a search from several starts; only its end needs all of them."""
 _SLOPE = 1e-4
 """Relative step in τ for the derivative of ln(step variance)."""
 
@@ -49,6 +51,14 @@ class Readings:
     def span(self) -> float:
         """Sample periods from the first reading to the last."""
         return float(self.gap.sum())
+
+    def middle(self) -> Readings:
+        """A stretch in the middle that is long enough to search in; the record itself where it is short."""
+        first = (len(self.value) - SEARCHED) // 2
+        if first <= 0:
+            return self
+        part = slice(first, first + SEARCHED)
+        return replace(self, value=self.value[part], sensor=self.sensor[part], gap=self.gap[part])
 
     @staticmethod
     def of(z: Array, steps: Array) -> Readings:

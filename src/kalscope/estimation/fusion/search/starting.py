@@ -17,10 +17,11 @@ _MIN_PAIRS = 8
 
 
 def starting_places(data: Readings, z: Array, asked: Asked, gains: Array) -> list[Place]:
-    """Starts from z, the record itself of shape (n, sensors), NaN where missing."""
+    """Starts on the middle of the record; z is the record itself, shape (n, sensors), NaN where missing."""
     least = float((np.maximum(step_sizes(data), 1e-12) / gains**2).min())
     noises = guessed_noises(z, data, asked, gains)
-    return [place_at(data, share * least, 0.0, noise, gains) for noise in noises for share in _MOVES]
+    part = data.middle()
+    return [place_at(part, share * least, 0.0, noise, gains) for noise in noises for share in _MOVES]
 
 
 def guessed_noises(z: Array, data: Readings, asked: Asked, gains: Array) -> list[Array]:
