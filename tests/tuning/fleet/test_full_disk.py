@@ -47,7 +47,7 @@ def test_a_disk_that_is_full_is_said_and_the_run_goes_on_when_there_is_room(tmp_
         kept = sum(len(units_of(part)) for part in parts(out))
         assert 0 < kept < 60
         assert all(units_of(part) for part in parts(out)), "a part is torn"
-        assert run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err == full.err
+        assert "No space left" in run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
         subprocess.run(["mount", "-o", "remount,size=8m", str(disk)], check=True)
         said = run_here(capsys, logs, "-o", out, *PLAIN).out
         assert f": {60 - kept} of 60 files or row groups read" in said
