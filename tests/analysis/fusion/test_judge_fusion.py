@@ -174,3 +174,19 @@ def test_what_does_not_fit_is_refused():
     constant = estimate_fusion(np.ones((50, 2)))
     with pytest.raises(BadSetting, match="without params"):
         judge_fusion(np.ones((50, 2)), constant)
+
+
+def test_a_sensor_of_coarse_steps_is_stuck_only_where_the_others_move():
+    x = np.append(np.linspace(0.0, 40.0, 2000), np.full(2000, 40.2))
+    z = x[:, None] + np.random.default_rng(3).normal(0.0, 0.5, (4000, 3))
+    z[:, 0] = np.round(x)
+    params = FusionParams(1e-3, np.array([1.0 / 12.0, 0.25, 0.25]))
+    assert judged(z, params=params).sensors[0].stuck == (0, 0)
+    z[500:1900, 0] = z[500, 0]
+    z[1900:, 0] += np.arange(2100) % 30 // 15
+    assert judged(z, params=params).sensors[0].stuck == (475, 1900)
+
+
+def test_shares_next_to_all_are_not_said_to_be_all():
+    found = judged(recorded(sensors=2), params=FusionParams(1.0, np.array([1.0, 200.0])))
+    assert "99.5 % a and 0.50 % b" in found.sentences[2]

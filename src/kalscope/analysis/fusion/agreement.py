@@ -34,8 +34,8 @@ MAX_BLOCKS, MIN_BLOCK, MIN_NOISE_BLOCK = 16, 30, 100
 MAX_SIZE = 4.0
 """Differences are clipped at so many standard deviations: spikes are no drift."""
 
-MAD = 1.4826
-"""Standard deviation of normal numbers by the median of their size."""
+SMALLER, MEAN_OF_SMALLER = 0.9, 0.6573
+"""Share of the steps whose size is averaged, and that average for normal numbers of standard deviation 1."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def noise_change(one: Difference) -> tuple[float, float]:
     if min(variances) <= 0.0:  # as coarse as its steps
         return 1.0, 0.0
     ratio = max(variances) / min(variances)
-    return ratio, math.log(ratio) / (3.0 * math.sqrt(2.0 * count / len(one.d)))  # 3/√m: of a MAD of differences
+    return ratio, math.log(ratio) / (3.0 * math.sqrt(2.0 * count / len(one.d)))  # 3/√m: more than normal steps have
 
 
 def odd_ones(
@@ -136,8 +136,15 @@ def undecided(odd: dict[int, float], sensor: int, sensors: int) -> tuple[int, ..
 
 
 def _noise(d: Array) -> float:
-    """Variance of white noise in d, by the median size of its steps: neither drift nor spikes count."""
-    return 0.5 * (MAD * float(np.median(np.abs(np.diff(d))))) ** 2 if len(d) > 1 else 0.0
+    """Variance of white noise in d, by the mean size of its smaller steps: neither drift nor spikes count.
+
+    A median would not do: of a sensor that rounds it is a whole number of steps.
+    """
+    if len(d) < 2:
+        return 0.0
+    steps = np.sort(np.abs(np.diff(d)))
+    kept = steps[: max(1, int(SMALLER * len(steps)))]
+    return 0.5 * (float(kept.mean()) / MEAN_OF_SMALLER) ** 2
 
 
 def _reach(d: Array) -> float:

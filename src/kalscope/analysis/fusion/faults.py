@@ -6,10 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kalscope.analysis.fusion.agreement import MAD
 from kalscope.common.array import Array, Mask
 from kalscope.filtering.fusion.batch import fuse
 from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.fusion.smoothing import smooth_fusion
+
+MAD = 1.4826
+"""Standard deviation of normal numbers by the median of their size."""
 
 FAR_OFF, CONFIRMED = 6.0, 3.0
 """Size of a residual, in its own standard deviations, from which it is far off; and from which that of another
@@ -17,6 +20,9 @@ sensor in the same row confirms it: then the quantity has moved."""
 
 MIN_STRETCH, MUCH_LONGER = 30, 20.0
 """Readings in a row, and times the usual number, from which on a stretch of equal or missing ones is odd."""
+
+USUALLY_NEW = 2.0
+"""Readings to a value up to which a sensor is one that gives new values."""
 
 Stretch = tuple[int, int]
 """First row, and one past the last; (0, 0) for none."""
@@ -41,14 +47,31 @@ def _sizes(z: Array, dt: Array | None, params: FusionParams) -> Array:
     return np.where(scored, size, 0.0) / max(usual, 1.0)
 
 
-def stuck(column: Array) -> Stretch:
-    """The longest stretch of equal readings where it is far longer than the others of this sensor."""
-    rows = np.flatnonzero(np.isfinite(column))
+def stuck(z: Array, dt: Array | None, params: FusionParams, sensor: int) -> Stretch:
+    """The longest stretch of equal readings, where it is far longer than the others of this sensor.
+
+    A sensor that repeats its readings anyway, because it rounds, is stuck only where the others moved meanwhile.
+    """
+    rows = np.flatnonzero(np.isfinite(z[:, sensor]))
     if not len(rows):
         return 0, 0
-    values = column[rows]
-    first, length = _longest(np.append(0, np.flatnonzero(np.diff(values)) + 1), len(values))
-    return (int(rows[first]), int(rows[first + length - 1]) + 1) if length else (0, 0)
+    values = z[rows, sensor]
+    starts = np.append(0, np.flatnonzero(np.diff(values)) + 1)
+    first, length = _longest(starts, len(values))
+    stretch = (int(rows[first]), int(rows[first + length - 1]) + 1) if length else (0, 0)
+    if length and len(values) > USUALLY_NEW * len(starts) and not _others_moved(z, dt, params, sensor, stretch):
+        return 0, 0
+    return stretch
+
+
+def _others_moved(z: Array, dt: Array | None, params: FusionParams, sensor: int, stretch: Stretch) -> bool:
+    """Whether the others say that in this stretch the quantity moved, by far more than the noise of this sensor."""
+    others = [j for j in range(params.sensors) if j != sensor]
+    if not others:
+        return False
+    smoothed = smooth_fusion(z[:, others], params.only(others), dt).x[slice(*stretch)]
+    spread = np.nanmax(smoothed) - np.nanmin(smoothed) if np.isfinite(smoothed).any() else 0.0
+    return bool(spread > FAR_OFF * np.sqrt(params.scaled_r[sensor]))
 
 
 def silent(answered: Mask) -> Stretch:

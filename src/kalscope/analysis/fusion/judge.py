@@ -65,7 +65,7 @@ def judge_fusion(
     alone = [one.error for one in sensors]
     best = int(np.argmin(alone))
     seen = errors.held_out(readings, steps, params if fit is None else _of_first_half(readings, steps, fit))
-    headline = words.headline(error, alone, best)
+    headline = words.headline(error, alone, best, drifts=any(one.drift for one in sensors))
     said = [headline, *([words.held_out(seen)] if seen and params.sensors > 1 else [])]
     said += [words.shares(params.shares.tolist())] if params.sensors > 1 else []
     said += [sentence for one in sensors for sentence in one.sentences[: len(one.faults)]]
@@ -94,7 +94,7 @@ def _sensors(
             drift=drifts.get(i, 0.0),
             noise_ratio=changes.get(i, 1.0),
             spikes=spikes[i],
-            stuck=faults.stuck(z[:, i]),
+            stuck=faults.stuck(z, dt, params, i),
             silent=faults.silent(np.isfinite(z[:, i])),
         )
         one = replace(one, faults=_faults(one, readings[i]))

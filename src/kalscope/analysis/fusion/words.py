@@ -28,15 +28,16 @@ class Words:
         """A size with its unit."""
         return f"{number(value)} {self.unit}".rstrip()
 
-    def headline(self, error: float, single: Sequence[float], best: int) -> str:
+    def headline(self, error: float, single: Sequence[float], best: int, drifts: bool) -> str:
         """What fusing brings."""
         if len(single) == 1:
             return f"The filtered value of {self.names[0]} has an error of {self.size(error)} (1 σ, predicted)."
         saved = 1.0 - error / single[best] if single[best] > 0.0 else 0.0
-        said = "as" if saved < CLOSE else f"{percent(saved)} less than"
+        said = "the same as" if saved < CLOSE else f"{percent(saved)} less than"
         return (
             f"The fused value has an error of {self.size(error)} (1 σ, predicted), {said} the best single sensor, "
             f"{self.names[best]} ({self.size(single[best])})."
+            f"{' The sensors drift apart, so it can be larger.' if drifts else ''}"
         )
 
     def held_out(self, seen: HeldOut) -> str:
@@ -57,7 +58,9 @@ class Words:
     def parts(self, shares: Sequence[float]) -> str:
         """Shares as a list: 60 % a, 30 % b and 10 % c."""
         written = [
-            f"{percent(share)} {name}" for name, share in zip(self.names, shares, strict=True) if share > 0.0
+            f"{percent(share, 3 if share > 0.985 else 2)} {name}"
+            for name, share in zip(self.names, shares, strict=True)
+            if share > 0.0
         ]
         return written[0] if len(written) == 1 else f"{', '.join(written[:-1])} and {written[-1]}"
 
