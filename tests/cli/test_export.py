@@ -59,7 +59,7 @@ def test_a_fusion_is_exported_and_said_unless_a_channel_is_named(tmp_path, capfd
     assert cli.run(["export", str(path), "--to", "json", "--sample-period", "0.02"]) == 0
     shown = capfd.readouterr()
     assert shown.out == export_tuning(tuning, "json", sample_period=0.02)["kalscope_fusion.json"]
-    assert "note: this is the fusion level of a, b; --channel NAME exports the filter of one" in shown.err
+    assert "note: this is the filter that fuses a, b; --channel NAME exports that of one channel" in shown.err
     assert cli.run(["export", str(path), "--to", "json", "--channel", "b"]) == 0
     shown = capfd.readouterr()
     assert (shown.out, shown.err) == (export_tuning(tuning, "json", channel="b")["kalscope_parameters.json"], "")

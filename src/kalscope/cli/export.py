@@ -81,8 +81,8 @@ def _what(tuning: Tuning) -> list[str]:
     if tuning.fusion is None:
         return []
     return [
-        f"this is the fusion {tuning.fusion.name} of {', '.join(tuning.fusion.sensors)};"
-        " --channel NAME exports the filter of one channel instead"
+        f"this is the filter that fuses {', '.join(tuning.fusion.sensors)};"
+        " --channel NAME exports that of one channel"
     ]
 
 

@@ -117,6 +117,13 @@ class FusionJob(Origin):
         return tuple(self.fusion.params.scaled_r.tolist())
 
     @property
+    def arguments(self) -> tuple[dict[str, float], dict[str, tuple[float, ...]]]:
+        """What makes the filter: single numbers, without those that are automatic, and those of each sensor."""
+        start = {name: getattr(self.fusion, name) for name in ("q", "p0", "x0", "gate")}
+        single = {name: value for name, value in start.items() if value is not None} | step_of(self.fusion)
+        return single, {"r": self.noise, "offset": self.fusion.offset, "gain": self.fusion.gain}
+
+    @property
     def as_single(self) -> ExportJob:
         """The filter of one reading that equals it while all sensors answer, of their weighted mean."""
         fusion, one = self.fusion, self.fusion.params.as_single

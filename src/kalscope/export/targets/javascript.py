@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from kalscope.export.header_text import about, about_channel, commented, fill_template
-from kalscope.export.job import ExportJob, step_of
+from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
+from kalscope.export.job import ExportJob, FusionJob, step_of
 from kalscope.export.names import number_text
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -18,6 +18,21 @@ def files(job: ExportJob) -> dict[str, str]:
         filters="".join(_entry(job, *named) for named in job.named_channels),
     )
     return {"kalscope_filter.mjs": text}
+
+
+def fused_files(job: FusionJob) -> dict[str, str]:
+    """`kalscope_fusion.mjs`."""
+    single, each = job.arguments
+    given = {name: number_text(value) for name, value in single.items()}
+    given |= {name: f"[{', '.join(map(number_text, numbers))}]" for name, numbers in each.items()}
+    text = fill_template(
+        "fused/kalscope_fusion.mjs",
+        job.marks,
+        about=commented((*about(job), *about_fusion(job)), "//"),
+        words=", ".join(job.sensor_identifiers),
+        values="".join(f"  {name}: {value},\n" for name, value in given.items()),
+    )
+    return {"kalscope_fusion.mjs": text}
 
 
 def _entry(job: ExportJob, word: str, channel: ChannelTuning) -> str:

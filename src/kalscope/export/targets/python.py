@@ -25,11 +25,11 @@ def files(job: ExportJob) -> dict[str, str]:
 
 def fused_files(job: FusionJob) -> dict[str, str]:
     """`kalscope_fusion.py` and `fusion_with_kalscope.py`, whose first two lines are constant as well."""
-    fusion = job.fusion
-    start = {"q": fusion.q, "p0": fusion.p0, "x0": fusion.x0, "gate": fusion.gate}
-    each = {"offset": fusion.offset, "gain": fusion.gain}
-    own = _lines({**start, **step_of(fusion)}, {"r": job.noise, **each})
-    kalscope = _lines({**start, "momentum": fusion.momentum or None}, {"r": fusion.r, **each})
+    single, each = job.arguments
+    own = _lines(single, each)
+    constants = step_of(job.fusion).keys() - {"momentum"}
+    known = {name: value for name, value in single.items() if name not in constants}
+    kalscope = _lines(known, {**each, "r": job.fusion.r})
     return {
         name: fill_template(
             f"fused/{name}.txt",
@@ -42,10 +42,10 @@ def fused_files(job: FusionJob) -> dict[str, str]:
     }
 
 
-def _lines(values: dict[str, float | None], each: dict[str, tuple[float, ...]]) -> str:
-    """Arguments, one a line; what is None is automatic and left out."""
+def _lines(values: dict[str, float], each: dict[str, tuple[float, ...]]) -> str:
+    """Arguments, one a line."""
     listed = {name: f"[{', '.join(map(number_text, numbers))}]" for name, numbers in each.items()}
-    single = {name: number_text(value) for name, value in values.items() if value is not None}
+    single = {name: number_text(value) for name, value in values.items()}
     return "".join(f"    {name}={text},\n" for name, text in (single | listed).items())
 
 
