@@ -164,6 +164,14 @@ def test_few_rows_and_none():
     found = judged(np.empty((0, 2)))
     assert math.isinf(found.error)
     assert [one.answered for one in found.sensors] == [0.0, 0.0]
+    assert "No sensor has a reading" in found.headline
+
+
+@pytest.mark.parametrize("z", [1e250 * np.ones((500, 2)), 1e200 * recorded(sensors=2), np.full((500, 2), np.nan)])
+def test_no_number_is_ever_nan(z):
+    found = judged(z)
+    numbers = [found.error, *(value for one in found.sensors for value in vars(one).values())]
+    assert not any(isinstance(number, float) and math.isnan(number) for number in numbers)
 
 
 def test_what_does_not_fit_is_refused():

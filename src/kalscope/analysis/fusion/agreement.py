@@ -144,7 +144,8 @@ def _noise(d: Array) -> float:
         return 0.0
     steps = np.sort(np.abs(np.diff(d)))
     kept = steps[: max(1, int(SMALLER * len(steps)))]
-    return 0.5 * (float(kept.mean()) / MEAN_OF_SMALLER) ** 2
+    sigma = float(kept.mean()) / MEAN_OF_SMALLER
+    return 0.5 * sigma * sigma  # inf rather than an error where readings are huge
 
 
 def _reach(d: Array) -> float:

@@ -61,10 +61,11 @@ def judge_fusion(
     steps = None if dt is None else steps_of(dt, len(readings))
     words = Words(tuple(names), unit, sample_period)
     error = errors.predicted_error(readings, steps, params)
-    sensors = _sensors(readings, steps, params, words, error)
+    with np.errstate(over="ignore", invalid="ignore"):  # squares of huge readings
+        sensors = _sensors(readings, steps, params, words, error)
+        seen = errors.held_out(readings, steps, params if fit is None else _of_first_half(readings, steps, fit))
     alone = [one.error for one in sensors]
     best = int(np.argmin(alone))
-    seen = errors.held_out(readings, steps, params if fit is None else _of_first_half(readings, steps, fit))
     headline = words.headline(error, alone, best, drifts=any(one.drift for one in sensors))
     said = [headline, *([words.held_out(seen)] if seen and params.sensors > 1 else [])]
     said += [words.shares(params.shares.tolist())] if params.sensors > 1 else []

@@ -30,6 +30,8 @@ class Words:
 
     def headline(self, error: float, single: Sequence[float], best: int, drifts: bool) -> str:
         """What fusing brings."""
+        if math.isinf(error):
+            return "No sensor has a reading after the start, so nothing can be said."
         if len(single) == 1:
             return f"The filtered value of {self.names[0]} has an error of {self.size(error)} (1 σ, predicted)."
         saved = 1.0 - error / single[best] if single[best] > 0.0 else 0.0
