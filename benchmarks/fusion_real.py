@@ -1,6 +1,7 @@
 """Several sensors of one quantity in real recordings: the fused value against each sensor alone.
 
-Everything is found in the first half of a recording and judged on the second:
+Everything is found in the first half of a recording, scale and offset of each sensor beside the first one too, and
+judged on the second:
 
 - *next reading*: each sensor's next reading is predicted, by its own filter and by the fused one;
 - *hidden stretch*: the sensor is hidden in every second stretch of rows and predicted there: by its own filter,
@@ -49,8 +50,6 @@ class Case:
     """Rows of a hidden stretch."""
     repeats: tuple[int, ...] = ()
     """Sensors slower than the rows, whose repeated value is no new reading; 0 of them is no reading either."""
-    gains: bool = False
-    """Whether the sensors have different scales; the first is the reference then."""
     encoder: str = ""
     """Independent channel to compare with."""
     reading: ReadOptions = DEFAULTS
@@ -89,7 +88,6 @@ CASES = (
         ("CO(GT)", "PT08.S1(CO)"),
         "mg/m³",
         12,
-        gains=True,
         reading=MISSING_200,
     ),
     Case(
@@ -98,7 +96,6 @@ CASES = (
         ("C6H6(GT)", "PT08.S2(NMHC)"),
         "µg/m³",
         12,
-        gains=True,
         reading=MISSING_200,
     ),
 )
@@ -144,7 +141,7 @@ def readings(case: Case, folder: Path) -> tuple[Array, kalscope.Recording]:
 def found_in_first_half(case: Case, z: Array) -> tuple[FusionParams, list[kalscope.FilterParams]]:
     """The fused filter, and the filter of each sensor alone."""
     half = z[: len(z) // 2]
-    found = estimate_fusion(half, names=case.sensors, gains=case.gains, reference=0 if case.gains else None)
+    found = estimate_fusion(half, names=case.sensors, gains=True, reference=0)
     print(f"{case.title}: {found.verdict}. {found.message}")
     if found.params is None:
         raise SystemExit(f"no fusion of {case.path}")
