@@ -97,7 +97,7 @@ def lanes_of(overview: Overview) -> tuple[Array, list[Array], ChartLayout]:
 
 def colour_of(lane: Lane, state: State, palette: Palette) -> str:
     """The channel on screen as in the Signal tab, the others blue."""
-    return palette.filtered if lane.name == state.channel else palette.truth
+    return palette.filtered if state.measured == (lane.name,) else palette.truth
 
 
 def lead_of(overview: Overview) -> str:
@@ -131,7 +131,7 @@ def table_of(overview: Overview) -> str:
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for i, lane in enumerate(overview.lanes):
         tuning, unit = state.settings.tunings[i], escape_markdown(state.settings.tunings[i].unit, 12)
-        bold = "**" if lane.name == state.channel else ""
+        bold = "**" if state.measured == (lane.name,) else ""
         cells = [f"{bold}{i + 1}{bold}", f"{bold}{escape_markdown(lane.name, 24)}{bold}"]
         if not state.filter_of(i).is_standard:
             cells += ["–"] * (5 if with_momentum else 4)

@@ -15,7 +15,7 @@ from kalscope.common.text import decibels, lag_text, number, percent
 from kalscope_app.engine.frame import Frame
 from kalscope_app.views.charts.chart import drawable
 from kalscope_app.views.charts.pen import Pen
-from kalscope_app.views.charts.style import DARK, LIGHT, Palette
+from kalscope_app.views.charts.style import DARK, LIGHT, SENSORS, Palette
 from kalscope_app.views.charts.time_axis import time_axis
 from kalscope_app.views.scales import range_text, scale_for
 from kalscope_app.views.window.layout import shape_of
@@ -102,7 +102,7 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
     span = range_text(first, last)
     pen.text((margin, bottom + 10), f"{span} {clock.unit}", ink, 24, "la")
     pen.text((WIDTH - margin - 110, bottom + 10), "raw", palette.raw, 24, "ra")
-    pen.text((WIDTH - margin, bottom + 10), "filtered", palette.filtered, 24, "ra")
+    pen.text((WIDTH - margin, bottom + 10), "fused" if frame.sensors else "filtered", palette.filtered, 24, "ra")
     _write_numbers(pen, frame, ink, (margin, round(VISIBLE * image.height) + 2 * margin))
     return np.asarray(image)
 
@@ -128,8 +128,10 @@ def _draw_curves(
 ) -> tuple[float, float]:
     """Draw into a box (left, top, right, bottom); the range of y follows the signal, as in the chart."""
     shown = frame.drawn
-    x, raw, filtered, spread = drawable(shown.time, [shown.raw, frame.filtered, frame.spread])
-    low, high = float(raw.min()), float(raw.max())
+    colours = SENSORS[frame.state.view.dark]
+    raws = [(one.raw, colours[one.colour % len(colours)]) for one in frame.sensors] or [(shown.raw, palette.raw)]
+    x, filtered, spread, *lines = drawable(shown.time, [frame.filtered, frame.spread, *(raw for raw, _ in raws)])
+    low, high = min(float(raw.min()) for raw in lines), max(float(raw.max()) for raw in lines)
     if high <= low:
         low, high = low - 1.0, high + 1.0
     left, top, right, bottom = box
@@ -141,11 +143,12 @@ def _draw_curves(
 
     band = tuple(int(part) for part in palette.band[5:-1].split(",")[:3])
     pen.polygon([*points(filtered - spread), *points(filtered + spread)[::-1]], fill=(*band, 45))
-    seen = np.isfinite(shown.raw) if len(shown.raw) == len(x) else np.ones(len(x), dtype=bool)
-    drawn = points(raw)
-    for start, end in zip(range(len(x) - 1), range(1, len(x)), strict=True):
-        if seen[start] and seen[end]:
-            pen.line([drawn[start], drawn[end]], fill=palette.raw, width=1)
+    for line, (raw, colour) in zip(lines, raws, strict=True):
+        seen = np.isfinite(raw) if len(raw) == len(x) else np.ones(len(x), dtype=bool)
+        drawn = points(line)
+        for start, end in zip(range(len(x) - 1), range(1, len(x)), strict=True):
+            if seen[start] and seen[end]:
+                pen.line([drawn[start], drawn[end]], fill=colour, width=1)
     for extra, colour in ((shown.truth, palette.truth), (frame.smoothed, palette.smoothed)):
         if extra is not None:
             pen.line(points(drawable(shown.time, [extra])[1]), fill=colour, width=2)

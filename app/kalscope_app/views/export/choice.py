@@ -174,7 +174,10 @@ def device_tuning(state: State, choice: Choice) -> Tuning:
         BadSetting: The period is none, or a channel has the Khan et al. filter.
     """
     tuning = state.as_tuning()
-    if state.fusion is None:
+    if state.fusion is not None:
+        sensors = tuple(one for one in tuning.channels if one.name in state.measured)
+        tuning = replace(tuning, channels=sensors, selected="")
+    else:
         state.require_standard_filter(state.recording.names if choice.all_channels else [state.channel])
         tuning = replace(tuning.only(None if choice.all_channels else state.channel), fusion=None)
     if not choice.period.strip():
