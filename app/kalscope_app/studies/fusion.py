@@ -63,7 +63,18 @@ def judged(fusion: Fusion, verdict: FusionVerdict) -> Judged:
     word = f"{odd[0].name[:MAX_NAME]} disagrees" if len(odd) == 1 else f"{len(odd)} sensors disagree"
     faults = dict.fromkeys(sentence for one in odd for sentence in one.sentences[: len(one.faults)])
     seen = [one for one in verdict.sentences if one.startswith("In the second half")]
-    notes = () if fusion.estimate is None else fusion.estimate.notes
     return Judged(
-        word if odd else "fused", "bad" if odd else "good", verdict.headline, tuple(faults), (*seen, *notes)
+        word if odd else "fused",
+        "bad" if odd else "good",
+        verdict.headline,
+        tuple(faults),
+        (*seen, *_about_estimate(fusion)),
     )
+
+
+def _about_estimate(fusion: Fusion) -> tuple[str, ...]:
+    """What cannot be known, and what was found where it is no usual filter."""
+    found = fusion.estimate
+    if found is None:
+        return ()
+    return found.notes if found.verdict == "ok" else (found.message, *found.notes)

@@ -10,6 +10,7 @@ import viser
 from kalscope.errors import BadSetting
 from kalscope.export.filtered_csv import filtered_csv_chunks, fused_csv_chunks
 from kalscope.export.report.content import Report, make_report
+from kalscope.export.report.fusion import make_fusion_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import as_png
 from kalscope_app.engine.jobs import Jobs
@@ -18,7 +19,7 @@ from kalscope_app.session.share import share_line
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user
 
-PAGE = "One page on this channel: chart, parameters, tests, pinned settings, and how to reopen it."
+PAGE = "One page on what is on screen: chart, parameters, tests, pinned settings, and how to reopen it."
 
 
 class ReportView:
@@ -66,8 +67,9 @@ def _csv_chunks(state: State) -> Iterator[str]:
 
 
 def _report(state: State) -> Report:
+    if state.fusion is not None:
+        return make_fusion_report(state.recording, state.as_tuning(), state.fusion.used)
     if not state.is_standard:
-        state.require_one_channel()
         raise BadSetting("a report needs the Kalman filter with q and r (got the Khan et al. filter)")
     pins = [(variant.name, variant.tuning) for variant in state.variants]
     return make_report(state.recording, state.as_tuning(), state.channel, command=share_line(state).line, pins=pins)

@@ -1,0 +1,128 @@
+"""Fused sensors in the views: what is offered, what is said, and what leaves the program."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kalscope import BadSetting, Recording, estimate_fusion, fuse
+from kalscope_app.dashboard import Dashboard
+from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.frame import compute_frame
+from kalscope_app.guard.server import guarded_server
+from kalscope_app.session.changes.channels import select_channel
+from kalscope_app.session.changes.fusion import apply_estimate, set_taking_part
+from kalscope_app.session.changes.variants import pin_present
+from kalscope_app.session.opening import opened
+from kalscope_app.session.share import share_line
+from kalscope_app.studies.fusion import FusionJudge
+from kalscope_app.studies.tuning_map import MapMaker
+from kalscope_app.views.charts.phone_picture import draw_picture
+from kalscope_app.views.export.choice import Choice, files_of, limits_text
+from kalscope_app.views.export.report import csv, html_report
+
+SENSORS = ("bench", "roof", "door")
+
+
+def greenhouse(drift=0.0, n=800):
+    g = np.random.default_rng(2)
+    x = 20.0 + np.cumsum(g.normal(0.0, 0.02, n))
+    z = x[:, None] + g.normal(size=(n, 3)) * [0.3, 0.2, 0.2] + [0.0, 0.5, -0.3]
+    z[:, 2] += np.linspace(0.0, drift, n)
+    values = np.column_stack([z, np.linspace(40.0, 50.0, n)])
+    return Recording(0.1 * np.arange(n), (*SENSORS, "humidity"), ("degC",) * 3 + ("%",), values, 0.1, title="x.csv")
+
+
+def fused(recording):
+    found = estimate_fusion(recording.values[:, :3], names=SENSORS, momentum=0.0, robust=False)
+    return apply_estimate(recording, SENSORS, found)(opened(recording))
+
+
+@pytest.fixture(scope="module")
+def state():
+    return fused(greenhouse())
+
+
+def frame_of(state):
+    channel, *others = state.measured
+    return compute_frame(state, 0, choose_samples(state.recording, channel, None, others=tuple(others)))
+
+
+@pytest.fixture
+def view(tmp_path):
+    """The folder "Fuse sensors" of a dashboard that is not started."""
+    with guarded_server(port=0) as guarded:
+        yield Dashboard(guarded.server, opened(greenhouse()), tmp_path)._fusion
+
+
+def test_channels_of_a_known_unit_are_ticked_and_a_channel_without_a_like_offers_nothing(view):
+    single = opened(greenhouse())
+    view.show(frame_of(single))
+    assert view._folder.visible
+    assert [row.name for row in view._rows if row.ticked] == list(SENSORS)
+    view.show(frame_of(select_channel("humidity")(single)))
+    assert not view._folder.visible
+    assert not any(row.ticked for row in view._rows)
+
+
+def test_a_row_follows_its_sensor_and_one_that_drops_out_keeps_its_tick_box_alone(view, state):
+    view.show(frame_of(state))
+    bench, _, door = view._rows[:3]
+    assert bench._slider.label == f"share {100 * state.fusion.shares['bench']:.0f} %"
+    assert door._slider.visible
+    view.show(frame_of(set_taking_part("door", False)(state)))
+    assert (door.ticked, door._tick.visible, door._slider.visible) == (False, True, False)
+    assert bench._slider.label != f"share {100 * state.fusion.shares['bench']:.0f} %"
+
+
+def test_the_verdict_names_the_sensor_that_drifts_and_is_glad_without_it(state):
+    judge = FusionJudge()
+    good = judge.of(state)
+    assert (good.word, good.tone, good.faults) == ("fused", "good", ())
+    assert "less" in good.headline
+    assert any("offset" in note for note in good.notes)
+    drifting = fused(greenhouse(drift=2.0))
+    bad = judge.of(drifting)
+    assert (bad.word, bad.tone) == ("door disagrees", "bad")
+    assert "door drifts" in bad.faults[0]
+    assert judge.of(set_taking_part("door", False)(drifting)).tone == "good"
+    assert judge.of(select_channel("roof")(drifting)) is None
+
+
+def test_code_and_csv_are_those_of_the_fused_sensors(state):
+    without = set_taking_part("roof", False)(state)
+    files = files_of(without, Choice("arduino", all_channels=True))
+    assert "Fusion" in "".join(files)
+    assert "humidity" not in "".join(files.values())
+    assert "humidity" not in limits_text(without)
+    head, first = csv(without).decode().splitlines()[:2]
+    assert head == "time,bench,door,fused,fused_variance"
+    x = fuse(without.recording.values[:, [0, 2]], without.fusion.params).x
+    assert float(first.split(",")[3]) == x[0]
+    assert "humidity" not in csv(without).decode()
+
+
+def test_code_of_one_channel_is_that_of_its_own_filter(state):
+    alone = select_channel("bench")(state)
+    assert "Fusion" not in "".join(files_of(alone, Choice("arduino")))
+    assert csv(alone).decode().startswith("time,bench,bench_filtered")
+
+
+def test_targets_that_cannot_fuse_say_so(state):
+    assert limits_text(state, Choice("bachagas")).startswith("Cannot export")
+
+
+def test_the_report_is_on_the_fused_sensors(state):
+    assert b"bench + roof + door" in html_report(state)
+
+
+def test_what_belongs_to_one_channel_is_refused_in_words(state):
+    with pytest.raises(BadSetting, match="one channel"):
+        pin_present(state)
+    assert "one channel" in MapMaker()(state).note
+    assert any("tuning file" in remark for remark in share_line(state).remarks)
+
+
+def test_a_phone_draws_every_sensor(state):
+    colours = {tuple(pixel) for pixel in draw_picture(frame_of(state), 0.5).reshape(-1, 3)[::7].tolist()}
+    assert {(0x7B, 0xA7, 0xCC), (0xB7, 0x9B, 0xD1), (0x8F, 0xBF, 0x8A)} <= colours
