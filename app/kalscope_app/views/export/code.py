@@ -35,7 +35,7 @@ THIS, ALL = "this channel", "all channels"
 MORE = "more …"
 
 TARGET_HINT = (
-    "Where the filter will run; more … lists every target. SimpleKalmanFilter and GyverFilters use q differently: "
+    "Where it will run; more … lists every target. SimpleKalmanFilter and GyverFilters use q differently: "
     "take the Arduino sketch."
 )
 
