@@ -9,6 +9,7 @@ import runpy
 import shutil
 import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -136,6 +137,8 @@ int main() {
   }
 }
 """
+CPUINFO = Path("/proc/cpuinfo")
+WITH_FMA = CPUINFO.is_file() and " fma " in CPUINFO.read_text()
 STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
 
 
@@ -204,6 +207,21 @@ def test_javascript_gives_the_bits_of_fuse(tmp_path):
     for answer, z, (case, fusion) in zip(answers, rows, CASES.items(), strict=True):
         expected = fuse(z, fusion.params)
         np.testing.assert_array_equal(answer, np.column_stack([expected.x, expected.p]), err_msg=case)
+
+
+def test_a_processor_that_could_fuse_a_multiplication_with_an_addition_does_not_and_hostile_names_compile(tmp_path):
+    fusion = replace(
+        CASES["momentum, gains and start"], name='*/ #define x\n??/"\\', sensors=("int", "*/ #error"), unit="??/"
+    )
+    z, (c, cpp) = readings(4, fusion), (export_tuning(tuned(fusion), target) for target in ("c", "arduino"))
+    flags = (*STRICT, "-O3", *(("-mfma",) if WITH_FMA else ()))
+    command = (program("gcc"), "-std=c99", "-trigraphs", *flags, "main.c", "kalscope_fusion.c")
+    x = compiled(tmp_path, c, C_MAIN.replace("NAME", "define_x"), *command)(z, np.full(ROWS, -1.0), np.float64)
+    np.testing.assert_array_equal(x[:, 0], fuse(z, fusion.params).x)
+    command = (program("g++"), "-std=c++11", "-trigraphs", *flags, "main.cpp")
+    main = CPP_MAIN.replace("NAME", "DEFINE_X")
+    x = compiled(tmp_path, cpp, main, *command)(z, np.full(ROWS, -1.0), np.float32)
+    np.testing.assert_array_equal(x[:, 0], fuse_float32(z, fusion.params))
 
 
 def test_octave_gives_the_bits_of_fuse(tmp_path):
@@ -305,6 +323,7 @@ def test_esphome_fuses_as_we_do_within_float32(fusion):
     (text,) = export_tuning(tuned(fusion), "esphome").values()
     sensors = yaml.safe_load(text)["sensor"]
     assert (sensors[-1]["platform"], sensors[-1]["type"]) == ("combination", "kalman")
+    assert (sensors[-1]["id"], sensors[-1]["name"]) == (fusion.name, fusion.name)
     z = readings(4, fusion)
     np.testing.assert_allclose(esphome(sensors, z), fuse(z, fusion.params).x, rtol=1e-5)
 
@@ -325,7 +344,7 @@ def test_a_target_of_one_reading_is_refused_with_the_mean_that_would_do(target):
         r"give it (\S+) \(sonar - 3\) \+ (\S+) \(float \+ 1\.5\) with q = 0\.09 and r = (\S+)$", said
     )
     np.testing.assert_allclose([float(word) for word in weights.groups()], [0.2, 0.8, 0.2], rtol=1e-3)
-    with pytest.raises(BadSetting, match=r"with --channel$"):
+    with pytest.raises(BadSetting, match=r"or choose a channel, for its own filter$"):
         export_tuning(tuned(CASES["momentum"]), target)
     assert export_tuning(tuned(fusion), target, channel="sonar")
 

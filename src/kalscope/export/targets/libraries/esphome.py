@@ -22,7 +22,7 @@ from kalscope.tuning.tuning import ChannelTuning
 _SENSOR = """\
 {about}  - platform: combination
     type: kalman
-    id: {word}_{what}
+    id: {word}
     name: {name}
     process_std_dev: {process}
     sources:
@@ -69,7 +69,7 @@ def fused_files(job: FusionJob) -> dict[str, str]:
         _check("r", word, r, error, 1.0)
         source, remark = (word, _RAW) if is_raw else (f"{word}_scaled", "")
         sources += _SOURCE.format(source=source, remark=remark, error=number_text(error))
-    return _files(job, scaled + _combination(job, job.identifier, "fused", fusion, about_fusion(job), sources))
+    return _files(job, scaled + _combination(job, job.identifier, "", fusion, about_fusion(job), sources))
 
 
 def _files(job: Origin, sensors: str) -> dict[str, str]:
@@ -80,13 +80,13 @@ def _files(job: Origin, sensors: str) -> dict[str, str]:
 def _sensor(job: ExportJob, word: str, channel: ChannelTuning) -> str:
     error = math.sqrt(channel.r)
     source = _SOURCE.format(source=word, remark=_RAW, error=number_text(error))
-    text = _combination(job, word, "filtered", channel, about_channel(job, channel), source)
+    text = _combination(job, f"{word}_filtered", " filtered", channel, about_channel(job, channel), source)
     _check("r", channel.name, channel.r, error, 1.0)
     return text
 
 
 def _combination(
-    job: Origin, word: str, what: str, one: ChannelTuning | FusionTuning, said: tuple[str, ...], sources: str
+    job: Origin, word: str, ending: str, one: ChannelTuning | FusionTuning, said: tuple[str, ...], sources: str
 ) -> str:
     if job.sample_period is None:
         raise BadSetting(
@@ -97,8 +97,7 @@ def _combination(
     return _SENSOR.format(
         about=commented(said, "  #"),
         word=word,
-        what=what,
-        name=quoted(f"{comment_text(one.name, 40)} {what}"),  # harmless: "${…}" would be substituted
+        name=quoted(f"{comment_text(one.name, 40)}{ending}"),  # harmless: "${…}" would be substituted
         process=number_text(process),
         sources=sources,
     )

@@ -44,7 +44,7 @@ def refusal_of_fusion(job: FusionJob, target: str, able: Iterable[str]) -> BadSe
         able: The targets that fuse.
     """
     fusion, (single,) = job.fusion, job.as_single.channels
-    instead = "or one sensor by its own filter, with --channel"
+    instead = "or choose a channel, for its own filter"
     if single.momentum == 0.0 and len(fusion.sensors) <= MAX_SENSORS_SHOWN:
         filtered = f"{_mean_text(fusion)} with q = {single.q:.6g} and r = {single.r:.6g}"
         instead += f"; or, if all sensors always answer, give it {filtered}"
