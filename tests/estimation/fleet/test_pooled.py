@@ -155,3 +155,25 @@ def test_an_empty_fleet_and_wrong_arguments_are_refused():
     with pytest.raises(BadSetting, match="ratio must be"):
         pool_at(pool_of(uneven(2)), 0.0)
     assert pool_of([]).devices == 0
+
+
+@pytest.mark.parametrize(("spread", "least"), [(0.0, 52), (1.0, 50)])
+def test_the_interval_holds_the_best_ratio_of_a_fleet_of_such_devices_whether_they_differ_or_not(spread, least):
+    rng = np.random.default_rng(8)
+
+    def fit(devices, seed):
+        return fit_pool(
+            pool_of(fleet(devices, 200, 0.05 * np.exp(spread * rng.standard_normal(devices)), seed=seed))
+        )
+
+    truth = fit(6000, 99).ratio
+    found = [fit(40, seed) for seed in range(60)]
+    assert least <= sum(one.ratio_interval[0] < truth < one.ratio_interval[1] for one in found) < 60
+
+
+def test_the_slopes_are_those_of_each_device():
+    series, at, h = uneven(5), math.log(0.03), 1e-3
+    parts = [differences(np.asarray(z), np.empty(0)) for z in series]
+    ends = [one.concentrated(np.array([at - h, at + h])) for one in parts]
+    exact = sum(((high - low) / (2.0 * h)) ** 2 for low, high in ends)
+    assert pool_of(series).slopes(at) == pytest.approx(exact, rel=0.05)

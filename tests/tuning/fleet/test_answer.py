@@ -15,6 +15,7 @@ from kalscope.estimation.fleet.held_out import held_out
 from kalscope.estimation.fleet.losses import left_by
 from kalscope.estimation.fleet.many.estimate_many import estimate_many
 from kalscope.estimation.fleet.pool import Pool, pool_of
+from kalscope.estimation.fleet.pooled import fit_pool
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
@@ -45,13 +46,17 @@ def devices_of(series, rate=100.0):
     return Devices(ids, ["light"] * n, ["lx"] * n, np.full(n, rate), q, r, *intervals, np.zeros(n), reasons, left)
 
 
-@pytest.fixture(scope="module")
-def fleet():
+def simulated():
     """500 devices with q = 0.04 and r = 1; five have ten times the noise, five move thirty times as much."""
     q, r = np.full(500, 0.04), np.ones(500)
     r[NOISY], q[DRIFTING] = 10.0, 1.2
     steps, noise = RNG.normal(size=(500, 1000)), RNG.normal(size=(500, 1000))
-    series = np.cumsum(np.sqrt(q)[:, None] * steps, axis=1) + np.sqrt(r)[:, None] * noise
+    return np.cumsum(np.sqrt(q)[:, None] * steps, axis=1) + np.sqrt(r)[:, None] * noise
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    series = simulated()
     return devices_of(series), pool_of(series)
 
 
@@ -61,6 +66,15 @@ def test_the_odd_devices_are_found_and_no_others(fleet):
     assert set(answer.unlike["q"].devices) == set(DRIFTING)
     assert len(answer.unlike["rate_hz"].devices) == 0
     assert all(one.expected == 0.05 for one in answer.unlike.values())
+
+
+def test_the_filter_for_all_holds_in_its_interval_what_ten_such_fleets_would_find(fleet):
+    low, high = answer_for(*fleet, NOTHING).shared.fit.ratio_interval
+    several = Pool.empty()
+    for _ in range(10):
+        several = several + pool_of(simulated())
+    assert low < fit_pool(several).ratio < high
+    assert high / low < 1.15
 
 
 def test_one_filter_for_all_is_that_of_the_many_and_names_those_it_does_not_serve(fleet):
@@ -158,9 +172,14 @@ def test_a_fleet_without_a_filter_says_why(tmp_path):
 def test_rates_that_differ_by_a_clock_are_not_unlike():
     devices = devices_of(RNG.normal(size=(20, 50)).cumsum(axis=1))
     rates = np.full(20, 100.0)
-    rates[3], rates[4] = 100.0 * (1.0 + 1e-9), 101.0
+    rates[3], rates[4], rates[5], rates[6] = (
+        100.0 * (1.0 + 1e-9),
+        101.0,
+        100.0 * (1.0 + 0.9e-4),
+        100.0 * (1.0 + 3e-4),
+    )
     usable = replace(devices, rate_hz=rates, q=np.ones(20), r=np.ones(20))
-    assert list(unlike_in(usable, "rate_hz").devices) == [4]
+    assert list(unlike_in(usable, "rate_hz").devices) == [4, 6]
 
 
 def test_names_from_files_cannot_move_the_cursor(fleet, tmp_path):

@@ -1,7 +1,7 @@
 """The parts of a pooled likelihood: sums over the devices of a batch, which add up to those of a fleet of any size.
 
 Each device gives its log-likelihood with r = 1 at every ln λ of one grid; a batch keeps only the sums over its
-devices, four numbers a λ, so a million devices need as much memory as one. Between the points of the grid the sums
+devices, five numbers a λ, so a million devices need as much memory as one. Between the points of the grid the sums
 are smooth (analytic within ±π of the real axis): a polynomial through the nearest 24 points finds ln λ of the
 maximum to 1e-6 of that of a direct search.
 """
@@ -34,8 +34,8 @@ class Pool:
     """
 
     sums: Array
-    """Σ m ln r̂, Σ ln r̂, ΣΣv²/f (unit²) and ΣΣln f at each of the 121 ln λ of DEFAULT_LOG_RATIOS, at λ = 0 and at
-    λ = ∞ (where q̂ stands in place of r̂), shape (4, 123)."""
+    """Σ m ln r̂, Σ ln r̂, ΣΣv²/f (unit²), ΣΣln f and Σ(slope)² at each of the 121 ln λ of DEFAULT_LOG_RATIOS, at
+    λ = 0 and at λ = ∞ (where q̂ stands in place of r̂), shape (5, 123)."""
     devices: int
     """Series that count: those that can be fitted."""
     innovations: int
@@ -61,6 +61,10 @@ class Pool:
         level[:-2] += np.logaddexp(0.0, DEFAULT_LOG_RATIOS)  # ln r(1 + λ) is level at both ends
         size = float(self._between(level, np.array([log_ratio]))[0])
         return math.exp(size - (np.logaddexp(0.0, log_ratio) if math.isfinite(log_ratio) else 0.0))
+
+    def slopes(self, log_ratio: float) -> float:
+        """The sum over the devices of their squared slopes of the log-likelihood by ln λ, each with its best r."""
+        return max(float(self._between(self.sums[kernels.SLOPES], np.array([log_ratio]))[0]), 0.0)
 
     def _logliks(self, common: bool) -> Array:
         m, sums = self.innovations, self.sums

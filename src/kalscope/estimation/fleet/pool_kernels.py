@@ -14,10 +14,11 @@ from kalscope.estimation.fleet.many.record_kernels import GOOD, take_apart
 
 Array = NDArray[np.float64]
 
-M_LOG_R, LOG_R, CHI2, LOGDET = range(4)
-"""The rows of sums at each ln λ: Σ m ln r̂, Σ ln r̂ with the best r̂ = χ²/m of each device, ΣΣv²/f and ΣΣln f."""
+M_LOG_R, LOG_R, CHI2, LOGDET, SLOPES = range(5)
+"""The rows of sums at each ln λ: Σ m ln r̂, Σ ln r̂ with the best r̂ = χ²/m of each device, ΣΣv²/f, ΣΣln f, and the
+sum of the squares of each device's slope of the log-likelihood with its best r̂, 0 at the ends."""
 
-SUMS = 4
+SUMS = 5
 SMALLEST, LARGEST = 1e-145, 1e145
 """Scales whose squares stay within a double."""
 
@@ -26,6 +27,15 @@ SMALLEST, LARGEST = 1e-145, 1e145
 def is_fit(d: Array, found: int, n: int, scale: float) -> bool:
     """Whether a series counts in the pool: it can be fitted, and its squares fit a double."""
     return found == GOOD and n >= MIN_SAMPLES and bool(d.any()) and SMALLEST < scale < LARGEST
+
+
+@compiled(error_model="numpy")
+def add_slopes(log_ratios: Array, chi2: Array, logdet: Array, m: int, squares: Array) -> None:
+    """Add the square of one device's slope at each ln λ but the first and the last."""
+    for j in range(1, log_ratios.shape[0] - 1):
+        change = m * math.log(chi2[j + 1] / chi2[j - 1]) + logdet[j + 1] - logdet[j - 1]
+        slope = -0.5 * change / (log_ratios[j + 1] - log_ratios[j - 1])
+        squares[j] += slope * slope
 
 
 @compiled(error_model="numpy")
@@ -52,6 +62,7 @@ def add_up(
         if not is_fit(d[:m], found, n, scale):
             continue
         sums_at(d[:m], gap[:gaps], places, chi2, logdet)
+        add_slopes(log_ratios, chi2, logdet, m, sums[SLOPES])
         for j in range(lanes + 1):
             if j < lanes:
                 squares, logs = chi2[j], logdet[j]

@@ -6,12 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation.fleet.pool import Pool, refuse_empty
 from kalscope.estimation.likelihood.profile import DEFAULT_LOG_RATIOS
-from kalscope.estimation.likelihood.search import find_peak
+from kalscope.estimation.likelihood.search import Peak, find_peak
 from kalscope.estimation.verdict.conclude import exp
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 
@@ -32,8 +33,8 @@ class PooledFit:
     loglik: float
     """Summed log-likelihood there."""
     ratio_interval: tuple[float, float]
-    """The λ that the fleet allows if all its devices share one: profile-likelihood 95 %. It is very narrow for a
-    large fleet, and says nothing about how much its devices differ: see `unlike` and `held_out`."""
+    """The λ that another fleet of such devices may have as its best one, 95 %: profile likelihood, wider where the
+    devices differ. It is narrow for a large fleet, and not how far its devices lie apart: see `unlike`."""
     verdict: str
     """"ok", "no_noise", "no_movement" or "flat", as in `Estimate`; "given" where a target fixed λ."""
     scale: Scale
@@ -64,7 +65,7 @@ def fit_pool(pool: Pool, scale: Scale = "each") -> PooledFit:
     refuse_empty(pool)
     ends = [float(pool.loglik(DEFAULT_LOG_RATIOS[:1] * 0.0 + end, common)[0]) for end in (-math.inf, math.inf)]
     peak = find_peak(lambda at: pool.loglik(at, common), DEFAULT_LOG_RATIOS[::2], ends[1], Progress())
-    low, high = peak.interval
+    low, high = peak.interval if common else _interval(pool, peak, ends[1])
     noise = pool.noise(peak.log_ratio, common)
     q, r = exp(peak.log_ratio) * noise, noise
     verdict = "flat" if (low, high) == (-math.inf, math.inf) else "ok"
@@ -83,6 +84,26 @@ def fit_pool(pool: Pool, scale: Scale = "each") -> PooledFit:
         pool.devices,
         pool.innovations,
     )
+
+
+def _interval(pool: Pool, peak: Peak, at_infinity: float) -> tuple[float, float]:
+    """The interval of ln λ, which holds how much the devices differ.
+
+    The slopes of the devices at the top scatter by the curvature where all share λ, by more where they do not; the
+    likelihood is flattened by that factor.
+
+    Source: Kent (1982), Biometrika 69, 19, for the likelihood ratio of a model that is not quite true.
+    """
+    if not (math.isfinite(peak.log_ratio) and peak.curvature < 0.0):
+        return peak.interval
+    factor = pool.slopes(peak.log_ratio) / -peak.curvature
+    if factor <= 1.0:
+        return peak.interval
+
+    def flattened(at: Array) -> Array:
+        return pool.loglik(at, False) / factor
+
+    return find_peak(flattened, DEFAULT_LOG_RATIOS[::2], at_infinity / factor, Progress()).interval
 
 
 def pool_at(pool: Pool, ratio: float, scale: Scale = "each") -> PooledFit:

@@ -14,7 +14,7 @@ from kalscope.estimation.finding import Request
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
-FORMAT = 4
+FORMAT = 5
 """Raised when the same recording would give another row: parts of another format are not used."""
 
 
