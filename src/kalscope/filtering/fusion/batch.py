@@ -21,9 +21,6 @@ class FusionResult:
     """Fused value (posterior mean), unit; NaN before the first finite reading of an automatic start."""
     p: Array
     """Posterior variance, unit²; inf before the first finite reading of a diffuse start."""
-    weights: Array
-    """Shares of the sensors in the update of their row, by the information 1/(r/gain²) that each adds; a row sums
-    to 1, or is 0 where no reading was used."""
     k: Array
     """Kalman gain: by how much x moves for an innovation of 1; 0 where a reading was missing or rejected."""
     innovation: Array
@@ -36,10 +33,19 @@ class FusionResult:
     """Scored readings: neither missing, nor rejected, nor the one that sets the start."""
     rejected: NDArray[np.int64]
     """Readings of each sensor that the outlier gate rejected, shape (sensors,)."""
+    information: Array
+    """What a reading of each sensor tells, gain²/r, 1/unit², shape (sensors,)."""
     velocity: Array | None = None
     """Velocity, unit per nominal sample period; None without momentum."""
     velocity_p: Array | None = None
     """Its posterior variance."""
+
+    @property
+    def weights(self) -> Array:
+        """Shares of the sensors in each row by `information`; they sum to 1, or are 0 where no reading was used."""
+        used = np.where(self.k != 0.0, self.information, 0.0)
+        total = used.sum(axis=1, keepdims=True)
+        return used / np.where(total > 0.0, total, 1.0)
 
 
 def fuse(z: ArrayLike, params: FusionParams, dt: ArrayLike | None = None) -> FusionResult:
@@ -64,7 +70,7 @@ def fuse(z: ArrayLike, params: FusionParams, dt: ArrayLike | None = None) -> Fus
     steps = steps_of(dt, len(readings))
     running, rows = RunningFusion(params), FusedRows.empty(params, len(readings))
     loglik = running.take(readings, steps, rows)
-    k, innovation, s, weights = rows.readings
+    k, innovation, s = rows.readings
     if np.any(params.gain != 1.0):  # back on the scale of each sensor
         k /= params.gain
         innovation *= params.gain
@@ -73,6 +79,6 @@ def fuse(z: ArrayLike, params: FusionParams, dt: ArrayLike | None = None) -> Fus
     m = int(running.scored.sum())
     if not params.momentum:
         x, p = rows.states
-        return FusionResult(x, p, weights, k, innovation, s, loglik, m, running.rejected)
+        return FusionResult(x, p, k, innovation, s, loglik, m, running.rejected, params.information)
     x, v, p, _, w = rows.states
-    return FusionResult(x, p, weights, k, innovation, s, loglik, m, running.rejected, v, w)
+    return FusionResult(x, p, k, innovation, s, loglik, m, running.rejected, params.information, v, w)

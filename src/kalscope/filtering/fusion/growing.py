@@ -116,8 +116,8 @@ class GrowingFusion:
 
 
 def _part(rows: FusedRows, first: int, last: int) -> FusedRows:
-    k, innovation, s, weights = (column[first:last] for column in rows.readings)
-    return FusedRows(tuple(state[first:last] for state in rows.states), (k, innovation, s, weights))
+    k, innovation, s = (column[first:last] for column in rows.readings)
+    return FusedRows(tuple(state[first:last] for state in rows.states), (k, innovation, s))
 
 
 def _signal(states: tuple[Array, ...], running: RunningFusion) -> FusedSignal:

@@ -20,12 +20,12 @@ from kalscope.filtering.momentum.kernels import step as step_with_momentum
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
-Sensors = tuple[Array, Array, Array, Array]
-"""Of each sensor, shape (sensors,): offset, gain, noise variance on the scale of x, information of a reading."""
+Sensors = tuple[Array, Array, Array]
+"""Of each sensor, shape (sensors,): offset, gain, and noise variance on the scale of x."""
 Tally = tuple[Counts, Counts, Counts]
 """Of each sensor, shape (sensors,): gate refusals in a row before the next reading; all; scored readings."""
-Columns = tuple[Array, Array, Array, Array]
-"""k, innovation, s and weight of each reading on the scale of x, shape (rows, sensors)."""
+Columns = tuple[Array, Array, Array]
+"""k, innovation and s of each reading on the scale of x, shape (rows, sensors)."""
 
 NO_TIME = (1.0, 0.0, 0.0, 0.0, 0.0)
 """The transition over no time."""
@@ -53,32 +53,28 @@ def fuse_rows(
     log-likelihood of the scored readings. Where the variance repeats itself to the last bit from row to row, the
     gains are kept: the same numbers.
     """
-    (out_x, out_p), (out_k, out_v, out_s, out_w) = out, columns
-    (in_a_row, refused, scored), (offset, gain, r, information) = tally, sensors
+    (out_x, out_p), (out_k, out_v, out_s) = out, columns
+    (in_a_row, refused, scored), (offset, gain, r) = tally, sensors
     n, width, regular = z.shape[0], z.shape[1], dt.shape[0] == 0
     chi2 = logdet = 0.0
     m = i = 0
     while i < n:
-        before, elapsed, updates, total = p, 1.0 if regular else dt[i], 0, 0.0
+        before, elapsed, updates = p, 1.0 if regular else dt[i], 0
         for j in range(width):
             y = (z[i, j] - offset[j]) / gain[j]
             x, p, k, v, s, done = step(y, elapsed, q, r[j], gate, x, p, in_a_row[j])
             elapsed = 0.0
-            out_k[i, j], out_v[i, j], out_s[i, j], out_w[i, j] = k, v, s, 0.0
+            out_k[i, j], out_v[i, j], out_s[i, j] = k, v, s
             if done == REJECTED:
                 in_a_row[j] += 1
                 refused[j] += 1
             elif done != MISSING:
                 in_a_row[j] = 0
-                out_w[i, j] = information[j]
-                total += information[j]
                 if done == UPDATED:
                     scored[j] += 1
                     updates += 1
                     chi2 += v / s * v
                     logdet += math.log(s)
-        for j in range(width):
-            out_w[i, j] = out_w[i, j] / total if total > 0.0 else 0.0
         out_x[i], out_p[i] = x, p
         m += updates
         i += 1
@@ -108,7 +104,7 @@ def advance_settled(
 
     Returns that row and x before it; `sums` are the sums of the squared innovations of each sensor.
     """
-    (out_x, out_p), (out_k, out_v, out_s, out_w) = out, columns
+    (out_x, out_p), (out_k, out_v, out_s) = out, columns
     offset, gain = sensors[0], sensors[1]
     n, width, last = z.shape[0], z.shape[1], i - 1
     for j in range(width):
@@ -123,7 +119,7 @@ def advance_settled(
             out_v[i, j] = v
         for j in range(width):
             sums[j] += out_v[i, j] * out_v[i, j]
-            out_k[i, j], out_s[i, j], out_w[i, j] = out_k[last, j], out_s[last, j], out_w[last, j]
+            out_k[i, j], out_s[i, j] = out_k[last, j], out_s[last, j]
         out_x[i], out_p[i] = x, out_p[last]
         i += 1
     return i, x
@@ -143,8 +139,8 @@ def fuse_rows_with_momentum(
     columns: Columns,
 ) -> tuple[State, float]:
     """As `fuse_rows` with momentum τ > 0, into `out` = (x, v, p, g, w): velocity v of variance w, covariance g."""
-    (out_x, out_u, out_p, out_g, out_w), (out_k, out_v, out_s, weight) = out, columns
-    (in_a_row, refused, scored), (offset, gain, r, information) = tally, sensors
+    (out_x, out_u, out_p, out_g, out_w), (out_k, out_v, out_s) = out, columns
+    (in_a_row, refused, scored), (offset, gain, r) = tally, sensors
     n, width, regular = z.shape[0], z.shape[1], dt.shape[0] == 0
     last = 1.0
     over = transition(last, q, tau)
@@ -154,25 +150,21 @@ def fuse_rows_with_momentum(
         if not regular and dt[i] != last:
             last = dt[i]
             over = transition(last, q, tau)
-        move, total = over, 0.0
+        move = over
         for j in range(width):
             y = (z[i, j] - offset[j]) / gain[j]
             state, k, v, s, done = step_with_momentum(y, move, r[j], gate, state, in_a_row[j])
             move = NO_TIME
-            out_k[i, j], out_v[i, j], out_s[i, j], weight[i, j] = k, v, s, 0.0
+            out_k[i, j], out_v[i, j], out_s[i, j] = k, v, s
             if done == REJECTED:
                 in_a_row[j] += 1
                 refused[j] += 1
             elif done != MISSING:
                 in_a_row[j] = 0
-                weight[i, j] = information[j]
-                total += information[j]
                 if done == UPDATED:
                     scored[j] += 1
                     m += 1
                     chi2 += v / s * v
                     logdet += math.log(s)
-        for j in range(width):
-            weight[i, j] = weight[i, j] / total if total > 0.0 else 0.0
         out_x[i], out_u[i], out_p[i], out_g[i], out_w[i] = state
     return state, -0.5 * (m * math.log(2.0 * math.pi) + logdet + chi2)

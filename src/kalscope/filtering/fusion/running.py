@@ -20,14 +20,14 @@ class FusedRows:
     states: tuple[Array, ...]
     """x and p; with momentum x, velocity, p, their covariance and the variance of the velocity."""
     readings: kernels.Columns
-    """k, innovation, s and weight of each reading, on the scale of x."""
+    """k, innovation and s of each reading, on the scale of x."""
 
     @classmethod
     def empty(cls, params: FusionParams, rows: int) -> FusedRows:
         """Arrays for so many rows."""
         shape = rows, params.sensors
         states = tuple(np.empty(rows) for _ in range(5 if params.momentum else 2))
-        return cls(states, (np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape)))
+        return cls(states, (np.empty(shape), np.empty(shape), np.empty(shape)))
 
 
 class RunningFusion:
@@ -41,7 +41,7 @@ class RunningFusion:
         self.x = math.nan if params.x0 is None else params.x0
         self.p = math.inf if params.p0 is None else params.p0
         self._gate = math.inf if params.gate is None else params.gate
-        self._sensors = params.offset, params.gain, params.scaled_r, params.information
+        self._sensors = params.offset, params.gain, params.scaled_r
         self._sums = np.empty(params.sensors)
         if params.momentum:
             self.velocity = 0.0
