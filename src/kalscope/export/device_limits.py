@@ -99,7 +99,7 @@ def device_limits(
         raise BadSetting(f"params must be those of one channel (got {params.channels} channels)")
     found = [_refused(params)]
     if found == [None]:
-        found = [_gain(params, constant_gain=constant_gain), _estimate(params, level)]
+        found = [_gain(params, "" if constant_gain else _NO_CONSTANT), _estimate(params, level)]
     return tuple(limit for limit in (*found, _time(params, sample_period, channels)) if limit is not None)
 
 
@@ -122,8 +122,13 @@ def fusion_limits(
         return (_refusal(error),)
     scaled = (level / abs(gain) for level, gain in zip(levels, fusion.gain, strict=True))
     # Settled it is the filter of one reading, so what float32 cannot hold of that one it cannot hold of this one.
-    found = device_limits(fusion.params.as_single, level=max(scaled), constant_gain=False)
-    return (*found, *_fusion_time(fusion, sample_period))
+    single = fusion.params.as_single
+    found = (
+        _gain(single, _NO_CONSTANT_OF_FUSION),
+        _estimate(single, max(scaled)),
+        _fusion_time(fusion, sample_period),
+    )
+    return tuple(limit for limit in found if limit is not None)
 
 
 def fusion_us(fusion: FusionTuning) -> float:
@@ -150,16 +155,19 @@ def _refusal(error: BadSetting) -> DeviceLimit:
     return DeviceLimit("refused", f"{error}. Scale the signal, or export to a target with double.")
 
 
-def _gain(params: FilterParams, *, constant_gain: bool) -> DeviceLimit | None:
+_NO_CONSTANT = "This target has no constant gain to go on with: use the code for arduino or c, or a larger q/r."
+_NO_CONSTANT_OF_FUSION = "A fusion has no constant gain to go on with: export c, in double, or take a larger q."
+
+
+def _gain(params: FilterParams, instead: str) -> DeviceLimit | None:
+    """A gain that float32 does not settle to; `instead` says what helps, "" where a constant goes on with it."""
     gain = _settled(params)[0]
     if not 0.0 < gain < STALLING_GAIN:
         return None
-    if constant_gain:
-        then = (
-            f"The exported code then goes on with exactly this gain, some {1.0 / gain:.2g} samples after the start."
-        )
-    else:
-        then = "This target has no constant gain to go on with: use the code for arduino or c, or a larger q/r."
+    then = (
+        instead
+        or f"The exported code then goes on with exactly this gain, some {1.0 / gain:.2g} samples after the start."
+    )
     return DeviceLimit(
         "gain",
         f"float32 cannot settle to a gain as small as {gain:.3g}: its variance stops changing too early. {then}",
@@ -200,10 +208,9 @@ def _time(params: FilterParams, sample_period: float | None, channels: int) -> D
     return _too_slow(channels * (cost.update_us + UNO_READ_US), f"filter {all_of_them}", sample_period)
 
 
-def _fusion_time(fusion: FusionTuning, sample_period: float | None) -> tuple[DeviceLimit, ...]:
+def _fusion_time(fusion: FusionTuning, sample_period: float | None) -> DeviceLimit | None:
     sensors = len(fusion.sensors)
-    limit = _too_slow(fusion_us(fusion) + sensors * UNO_READ_US, f"fuse {sensors} sensors", sample_period)
-    return () if limit is None else (limit,)
+    return _too_slow(fusion_us(fusion) + sensors * UNO_READ_US, f"fuse {sensors} sensors", sample_period)
 
 
 def _too_slow(needed_us: float, work: str, sample_period: float | None) -> DeviceLimit | None:
