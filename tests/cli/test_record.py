@@ -6,6 +6,7 @@ import os
 import random
 import re
 import signal
+import socket
 import threading
 import time
 import tty
@@ -72,7 +73,7 @@ class Board:
             self.sent = due
 
 
-def record(board: Board, path: Path, *options: str, change: str = "") -> Forked:
+def record(board: Board | Flood, path: Path, *options: str, change: str = "") -> Forked:
     return command("record", str(board.port), "-o", path, *options, change=change)
 
 
@@ -128,6 +129,56 @@ def test_a_polite_end_leaves_all_rows_and_the_account(tmp_path, end):
     assert (written, rejected) == (len(rows), 0)
     again = read_recording(path)
     assert len(again) == len(rows)
+
+
+class Flood:
+    """A socket that sends so many lines `number,half of it` as fast as they are taken, then one now and then."""
+
+    def __init__(self, lines: int) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
+        self._block, self._blocks = b"".join(b"%d,%.1f\n" % (i, i / 2) for i in range(10_000)), lines // 10_000
+        self.sent, self.late = lines, 0
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> Flood:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+        self._listener.close()
+
+    def _run(self) -> None:
+        with self._listener.accept()[0] as client, suppress(OSError):
+            for _ in range(self._blocks):
+                client.sendall(self._block)
+            while not self._end.wait(0.02):
+                client.sendall(b"-1,-0.5\n")
+                self.late += 1
+
+
+SMALL_QUEUE = (
+    "from kalscope.sources.port import overload; overload.MAX_WAITING_BYTES, overload.RESUME_BYTES = 2**18, 2**17"
+)
+
+
+def test_a_flood_is_recorded_as_far_as_possible_and_every_line_of_it_counted(tmp_path):
+    path = tmp_path / "run.csv"
+    with Flood(300_000) as board, record(board, path, change=SMALL_QUEUE) as process:
+        wait_until(lambda: path.exists() and b",-1,-0.5\n" in path.read_bytes()[-4096:], "a line after the flood")
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, err
+    assert "the port sends faster than it can be read" in err
+    received, written, rejected, dropped = map(int, ACCOUNT.search(out).groups())
+    assert received == written + rejected + dropped
+    assert board.sent < received <= board.sent + board.late
+    numbers = [number for _, number, half in rows_in(path) if number == 2 * half]
+    assert (len(numbers), rejected) == (written, 0)
+    assert "# gap overrun " in path.read_text()
 
 
 def test_it_stops_after_so_many_seconds(tmp_path):

@@ -284,26 +284,28 @@ def test_one_megabyte_without_a_newline_passes_like_anything_else(board, reader,
     sender.join()
 
 
-def test_a_slow_consumer_loses_nothing_and_holds_the_reader_at_the_limit(monkeypatch, wait_for):
-    monkeypatch.setattr("kalscope.sources.port.port_reader.MAX_WAITING_BYTES", 1000)
-    port = ScriptedPort([b"x" * 100] * 50)
+def test_a_slow_consumer_costs_whole_lines_which_are_counted(monkeypatch, wait_for):
+    monkeypatch.setattr("kalscope.sources.port.overload.MAX_WAITING_BYTES", 1000)
+    monkeypatch.setattr("kalscope.sources.port.overload.RESUME_BYTES", 500)
+    port = ScriptedPort([b"1234,6789\n" * 10] * 50)
     reader = PortReader(PortSpec("x"), open_port=lambda *_: port)
     reader.start()
-    wait_for(lambda: reader.items.qsize() >= 11)
-    time.sleep(0.05)
+    wait_for(lambda: reader.dropped == 400)
     items = taken(reader)
-    assert len(bytes_of(items)) <= 1200
-    total = [0]
+    reader.close()
+    gap, end = taken(reader)
+    assert bytes_of(items) == b"1234,6789\n" * 100
+    assert (gap.count, type(end)) == (400, Disconnected)
 
-    def take_all():
-        for item in items + taken(reader):
-            if isinstance(item, BytesReceived):
-                total[0] += len(item.data)
-                reader.release(item)
-        items.clear()
-        return total[0] == 5000
 
-    wait_for(take_all)
+def test_what_waits_at_the_end_can_be_left_out(wait_for):
+    port = ScriptedPort([b"1,2\n3"] * 5)
+    reader = PortReader(PortSpec("x"), open_port=lambda *_: port)
+    reader.start()
+    wait_for(lambda: reader.items.qsize() == 6)
+    _, first, *_ = [reader.items.get() for _ in range(2)]
+    assert reader.leave_out(first).count == 5
+    assert reader.items.empty()
     reader.close()
 
 

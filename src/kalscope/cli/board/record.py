@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from contextlib import closing, suppress
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 POLL_INTERVAL_S = 0.1
 """Pause between two looks at the recording, s."""
+_COUNTS = re.compile(r"\d[\d\s,.]*")
+"""What may grow in a problem that stays the same one."""
 
 
 def record_command(
@@ -60,8 +63,7 @@ def record_command(
     _ = existing_parts(output) if resume else check_free(output)  # before the board is reset for nothing
     live = LiveSource(spec, reconnect=not no_reconnect)
     with stop_signals() as stop, closing(live):
-        live.start(require=True)
-        recorder, view = live.record(output, resume=resume), StatusLine()
+        recorder, view = live.start_recording(output, resume=resume), StatusLine()
         disconnected = _wait_for_end(live, recorder, stop, view, seconds=seconds, lines=lines)
         live.close()  # ends the recording too: the summary is that of a whole file
         view.clear()
@@ -92,10 +94,10 @@ class StatusLine(TerminalLine):
                 f" {count(counts.rejected)} rejected, {count(counts.dropped)} dropped"
                 + (f"; {problem}" if problem else "")
             )
-        elif problem != self._problem:
+        elif (kind := _COUNTS.sub("", problem)) != self._problem:
+            self._problem = kind
             with suppress(OSError):  # whatever reads stderr may be gone; the recording goes on
                 say(problem or "recording continues")
-        self._problem = problem
 
 
 def summary(recorder: Recorder) -> str:

@@ -49,8 +49,16 @@ class LineCounts:
     rejected: int = 0
     """Lines that should have become samples and did not."""
     dropped: int = 0
-    """The rest: blank lines, comments, headers, text, boot text, the first line after each opening, and what was
-    torn when the board went."""
+    """The rest: blank lines, comments, headers, text, boot text, the first line after each opening, what was torn
+    when the board went, and `overrun`."""
+    overrun: int = 0
+    """Of the dropped lines, those that came faster than they could be taken."""
+
+    def with_overrun(self, lines: int) -> LineCounts:
+        """With so many lines more that were left out."""
+        return replace(
+            self, received=self.received + lines, dropped=self.dropped + lines, overrun=self.overrun + lines
+        )
 
 
 class LiveLines:
@@ -90,6 +98,14 @@ class LiveLines:
         if self._parser.restart() or self._held:
             self._drop()
         self._held.clear()
+
+    def overrun(self, count: int) -> None:
+        """So many lines were left out, the one that is coming among them; the next bytes begin a line."""
+        self._parser.restart()
+        self._held.clear()
+        self._skip = self._whole = False
+        self.counts = self.counts.with_overrun(count)
+        self.unreported_drops += count
 
     def feed(self, received: BytesReceived) -> Iterator[LineEvent]:
         """The lines that are complete. Take them all before the next bytes."""

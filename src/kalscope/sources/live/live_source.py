@@ -28,16 +28,18 @@ from kalscope.sources.lines.line_reader import LineEvent
 from kalscope.sources.live.command_channel import CommandChannel
 from kalscope.sources.live.live_lines import LineCounts, LiveLines
 from kalscope.sources.live.live_samples import LiveSamples, Snapshot
-from kalscope.sources.live.live_status import LineRate, LiveStatus, hint_of, recording_status
+from kalscope.sources.live.live_status import LineRate, LiveStatus, status_of
 from kalscope.sources.live.recorder_slot import RecorderSlot
 from kalscope.sources.port.clock import SYSTEM, Clock
-from kalscope.sources.port.events import BytesReceived, Disconnected, Opened
+from kalscope.sources.port.events import BytesReceived, Disconnected, LinesDropped, Opened
 from kalscope.sources.port.port_reader import PortReader
 from kalscope.sources.port.port_spec import PortSpec, port_of
 from kalscope.sources.recorder.recorder import Recorder
 
 TICK = 0.1
 """Seconds without a line after which the second thread updates the recorder and the rate."""
+MAX_CLOSE_S = 0.5
+"""Seconds in which `close` takes lines that wait; it leaves out the rest, and counts them."""
 _SLEEP = 1.0
 _PART_OF_A_LINE = 0.25
 """Seconds before a read at most in which its first line may have begun to come."""
@@ -85,6 +87,7 @@ class LiveSource:
         self._rate = LineRate()
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
+        self._end_by = math.inf
         self._asleep = clock.asleep()
         self._disconnected_at: float | None = None
         self._line_at = -math.inf  # when the last whole line had come: a read may bring only part of one
@@ -100,10 +103,28 @@ class LiveSource:
         Raises:
             BadDevice: the port cannot be opened, where that is required.
         """
-        if self._thread is not None:
-            return
+        if self._thread is None:
+            self._begin(require=require)
+
+    def start_recording(self, path: Path, *, resume: bool = False) -> Recorder:
+        """Connect to a board that must be there, and `record` from its first byte.
+
+        Raises:
+            BadDevice: the port cannot be opened: there is no file then.
+            BadFile: as `record`; the port is free then.
+        """
+        self._reader.open()
+        try:
+            recorder = self.record(path, resume=resume)
+        except BaseException:
+            self._reader.close()
+            raise
+        self._begin(require=False)
+        return recorder
+
+    def _begin(self, *, require: bool) -> None:
         self._reader.start(require=require)
-        self._stop = threading.Event()
+        self._stop, self._end_by = threading.Event(), math.inf
         self._thread = threading.Thread(target=self._run, args=(self._stop,), name="kalscope lines", daemon=True)
         self._thread.start()
 
@@ -114,6 +135,7 @@ class LiveSource:
             timeout: Seconds to wait for an attempt to connect over the network; the recording ends all the same.
         """
         self._reader.close(timeout)
+        self._end_by = self._clock.monotonic() + MAX_CLOSE_S
         self._stop.set()
         thread, self._thread = self._thread, None
         if thread is not None:
@@ -143,29 +165,11 @@ class LiveSource:
 
     def status(self) -> LiveStatus:
         """The current status."""
-        state, recorder = self._reader.state, self._slot.recorder
         with self._lock:
-            counts, time = self._counts, self._samples.time
-            period, jitter, by_device = time.period, time.jitter, time.by_device
-            rate, left, noise = self._rate.now, self._samples.left_memory, self._lines.wrong_baud
-        return LiveStatus(
-            word=state.word,
-            hint=hint_of(state, self.spec, noise=noise, accepted=counts.accepted, received=counts.received),
-            port=state.device,
-            since=state.since,
-            received=counts.received,
-            lines_per_s=rate if state.word == "connected" else 0.0,
-            period=period,
-            jitter=jitter,
-            device_time=by_device,
-            accepted=counts.accepted,
-            rejected=counts.rejected,
-            dropped=counts.dropped,
-            reconnects=max(state.opened - 1, 0),
-            left_memory=left,
-            max_read_latency=self._reader.max_read_latency,
-            recording=None if recorder is None else recording_status(recorder),
-        )
+            counts = self._counts.with_overrun(self._reader.dropped)
+            return status_of(
+                self._reader, counts, self._samples, self._rate.now, self._lines.wrong_baud, self._slot.recorder
+            )
 
     @property
     def recorder(self) -> Recorder | None:
@@ -216,14 +220,27 @@ class LiveSource:
                 if stop.is_set():
                     return
                 continue
+            if isinstance(item, BytesReceived) and stop.is_set() and self._clock.monotonic() > self._end_by:
+                item = self._reader.leave_out(item)
             if isinstance(item, BytesReceived):
                 self._take(item)
                 self._reader.release(item)
             elif isinstance(item, Opened):
                 self._on_opened(item)
+            elif isinstance(item, LinesDropped):
+                self._on_dropped(item)
             else:
                 self._on_disconnected(item)
             self._counts = replace(self._lines.counts)
+
+    def _on_dropped(self, gap: LinesDropped) -> None:
+        with self._lock:
+            self._lines.overrun(gap.count)
+            self._counts = replace(self._lines.counts)
+            self._reader.release(gap)
+        self._samples.time.interrupt()
+        self._report_drops()
+        self._slot.gap("overrun", gap.end - gap.begin)
 
     def _on_opened(self, event: Opened) -> None:
         self._check_for_sleep()

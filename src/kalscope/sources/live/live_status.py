@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+from kalscope.common.text import count
+from kalscope.sources.live.live_lines import LineCounts
+from kalscope.sources.live.live_samples import LiveSamples
 from kalscope.sources.port.events import PortState, Word
+from kalscope.sources.port.port_reader import PortReader
 from kalscope.sources.port.port_spec import PortSpec
 from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope.sources.recorder.recorder import Recorder
@@ -59,7 +63,9 @@ class LiveStatus:
     rejected: int
     """Lines that should have become samples and did not."""
     dropped: int
-    """Other lines: comments, headers, boot text, the first line after each opening, torn ones."""
+    """Other lines: comments, headers, boot text, the first line after each opening, torn ones, `overrun`."""
+    overrun: int
+    """Of the dropped lines, those that came faster than they could be taken."""
     reconnects: int
     """How many times the port was opened again."""
     left_memory: int
@@ -70,23 +76,72 @@ class LiveStatus:
     """The active recording; None if there is none."""
 
 
-def hint_of(state: PortState, spec: PortSpec, *, noise: bool, accepted: int, received: int) -> str:
+def status_of(
+    reader: PortReader,
+    counts: LineCounts,
+    samples: LiveSamples,
+    rate: float,
+    noise: bool,
+    recorder: Recorder | None,
+) -> LiveStatus:
+    """The status of a source.
+
+    Args:
+        reader: Reads its port.
+        counts: Its lines.
+        samples: Its samples.
+        rate: Lines a second.
+        noise: Whether the bytes are no text.
+        recorder: The active one.
+    """
+    state, time = reader.state, samples.time
+    return LiveStatus(
+        word=state.word,
+        hint=hint_of(state, reader.spec, counts, noise=noise, endless=reader.is_endless),
+        port=state.device,
+        since=state.since,
+        received=counts.received,
+        lines_per_s=rate if state.word == "connected" else 0.0,
+        period=time.period,
+        jitter=time.jitter,
+        device_time=time.by_device,
+        accepted=counts.accepted,
+        rejected=counts.rejected,
+        dropped=counts.dropped,
+        overrun=counts.overrun,
+        reconnects=max(state.opened - 1, 0),
+        left_memory=samples.left_memory,
+        max_read_latency=reader.max_read_latency,
+        recording=None if recorder is None else recording_status(recorder),
+    )
+
+
+def hint_of(state: PortState, spec: PortSpec, counts: LineCounts, *, noise: bool, endless: bool) -> str:
     """What is wrong with a port and what to do, in a sentence; "" where nothing is.
 
     Args:
         state: The state of the port.
         spec: What was to be opened.
+        counts: The lines that arrived.
         noise: Whether the bytes are no text.
-        accepted: Lines that became samples.
-        received: Lines that arrived.
+        endless: Whether they have no ends of lines.
     """
     if state.reason:
         return state.reason
     if noise:
         return f"the data are not text: is {spec.baud} the right baud rate?"
-    if state.word == "connected" and received > _MIN_LINES_JUDGED and not accepted:
+    if state.word != "connected":
+        return ""
+    if endless:
+        return "megabytes arrive without the end of a line: is this a board that prints lines?"
+    if counts.received > _MIN_LINES_JUDGED and not counts.accepted:
         return "lines arrive, but none has numbers"
-    return ""
+    return overrun_text(counts.overrun)
+
+
+def overrun_text(lines: int) -> str:
+    """That so many lines came faster than they could be taken; "" for none."""
+    return f"the port sends faster than it can be read: {count(lines)} lines dropped" if lines else ""
 
 
 def recording_status(recorder: Recorder) -> RecordingStatus:

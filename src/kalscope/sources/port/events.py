@@ -54,5 +54,17 @@ class Disconnected:
     """Monotonic time, s."""
 
 
-Item = BytesReceived | Opened | Disconnected
+@dataclass(frozen=True)
+class LinesDropped:
+    """Lines were left out, because too many bytes waited; the next bytes begin a line."""
+
+    count: int
+    """How many, with the one whose beginning was handed over."""
+    begin: float
+    """Monotonic time of the first of their bytes, s."""
+    end: float
+    """Monotonic time of the next line that is kept, s."""
+
+
+Item = BytesReceived | Opened | LinesDropped | Disconnected
 """An event of the reader thread."""

@@ -15,8 +15,8 @@ from kalscope.sources.port.port_spec import PortSpec, list_ports
 
 READ_TIMEOUT = 0.1
 """Seconds after which a read without data returns, so that close never waits longer."""
-MAX_READ_BYTES = 1 << 16
-"""Bytes of one read."""
+MAX_READ_BYTES = 1 << 13
+"""Bytes of one read: a consumer that is to end is asked between two of them."""
 _WRITE_TIMEOUT = 2.0
 _WINDOWS_BUFFER = 1 << 20  # the driver's own 4096 bytes are full after 0.36 s at 115200 baud
 
@@ -73,6 +73,9 @@ class SerialPort:
                 # A lock that other careful programs heed. Windows locks without being asked.
                 exclusive=None if spec.is_url or sys.platform == "win32" else True,
             )
+            if device.lower().startswith("socket:"):
+                # Its opening would read and throw away all that comes, and never end while more comes.
+                self._port.reset_input_buffer = bool
             if not spec.reset:
                 self._port.dtr = self._port.rts = False
             self._port.open()

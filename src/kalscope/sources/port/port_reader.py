@@ -1,7 +1,7 @@
 """The reader thread of a port: it opens, reads, stamps and queues, and waits for a lost board to come back.
 
 It does nothing else, because bytes that it does not fetch in time are lost: the Windows driver holds 0.36 s of
-115200 baud. The consumer of its queue may take its time.
+115200 baud. The consumer of its queue may take its time: what it cannot keep up with is left out line by line.
 """
 
 from __future__ import annotations
@@ -10,12 +10,14 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable
-from queue import SimpleQueue
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 
 from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import SYSTEM, Clock
-from kalscope.sources.port.events import BytesReceived, Disconnected, Item, Opened, PortState, Word
+from kalscope.sources.port.events import BytesReceived, Disconnected, Item, LinesDropped, Opened, PortState, Word
 from kalscope.sources.port.open_port import DISCONNECT_ERRORS, READ_TIMEOUT, OpenPort, SerialPort, disconnect_reason
+from kalscope.sources.port.overload import LineCounter, Overload
 from kalscope.sources.port.port_spec import PortSpec, list_ports
 
 MIN_RETRY_DELAY, MAX_RETRY_DELAY = 0.25, 2.0
@@ -24,8 +26,6 @@ _MIN_CONNECTED_S = 5.0
 """A connection that lasted longer, in s, resets the retry delay."""
 _MIN_GAPS = 20
 """Reads after which it is known whether the board sends line by line or in bursts."""
-MAX_WAITING_BYTES = 64 << 20
-"""Bytes that may wait in the queue, minutes of the fastest port; beyond that the reader waits too."""
 
 
 class PortReader:
@@ -49,20 +49,22 @@ class PortReader:
         """
         self.spec = spec
         self.items: SimpleQueue[Item] = SimpleQueue()
-        """The events in order. The consumer passes each `BytesReceived` to `release`."""
+        """The events in order. The consumer passes each `BytesReceived` and `LinesDropped` to `release`."""
         self._reconnect = reconnect
         self._clock = clock
         self._open_port = open_port
         self._state = PortState("closed", device=spec.url)
         self._port: OpenPort | None = None
+        self._ready: OpenPort | None = None  # open, but not read yet
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._write_lock = threading.Lock()
-        self._waiting = 0
+        self._waiting = self._unreleased = 0
         self._waiting_lock = threading.Lock()
         self._serial_number = ""
         self._losses: deque[float] = deque(maxlen=3)
         self._usual_gap, self._gaps = 0.0, 0
+        self._overload = Overload()
         self.max_read_latency = 0.0
         """Upper bound of the longest time between two reads while bytes were waiting, s."""
 
@@ -70,6 +72,16 @@ class PortReader:
     def state(self) -> PortState:
         """The current state of the port."""
         return self._state
+
+    @property
+    def dropped(self) -> int:
+        """Lines left out because too many bytes wait, in gaps that have not been released."""
+        return self._overload.dropped + self._unreleased
+
+    @property
+    def is_endless(self) -> bool:
+        """Whether more bytes come than may wait, and no end of a line among them."""
+        return self._overload.is_endless
 
     @property
     def reconnect(self) -> bool:
@@ -85,8 +97,22 @@ class PortReader:
         """True from start to close, and until the board is lost if it does not reconnect."""
         return self._thread is not None and self._thread.is_alive()
 
+    def open(self) -> None:
+        """Open the port; `start` then reads it from its first byte.
+
+        Raises:
+            BadDevice: the port cannot be opened.
+        """
+        self._stop = threading.Event()
+        self._set_state("connecting")
+        try:
+            self._ready = self._opened(self._stop)
+        except BadDevice as error:
+            self._set_state("closed", str(error))
+            raise
+
     def start(self, *, require: bool = False) -> None:
-        """Open the port and begin to read; does nothing while it runs.
+        """Begin to read; does nothing while it runs.
 
         Args:
             require: Open before returning. Otherwise the thread opens, and waits for a board that is not there.
@@ -96,15 +122,12 @@ class PortReader:
         """
         if self.running:
             return
-        self._stop = threading.Event()
-        self._set_state("connecting")
-        port = None
         if require:
-            try:
-                port = self._opened(self._stop)
-            except BadDevice as error:
-                self._set_state("closed", str(error))
-                raise
+            self.open()
+        port, self._ready = self._ready, None
+        if port is None:
+            self._stop = threading.Event()
+            self._set_state("connecting")
         self._thread = threading.Thread(
             target=self._run, args=(port, self._stop), name="kalscope port", daemon=True
         )
@@ -118,6 +141,9 @@ class PortReader:
         """
         self._stop.set()
         thread, self._thread = self._thread, None
+        ready, self._ready = self._ready, None
+        if ready is not None:
+            ready.close()
         if thread is not None and thread is not threading.current_thread():
             thread.join(timeout)
         self._set_state("closed", self._state.reason if self._state.word == "closed" else "")
@@ -137,10 +163,33 @@ class PortReader:
             except DISCONNECT_ERRORS as error:
                 raise BadDevice(f"cannot write to port {self._state.device} ({error})") from error
 
-    def release(self, received: BytesReceived) -> None:
-        """Note that these bytes no longer occupy the queue."""
+    def release(self, item: BytesReceived | LinesDropped) -> None:
+        """Note that these bytes no longer occupy the queue, or that these lines are counted elsewhere."""
+        self._account(item, -1)
+
+    def _account(self, item: BytesReceived | LinesDropped, sign: int) -> None:
         with self._waiting_lock:
-            self._waiting -= len(received.data)
+            if isinstance(item, BytesReceived):
+                self._waiting += sign * len(item.data)
+            else:
+                self._unreleased += sign * item.count
+
+    def leave_out(self, received: BytesReceived) -> LinesDropped:
+        """These bytes and all that wait behind them, as lines that are left out: there is no time for them."""
+        lines, dropped, end = LineCounter(), 0, received.end
+        item: Item = received
+        with suppress(Empty):
+            while True:
+                if isinstance(item, BytesReceived):
+                    dropped, end = dropped + lines.count(item.data), item.end
+                    self.release(item)
+                elif isinstance(item, LinesDropped):
+                    dropped, end = dropped + item.count, item.end
+                    self.release(item)
+                item = self.items.get_nowait()
+        gap = LinesDropped(dropped, received.begin, end)
+        self._account(gap, 1)
+        return gap
 
     def _run(self, port: OpenPort | None, stop: threading.Event) -> None:
         delay = MIN_RETRY_DELAY
@@ -197,6 +246,7 @@ class PortReader:
         """Read until the board is lost or `stop`; then close the port. Returns why it was lost."""
         why, clock = "", self._clock.monotonic
         before, waiting, silence, self._usual_gap, self._gaps = clock(), 0, 0.0, 0.0, 0
+        overload = self._overload = Overload()
         try:
             while not stop.is_set():
                 data = port.fetch()
@@ -205,7 +255,8 @@ class PortReader:
                     # Not `now - before`: a machine that stalls in a read hears nothing either.
                     waiting, silence = 0, min(silence + READ_TIMEOUT, now - before)
                     continue
-                self._hand_over(BytesReceived(data, before, now, silence), stop)
+                for item in overload.take(BytesReceived(data, before, now, silence), self._waiting):
+                    self._hand_over(item)
                 left = port.waiting()
                 self._note_read_latency(now - before, waiting, left)
                 before, waiting, silence = now, left, 0.0
@@ -217,15 +268,14 @@ class PortReader:
             with self._write_lock:
                 self._port = None
             port.close()
-            self.items.put(Disconnected(clock()))
+            for item in (*overload.end(), Disconnected(clock())):
+                self._hand_over(item)
         return why
 
-    def _hand_over(self, received: BytesReceived, stop: threading.Event) -> None:
-        while self._waiting > MAX_WAITING_BYTES and not stop.is_set():
-            stop.wait(0.01)
-        with self._waiting_lock:
-            self._waiting += len(received.data)
-        self.items.put(received)
+    def _hand_over(self, item: Item) -> None:
+        if isinstance(item, BytesReceived | LinesDropped):
+            self._account(item, 1)
+        self.items.put(item)
 
     def _note_read_latency(self, gap: float, waiting: int, left: int) -> None:
         """Note a late read. Where nothing was waiting at its call, it was late by what has piled up since.
