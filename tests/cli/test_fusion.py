@@ -244,6 +244,44 @@ def test_a_target_is_met_while_all_sensors_answer(
     assert of_each(said, "r") == pytest.approx([0.25, 1.0, 4.0], rel=0.3)
 
 
+@pytest.mark.parametrize(
+    ("source", "lag", "said"),
+    [
+        (WALK, "20", "The best statistical fit would follow more slowly (q"),
+        (WALK, "500", "The best statistical fit would follow faster (q"),
+        ("synthetic:constant?n=300&sigmas=1,2", "100", "no movement can be identified at all"),
+    ],
+)
+def test_a_goal_says_what_it_costs(source: str, lag: str, said: str, capsys: Captured) -> None:
+    assert run(["tune", source, "--fuse", "a,b", "--lag-ms", lag]) == 0
+    page = " ".join(capsys.readouterr().out.split())
+    assert f"You chose a lag of {lag} ms. " in page
+    assert said in page
+    assert "No movement can be identified" not in page
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("x,-x", "look at a and b; sensors of different scales seem to drift too: --sensor-gains"),
+        ("x,x", "-o tuning.toml keeps it"),
+        ("x,x spiky", "with --gate 16: refuse readings beyond 4 σ"),
+    ],
+)
+def test_the_next_step_suits_what_is_wrong(path: str, said: str, tmp_path: Path, capsys: Captured) -> None:
+    rng = np.random.default_rng(1)
+    x = np.cumsum(rng.normal(size=400))
+    columns = np.column_stack([x, -x if path == "x,-x" else x]) + rng.normal(size=(400, 2))
+    if "spiky" in path:
+        columns[::40, 1] += 30.0
+    log = tmp_path / "log.csv"
+    rows = [f"{i},{a!r},{b!r}" for i, (a, b) in enumerate(columns.tolist())]
+    log.write_text("\n".join(["time (s),a,b", *rows, ""]))
+    gate = ["--gate", "off"] if "spiky" in path else []
+    assert run(["tune", str(log), "--fuse", "a,b", *gate]) == 0
+    assert said in " ".join(capsys.readouterr().out.split())
+
+
 def test_what_is_known_of_a_sensor_is_kept(capsys: Captured) -> None:
     assert of_each(tuned(capsys, WALK, "--fuse", "a,b", "--r", "b=1.1"), "r")[1] == 1.1
     assert of_each(tuned(capsys, WALK, "--fuse", "a,b", "--sigma", "2=3,1=2"), "r") == [4.0, 9.0]

@@ -25,8 +25,13 @@ from kalscope.filtering.arrays import scalar
 from kalscope.filtering.fusion.params import FusionParams
 
 NOTHING_FOUND = (
-    "Next: give the noise of a sensor (--sigma a=0.4), leave one out, or choose a filter (--lag-ms, --cutoff-hz)"
+    "Next: give the noise of a sensor (--sigma a=0.4), or choose a filter by its lag or its cut-off (--lag-ms, "
+    "--cutoff-hz)"
 )
+"""What to do where the record leaves q or r open."""
+
+NEAR = 2.0
+"""A q that differs by less than this factor filters much the same."""
 
 MAX_NAME = 24
 """Characters of a sensor's name in the table."""
@@ -36,12 +41,13 @@ def summary_of(answer: FusionAnswer) -> list[str]:
     """The lines of the answer, the verdict first."""
     found, params, verdict = answer.estimate, answer.params, answer.verdict
     if params is None or verdict is None:
-        return _page(_nothing(answer), found.message, *found.notes, NOTHING_FOUND)
+        choose = [NOTHING_FOUND] if found.verdict in ("no_noise", "no_movement") else []
+        return _page(_nothing(answer), found.message, *found.notes, *choose)
     said = verdict.sentences[: 2 if verdict.held_out else 1]  # the headline, and the second half
     lines = _page(*said, _filter(answer, params)) + list(_table(answer, params, verdict))
     faults = [sentence for one in verdict.sensors for sentence in one.sentences[: len(one.faults)]]
-    edge = [] if found.verdict == "ok" else [found.message]
-    return lines + _page(*dict.fromkeys(faults), *edge, *found.notes, _next(params, verdict))
+    notes = [*dict.fromkeys(faults), *_about_fit(answer, params), *found.notes]
+    return lines + _page(*notes, _next(answer, params, verdict))
 
 
 def details_of(answer: FusionAnswer) -> list[str]:
@@ -64,18 +70,41 @@ def details_of(answer: FusionAnswer) -> list[str]:
     return lines
 
 
+def _about_fit(answer: FusionAnswer, params: FusionParams) -> Iterator[str]:
+    """What a goal costs, and that the record leaves a parameter open; nothing where it is the best fit."""
+    found, goal = answer.estimate, answer.request.goal
+    if goal:
+        yield f"You chose {goal}{_beside_fit(found.q / params.q)}"
+    if found.verdict != "ok" and not (goal and found.verdict == "no_movement"):
+        yield found.message
+
+
+def _beside_fit(factor: float) -> str:
+    """How a chosen filter differs from the best fit, whose q is `factor` times as large."""
+    if factor == 0.0:
+        return ". In this record no movement can be identified at all."
+    if 1.0 / NEAR < factor < NEAR:
+        return ", which is near the best statistical fit."
+    if factor > 1.0:
+        return f". The best statistical fit would follow faster (q {number(factor, 2)} × larger)."
+    return f". The best statistical fit would follow more slowly (q {number(1.0 / factor, 2)} × smaller)."
+
+
 def _nothing(answer: FusionAnswer) -> str:
     return f"{' + '.join(answer.sensors)}: no filter to recommend ({answer.estimate.verdict.replace('_', ' ')})"
 
 
-def _next(params: FusionParams, verdict: FusionVerdict) -> str:
+def _next(answer: FusionAnswer, params: FusionParams, verdict: FusionVerdict) -> str:
     """What to do: look at a sensor that disagrees, set a gate, or keep the filter."""
-    odd = [one.name for one in verdict.sensors if {"drift", "noise", "stuck"} & set(one.faults)]
+    odd = [one for one in verdict.sensors if {"drift", "noise", "stuck"} & set(one.faults)]
     if odd:
-        return f"Next: look at {' and '.join(odd)}; --fuse without one of them says what it is worth"
+        text = f"Next: look at {' and '.join(one.name for one in odd)}"
+        if any("drift" in one.faults for one in odd) and not _has_gains(answer):
+            return f"{text}; sensors of different scales seem to drift too: --sensor-gains"
+        return f"{text}; --fuse without one of them says what it is worth" if len(answer.sensors) > 2 else text
     if params.gate is None and any("spikes" in one.faults for one in verdict.sensors):
         return "Next, with --gate 16: refuse readings beyond 4 σ"
-    return "Next: -o tuning.toml keeps it, kalscope filter --config tuning.toml fuses with it, --details says more"
+    return "Next: -o tuning.toml keeps it for kalscope filter, report and export; --details says more"
 
 
 def _page(*texts: str) -> list[str]:
