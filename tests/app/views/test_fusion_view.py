@@ -10,6 +10,7 @@ from kalscope_app.dashboard import Dashboard
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.guard.server import guarded_server
+from kalscope_app.live.sending import send_setting
 from kalscope_app.session.changes.channels import select_channel
 from kalscope_app.session.changes.fusion import apply_estimate, set_taking_part
 from kalscope_app.session.changes.variants import pin_present
@@ -55,14 +56,15 @@ def view(tmp_path):
         yield Dashboard(guarded.server, opened(greenhouse()), tmp_path)._fusion
 
 
-def test_channels_of_a_known_unit_are_ticked_and_a_channel_without_a_like_offers_nothing(view):
+def test_channels_of_one_unit_are_offered_unticked_and_a_channel_without_a_like_offers_nothing(view):
     single = opened(greenhouse())
     view.show(frame_of(single))
     assert view._folder.visible
-    assert [row.name for row in view._rows if row.ticked] == list(SENSORS)
+    assert [row.name for row in view._rows if row.name] == list(SENSORS)
+    assert not any(row.ticked for row in view._rows)
     view.show(frame_of(select_channel("humidity")(single)))
     assert not view._folder.visible
-    assert not any(row.ticked for row in view._rows)
+    assert not any(row.name for row in view._rows)
 
 
 def test_a_row_follows_its_sensor_and_one_that_drops_out_keeps_its_tick_box_alone(view, state):
@@ -119,6 +121,8 @@ def test_the_report_is_on_the_fused_sensors(state):
 def test_what_belongs_to_one_channel_is_refused_in_words(state):
     with pytest.raises(BadSetting, match="one channel"):
         pin_present(state)
+    with pytest.raises(BadSetting, match="fused sensors"):
+        send_setting(state, None)
     assert "one channel" in MapMaker()(state).note
     assert any("tuning file" in remark for remark in share_line(state).remarks)
 

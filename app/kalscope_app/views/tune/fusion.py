@@ -76,14 +76,13 @@ class FusionView:
         self._folder.visible = bool(names)
         if names != self._offered:
             self._offered = names
-            known = bool(names) and state.recording.units[state.recording.index(names[0])] != ""
             for row, name in zip(self._rows, (*names, *(None,) * MAX_SENSORS), strict=False):
-                row.offer(name, known)
+                row.offer(name)
             offer(self._reference, (NO_REFERENCE, *names), NO_REFERENCE)
         for row in self._rows:
             row.show(frame)
         put(self._fuse, label="Fuse again" if fused else "Fuse", visible=bool(names))
-        put(self._end, visible=fused)
+        put(self._end, visible=state.settings.fusion is not None)
         put(self._notes, visible=fused)
         if not fused:
             put(self._said, content=HOW)

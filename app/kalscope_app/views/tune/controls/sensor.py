@@ -61,11 +61,11 @@ class SensorControl(SliderWithText):
         super().set_visible(visible)
         self._offset.set_visible(visible)
 
-    def offer(self, name: str | None, ticked: bool) -> None:
-        """Stand for this channel; None: for none."""
+    def offer(self, name: str | None) -> None:
+        """Stand for this channel, not ticked; None: for none."""
         self.name = name
         put(self._tick, label="" if name is None else one_line(name)[:MAX_NAME], visible=name is not None)
-        put(self._tick, value=ticked)
+        put(self._tick, value=False)
 
     def show(self, frame: Frame) -> None:
         """Follow the frame; a channel that is not fused has its tick box alone."""
