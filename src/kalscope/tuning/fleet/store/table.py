@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -54,8 +55,8 @@ def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]], again: Collectio
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")
     rows = [row for several, _ in units.values() for row in several]
     columns = [pa.array([key for key, (several, _) in units.items() for _ in several], pa.string())]
-    for one in schema():
-        cells = [getattr(row, one.name) for row in rows]
+    by_column = zip(*map(attrgetter(*COLUMNS), rows), strict=True) if rows else [()] * len(COLUMNS)
+    for one, cells in zip(schema(), by_column, strict=True):
         columns.append(pa.array(map(told, cells) if one.type == pa.string() else cells, one.type))
     pools = [_packed(pool) if i == 0 else None for several, pool in units.values() for i in range(len(several))]
     columns.append(pa.array(pools, pa.binary()))
@@ -71,6 +72,8 @@ def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]], again: Collectio
 
 def told(text: str) -> str:
     """A text as the table holds it: bytes that are no UTF-8 written out, a hash for what is too long."""
+    if text.isascii() and len(text) <= MAX_LETTERS:  # nearly all of them, millions in a large fleet
+        return text
     data = text.encode("utf-8", "backslashreplace")
     if len(data) <= MAX_LETTERS:
         return data.decode()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -118,18 +120,19 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, question: Question, 
     numbers: list[list[float]] = np.stack(pairs, axis=1).tolist()
     rows: list[Row] = []
     for (name, n, step, verdict), found, usable in zip(heads, numbers, table.usable, strict=True):
-        head = Row(name, channel, unit, n, 1.0 / step, verdict=verdict, seconds=seconds, source=source)
+        head = partial(Row, name, channel, unit, n, 1.0 / step, verdict=verdict, seconds=seconds, source=source)
         if usable:
-            i, pair = len(rows), dict(zip(NUMBERS, found, strict=True))
+            i = len(rows)
+            known: dict[str, Any] = dict(zip(NUMBERS, found, strict=True))
             gate = float(table.gate[i]) ** 2 if table.gate[i] < math.inf else None
             # The scale of the likelihood's maximum makes the mean of v²/s one; a floor of r or a gate does not.
             exact = verdict != "below_resolution" and not table.spikes[i]
             nis = 1.0 if exact else _nis(many, i, FilterParams(found[0], found[1], gate=gate))
-            known = {"momentum": 0.0, "gate": gate, "spikes": int(table.spikes[i]), "nis": nis, "left": left[i]}
-            rows.append(replace(head, **pair, **known))
+            known |= {"momentum": 0.0, "gate": gate, "spikes": int(table.spikes[i]), "nis": nis, "left": left[i]}
+            rows.append(head(**known))
         else:
             message = find_parameters(many.one(len(rows))[0], request).message
-            rows.append(replace(head, reason=first_sentence(message)))
+            rows.append(head(reason=first_sentence(message)))
     return Fitted(rows, pool)
 
 
