@@ -3,8 +3,13 @@
     python benchmarks/fleet.py [--series 20000] [--samples 1000] [--kills 5] [--keep FOLDER]
 
 Writes a data set of SERIES recordings of one kind, and fits it with `--momentum 0 --no-robust` on all cores: rows a
-second, rows a second of processor time of the tasks, the most memory of a worker, and the share of their time
-outside the compiled fit. Then the same once more while KILLS workers and at last the driver are killed (kill -9) at
+second and how that held from the first fifth to the last, rows a second of processor time of the tasks, the most
+memory of a worker, and the share of their time outside the compiled fit. A data set that FOLDER already has is used
+again; a million series of 1,000 samples take 8 GB there, and are written and fitted by
+
+    python benchmarks/fleet.py --series 1000000 --kills 0 --keep FOLDER
+
+With KILLS above 0 then the same once more while KILLS workers and at last the driver are killed (kill -9) at
 random moments and the run is started again: the table must be equal, each id once, no temporary file left (exit
 status 1 otherwise, and where more than 2 % of the work may have been done twice).
 """
@@ -14,6 +19,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
+import resource
 import shutil
 import subprocess
 import sys
@@ -69,6 +75,7 @@ def measure(folder: Path, series: int, samples: int, kills: int) -> int:
     size = sum(path.stat().st_size for path in source.iterdir())
     print(f"{series:,} series × {samples:,} samples, {size / 1e6:,.0f} MB, {psutil.cpu_count()} cores")
     whole = folder / f"whole-{series}"
+    shutil.rmtree(whole, ignore_errors=True)
     begun = time.monotonic()
     tally = json.loads(subprocess.run(driver(source, whole), check=True, stdout=subprocess.PIPE, text=True).stdout)
     seconds = time.monotonic() - begun
@@ -76,13 +83,15 @@ def measure(folder: Path, series: int, samples: int, kills: int) -> int:
         f"{tally['rows'] / tally['seconds']:,.0f} rows/s on {tally['threads']} workers ({seconds:.1f} s with start"
         f" and merge); {tally['rows'] / tally['total_s']:,.0f} rows a second of processor time;"
         f" {1 - tally['fitting_s'] / tally['total_s']:.0%} of it outside the compiled fit;"
-        f" at most {tally['peak_bytes'] / 1e6:,.0f} MB a worker"
+        f" at most {tally['peak_bytes'] / 1e6:,.0f} MB a worker, {tally['driver_bytes'] / 1e6:,.0f} MB the driver"
     )
+    print(f"rows/s by fifths of the run: {', '.join(f'{rate:,.0f}' for rate in tally['fifths'])}")
     return disturbed(source, whole, folder / f"killed-{series}", kills, tally) if kills else 0
 
 
 def disturbed(source: Path, whole: Path, out: Path, kills: int, undisturbed: dict[str, Any]) -> int:
     """The same run under kills; 1 where it ends otherwise."""
+    shutil.rmtree(out, ignore_errors=True)
     draw, pause = random.Random(1), undisturbed["seconds"] / (kills + 2)
     process = subprocess.Popen(driver(source, out), stdout=subprocess.DEVNULL)
     while not list(out.glob("parts/??/*.parquet")):
@@ -117,8 +126,22 @@ def driver(source: Path, out: Path) -> list[str]:
 
 def drive(source: str, out: str) -> None:
     """One run, as `kalscope fleet` does it."""
-    outcome = run_fleet([source], Asked(TuneOptions(momentum=0.0, robust=False)), Path(out))
-    print(json.dumps(asdict(outcome.tally)))
+    seen: list[tuple[float, int]] = [(0.0, 0)]
+    outcome = run_fleet(
+        [source],
+        Asked(TuneOptions(momentum=0.0, robust=False)),
+        Path(out),
+        show=lambda tally: seen.append((tally.seconds, tally.rows)),
+    )
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    print(json.dumps(asdict(outcome.tally) | {"fifths": fifths(seen), "driver_bytes": peak}))
+
+
+def fifths(seen: list[tuple[float, int]]) -> list[float]:
+    """Rows a second in each fifth of the rows."""
+    seconds, rows = np.array(seen).T
+    ends = np.interp(np.linspace(0.0, rows[-1], 6), rows, seconds)
+    return [rows[-1] / 5 / max(step, 1e-9) for step in np.diff(ends).tolist()]
 
 
 def workers_of(pid: int) -> list[psutil.Process]:
