@@ -149,9 +149,9 @@ def _watch_reads(live: LiveSource) -> list[float]:
     gaps: list[float] = []
     release = live._reader.release
 
-    def note(received):
-        gaps.append(received.end - received.begin)
-        release(received)
+    def note(item):
+        gaps.append(item.end - item.begin)
+        release(item)
 
     live._reader.release = note
     return gaps
