@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.common.array import Array, Indices
+from kalscope.common.text import trimmed
 
 if TYPE_CHECKING:
     from kalscope.tuning.fleet.results.fleet import Fleet
@@ -37,6 +38,12 @@ ORDERS: Mapping[str, Callable[[Fleet], Indices]] = {
     "without q and r": lambda fleet: np.flatnonzero([bool(reason) for reason in fleet.reasons]),
 }
 """How the devices may be sorted."""
+
+
+def loss_text(growth: float) -> str:
+    """By which share the prediction error grows, to 0.1 %: what is below depends on chance."""
+    return f"{trimmed(round(100.0 * growth, 1) + 0.0)} %"
+
 
 COLOURS = ("loss", "verdict")
 """What the devices may be coloured by."""

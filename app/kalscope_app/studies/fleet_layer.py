@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.common.array import Array, Indices, Mask
-from kalscope.common.text import count, one_line, percent, trimmed
-from kalscope_app.session.fleet import OpenFleet
+from kalscope.common.text import count, one_line, trimmed
+from kalscope_app.session.fleet import OpenFleet, loss_text
 from kalscope_app.studies.map_geometry import MapFrame, Point, Range
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def _picked(fleet: Fleet, device: int | None, q: Range, r: Range) -> Picked | No
     if device is None or not devices.usable[device]:
         return None
     pair, growth = (float(devices.q[device]), float(devices.r[device])), float(fleet.growth[device])
-    loss = "" if math.isnan(growth) else f", loss {percent(growth)}"
+    loss = "" if math.isnan(growth) else f", loss {loss_text(growth)}"
     name = one_line(devices.name(device))
     words = (
         name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}",

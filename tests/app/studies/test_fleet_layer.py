@@ -13,7 +13,7 @@ from kalscope.tuning.fleet.answer.devices import Devices
 from kalscope.tuning.fleet.results.fleet import Fleet, SharedFilter
 from kalscope.tuning.fleet.store.begun import Begun
 from kalscope_app.session.changes.fleet import open_fleet, pick_device, set_fleet_colour
-from kalscope_app.session.fleet import MAX_ROWS, OpenFleet
+from kalscope_app.session.fleet import MAX_ROWS, OpenFleet, loss_text
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.fleet_layer import CELLS, MAX_POINTS, fleet_layer
 from kalscope_app.studies.map_geometry import frame_for
@@ -163,6 +163,12 @@ def test_the_words_say_how_many_one_filter_and_how_far_a_run_is():
     ):
         assert part in said.replace("\\", "")
     assert "One filter" not in about_fleet(fleet_of([0.1], [1.0], shared=None, growth=[np.nan]))
+
+
+def test_a_loss_has_no_digits_of_chance():
+    assert [loss_text(growth) for growth in (0.283, -0.0051, -0.00047, 0.0, 4.5678)] == [
+        "28.3 %", "−0.5 %", "0 %", "0 %", "457 %",
+    ]  # fmt: skip
 
 
 def test_the_table_is_short_and_no_name_is_markup():

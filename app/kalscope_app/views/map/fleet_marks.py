@@ -60,10 +60,11 @@ def draw_picked(pen: Pen, layer: FleetLayer, palette: MapPalette, frame: MapFram
 
 
 def draw_shared(pen: Pen, at: Point, palette: MapPalette) -> None:
-    """The mark of the filter for all, a diamond."""
-    x, y = at
-    for reach, colour in ((9.0, palette.background), (7.0, palette.shared), (3.0, palette.background)):
-        pen.polygon([(x - reach, y), (x, y - reach), (x + reach, y), (x, y + reach)], colour)
+    """The mark of the filter for all: a diamond that hides no device inside of it."""
+    (x, y), reach = at, 8.0
+    corners = [(x - reach, y), (x, y - reach), (x + reach, y), (x, y + reach)]
+    for width, colour in ((4.5, palette.background), (2.0, palette.shared)):
+        pen.line([*corners, *corners[:2]], colour, width)
 
 
 def write_fleet_legend(

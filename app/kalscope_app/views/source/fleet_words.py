@@ -10,7 +10,7 @@ import numpy as np
 from kalscope.common.text import count, lag_in_full, one_line, percent, plural, squared, trimmed
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
-from kalscope_app.session.fleet import OpenFleet
+from kalscope_app.session.fleet import OpenFleet, loss_text
 from kalscope_app.views.text import escape_markdown
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def fleet_table(shown: OpenFleet) -> str:
     lines = ["| | device | q | r | loss |", "|--:|---|--:|--:|--:|"]
     for place, i in enumerate(rows, 1):
         growth = float(fleet.growth[i])
-        loss = "–" if math.isnan(growth) else percent(growth).replace(" ", "\u00a0")
+        loss = "–" if math.isnan(growth) else loss_text(growth).replace(" ", "\u00a0")
         name = f"**{_name(fleet, i)}**" if fleet.unlike[i] else _name(fleet, i)
         lines.append(f"| {place} | {name} | {_variance(devices.q[i])} | {_variance(devices.r[i])} | {loss} |")
     return "\n".join(lines)
