@@ -155,3 +155,15 @@ def test_the_fused_filter_is_nearer_than_the_best_sensor():
     own = [denoise(z[:, i], FilterParams(0.1, sigma**2)) for i, sigma in enumerate((1.0, 1.2, 2.0))]
     best = min(float(np.std((one - x)[20:])) for one in own)
     assert fused < best
+
+
+def test_too_few_readings_for_gains_are_not_known_rather_than_wrong():
+    found = estimate_fusion(walk(10)[:, None] * [1.0, 2.0, 0.5] + noise(1.0, 1.0, 1.0, n=10), gains=True)
+    for name in ("r_interval", "gain_interval", "offset_interval", "q_interval"):
+        assert not np.isnan(getattr(found, name)).any()
+
+
+def test_a_known_noise_of_another_unit_is_refused():
+    found = estimate_fusion(walk(50)[:, None] + noise(1.0, 1.0, n=50), known_r=[1e40, np.nan])
+    assert (found.verdict, found.params) == ("bad_unit", None)
+    assert "The given r" in found.message

@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array, Mask
 from kalscope.errors import BadSetting
 from kalscope.estimation.fusion import words
-from kalscope.estimation.verdict.words import BAD_UNIT, MIN_SAMPLES
+from kalscope.estimation.verdict.words import BAD_UNIT, MIN_SAMPLES, OTHER_UNIT
 from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
 from kalscope.filtering.params import MAX_VARIANCE
 
 _MAX_SIZE = 1e140
 """Readings that vary by more, or by less than its inverse, have variances that do not fit a double."""
+_MAX_FACTOR = 1e20
+"""A known r this many times above or below what readings vary by, squared, has another unit."""
 _SAME = 1e-12
 """Relative difference up to which two sensors are copies: that of rounding."""
 
@@ -54,8 +56,11 @@ class Question:
                 return "too_few", words.too_few(name, len(readings))
             if np.all(readings == readings[0]):
                 return "constant", words.constant(name)
-            if not 1.0 / _MAX_SIZE < float(np.ptp(0.5 * readings)) < _MAX_SIZE:
+            size = float(np.ptp(0.5 * readings))
+            if not 1.0 / _MAX_SIZE < size < _MAX_SIZE:
                 return "bad_unit", BAD_UNIT
+            if np.any((self.known > _MAX_FACTOR * size * size) | (self.known < size * size / _MAX_FACTOR)):
+                return "bad_unit", OTHER_UNIT
         for i in range(len(self.names)):
             for j in range(i):
                 if _are_copies(self.z[:, j], self.z[:, i], gains):

@@ -24,7 +24,7 @@ from kalscope.estimation.fusion.search.likelihood import Place
 from kalscope.estimation.fusion.spikes import with_gate
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict.conclude import MIN_VARIANCE
-from kalscope.estimation.verdict.words import BAD_UNIT
+from kalscope.estimation.verdict.words import BAD_UNIT, FLAT
 from kalscope.filtering.fusion.params import FusionParams
 from kalscope.filtering.params import MAX_VARIANCE
 from kalscope.filtering.steady_state import steady_state
@@ -79,6 +79,8 @@ def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving:
         return refused(asked, "bad_unit", BAD_UNIT)
     used_q = q if q > 0.0 else float(q_interval[1])
     used_r = np.where(r > 0.0, r, r_interval[:, 1])
+    if not (math.isfinite(used_q) and np.isfinite(used_r).all()):
+        return refused(asked, "flat", FLAT)
     params = FusionParams(q=used_q, r=used_r, offset=offset, gain=gain, momentum=place.tau)
     params = with_gate(params, asked.z, asked.steps, away)
     verdict, message = _verdict(asked, params, place.q, r)
@@ -113,26 +115,25 @@ def _gains(asked: Question, found: Found) -> tuple[Array, Array, float]:
     free = asked.reference is None
     stretch = float(np.exp(np.log(np.abs(gain)).mean())) if free else 1.0
     turned = np.eye(sensors) - (1.0 / sensors if free else 0.0)
-    spread = np.zeros((sensors, sensors))
-    spread[np.ix_(searched, searched)] = covariance(found)[-len(searched) :, -len(searched) :]
-    error = _errors(turned @ (spread / np.outer(gain, gain)) @ turned.T)
+    turned = turned[:, searched] / gain[searched]
+    error = _errors(turned, covariance(found)[-len(searched) :, -len(searched) :])
     shown = gain / stretch
-    return shown, np.sort(shown[:, None] * np.exp(np.outer(error, [-1.0, 1.0])), axis=1), stretch
+    with np.errstate(over="ignore"):
+        return shown, np.sort(shown[:, None] * np.exp(np.outer(error, [-1.0, 1.0])), axis=1), stretch
 
 
 def _offsets(asked: Question, found: Found) -> tuple[Array, Array]:
     """Offsets and their intervals; where the gains are not sure, what they would be with others counts too."""
     searched = found.coordinates.gained
     offset, turned = _without_common(asked, found, found.place)
-    spread = turned @ found.place.spread @ turned.T * found.coordinates.data.scale**2
+    error = _errors(turned, found.place.spread * found.coordinates.data.scale**2)
     if len(searched):
         slopes = np.empty((len(offset), len(searched)))
         for j in range(len(searched)):
             at = found.top.at.copy()
             at[j - len(searched)] += BESIDE
             slopes[:, j] = (_without_common(asked, found, found.coordinates.place(at))[0] - offset) / BESIDE
-        spread = spread + slopes @ covariance(found)[-len(searched) :, -len(searched) :] @ slopes.T
-    error = _errors(spread)
+        error = np.hypot(error, _errors(slopes, covariance(found)[-len(searched) :, -len(searched) :]))
     return offset, offset[:, None] + np.outer(error, [-1.0, 1.0])
 
 
@@ -146,10 +147,13 @@ def _without_common(asked: Question, found: Found, place: Place) -> tuple[Array,
     return turned @ (place.offset * data.scale + data.centre), turned
 
 
-def _errors(spread: Array) -> Array:
-    """Half the 95 % interval of each value with this covariance; inf where it is not known."""
-    variance = np.diag(spread)
-    return NORMAL * np.sqrt(np.where(np.isnan(variance), math.inf, np.maximum(variance, 0.0)))
+def _errors(turned: Array, spread: Array) -> Array:
+    """Half the 95 % intervals of `turned` times values of covariance `spread`; inf where one is not known."""
+    lost = ~np.isfinite(np.diag(spread))
+    known = np.where(lost | lost[:, None], 0.0, spread)
+    variance = np.diag(turned @ known @ turned.T)
+    unknown = (np.abs(turned[:, lost]) > 1e-12).any(axis=1)
+    return np.where(unknown, math.inf, NORMAL * np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _verdict(asked: Question, params: FusionParams, q: float, r: Array) -> tuple[str, str]:

@@ -43,10 +43,10 @@ def with_momentum(
         progress: reported to.
     """
     one, count = _asked_of_signal(asked, plain, tau, progress.part(0.0, 0.5))
-    if not float(one.momentum) or not float(one.q):
+    if not float(one.momentum):
         return plain, one
     fitted = replace(searched, keeps=tau is None)
-    step = float(one.q) / data.scale**2
+    step = float(one.q) / data.scale**2 or plain.place.q
     starts = [
         place_at(data.middle(), step, float(one.momentum), noise, plain.place.c)
         for noise in [*guessed_noises(asked.z, data, searched, plain.place.c), lifted(plain.place, searched)]
@@ -69,7 +69,7 @@ def _asked_of_signal(asked: Question, plain: Found, tau: float | None, progress:
     place, data = plain.place, plain.coordinates.data
     r = place.r / place.c**2
     dt = asked.steps if len(asked.steps) else None
-    signal = fused_signal(asked.z, place, data, 1.0 / (r + _EVEN * r.mean()))
+    signal = fused_signal(asked.z, place, data, 1.0 / (r + _EVEN * r.mean()) if r.any() else np.ones(data.sensors))
     found = _estimate(signal, dt, tau, progress.part(0.0, 0.5))
     if data.sensors > 1 and not float(found.momentum):
         signal = fused_signal(asked.z, place, data, np.ones(data.sensors))

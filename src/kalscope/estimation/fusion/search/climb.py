@@ -23,6 +23,8 @@ MAX_STEP = 2.0
 """Longest step of one coordinate."""
 MAX_STEPS = 60
 """Steps of one climb."""
+LEAST = 1e-9
+"""Rise of a step after which the next one would only follow rounding: errors fall with their square."""
 _ENOUGH = 1e-9
 """Step at whose length the top is reached."""
 _STEEP = 1e-10
@@ -41,12 +43,17 @@ class Top:
     """Second derivatives there, shape (k, k), symmetric."""
 
 
-def climb(function: Function, start: Array, low: Array, high: Array) -> Top:
-    """The top that steps uphill from `start` come to, within `low` and `high`, shape (k,) each."""
+def climb(
+    function: Function, start: Array, low: Array, high: Array, least: float = LEAST, steps: int = MAX_STEPS
+) -> Top:
+    """The top that steps uphill from `start` come to, within `low` and `high`, shape (k,) each.
+
+    A step that rises by less than `least` is the last one, and so is the one after `steps` of them.
+    """
     at = np.clip(start, low, high)
     height, slope = function(at)
     curvature = np.zeros((len(at), len(at)))
-    for _ in range(MAX_STEPS if len(at) else 0):
+    for _ in range(steps if len(at) else 0):
         curvature = _curvature(function, at, slope, high)
         free = ~((at <= low) & (slope < 0.0) | (at >= high) & (slope > 0.0))
         step = np.zeros(len(at))
@@ -56,8 +63,9 @@ def climb(function: Function, start: Array, low: Array, high: Array) -> Top:
         moved = _search(function, at, height, step, low, high)
         if moved is None:
             break
-        at, height, slope = moved
-        if length < _ENOUGH:
+        risen = moved[0] - height
+        height, at, slope = moved
+        if length < _ENOUGH or risen < least:
             break
     return Top(at, height, curvature)
 
@@ -81,12 +89,12 @@ def _uphill(curvature: Array, slope: Array) -> Array:
 
 def _search(
     function: Function, at: Array, height: float, step: Array, low: Array, high: Array
-) -> tuple[Array, float, Array] | None:
+) -> tuple[float, Array, Array] | None:
     """The first of shorter and shorter steps that does not lead down; None where even the shortest does."""
     slack = 1e-13 * abs(height)
     for halvings in range(24):
         there = np.clip(at + step * 0.5**halvings, low, high)
         found, slope = function(there)
         if math.isfinite(found) and found >= height - slack:
-            return there, found, slope
+            return found, there, slope
     return None

@@ -19,6 +19,10 @@ SURE = 0.1
 """Standard error of the logarithm of a variance up to which its likelihood is as good as normal."""
 _WIDENING = 1.7
 """Factor between two steps outwards, until the end is bracketed."""
+_FINE = 1e-4
+"""Rise of the likelihood that matters for the end of an interval."""
+_CLIMB = 10
+"""Steps of the other parameters towards their best; they start where they were a little further inside."""
 _STEPS = 12
 """Steps outwards, and then towards the end within its bracket."""
 
@@ -138,6 +142,6 @@ def _drop(found: Found, index: int, value: float, start: Array) -> tuple[float, 
         place = found.coordinates.place(at)
         return place.loglik, found.coordinates.slope(place)[others]
 
-    top = climb(function, start[others], found.low[others], found.high[others])
+    top = climb(function, start[others], found.low[others], found.high[others], _FINE, _CLIMB)
     at[others] = top.at
     return found.top.height - top.height, at.copy()
