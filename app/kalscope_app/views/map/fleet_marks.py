@@ -30,11 +30,11 @@ def draw_density(
 
 def draw_devices(pen: Pen, layer: FleetLayer, palette: MapPalette, frame: MapFrame) -> None:
     """Draw the points, the filter for all, and the q/r that the fleet allows."""
-    for end in set(layer.ratio_ends or ()):
-        line = diagonal(frame, 10.0**end)
-        if line is not None:
-            pen.line([line.start, line.end], palette.background, 3.5)
-            pen.line([line.start, line.end], palette.shared, 1.5)
+    lines = [diagonal(frame, 10.0**end) for end in set(layer.ratio_ends or ())]
+    for width, colour in ((3.5, palette.background), (1.5, palette.shared)):  # no halo over the other line
+        for line in lines:
+            if line is not None:
+                pen.line([line.start, line.end], colour, width)
     for point, kind in zip(layer.points.tolist(), layer.classes.tolist(), strict=True):
         pen.disc(frame.pixel((point[0], point[1])), RADIUS, palette.devices[kind], palette.edge)
     if layer.shared is not None:
