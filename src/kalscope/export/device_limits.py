@@ -111,10 +111,7 @@ def fusion_limits(
     Args:
         fusion: The filter.
         levels: Largest size of what each sensor reads, unit of the sensor, > 0.
-        sample_period: s; None = unknown, then time is not checked.
-
-    Raises:
-        BadSetting: A level or sample_period is not positive.
+        sample_period: s, > 0; None = unknown, then time is not checked.
     """
     try:
         fusion_on_board(fusion.params)
