@@ -25,11 +25,14 @@ BEYOND_CHANCE = 5.0
 MIN_DRIFT = 0.5
 """Smallest drift that is worth a word, in standard deviations of the sensor's noise."""
 
-MIN_NOISE_RATIO = 3.0
+MIN_NOISE_RATIO = 2.0
 """Smallest change of a noise variance that is worth a word."""
 
 MAX_BLOCKS, MIN_BLOCK, MIN_NOISE_BLOCK = 16, 30, 100
 """Blocks of a record, and the readings that the mean and the variance of one need."""
+
+MIN_OWN = 1e-300
+"""Least variance that is divided by."""
 
 MAX_SIZE = 4.0
 """Differences are clipped at so many standard deviations: spikes are no drift."""
@@ -52,9 +55,9 @@ class Difference:
     """For how many values that error goes on."""
 
     @property
-    def noise(self) -> float:
-        """Variance of what is new in each value: by the model, or as seen where that is more."""
-        return max(float(self.own.mean()), _noise(self.d)) if len(self.d) else 0.0
+    def scaled(self) -> Array:
+        """The values by the standard deviations that the model gives to what is new in them."""
+        return self.d / np.sqrt(np.maximum(self.own, MIN_OWN))
 
 
 def difference(z: Array, dt: Array | None, params: FusionParams, sensor: int, others: Sequence[int]) -> Difference:
@@ -78,16 +81,19 @@ def difference(z: Array, dt: Array | None, params: FusionParams, sensor: int, ot
 
 
 def drift(one: Difference) -> tuple[float, float]:
-    """By how much the difference moves, and the standard errors of that."""
+    """By how much the difference moves, and how far beyond chance its blocks scatter, in standard deviations."""
     count = min(MAX_BLOCKS, len(one.d) // MIN_BLOCK)
     if count < 2:
         return 0.0, 0.0
-    middle, sigma = float(np.median(one.d)), math.sqrt(one.noise + one.others)
-    d = np.clip(one.d - middle, -MAX_SIZE * sigma - _reach(one.d), MAX_SIZE * sigma + _reach(one.d))
+    own = one.own * max(1.0, _noise(one.scaled))  # noise as seen, where it is more than by the model
+    reach = MAX_SIZE * np.sqrt(own + one.others) + _reach(one.d)
+    d = np.clip(one.d - np.median(one.d), -reach, reach)
     means = np.array([block.mean() for block in np.array_split(d, count)])
     size = len(d) / count
-    error = math.sqrt(one.noise / size + one.others * min(1.0, one.lasting / size))
-    return float(np.ptp(means)), float(np.abs(means - means.mean()).max()) / error if error > 0.0 else 0.0
+    noise = np.array([block.mean() for block in np.array_split(own, count)]) / size
+    variance = np.maximum(noise + one.others * min(1.0, one.lasting / size), MIN_OWN)
+    centre = float((means / variance).sum() / (1.0 / variance).sum())
+    return float(np.ptp(means)), _beyond(float(((means - centre) ** 2 / variance).sum()), count - 1)
 
 
 def noise_change(one: Difference) -> tuple[float, float]:
@@ -95,7 +101,7 @@ def noise_change(one: Difference) -> tuple[float, float]:
     count = min(MAX_BLOCKS // 2, len(one.d) // MIN_NOISE_BLOCK)
     if count < 2:
         return 1.0, 0.0
-    variances = [_noise(block) for block in np.array_split(one.d, count)]
+    variances = [_noise(block) for block in np.array_split(one.scaled, count)]
     if min(variances) <= 0.0:  # as coarse as its steps
         return 1.0, 0.0
     ratio = max(variances) / min(variances)
@@ -146,6 +152,12 @@ def _noise(d: Array) -> float:
     kept = steps[: max(1, int(SMALLER * len(steps)))]
     sigma = float(kept.mean()) / MEAN_OF_SMALLER
     return 0.5 * sigma * sigma  # inf rather than an error where readings are huge
+
+
+def _beyond(chi2: float, degrees: int) -> float:
+    """A χ² as a standard normal number (Wilson & Hilferty 1931)."""
+    width = 2.0 / (9.0 * degrees)
+    return (math.cbrt(chi2 / degrees) - 1.0 + width) / math.sqrt(width)
 
 
 def _reach(d: Array) -> float:

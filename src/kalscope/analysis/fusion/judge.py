@@ -86,8 +86,10 @@ def _sensors(
     z: Array, dt: Array | None, params: FusionParams, words: Words, error: float
 ) -> tuple[SensorVerdict, ...]:
     noise, readings = np.sqrt(params.scaled_r).tolist(), np.isfinite(z).sum(axis=0).tolist()
-    drifts, changes = _beside_the_others(z, dt, params)
-    spikes = faults.spikes(z, dt, params)
+    stuck = [faults.stuck(z, dt, params, i) for i in range(params.sensors)]
+    alive = _without(z, stuck)
+    drifts, changes = _beside_the_others(alive, dt, params)
+    spikes = faults.spikes(alive, dt, params)
     found: list[SensorVerdict] = []
     for i in range(params.sensors):
         one = replace(
@@ -95,7 +97,7 @@ def _sensors(
             drift=drifts.get(i, 0.0),
             noise_ratio=changes.get(i, 1.0),
             spikes=spikes[i],
-            stuck=faults.stuck(z, dt, params, i),
+            stuck=stuck[i],
             silent=faults.silent(np.isfinite(z[:, i])),
         )
         one = replace(one, faults=_faults(one, readings[i]))
@@ -106,6 +108,16 @@ def _sensors(
         said = [words.fault(one, fault, noise[i], pairs.get(fault, ())) for fault in one.faults]
         found.append(replace(one, sentences=(*said, words.dropped(one, error), words.sticks(one, params.gate))))
     return tuple(found)
+
+
+def _without(z: Array, stretches: Sequence[faults.Stretch]) -> Array:
+    """The readings without one stretch of each sensor: what a stuck one says there must not accuse the others."""
+    if not any(last for _, last in stretches):
+        return z
+    left = z.copy()
+    for column, stretch in zip(left.T, stretches, strict=True):
+        column[slice(*stretch)] = np.nan
+    return left
 
 
 def _beside_the_others(
