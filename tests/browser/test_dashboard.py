@@ -1,4 +1,4 @@
-"""Journeys of a user through the real dashboard, each against numbers computed here; each leaves a picture."""
+"""Journeys of a user through the real dashboard, each against numbers computed here."""
 
 from __future__ import annotations
 

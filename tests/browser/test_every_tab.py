@@ -1,4 +1,4 @@
-"""Every tab of both panels, at three sizes and in both themes: nothing cut, nothing empty, a picture of each."""
+"""Every tab of both panels, at three sizes and in both themes: nothing cut, nothing empty."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from screen import ARTEFACTS, Screen, dashboard
+from screen import Screen, dashboard
 
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.views.tour import STEPS
@@ -43,7 +43,6 @@ def test_the_tour_is_shown_on_the_first_run_and_never_again_once_it_is_done(brow
         screen.tab("Tune")
         screen.slider("q").hover()
         screen.page.get_by_text("Drag, or click and use the arrow keys").wait_for()
-        screen.page.screenshot(path=ARTEFACTS / "hint.png")
 
 
 def test_every_action_is_a_command_and_every_heading_a_button_for_keys(browser, tmp_path):

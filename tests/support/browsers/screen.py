@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import re
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from waiting import PATIENCE, wait_until
 from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings
 
 ARTEFACTS = Path(__file__).parents[2] / "artefacts"
+PICTURES = bool(os.environ.get("KALSCOPE_PICTURES"))
+"""Whether every step of the browser tests leaves a picture in `ARTEFACTS`."""
 KNOWN_PAGE_ERROR = "'unsafe-eval' is not an allowed source"
 """viser's splat sorter probes for eval and does without it; the guard's policy refuses it."""
 
@@ -79,7 +82,7 @@ class Screen:
         notice.wait_for(state="detached")
 
     def wait(self, condition, argument=None):
-        self.page.wait_for_function(condition, arg=argument)
+        self.page.wait_for_function(condition, arg=argument, polling=50)  # ms; else at every frame
 
     def wait_for_fit(self):
         """Until panels, map and charts fill the window."""
@@ -155,9 +158,11 @@ class Screen:
         wait_until(lambda: holds(pixels(self.page.screenshot())), "the picture", pause=0.2)  # a look is much work
 
     def shot(self, name):
-        ARTEFACTS.mkdir(exist_ok=True)
+        """Take the mouse away and, where pictures are asked for, leave one: a tenth of a second of work each."""
         self.page.mouse.move(2, 2)
-        self.page.screenshot(path=ARTEFACTS / f"{name}.png")
+        if PICTURES:
+            ARTEFACTS.mkdir(exist_ok=True)
+            self.page.screenshot(path=ARTEFACTS / f"{name}.png")
 
     def close(self):
         self.context.close()
