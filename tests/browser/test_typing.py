@@ -25,6 +25,8 @@ pytestmark = pytest.mark.browser
 Q, R = "process noise q", "measurement noise r"
 DELAYS = (20, 60, 90, 130)
 """Milliseconds between two keys."""
+WITHOUT_MAP = {"width": 1090, "height": 720}
+"""A window in which each number redraws the charts alone."""
 
 
 @contextlib.contextmanager
@@ -40,7 +42,7 @@ def opened_here(source, browser, folder):
         dashboard = Dashboard(guarded.server, state, folder, None, board)
         running.callback(dashboard.stop)
         dashboard.start()
-        yield dashboard.session, running.enter_context(Screen(browser, guarded.url)), state
+        yield dashboard.session, running.enter_context(Screen(browser, guarded.url, **WITHOUT_MAP)), state
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +116,7 @@ def test_every_typed_number_counts_on_a_file(demo_page):
 
 @pytest.mark.slow
 def test_every_typed_number_counts_on_a_live_board(browser, tmp_path):
-    with line_sender(100.0) as board, opened_here(board, browser, tmp_path) as (session, screen, _):
+    with line_sender(10.0) as board, opened_here(board, browser, tmp_path) as (session, screen, _):
         type_and_compare(session, screen, count=10 if FUZZ == 1 else 60)  # the page draws all the while
 
 
