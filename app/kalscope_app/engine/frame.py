@@ -38,7 +38,7 @@ class SensorCurve:
     colour: int
     """Its place among all sensors, dropped out or not: a sensor keeps its colour."""
     raw: Array
-    """Its readings, unit; NaN where missing, shape (m,)."""
+    """Its readings, or where sensors have gains what they say of the quantity, unit; NaN = missing, shape (m,)."""
     difference: Array
     """What they say of the quantity minus the fused value, unit; NaN where missing, shape (m,)."""
 
@@ -169,7 +169,10 @@ def _sensors(state: State, fusion: Fusion, drawn: DrawnSamples, fused: Array) ->
     The noisiest comes first, to be drawn below the others; by what was found, so that no slider changes that.
     """
     raw = state.recording.values[drawn.indices][:, fusion.columns(state.recording)]
-    difference = (raw - fusion.params.offset) / fusion.params.gain - fused[:, None]
+    values = (raw - fusion.params.offset) / fusion.params.gain
+    difference = values - fused[:, None]
+    if np.any(fusion.params.gain != 1.0):
+        raw = values  # sensors of several scales or units have no common axis
     noise = dict(zip(fusion.start.sensors, fusion.start.params.scaled_r, strict=True))
     curves = [
         SensorCurve(name, fusion.tuning.sensors.index(name), raw[:, i], difference[:, i])

@@ -76,10 +76,8 @@ class Fusion:
         return [recording.index(name) for name in self.used.sensors]
 
     def fits(self, recording: Recording) -> bool:
-        """Whether a recording has all its sensors, in units that are all known to be the fused one or all alike."""
-        return {(name, self.tuning.unit) for name in self.tuning.sensors} <= set(
-            zip(recording.names, recording.units, strict=True)
-        )
+        """Whether a recording has all its sensors."""
+        return set(self.tuning.sensors) <= set(recording.names)
 
     def with_values(self, **values: Any) -> Fusion:
         """With other values of the fused filter, as of a channel: another r scales the noise of every sensor."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from kalscope import BadSetting, Recording, load_tuning, save_tuning
 from kalscope.filtering.fusion.batch import fuse
 from kalscope.filtering.fusion.growing import GrowingFusion
 from kalscope.filtering.fusion.params import FusionParams
+from kalscope.tuning.fusion import FusionTuning
 from kalscope_app.engine.decimation import MAX_POINTS, choose_samples
 from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.engine.frame import compute_frame
@@ -293,3 +295,12 @@ def test_a_live_board_that_starts_again_stays_fused():
     state = apply_fusion(state.recording, SENSORS, params(), "")(state)
     board.generation, board.values = 1, board.values[:300]
     assert refreshed(state, board.snapshot()).fusion == state.fusion
+
+
+def test_sensors_of_other_units_are_fused_by_a_file_and_drawn_on_the_scale_of_the_quantity():
+    rec = recording(("a", "b"), ("mm", "mV"))
+    tuning = FusionTuning("level", "mm", ("a", "b"), 0.01, (1.0, 4.0), (0.0, 5.0), (1.0, -2.0))
+    state = opened_with(rec, replace(opened(rec).as_tuning(), fusion=tuning))
+    assert (state.fusion.tuning, candidates(state)) == (tuning, ("a", "b"))
+    drawn = {one.name: one.raw for one in frame_of(state).sensors}
+    assert drawn["b"] == pytest.approx((rec.channel("b") - 5.0) / -2.0)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, estimate_fusion, fuse
+from kalscope.errors import Cancelled
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.frame import compute_frame
@@ -15,6 +18,7 @@ from kalscope_app.session.changes.channels import select_channel
 from kalscope_app.session.changes.fusion import apply_estimate, set_taking_part
 from kalscope_app.session.changes.variants import pin_present
 from kalscope_app.session.opening import opened
+from kalscope_app.session.session import Session
 from kalscope_app.session.share import share_line
 from kalscope_app.studies.fusion import FusionJudge
 from kalscope_app.studies.tuning_map import MapMaker
@@ -75,6 +79,18 @@ def test_a_row_follows_its_sensor_and_one_that_drops_out_keeps_its_tick_box_alon
     view.show(frame_of(set_taking_part("door", False)(state)))
     assert (door.ticked, door._tick.visible, door._slider.visible) == (False, True, False)
     assert bench._slider.label != f"share {100 * state.fusion.shares['bench']:.0f} %"
+
+
+def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(view):
+    single, stop = opened(greenhouse(n=200)), threading.Event()
+    session = view._session = Session(single)
+    view._search(single, ("bench", "roof"), "roof", stop)
+    fusion = session.apply_requests()[0].fusion
+    assert fusion.tuning.sensors == ("bench", "roof")
+    assert fusion.tuning.offset[1] == 0.0
+    stop.set()
+    with pytest.raises(Cancelled):
+        view._search(single, ("bench", "roof"), None, stop)
 
 
 def test_the_verdict_names_the_sensor_that_drifts_and_is_glad_without_it(state):

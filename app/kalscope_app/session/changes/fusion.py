@@ -32,7 +32,7 @@ def candidates(state: State) -> tuple[str, ...]:
     first = () if fusion is None else fusion.tuning.sensors
     wanted = [*first, *([state.channel] if state.channel in alike else []), *alike]
     chosen = set(list(dict.fromkeys(wanted))[:MAX_SENSORS])
-    return tuple(name for name in recording.names if name in chosen) if len(alike) >= MIN_SENSORS else ()
+    return tuple(name for name in recording.names if name in chosen) if len(chosen) >= MIN_SENSORS else ()
 
 
 def readings_of(state: State, sensors: tuple[str, ...]) -> list[int]:
