@@ -12,11 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadSetting
-from kalscope.export.filtered_csv import ROWS_PER_CHUNK, csv_header, filtered_csv, filtered_csv_chunks
+from kalscope.export.filtered_csv import (
+    ROWS_PER_CHUNK,
+    csv_header,
+    filtered_csv,
+    filtered_csv_chunks,
+    fused_csv_chunks,
+)
 from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.fusion.batch import fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
 from kalscope.sources.readers.recording_file import read_recording
+from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 PARAMS = FilterParams(q=1e-3, r=1.0)
@@ -212,3 +220,21 @@ def test_an_empty_recording_is_a_header() -> None:
 def test_every_row_of_a_long_recording_is_written() -> None:
     source = recording(np.random.default_rng(7).normal(size=100_000))
     assert filtered_csv(source, {"a": PARAMS}).count("\n") == 100_001
+
+
+def test_fused_sensors_have_harmless_distinct_names_and_reopen(tmp_path: Path) -> None:
+    source = recording([[1.0, NAN], [NAN, 5.0], [2.0, 4.0]], ("time", "=x"))
+    fusion = FusionTuning("time", "", ("=x", "time"), 0.5, (1.0, 2.0), momentum=3.0)
+    text = "".join(fused_csv_chunks(source, fusion))
+    header, *table = rows(text)
+    assert header == ["time", "'=x", "time_2", "time_3", "time_3_variance", "time_3_velocity_per_s"]
+    result = fuse(source.values[:, [1, 0]], fusion.params)
+    assert [row[1:4] for row in table] == [
+        ["" if math.isnan(x) else repr(x) for x in row]
+        for row in np.column_stack([source.values[:, [1, 0]], result.x]).tolist()
+    ]
+    path = tmp_path / "fused.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    np.testing.assert_array_equal(read_recording(path).channel("time_3"), result.x)
+    with pytest.raises(BadSetting, match="channel must be one of"):
+        fused_csv_chunks(source, FusionTuning("f", "", ("a", "b"), 0.5, (1.0, 2.0)))
