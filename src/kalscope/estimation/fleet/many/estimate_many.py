@@ -42,7 +42,7 @@ def estimate_many(
     """Find q and r by maximum likelihood in many series: the numbers of `estimate`, thousands of series a second.
 
     A series that cannot be fitted is a row with its verdict, never an error. Without momentum, the default, the
-    table holds what `estimate(z, momentum=0)` finds. With it, or where a series may have spikes (which the compiled
+    table holds what `estimate(z, momentum=0)` finds. With it, or where a series has spikes (which the compiled
     call sees), a series takes as long as in `estimate`.
 
     Args:
