@@ -176,3 +176,14 @@ def test_equal_sensors_are_an_interleaved_record_with_no_time_in_between(momentu
     dt = np.tile([1.0, 0.0], 50)
     one = kalman_filter(z.ravel(), FilterParams(0.2, 1.5, momentum=momentum), dt)
     same(fuse(z, FusionParams(0.2, np.array([1.5, 1.5]), momentum=momentum)).x, one.x[1::2])
+
+
+@pytest.mark.parametrize("gate", [None, 9.0])
+def test_settled_gains_are_those_of_every_step(gate):
+    """Regular rows keep the gains of the row before once nothing changes; steps of 1 never do."""
+    z = readings(2000, missing=0.001)
+    params = FusionParams(0.09, np.array([1.0, 4.0, 0.3]), gain=np.array([1.0, 2.0, -0.5]), gate=gate)
+    regular, stepped = fuse(z, params), fuse(z, params, np.ones(2000))
+    for name in ("x", "p", "k", "innovation", "s", "m", "rejected"):
+        same(getattr(regular, name), getattr(stepped, name))
+    assert regular.loglik == pytest.approx(stepped.loglik, rel=1e-12)
