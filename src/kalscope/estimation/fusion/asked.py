@@ -93,8 +93,9 @@ def _index(reference: int | str | None, names: tuple[str, ...]) -> int | None:
         return None
     if isinstance(reference, str) and reference in names:
         return names.index(reference)
-    if isinstance(reference, int) and not isinstance(reference, bool) and 0 <= reference < len(names):
-        return reference
+    whole = isinstance(reference, int | np.integer) and not isinstance(reference, bool)
+    if whole and 0 <= int(reference) < len(names):
+        return int(reference)
     raise BadSetting(
         f"reference must be a sensor, its name or its index from 0 to {len(names) - 1} (got {reference!r})"
     )

@@ -163,7 +163,7 @@ def _verdict(asked: Question, params: FusionParams, q: float, r: Array) -> tuple
         return "no_movement", f"{words.no_movement(params.q)} {said}"
     if r.min() == 0.0:
         i = int(r.argmin())
-        return "no_noise", f"{words.no_noise(asked.names[i], float(params.r[i]))} {said}"
+        return "no_noise", f"{words.no_noise(asked.names[i], float(params.r[i]), len(r) == 1)} {said}"
     return "ok", said
 
 
