@@ -6,10 +6,21 @@ from dataclasses import dataclass
 from typing import Literal
 
 from kalscope.analysis.fusion.judge import judge_fusion
-from kalscope.analysis.fusion.result import FusionVerdict
+from kalscope.analysis.fusion.result import Fault, FusionVerdict, SensorVerdict
 from kalscope_app.engine.cache import Cache
 from kalscope_app.session.fusion import Fusion
 from kalscope_app.session.state import State
+
+Tone = Literal["good", "note", "bad"]
+
+WORDS: dict[Fault, tuple[str, Tone]] = {
+    "drift": ("disagrees", "bad"),
+    "noise": ("disagrees", "bad"),
+    "stuck": ("is stuck", "bad"),
+    "spikes": ("has spikes", "note"),
+    "silent": ("was silent", "note"),
+}
+"""What is said of a sensor with a fault, and the colour."""
 
 MAX_NAME = 20
 """Letters of a sensor's name on the button above the tabs."""
@@ -21,7 +32,7 @@ class Judged:
 
     word: str
     """On the button above the tabs."""
-    tone: Literal["good", "bad"]
+    tone: Tone
     """Its colour."""
     headline: str
     """How much better than the best single sensor."""
@@ -60,16 +71,26 @@ def _verdict(state: State, fusion: Fusion) -> FusionVerdict:
 def judged(fusion: Fusion, verdict: FusionVerdict) -> Judged:
     """The verdict as it stands on screen."""
     odd = [one for one in verdict.sensors if one.faults]
-    word = f"{odd[0].name[:MAX_NAME]} disagrees" if len(odd) == 1 else f"{len(odd)} sensors disagree"
     faults = dict.fromkeys(sentence for one in odd for sentence in one.sentences[: len(one.faults)])
     seen = [one for one in verdict.sentences if one.startswith("In the second half")]
+    word, tone = _word(odd)
     return Judged(
-        word if odd else "fused",
-        "bad" if odd else "good",
+        word,
+        tone,
         verdict.headline,
         tuple(faults),
         (*seen, *_about_estimate(fusion)),
     )
+
+
+def _word(odd: list[SensorVerdict]) -> tuple[str, Tone]:
+    """What stands on the button, and its colour; the sensors that something is wrong with."""
+    if not odd:
+        return "fused", "good"
+    tone = "bad" if any(WORDS[fault][1] == "bad" for one in odd for fault in one.faults) else "note"
+    if len(odd) > 1:
+        return f"check {len(odd)} sensors", tone
+    return f"{odd[0].name[:MAX_NAME]} {WORDS[odd[0].faults[0]][0]}", tone
 
 
 def _about_estimate(fusion: Fusion) -> tuple[str, ...]:

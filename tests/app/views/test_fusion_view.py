@@ -93,7 +93,7 @@ def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(vie
         view._search(single, ("bench", "roof"), None, stop)
 
 
-def test_the_verdict_names_the_sensor_that_drifts_and_is_glad_without_it(state):
+def test_the_verdict_names_the_sensor_that_drifts_and_is_good_without_it(state):
     judge = FusionJudge()
     good = judge.of(state)
     assert (good.word, good.tone, good.faults) == ("fused", "good", ())
@@ -105,6 +105,10 @@ def test_the_verdict_names_the_sensor_that_drifts_and_is_glad_without_it(state):
     assert "door drifts" in bad.faults[0]
     assert judge.of(set_taking_part("door", False)(drifting)).tone == "good"
     assert judge.of(select_channel("roof")(drifting)) is None
+    silent = greenhouse()
+    silent.values[300:500, 1] = np.nan
+    quiet = judge.of(fused(silent))
+    assert (quiet.word, quiet.tone) == ("roof was silent", "note")
 
 
 def test_code_and_csv_are_those_of_the_fused_sensors(state):
