@@ -73,9 +73,9 @@ def no_noise(name: str, r: float, alone: bool) -> str:
     """For r → 0 of one sensor."""
     others = "" if alone else ", and what the others show beside it counts as their noise"
     return (
-        f"No noise can be identified in {name}: every change of it looks like movement{others}. r = {number(r)} is the largest that the record allows for it (95 %). "
-        "Usual reasons: it smooths or rounds its output, or the sensors do not see the same quantity. Give its r "
-        "from a still stretch or the data sheet."
+        f"No noise can be identified in {name}: every change of it looks like movement{others}. "
+        f"r = {number(r)} is the largest that the record allows for it (95 %). Usual reasons: it "
+        "smooths or rounds its output, or the sensors do not see the same quantity. Give its r from a still stretch or the data sheet."
     )
 
 
