@@ -75,7 +75,8 @@ def no_noise(name: str, r: float, alone: bool) -> str:
     return (
         f"No noise can be identified in {name}: every change of it looks like movement{others}. "
         f"r = {number(r)} is the largest that the record allows for it (95 %). Usual reasons: it "
-        "smooths or rounds its output, or the sensors do not see the same quantity. Give its r from a still stretch or the data sheet."
+        "smooths or rounds its output, or the sensors do not see the same quantity. Give its r "
+        "from a still stretch or the data sheet."
     )
 
 
