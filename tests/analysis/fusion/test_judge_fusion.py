@@ -76,7 +76,7 @@ def drifting(z):
 
 
 def sticking(z):
-    z[1000:1300, 0] = z[1000, 0]
+    z[1000:1300, 0] = 4.5
 
 
 def ending(z):
@@ -97,7 +97,7 @@ FAULTS = [
         sticking,
         "a",
         "stuck",
-        "a is stuck at one value for 30 s (rows 1\u202f000 to 1\u202f299): leave it out there.",
+        "a is stuck at 4.50 °C for 30 s (rows 1\u202f000 to 1\u202f299): leave it out there.",
     ),
     (ending, "c", "silent", "c has no reading for 1.67 min (rows 2\u202f000 to 2\u202f999)."),
     (spiking, "b", "spikes", "b has 20 spikes that no other sensor confirms: set an outlier gate."),

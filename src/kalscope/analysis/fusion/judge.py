@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -13,6 +14,7 @@ from kalscope.analysis.fusion import agreement, errors, faults
 from kalscope.analysis.fusion.result import Fault, FusionVerdict, SensorVerdict
 from kalscope.analysis.fusion.words import Words
 from kalscope.common.array import Array
+from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.estimation.fusion.result import FusionEstimate
 from kalscope.filtering.arrays import samples_of, steps_of
@@ -67,7 +69,7 @@ def judge_fusion(
     alone = [one.error for one in sensors]
     best = int(np.argmin(alone))
     headline = words.headline(error, alone, best, drifts=any(one.drift for one in sensors))
-    said = [headline, *([words.held_out(seen)] if seen and params.sensors > 1 else [])]
+    said = [headline, *([words.held_out(seen, unseen=fit is not None)] if seen and params.sensors > 1 else [])]
     said += [words.shares(params.shares.tolist())] if params.sensors > 1 else []
     said += [sentence for one in sensors for sentence in one.sentences[: len(one.faults)]]
     return FusionVerdict(error, best, seen, sensors, headline, tuple(dict.fromkeys(said)))
@@ -105,7 +107,9 @@ def _sensors(
             "drift": agreement.undecided(drifts, i, params.sensors),
             "noise": agreement.undecided(changes, i, params.sensors),
         }
-        said = [words.fault(one, fault, noise[i], pairs.get(fault, ())) for fault in one.faults]
+        reading = float(z[one.stuck[0], i]) if one.stuck[1] else math.nan
+        value = words.size(reading) if params.gain[i] == 1.0 else number(reading)  # else its unit may be another
+        said = [words.fault(one, fault, noise[i], value, pairs.get(fault, ())) for fault in one.faults]
         found.append(replace(one, sentences=(*said, words.dropped(one, error), words.sticks(one, params.gate))))
     return tuple(found)
 

@@ -42,11 +42,12 @@ class Words:
             f"{' The sensors drift apart, so it can be larger.' if drifts else ''}"
         )
 
-    def held_out(self, seen: HeldOut) -> str:
-        """How well later readings are predicted."""
+    def held_out(self, seen: HeldOut, *, unseen: bool) -> str:
+        """How well the second half is predicted; `unseen`: by parameters that the first half alone gave."""
         best = f"{self.names[seen.best]} alone"
         told = (
-            f"In the second half the next reading is predicted to {self.size(seen.fused)}, its own noise included"
+            f"In the second half{', unseen by the fit,' if unseen else ''} the next reading is predicted to "
+            f"{self.size(seen.fused)}, its own noise included"
         )
         less = 1.0 - seen.fused / seen.single[seen.best] if seen.single[seen.best] > 0.0 else 0.0
         if not seen.is_certain or abs(less) < CLOSE:
@@ -66,13 +67,14 @@ class Words:
         ]
         return written[0] if len(written) == 1 else f"{', '.join(written[:-1])} and {written[-1]}"
 
-    def fault(self, sensor: SensorVerdict, fault: Fault, noise: float, pair: tuple[int, ...]) -> str:
+    def fault(self, sensor: SensorVerdict, fault: Fault, noise: float, stuck_at: str, pair: tuple[int, ...]) -> str:
         """One fault of a sensor.
 
         Args:
             sensor: what was found.
             fault: which.
             noise: standard deviation of its noise, on the scale of the quantity.
+            stuck_at: what it reads where it is stuck.
             pair: two sensors of which it is one, where no third one tells which of them it is; else ().
         """
         name = sensor.name
@@ -82,7 +84,7 @@ class Words:
         changed = f"changes {number(sensor.noise_ratio, 2)} × within the record"
         said: dict[Fault, str] = {
             "silent": f"{name} has no reading{self._when(sensor.silent)}.",
-            "stuck": f"{name} is stuck at one value{self._when(sensor.stuck)}: leave it out there.",
+            "stuck": f"{name} is stuck at {stuck_at}{self._when(sensor.stuck)}: leave it out there.",
             "drift": f"{name} drifts against the others by {drifted} (σ of its noise: {self.size(noise)}).",
             "noise": f"The noise variance of {name} {changed}: one r cannot fit all of it.",
             "spikes": f"{name} has {spikes} that no other sensor confirms: set an outlier gate.",
