@@ -87,7 +87,7 @@ def set_aside(name: str, spikes: int, readings: int) -> str:
 
 def adds_nothing(name: str, share: float) -> str:
     """A sensor of little weight."""
-    return f"{name} adds almost nothing: its share of the fused value is {percent(share)}."
+    return f"{name} adds almost nothing while the others answer: its share of the fused value is {percent(share)}."
 
 
 def at_rounding(name: str, r: float) -> str:
