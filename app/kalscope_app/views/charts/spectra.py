@@ -16,6 +16,8 @@ from kalscope_app.views.scales import Scale, log_scale_for, log_ticks, log_time_
 
 NOTHING = "Only the Kalman filter of one channel has a frequency response here."
 
+NO_ALLAN = "Only one channel has an Allan deviation here."
+
 DECADES = 9
 """Decades of a logarithmic chart at most, counted from the top: what is lower is rounding."""
 
@@ -91,7 +93,7 @@ class AllanView:
     def show(self, allan: Allan | None) -> None:
         """Draw and write."""
         if allan is None or len(allan.found.size) < 2:
-            self._text.content = NOTHING if allan is None else allan.found.message
+            self._text.content = NO_ALLAN if allan is None else allan.found.message
             self._note.content = ""
             self._chart.hide()
             return

@@ -27,7 +27,8 @@ class ParametersView:
             self._steps = gui.add_button_group(
                 "",
                 tuple(STEPS),
-                hint="Pin: keep this setting as A, B, C … in the Compare tab. Reset: r = var(Δz)/2, q = r/100.",
+                hint="Pin: keep this setting as A, B, C … in the Compare tab. Reset: r = var(Δz)/2, q = r/100; "
+                "of fused sensors what was found.",
             )
         on_user(self._steps.on_click, lambda _client: session.request(STEPS[self._steps.value]))
         for command, change in (

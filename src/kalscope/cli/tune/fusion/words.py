@@ -21,6 +21,7 @@ from kalscope.common.text import (
     squared,
     trimmed,
 )
+from kalscope.estimation.fusion.words import listed
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.fusion.params import FusionParams
 
@@ -98,7 +99,7 @@ def _next(answer: FusionAnswer, params: FusionParams, verdict: FusionVerdict) ->
     """What to do: look at a sensor that disagrees, set a gate, or keep the filter."""
     odd = [one for one in verdict.sensors if {"drift", "noise", "stuck"} & set(one.faults)]
     if odd:
-        text = f"Next: look at {' and '.join(one.name for one in odd)}"
+        text = f"Next: look at {listed([one.name for one in odd])}"
         if any("drift" in one.faults for one in odd) and not _has_gains(answer):
             return f"{text}; sensors of different scales seem to drift too: --sensor-gains"
         return f"{text}; --fuse without one of them says what it is worth" if len(answer.sensors) > 2 else text

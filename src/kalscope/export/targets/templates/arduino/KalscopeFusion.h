@@ -3,7 +3,7 @@ $about
 //   KalscopeFusion fusion($tuning);
 //   const float readings[] = {$words};
 //   float fused = fusion.update(readings);  // a sensor that has no reading now: NAN
-//   fused = fusion.update(readings, 0b$all_bits);  // or its bit 0; the lowest is that of the first sensor
+//   fused = fusion.update(readings, 0b$all_bits);  // or clear its bit; the lowest is that of the first sensor
 //
 @plain // The scalar Kalman filter of several sensors in float (32 bits), without heap: the five lines, an update a sensor.
 @momentum // The Kalman filter with momentum of several sensors in float (32 bits), without heap: its second state is the
