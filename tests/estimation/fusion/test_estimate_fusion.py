@@ -131,6 +131,16 @@ def test_gains_are_found_where_they_are_asked_for():
     assert free.loglik == pytest.approx(fuse(z, free.params).loglik, rel=1e-9)
 
 
+def test_a_pair_of_opposite_signs_keeps_its_offsets_near_its_readings():
+    """The plain sum of such offsets hardly depends on the level of x, which would run away."""
+    z = record(r=(0.25, 1.0), offset=(0.0, 0.0)) * [1.0, -1.0] + [0.0, 1000.0]
+    found = estimate_fusion(z, gains=True, **PLAIN)
+    assert found.offset[0] - found.offset[1] == pytest.approx(0.0, abs=1e-9 * 1000.0)
+    assert np.abs(found.offset).max() < 1000.0
+    assert np.ptp(found.offset_interval, axis=1).max() < 100.0
+    assert "sum, each with the sign of its gain, is 0, and the gains so that their sizes" in found.notes[0]
+
+
 def test_statsmodels_finds_the_same_maximum():
     z = record(n=300, r=(0.25, 1.0), missing=0.1)
 

@@ -140,9 +140,7 @@ def _offsets(asked: Question, found: Found) -> tuple[Array, Array]:
 def _without_common(asked: Question, found: Found, place: Place) -> tuple[Array, Array]:
     """The offsets of a place less what all sensors share, unit, and the matrix that takes it away."""
     data, gain = found.coordinates.data, place.c
-    rule = np.ones(data.sensors) if asked.reference is None else np.eye(data.sensors)[asked.reference]
-    if abs(rule @ gain) < 1e-9 * float(np.abs(gain).sum()):  # of opposite sign: no shift of x changes the sum
-        rule = gain
+    rule = np.sign(gain) if asked.reference is None else np.eye(data.sensors)[asked.reference]
     turned = np.eye(data.sensors) - np.outer(gain, rule) / (rule @ gain)
     return turned @ (place.offset * data.scale + data.centre), turned
 
@@ -178,7 +176,7 @@ def _model_notes(asked: Question, away: Mask, found: Found, moving: Estimate | N
     if len(asked.names) == 1:
         return notes
     if asked.reference is None:
-        notes.append(words.COMMON_BIAS)
+        notes.append(words.common(len(found.coordinates.gained) > 0, bool(found.place.c.min() < 0.0)))
     z = asked.without(away).z
     shared = common_noise(z, asked.steps, found)
     if shared > 0.0:

@@ -52,7 +52,8 @@ def estimate_fusion(
             "auto" where there are any. What most sensors show at once is no spike.
         gains: whether the gains c_i are searched too; else they are 1.
         reference: the sensor, by its index or its name, whose offset is 0 and whose gain is 1; None = the offsets
-            add up to 0, and the sizes of the gains multiply to 1: what all sensors share cannot be known.
+            add up to 0, each with the sign of its gain, and the sizes of the gains multiply to 1: what all sensors
+            share cannot be known.
         known_r: noise variances from data sheets, unit², shape (sensors,), NaN where not known.
         progress: called with the fraction done, 0 … 1, and what is being done; None = not reported.
         cancelled: whether to stop; None = never.

@@ -21,7 +21,8 @@ class FusionEstimate:
     r: Array
     """Variance of the noise of each sensor, unit², ≥ 0, shape (sensors,)."""
     offset: Array
-    """Offset of each sensor, unit, shape (sensors,): that of the reference is 0, without one their sum is."""
+    """Offset of each sensor, unit, shape (sensors,): that of the reference is 0; without one their sum is, each
+    with the sign of its gain."""
     gain: Array
     """Gain of each sensor, shape (sensors,): 1 unless they were asked for."""
     q_interval: Array

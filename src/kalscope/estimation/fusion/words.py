@@ -7,11 +7,15 @@ from collections.abc import Sequence
 from kalscope.common.text import count, gate_text, number, percent, plural
 from kalscope.estimation.verdict.words import MIN_SAMPLES
 
-COMMON_BIAS = (
-    "An offset that all sensors share cannot be known: the offsets are given so that their sum is 0. "
-    "Name a reference sensor where one of them is right."
-)
-"""Without a reference."""
+
+def common(gains: bool, falling: bool) -> str:
+    """What all sensors share, without a reference; `gains` where they were searched, `falling` where one is < 0."""
+    signs = ", each with the sign of its gain," if falling else ""
+    also, product = (" or gain", ", and the gains so that their sizes multiply to 1") if gains else ("", "")
+    return (
+        f"An offset{also} that all sensors share cannot be known: the offsets are given so that their sum{signs} "
+        f"is 0{product}. Name a reference sensor where one of them is right."
+    )
 
 
 def listed(names: Sequence[str]) -> str:
