@@ -159,6 +159,15 @@ def test_the_estimate_brings_its_names_and_its_filter():
     assert "left" in found.headline
 
 
+def test_no_sensor_alone_is_better_than_all_however_late_it_begins():
+    z = recorded(sensors=2)
+    z[:1500, 0] = z[1500:, 1] = math.nan  # a alone would be judged by its own, good rows
+    found = judged(z)
+    assert found.error <= min(min(one.error, one.error_without) for one in found.sensors)
+    assert "the same as the best single sensor, a (0.213)." in found.headline
+    assert not any(one.drift for one in found.sensors)  # what b would have read later is not known
+
+
 def test_few_rows_and_none():
     assert judged(recorded(n=20)).held_out is None
     found = judged(np.empty((0, 2)))

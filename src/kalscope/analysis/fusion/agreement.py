@@ -37,6 +37,9 @@ MIN_OWN = 1e-300
 MAX_SIZE = 4.0
 """Differences are clipped at so many standard deviations: spikes are no drift."""
 
+MAX_FAINTER = 4.0
+"""A row far from readings of the others, where their error variance is so many times the least, is left out."""
+
 SMALLER, MEAN_OF_SMALLER = 0.9, 0.6573
 """Share of the steps whose size is averaged, and that average for normal numbers of standard deviation 1."""
 
@@ -73,7 +76,8 @@ def difference(z: Array, dt: Array | None, params: FusionParams, sensor: int, ot
         return Difference(own[both] - mean, r + 1.0 / total[both], 0.0, 1.0)
     remaining = params.only(others)
     smoothed = smooth_fusion(z[:, list(others)], remaining, dt)
-    known = answered & np.isfinite(smoothed.p)
+    error = np.where(answered & np.isfinite(smoothed.p), smoothed.p, math.inf)
+    known = np.isfinite(error) & (error <= MAX_FAINTER * error.min(initial=math.inf))
     per_row = known.sum() / max(len(z), 1)
     lasting = 1.0 + 2.0 * float(steady_state(remaining.as_single).lag_samples) * per_row
     others_p = float(smoothed.p[known].mean()) if known.any() else 0.0

@@ -25,10 +25,15 @@ SETTLED_AFTER = 0.1
 """Share of the rows that the start may take."""
 
 
-def predicted_error(z: Array, dt: Array | None, params: FusionParams) -> float:
-    """√ of the mean variance that the model gives to x, over the rows after the start; inf without a reading."""
-    p = fuse(z, params, dt).p
-    p = p[int(SETTLED_AFTER * len(p)) :]
+def started(z: Array) -> int:
+    """The row from which errors are compared: the start is over, and every sensor that ever answers has begun."""
+    begins = int(np.isfinite(z).argmax(axis=0).max()) if len(z) else 0
+    return max(int(SETTLED_AFTER * len(z)), begins)
+
+
+def predicted_error(z: Array, dt: Array | None, params: FusionParams, first: int) -> float:
+    """√ of the mean variance that the model gives to x, from row `first` on; inf without a reading."""
+    p = fuse(z, params, dt).p[first:]
     p = p[np.isfinite(p)]
     return math.sqrt(float(p.mean())) if len(p) else math.inf
 

@@ -62,7 +62,7 @@ def judge_fusion(
     readings = checked_readings(samples_of(z), params)
     steps = None if dt is None else steps_of(dt, len(readings))
     words = Words(tuple(names), unit, sample_period)
-    error = errors.predicted_error(readings, steps, params)
+    error = errors.predicted_error(readings, steps, params, errors.started(readings))
     with np.errstate(over="ignore", invalid="ignore"):  # squares of huge readings
         sensors = _sensors(readings, steps, params, words, error)
         seen = errors.held_out(readings, steps, params if fit is None else _of_first_half(readings, steps, fit))
@@ -149,7 +149,7 @@ def _beside_the_others(
 
 def _alone_and_missing(z: Array, dt: Array | None, params: FusionParams, name: str, sensor: int) -> SensorVerdict:
     """What the filter would be with this sensor only, and without it; no faults yet."""
-    others = [j for j in range(params.sensors) if j != sensor]
+    others, first = [j for j in range(params.sensors) if j != sensor], errors.started(z)
     shares = np.zeros(params.sensors)
     if others:
         shares[others] = params.only(others).shares
@@ -157,8 +157,8 @@ def _alone_and_missing(z: Array, dt: Array | None, params: FusionParams, name: s
         name=name,
         share=float(params.shares[sensor]),
         answered=float(np.isfinite(z[:, sensor]).mean()) if len(z) else 0.0,
-        error=errors.predicted_error(z[:, [sensor]], dt, params.only([sensor])),
-        error_without=errors.predicted_error(z[:, others], dt, params.only(others)) if others else np.inf,
+        error=errors.predicted_error(z[:, [sensor]], dt, params.only([sensor]), first),
+        error_without=errors.predicted_error(z[:, others], dt, params.only(others), first) if others else np.inf,
         shares_without=shares,
         pull=errors.pull(params, sensor),
         drift=0.0,

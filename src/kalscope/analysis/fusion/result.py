@@ -66,7 +66,7 @@ class FusionVerdict:
     """What fusing brings, and what each sensor does in it."""
 
     error: float
-    """Error of the fused value, 1 σ, unit, predicted by the model for the rows of the record."""
+    """Error of the fused value, 1 σ, unit, predicted by the model for the rows in which every sensor has begun."""
     best: int
     """The sensor with the smallest error alone."""
     held_out: HeldOut | None
