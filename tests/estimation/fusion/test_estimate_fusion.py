@@ -184,6 +184,7 @@ def test_what_does_not_fit_is_refused():
         ({"reference": "x"}, "reference must be"),
         ({"known_r": [1.0, 2.0]}, "known_r must be"),
         ({"known_r": [0.0, 1.0, 1.0]}, "known_r must be"),
+        ({"known_r": ["4", "x", 1.0]}, "known_r must be"),
         ({"names": ["a", "a", "b"]}, "names must be"),
         ({"momentum": -1.0}, "momentum must be"),
         ({"robust": "yes"}, "robust must be"),

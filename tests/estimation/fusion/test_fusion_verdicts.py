@@ -46,6 +46,15 @@ def test_a_still_signal_shows_the_noise_but_no_movement():
     assert "No movement can be identified" in found.message
 
 
+def test_a_momentum_that_is_given_stays_where_nothing_moves():
+    found = estimate_fusion(5.0 + noise(1.0, 2.0, n=300, seed=3), momentum=20.0, robust=False)
+    assert found.verdict == "no_movement"
+    assert found.momentum == 20.0
+    assert found.params is not None
+    assert found.params.momentum == 20.0
+    assert said(found, "The momentum of 20 samples was given.")
+
+
 def test_a_sensor_that_adds_nothing_is_named():
     z = walk()[:, None] + noise(0.3, 5.0)
     found = estimate_fusion(z, names=["good", "bad"], **PLAIN)
@@ -144,6 +153,13 @@ def test_momentum_is_found_by_the_rule_of_one_signal():
     assert given.momentum == 30.0
     assert given.loglik < found.loglik
     assert estimate_fusion(walk(400)[:, None] + noise(1.0, 2.0, n=400)).momentum == 0.0
+
+
+def test_of_a_momentum_as_long_as_the_record_no_end_is_said():
+    ramp = np.arange(300.0)[:, None] + noise(1.0, 0.5, n=300)
+    found = estimate_fusion(ramp, robust=False)
+    assert found.momentum == 299.0
+    assert said(found, "for about 299 samples (299 or more)")
 
 
 def test_the_fused_filter_is_nearer_than_the_best_sensor():

@@ -82,7 +82,10 @@ def question(
     given = tuple(f"sensor {i + 1}" for i in range(sensors)) if names is None else tuple(map(str, names))
     if len(given) != sensors or len(set(given)) != sensors:
         raise BadSetting(f"names must be {sensors} different ones, one a sensor (got {', '.join(given)})")
-    known = np.full(sensors, math.nan) if known_r is None else np.array(known_r, dtype=np.float64)
+    try:
+        known = np.full(sensors, math.nan) if known_r is None else np.array(known_r, dtype=np.float64)
+    except (TypeError, ValueError):
+        known = np.empty(0)
     if known.shape != (sensors,) or np.any((known <= 0.0) | (known > MAX_VARIANCE)):
         raise BadSetting(f"known_r must be one variance above 0 a sensor, or NaN (got {known_r})")
     return Question(columns.T, steps_of(dt, n), given, _index(reference, given), known)

@@ -111,7 +111,7 @@ def _fitted(
         tried.append(starting_gains(data, asked.z, gained, asked.gauge))
     starts = [place for c in tried for place in starting_places(data, asked.z, searched, c)]
     plain = best_fit(data, searched, starts, progress.part(0.0, 0.5))
-    if tau == 0.0 or plain.place.q == 0.0:
+    if tau == 0.0 or (tau is None and plain.place.q == 0.0):
         return searched, plain, None
     found, one = with_momentum(asked, data, searched, plain, tau, progress.part(0.5, 1.0))
     return searched, found, one

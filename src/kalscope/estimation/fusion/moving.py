@@ -10,14 +10,17 @@ from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.fusion.asked import Question
-from kalscope.estimation.fusion.search.fit import Asked, Found, best_fit, climbed
-from kalscope.estimation.fusion.search.likelihood import Place, Readings, place_at
+from kalscope.estimation.fusion.search.fit import Asked, Found, best_fit, climbed, step_sizes
+from kalscope.estimation.fusion.search.likelihood import Place, Readings, place_at, step_of
 from kalscope.estimation.fusion.search.starting import guessed_noises
 from kalscope.estimation.momentum.choice import MIN_GAIN, SHORT_RECORD
 from kalscope.estimation.result import Estimate
 
 _EVEN = 0.1
 """Share of the mean r that is added to each for the weights; of the largest, the least where a search begins."""
+
+_STILL = 1e-3
+"""Share of the squared steps of the readings from which a movement is searched that no other fit shows."""
 
 
 def fused_signal(z: Array, place: Place, data: Readings, weights: Array) -> Array:
@@ -43,12 +46,14 @@ def with_momentum(
         progress: reported to.
     """
     one, count = _asked_of_signal(asked, plain, tau, progress.part(0.0, 0.5))
-    if not float(one.momentum):
+    start = float(one.momentum) if tau is None else tau
+    if not start:
         return plain, one
     fitted = replace(searched, keeps=tau is None)
-    step = float(one.q) / data.scale**2 or plain.place.q
+    least = _STILL * float(step_sizes(data).max()) / step_of(start)
+    step = float(one.q) / data.scale**2 or plain.place.q or least
     starts = [
-        place_at(data.middle(), step, float(one.momentum), noise, plain.place.c)
+        place_at(data.middle(), step, start, noise, plain.place.c)
         for noise in [*guessed_noises(asked.z, data, searched, plain.place.c), lifted(plain.place, searched)]
     ]
     found = best_fit(data, fitted, starts, progress.part(0.5, 1.0))

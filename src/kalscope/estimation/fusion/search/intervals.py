@@ -69,9 +69,9 @@ def movement_interval(found: Found, asked: Asked) -> tuple[float, float]:
 
 
 def momentum_interval(found: Found) -> tuple[float, float]:
-    """The τ that the record allows, in sample periods; from 0, or up to inf."""
+    """The τ that the record allows, in sample periods; from 0, or up to inf: so where it was cut to the record."""
     if not found.coordinates.keeps:
-        return found.place.tau, found.place.tau
+        return found.place.tau, math.inf
     low, high = _log_interval(found, 1)
     return math.exp(low), math.exp(high)
 
