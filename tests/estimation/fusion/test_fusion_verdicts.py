@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, denoise, estimate, estimate_fusion, fuse
+from kalscope.estimation.fusion.doubts import held_for
 from kalscope.filtering.momentum.kernels import transition
 
 PLAIN = {"momentum": 0.0, "robust": False}
@@ -108,6 +109,17 @@ def test_noise_that_all_share_is_noticed():
     shared = estimate_fusion(z + noise(1.0, seed=9), **PLAIN)
     assert said(shared, "share noise of variance")
     assert shared.r == pytest.approx([1.0, 1.0, 0.25], rel=0.8)
+
+
+def test_readings_that_a_logger_repeats_are_noticed_but_not_those_of_a_coarse_sensor():
+    z = walk(n=400, q=1.0)[:, None] + noise(1.0, 3.0, n=400)
+    held, coarse = z.copy(), np.round(z * [1.0, 0.2]) * [1.0, 5.0]
+    held[:, 1] = z[np.arange(400) // 4 * 4, 1]
+    about = "Each reading of sensor 2 stands in about 4 rows"
+    assert said(estimate_fusion(held, momentum=0.0, robust=False), about)
+    assert not said(estimate_fusion(coarse, momentum=0.0, robust=False), "Each reading of")
+    ramp = np.round(0.3 * np.arange(400.0))
+    assert held_for(ramp) == held_for(z[:, 1]) == 1
 
 
 def test_a_drifting_offset_is_noticed():

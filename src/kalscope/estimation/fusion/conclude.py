@@ -9,7 +9,7 @@ import numpy as np
 from kalscope.common.array import Array, Mask
 from kalscope.estimation.fusion import words
 from kalscope.estimation.fusion.asked import Question
-from kalscope.estimation.fusion.doubts import common_noise, slow_sensors
+from kalscope.estimation.fusion.doubts import common_noise, held_for, slow_sensors
 from kalscope.estimation.fusion.result import FusionEstimate
 from kalscope.estimation.fusion.search.climb import BESIDE
 from kalscope.estimation.fusion.search.fit import Asked, Found
@@ -199,9 +199,11 @@ def _sensor_notes(asked: Question, away: Mask, params: FusionParams, r: Array, f
     """What is said of single sensors; `floor` is the variance of rounding of each, unit²."""
     notes: list[str] = []
     for i, (name, share) in enumerate(zip(asked.names, params.shares.tolist(), strict=True)):
-        spikes = int(away[:, i].sum())
+        spikes, rows = int(away[:, i].sum()), held_for(asked.z[np.isfinite(asked.z[:, i]), i])
         if spikes:
             notes.append(words.set_aside(name, spikes, int(np.isfinite(asked.z[:, i]).sum())))
+        if rows > 1 and len(asked.names) > 1:
+            notes.append(words.held(name, rows))
         if share < LITTLE:
             notes.append(words.adds_nothing(name, share))
         if 0.0 < r[i] <= 1.0001 * floor[i]:

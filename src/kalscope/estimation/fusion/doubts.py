@@ -21,6 +21,26 @@ MUCH = 1.3
 SLOW = 0.2
 """Correlation of what differs between the sensors with the same a row before, beyond which it counts as slow."""
 
+EVENLY, MIN_CHANGE = 0.8, 2.0
+"""Share of readings that are repeated equally often, and usual change between them over the least, where a logger
+repeats what a slow sensor said last. One that rounds repeats itself too, but unevenly or in single steps."""
+
+
+def held_for(readings: Array) -> int:
+    """How many rows each new reading of a sensor stays, where a logger repeats it; else 1.
+
+    Args:
+        readings: of one sensor, finite, shape (m,).
+    """
+    changed = np.flatnonzero(np.diff(readings))
+    rows = np.diff(changed)
+    if len(rows) < MIN_ROWS:
+        return 1
+    usual, sizes = float(np.median(rows)), np.abs(np.diff(readings)[changed])
+    near = np.abs(rows - usual) <= max(1.0, 0.1 * usual)  # the rows need not divide the period of the sensor
+    evenly = float(np.mean(near & (rows > 1))) >= EVENLY
+    return round(usual) if evenly and float(np.median(sizes)) > MIN_CHANGE * float(sizes.min()) else 1
+
 
 def common_noise(z: Array, steps: Array, found: Found) -> float:
     """Variance of white noise that the sensors share, on the scale of the quantity, unit²; 0 where none shows.
