@@ -128,6 +128,15 @@ def test_two_sensors_cannot_tell_which_of_them_drifts():
     assert sum("a and b drift apart by" in sentence for sentence in found.sentences) == 1
 
 
+def test_the_drift_of_two_sensors_is_one_number():
+    rng = np.random.default_rng(0)
+    z = np.cumsum(rng.normal(0.0, 0.1, 800))[:, None] + rng.normal(size=(800, 2)) * [1.0, 3.0]
+    z[:, 1] += np.linspace(0.0, 20.0, 800)
+    z[rng.random(z.shape) < 0.4] = np.nan
+    first, second = judged(z, params=FusionParams(0.01, [1.0, 9.0])).sensors
+    assert first.drift == second.drift > 15.0  # to the bit: both read alike
+
+
 def test_a_drift_shows_between_sensors_that_never_answer_together():
     z = recorded()
     drifting(z)

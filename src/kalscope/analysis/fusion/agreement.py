@@ -145,6 +145,11 @@ def undecided(odd: dict[int, float], sensor: int, sensors: int) -> tuple[int, ..
     return last if len(odd) == sensors and sensor in last else ()
 
 
+def of_both(odd: dict[int, float], sensor: int, sensors: int) -> float | None:
+    """The size found for this sensor: the larger one of a pair that nothing tells apart; None where none is odd."""
+    return max((odd[i] for i in undecided(odd, sensor, sensors)), default=odd.get(sensor))
+
+
 def _noise(d: Array) -> float:
     """Variance of white noise in d, by the mean size of its smaller steps: neither drift nor spikes count.
 

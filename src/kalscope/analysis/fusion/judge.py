@@ -96,8 +96,8 @@ def _sensors(
     for i in range(params.sensors):
         one = replace(
             _alone_and_missing(z, dt, params, words.names[i], i),
-            drift=drifts.get(i, 0.0),
-            noise_ratio=changes.get(i, 1.0),
+            drift=agreement.of_both(drifts, i, params.sensors) or 0.0,
+            noise_ratio=agreement.of_both(changes, i, params.sensors) or 1.0,
             spikes=spikes[i],
             stuck=stuck[i],
             silent=faults.silent(np.isfinite(z[:, i])),
