@@ -54,7 +54,10 @@ def summary_of(answer: FusionAnswer) -> list[str]:
 def details_of(answer: FusionAnswer) -> list[str]:
     """What `--details` adds: how it was found, and what the record allows."""
     found = answer.estimate
-    lines = ["", *wrapped(f"How: {answer.how}. {found.message}"), "", "Where a sensor fails:"]
+    of_fit = (
+        "" if answer.request.goal else f" {found.message}"
+    )  # which says how the fit settles, not what was chosen
+    lines = ["", *wrapped(f"How: {answer.how}.{of_fit}"), "", "Where a sensor fails:"]
     for one in () if answer.verdict is None else answer.verdict.sensors:
         lines += wrapped("  " + " ".join(one.sentences[len(one.faults) :]))
     lines += ["", "The record allows (95 %):"]
