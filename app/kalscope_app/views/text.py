@@ -13,6 +13,6 @@ def typed(value: float) -> str:
 
 def escape_markdown(text: str, limit: int = 60) -> str:
     """A name from outside the program on one line, cut to `limit`, with every markup character escaped."""
-    line = " ".join(text.split())
+    line = re.sub(r"[^\S\u202f\xa0]+", " ", text).strip()  # no break within a number
     line = line if len(line) <= limit else line[: limit - 1] + "…"
     return re.sub(r"([\\`*_{}\[\]()#+\-.!|<>&~:$@\"'/^=])", r"\\\1", line)

@@ -30,3 +30,7 @@ def test_a_name_from_outside_carries_no_live_markup(name):
     for i, mark in enumerate(shown):
         if mark in "<>&`[]!*_|#":
             assert shown[i - 1] == "\\"
+
+
+def test_a_number_stays_on_one_line():
+    assert escape_markdown("rows 2\u202f289\n to\t3") == "rows 2\u202f289 to 3"
