@@ -20,11 +20,15 @@ from kalscope_app.session.changes.variants import pin_present
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
 from kalscope_app.session.share import share_line
+from kalscope_app.studies.channels_overview import Overviews
 from kalscope_app.studies.fusion import FusionJudge
 from kalscope_app.studies.tuning_map import MapMaker
+from kalscope_app.studies.variant_table import VariantTable
+from kalscope_app.views.charts.channels import lead_of
 from kalscope_app.views.charts.phone_picture import draw_picture
 from kalscope_app.views.export.choice import Choice, files_of, limits_text
 from kalscope_app.views.export.report import csv, html_report
+from kalscope_app.views.tune.variants import FOR_ONE_CHANNEL, table_text
 
 SENSORS = ("bench", "roof", "door")
 
@@ -150,3 +154,8 @@ def test_what_belongs_to_one_channel_is_refused_in_words(state):
 def test_a_phone_draws_every_sensor(state):
     colours = {tuple(pixel) for pixel in draw_picture(frame_of(state), 0.5).reshape(-1, 3)[::7].tolist()}
     assert {(0x7B, 0xA7, 0xCC), (0xB7, 0x9B, 0xD1), (0x8F, 0xBF, 0x8A)} <= colours
+
+
+def test_the_tabs_about_one_channel_do_not_speak_of_a_current_one(state):
+    assert table_text(VariantTable().compute(state)) == FOR_ONE_CHANNEL
+    assert "current channel" not in lead_of(Overviews().compute(state))

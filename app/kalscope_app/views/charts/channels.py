@@ -105,7 +105,8 @@ def lead_of(overview: Overview) -> str:
     if not overview.lanes:
         return ONE
     names = overview.state.recording.names
-    said = "Each channel fills its own lane: **raw** thin, **filtered** bold, the current channel in orange."
+    current = "" if overview.state.fusion is not None else ", the current channel in orange"
+    said = f"Each channel fills its own lane: **raw** thin, **filtered** bold{current}."
     more = len(names) - len(overview.lanes)
     return f"{said} {count(more)} more than {MAX_LANES} are not drawn." if more else said
 

@@ -123,7 +123,7 @@ class SignalView:
         """How far each of the fused sensors is from the fused value, in place of the innovation."""
         every = np.concatenate([one.difference for one in frame.sensors])
         scale = scale_for(every, frame.state.tuning.unit)
-        label = innovation_label(scale, scale_for(frame.drawn.raw, frame.state.tuning.unit), "minus fused")
+        label = innovation_label(scale, scale_for(frame.drawn.raw, frame.state.tuning.unit), "sensor − fused")
         lines = [*self._sensor_lines(frame, lambda one: one.difference)]
         self._draw(self.innovation, frame, clock, scale, lines, label)
 

@@ -24,6 +24,8 @@ EMPTY = (
     f"Up to {MAX_VARIANTS} can be pinned."
 )
 
+FOR_ONE_CHANNEL = "A setting of one channel can be pinned: choose one above the tabs."
+
 
 class VariantsView:
     """The upper part of the Compare tab."""
@@ -82,6 +84,8 @@ def _follow(chosen: str, before: tuple[str, ...], names: tuple[str, ...]) -> str
 
 def table_text(table: VariantComparison) -> str:
     """The settings side by side, the present one first; markdown, names escaped."""
+    if table.state.fusion is not None:
+        return FOR_ONE_CHANNEL
     if not table.state.variants:
         return EMPTY
     with_truth = any(row.measures.rmse is not None for row in table.rows)

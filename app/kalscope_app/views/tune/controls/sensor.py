@@ -34,7 +34,7 @@ class SensorControl(SliderWithText):
         """Args: the usual; which row this is."""
         self.name: str | None = None
         self._fused = False
-        self._tick = gui.add_checkbox("", False, visible=False, hint="Off: this sensor drops out.")
+        self._tick = gui.add_checkbox("", False, visible=False, hint="Whether this sensor takes part.")
         typed = TypedNumber(gui, session, f"r of sensor {number}", "noise r", R_HINT, self._r_typed)
         slider = gui.add_slider(
             "share",
