@@ -177,6 +177,26 @@ def test_no_sensor_alone_is_better_than_all_however_late_it_begins():
     assert not any(one.drift for one in found.sensors)  # what b would have read later is not known
 
 
+def test_readings_of_a_stuck_sensor_are_no_truth_to_predict():
+    z = recorded(sensors=2)
+    z[2000:, 1] = 50.0
+    found = judged(z)
+    seen = found.held_out
+    assert found.headline.endswith(" b is stuck, so it can be larger.")
+    assert seen is not None
+    assert seen.best == 0
+    assert seen.fused > 2.0 * seen.single[0]
+
+
+def test_a_sensor_without_noise_is_all_of_the_fused_value_and_missed_when_it_fails():
+    found = judged(recorded(sensors=2), params=FusionParams(0.01, [0.0, 1.0]))
+    assert "While all answer, the fused value is 100 % a." in found.sentences
+    assert found.sensors[0].sentences[-2].startswith("If a drops out, the error is 0.308, with it 0;")
+    assert (
+        found.sensors[1].sentences[-1].startswith("If b sticks at one value, the fused value ends 0 % of the way")
+    )
+
+
 def test_few_rows_and_none():
     assert judged(recorded(n=20)).held_out is None
     found = judged(np.empty((0, 2)))

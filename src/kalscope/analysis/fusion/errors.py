@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kalscope.analysis.fusion.result import HeldOut
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Mask
 from kalscope.filtering.fusion.batch import fuse
 from kalscope.filtering.fusion.params import FusionParams
 
@@ -38,11 +38,18 @@ def predicted_error(z: Array, dt: Array | None, params: FusionParams, first: int
     return math.sqrt(float(p.mean())) if len(p) else math.inf
 
 
-def held_out(z: Array, dt: Array | None, params: FusionParams) -> HeldOut | None:
-    """Predict every reading of the second half from the rows before it, by all sensors and by each alone."""
+def held_out(z: Array, dt: Array | None, params: FusionParams, counted: Mask) -> HeldOut | None:
+    """Predict every reading of the second half from the rows before it, by all sensors and by each alone.
+
+    Args:
+        z: readings, shape (n, sensors).
+        dt: steps before the rows; None = 1 each.
+        params: the filter.
+        counted: the readings that tell of the quantity, as those of a stuck sensor do not, shape (n, sensors).
+    """
     every = range(params.sensors)
     squared = [_squared_errors(z, dt, params, sensors) for sensors in (list(every), *([i] for i in every))]
-    scored = np.isfinite(sum(squared))
+    scored = np.isfinite(sum(squared)) & counted[len(z) - len(squared[0]) :]
     if np.count_nonzero(scored.sum(axis=1)) < 2 * BLOCKS:
         return None
     weights = np.where(scored, params.shares, 0.0)

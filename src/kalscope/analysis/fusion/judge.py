@@ -64,11 +64,14 @@ def judge_fusion(
     words = Words(tuple(names), unit, sample_period)
     error = errors.predicted_error(readings, steps, params, errors.started(readings))
     with np.errstate(over="ignore", invalid="ignore"):  # squares of huge readings
-        sensors = _sensors(readings, steps, params, words, error)
-        seen = errors.held_out(readings, steps, params if fit is None else _of_first_half(readings, steps, fit))
+        stuck = [faults.stuck(readings, steps, params, i) for i in range(params.sensors)]
+        alive = _without(readings, stuck)
+        sensors = _sensors(readings, alive, stuck, steps, params, words, error)
+        found = params if fit is None else _of_first_half(readings, steps, fit)
+        seen = errors.held_out(readings, steps, found, np.isfinite(alive))
     alone = [one.error for one in sensors]
     best = int(np.argmin(alone))
-    headline = words.headline(error, alone, best, drifts=any(one.drift for one in sensors))
+    headline = words.headline(error, alone, best, sensors)
     said = [headline, *([words.held_out(seen, unseen=fit is not None)] if seen and params.sensors > 1 else [])]
     said += [words.shares(params.shares.tolist())] if params.sensors > 1 else []
     said += [sentence for one in sensors for sentence in one.sentences[: len(one.faults)]]
@@ -85,11 +88,15 @@ def _of_first_half(z: Array, dt: Array | None, fit: FusionFit) -> FusionParams:
 
 
 def _sensors(
-    z: Array, dt: Array | None, params: FusionParams, words: Words, error: float
+    z: Array,
+    alive: Array,
+    stuck: Sequence[faults.Stretch],
+    dt: Array | None,
+    params: FusionParams,
+    words: Words,
+    error: float,
 ) -> tuple[SensorVerdict, ...]:
     noise, readings = np.sqrt(params.scaled_r).tolist(), np.isfinite(z).sum(axis=0).tolist()
-    stuck = [faults.stuck(z, dt, params, i) for i in range(params.sensors)]
-    alive = _without(z, stuck)
     drifts, changes = _beside_the_others(alive, dt, params)
     spikes = faults.spikes(alive, dt, params)
     found: list[SensorVerdict] = []

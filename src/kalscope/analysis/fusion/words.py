@@ -12,6 +12,9 @@ from kalscope.common.text import count, gate_text, lag_text, number, percent, pl
 CLOSE = 0.005
 """Shares of a difference below this are none: both errors read the same."""
 
+MIN_SHARE = 1e-9
+"""A smaller share is none: that beside a sensor without noise."""
+
 
 @dataclass(frozen=True)
 class Words:
@@ -28,8 +31,10 @@ class Words:
         """A size with its unit."""
         return f"{number(value)} {self.unit}".rstrip()
 
-    def headline(self, error: float, single: Sequence[float], best: int, drifts: bool) -> str:
+    def headline(self, error: float, single: Sequence[float], best: int, sensors: Sequence[SensorVerdict]) -> str:
         """What fusing brings."""
+        doubts = [f"{one.name} is stuck" for one in sensors if "stuck" in one.faults]
+        doubts += ["The sensors drift apart" for one in sensors if one.drift]
         if math.isinf(error):
             return "No sensor has a reading after the start, so nothing can be said."
         if len(single) == 1:
@@ -39,7 +44,7 @@ class Words:
         return (
             f"The fused value has an error of {self.size(error)} (1 σ, predicted), {said} the best single sensor, "
             f"{self.names[best]} ({self.size(single[best])})."
-            f"{' The sensors drift apart, so it can be larger.' if drifts else ''}"
+            f"{f' {doubts[0]}, so it can be larger.' if doubts else ''}"
         )
 
     def held_out(self, seen: HeldOut, *, unseen: bool) -> str:
@@ -63,7 +68,7 @@ class Words:
         written = [
             f"{percent(share, 3 if share > 0.985 else 2)} {name}"
             for name, share in zip(self.names, shares, strict=True)
-            if share > 0.0
+            if share > MIN_SHARE
         ]
         return written[0] if len(written) == 1 else f"{', '.join(written[:-1])} and {written[-1]}"
 
@@ -99,8 +104,10 @@ class Words:
         """What happens when it drops out."""
         if math.isinf(sensor.error_without):
             return f"Without {sensor.name} nothing is left to go by."
-        more = sensor.error_without / error - 1.0 if error > 0.0 else 0.0
+        without = sensor.error_without
+        more = without / error - 1.0 if error > 0.0 else 0.0
         change = "as large as with it" if more < CLOSE else f"{percent(more)} more than with it"
+        change = "with it 0" if error == 0.0 < without else change
         return (
             f"If {sensor.name} drops out, the error is {self.size(sensor.error_without)}, {change}; "
             f"the fused value is then {self.parts(sensor.shares_without.tolist())}."
@@ -110,9 +117,10 @@ class Words:
         """What happens when it sticks at one value, which no filter can see in a single reading."""
         if math.isinf(sensor.error_without):
             return f"If {sensor.name} sticks at one value, the filter follows it."
+        pull = sensor.pull if sensor.pull > MIN_SHARE else 0.0
         held = "" if gate is None else f", with the gate of {gate_text(gate)}"
         return (
-            f"If {sensor.name} sticks at one value, the fused value ends {percent(sensor.pull)} of the way to it"
+            f"If {sensor.name} sticks at one value, the fused value ends {percent(pull)} of the way to it"
             f"{held}; leave it out then."
         )
 
