@@ -13,7 +13,7 @@ SOURCE = "synthetic:sine?n=400&sigmas=0.1,0.2,0.4&offsets=0,0.3,-0.2&drop_outs=0
 
 def tick(screen, name):
     screen.pause()
-    screen.page.get_by_label(name, exact=True).click()
+    screen.page.get_by_label(re.compile(f"^{name}(: .* of the fused value)?$")).click()
 
 
 def press(screen, name):
@@ -21,8 +21,8 @@ def press(screen, name):
     screen.page.get_by_role("button", name=name, exact=True).click()
 
 
-def wait_for_share(screen, share):
-    screen.page.locator("label", has_text=re.compile(f"^share {share}$")).wait_for()
+def wait_for_share(screen, name, share):
+    screen.page.get_by_label(f"{name}: {share} of the fused value", exact=True).wait_for()
 
 
 def test_sensors_are_fused_one_drops_out_and_the_file_brings_them_back(start, tmp_path):
@@ -42,7 +42,7 @@ def test_sensors_are_fused_one_drops_out_and_the_file_brings_them_back(start, tm
     tick(screen, "c")
     two = found.only([0, 1])
     screen.wait_for_line("fused", fuse(z[:, :2], two).x, 1e-9)
-    wait_for_share(screen, f"{100 * two.shares[0]:.0f} %")
+    wait_for_share(screen, "a", f"{100 * two.shares[0]:.0f} %")
     screen.type("process noise q", "0.001")
     screen.tab("Export")
     press(screen, "Save tuning file")

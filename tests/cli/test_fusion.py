@@ -137,7 +137,10 @@ def test_a_pipe_is_fused_line_by_line(
     ("argv", "must"),
     [
         (["--fuse", "a"], "--fuse must be two or more channels of one unit, such as a, b, c (got 'a')"),
-        (["--fuse", "a,x"], "--fuse must be two or more channels of one unit, such as a, b, c (got 'x')"),
+        (
+            ["--fuse", "a,x"],
+            "--fuse must be two or more channels of one unit, such as a, b, c (got 'x', which is no channel)",
+        ),
         (["--fuse", "a,b", "--channel", "a"], "--fuse must stand without --channel"),
         (["--r", "a=1,b=2", "--q", "1"], "--r must be one number without --fuse (got one for a, b)"),
         (["--fuse", "a,b", "--q", "1", "--r", "a=1,z=2"], "--r must be a sensor of --fuse: a, b (got 'z')"),

@@ -24,7 +24,9 @@ def channels_to_fuse(units: Mapping[str, str], text: str, *, mixed_units: bool =
         BadSetting: fewer than two, an unknown one, one twice, or two units.
     """
     must = f"--fuse must be two or more channels of one unit{_hint(units)}"
-    names = tuple(_channel(tuple(units), cell, f"{must} (got {cell!r})") for cell in _cells(text))
+    names = tuple(
+        _channel(tuple(units), cell, f"{must} (got {cell!r}, which is no channel)") for cell in _cells(text)
+    )
     if len(names) < 2 or len(set(names)) < len(names):
         raise BadSetting(f"{must} (got {text!r})")
     if not mixed_units:

@@ -78,11 +78,13 @@ def test_channels_of_one_unit_are_offered_unticked_and_a_channel_without_a_like_
 def test_a_row_follows_its_sensor_and_one_that_drops_out_keeps_its_tick_box_alone(view, state):
     view.show(frame_of(state))
     bench, _, door = view._rows[:3]
-    assert bench._slider.label == f"share {100 * state.fusion.shares['bench']:.0f} %"
+    share = f"bench: {100 * state.fusion.shares['bench']:.0f} % of the fused value"
+    assert bench._tick.label == share
     assert door._slider.visible
     view.show(frame_of(set_taking_part("door", False)(state)))
     assert (door.ticked, door._tick.visible, door._slider.visible) == (False, True, False)
-    assert bench._slider.label != f"share {100 * state.fusion.shares['bench']:.0f} %"
+    assert bench._tick.label != share
+    assert door._tick.label == "door"
 
 
 def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(view):

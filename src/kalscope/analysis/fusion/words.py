@@ -33,18 +33,23 @@ class Words:
 
     def headline(self, error: float, single: Sequence[float], best: int, sensors: Sequence[SensorVerdict]) -> str:
         """What fusing brings."""
-        doubts = [f"{one.name} is stuck" for one in sensors if "stuck" in one.faults]
-        doubts += ["The sensors drift apart" for one in sensors if one.drift]
+        stuck = [one.name for one in sensors if "stuck" in one.faults]
+        drift = max(one.drift for one in sensors)
         if math.isinf(error):
             return "No sensor has a reading after the start, so nothing can be said."
         if len(single) == 1:
             return f"The filtered value of {self.names[0]} has an error of {self.size(error)} (1 σ, predicted)."
+        if drift > error:
+            return (
+                f"The sensors drift apart by up to {self.size(drift)}, so the fused value may be wrong by as much; "
+                f"only if they read one quantity is its error the predicted {self.size(error)} (1 σ)."
+            )
         saved = 1.0 - error / single[best] if single[best] > 0.0 else 0.0
         said = "the same as" if saved < CLOSE else f"{percent(saved)} less than"
         return (
             f"The fused value has an error of {self.size(error)} (1 σ, predicted), {said} the best single sensor, "
             f"{self.names[best]} ({self.size(single[best])})."
-            f"{f' {doubts[0]}, so it can be larger.' if doubts else ''}"
+            f"{f' {stuck[0]} is stuck, so it can be larger.' if stuck else ''}"
         )
 
     def held_out(self, seen: HeldOut, *, unseen: bool) -> str:

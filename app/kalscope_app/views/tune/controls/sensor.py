@@ -37,12 +37,12 @@ class SensorControl(SliderWithText):
         self._tick = gui.add_checkbox("", False, visible=False, hint="Whether this sensor takes part.")
         typed = TypedNumber(gui, session, f"r of sensor {number}", "noise r", R_HINT, self._r_typed)
         slider = gui.add_slider(
-            "share",
+            "log₁₀ r",
             min=-6.0,
             max=6.0,
             step=0.01,
             initial_value=0.0,
-            hint="Drag log₁₀ r, or click and use the arrow keys. To the left the sensor counts more.",
+            hint="Drag, or click and use the arrow keys. To the left the sensor counts more.",
         )
         super().__init__(session, f"r of sensor {number}", typed, slider, self._r_moved)
         self._offset = TypedNumber(
@@ -64,23 +64,28 @@ class SensorControl(SliderWithText):
     def offer(self, name: str | None) -> None:
         """Stand for this channel, not ticked; None: for none."""
         self.name = name
-        put(self._tick, label="" if name is None else one_line(name)[:MAX_NAME], visible=name is not None)
+        put(self._tick, label=self._title, visible=name is not None)
         put(self._tick, value=False)
+
+    @property
+    def _title(self) -> str:
+        return "" if self.name is None else one_line(self.name)[:MAX_NAME]
 
     def show(self, frame: Frame) -> None:
         """Follow the frame; a channel that is not fused has its tick box alone."""
         fusion, name = frame.state.fusion, self.name
         self._fused = fusion is not None and name in fusion.tuning.sensors
         if fusion is None or name is None or not self._fused:
+            put(self._tick, label=self._title)
             self.set_visible(False)
             return
         at, used = fusion.tuning.sensors.index(name), name not in fusion.dropped
-        put(self._tick, value=used)
+        share = f": {percent(fusion.shares[name])} of the fused value" if used else ""
+        put(self._tick, value=used, label=f"{self._title}{share}")
         self.set_visible(used)
         if not used:
             return
         r = fusion.tuning.r[at]
-        put(self._slider, label=f"share {percent(fusion.shares[name])}")
         self.typed.show(frame, r, "0")
         self._offset.show(frame, fusion.tuning.offset[at], "0")
         low, high = sensor_limits(fusion, name)
