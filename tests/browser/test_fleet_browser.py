@@ -53,6 +53,18 @@ def values(screen):
     return found
 
 
+def mark(page):
+    """Where the mark of the present values is, in shares of the map; it moves with the map too."""
+    style = page.locator(".kalscope-map img").nth(1).evaluate("({style}) => [style.left, style.top]")
+    return [float(length.removesuffix("%") or -100) / 100 for length in style]
+
+
+def share_of(frame, pair):
+    """Where a pair of q and r is on a map, in shares of it."""
+    x, y = frame.pixel(tuple(np.log10(pair)))
+    return [x / frame.width, y / frame.height]
+
+
 def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(screen, tmp_path):
     folder = finished_fleet(tmp_path)
     fleet = FleetReader(folder).read()
@@ -76,6 +88,7 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     state = at_device(fleet, NOISY)(state)
     shown = MapMaker()(state)
     frame = frame_for(*SIZE, shown.q, shown.r)
+    wait_until(lambda: mark(page) == pytest.approx(share_of(frame, own), abs=1e-4), "the map of this device")
     far = max((i for i in range(12) if i != NOISY), key=lambda i: abs(np.log(fleet.devices.q[i] / 0.04)))
     at = frame.pixel((np.log10(fleet.devices.q[far]), np.log10(fleet.devices.r[far])))
     picked = shown.fleet.nearest(frame, at)
