@@ -13,7 +13,7 @@ SOURCE = "synthetic:sine?n=400&sigmas=0.1,0.2,0.4&offsets=0,0.3,-0.2&drop_outs=0
 
 def tick(screen, name):
     screen.pause()
-    screen.page.get_by_label(re.compile(f"^{name}(: .* of the fused value)?$")).click()
+    screen.page.get_by_label(re.compile(f"^{name}(: share .*)?$")).click()
 
 
 def press(screen, name):
@@ -22,7 +22,7 @@ def press(screen, name):
 
 
 def wait_for_share(screen, name, share):
-    screen.page.get_by_label(f"{name}: {share} of the fused value", exact=True).wait_for()
+    screen.page.get_by_label(f"{name}: share {share}", exact=True).wait_for()
 
 
 def test_sensors_are_fused_one_drops_out_and_the_file_brings_them_back(start, tmp_path):

@@ -78,7 +78,7 @@ def test_channels_of_one_unit_are_offered_unticked_and_a_channel_without_a_like_
 def test_a_row_follows_its_sensor_and_one_that_drops_out_keeps_its_tick_box_alone(view, state):
     view.show(frame_of(state))
     bench, _, door = view._rows[:3]
-    share = f"bench: {100 * state.fusion.shares['bench']:.0f} % of the fused value"
+    share = f"bench: share {100 * state.fusion.shares['bench']:.0f} %"
     assert bench._tick.label == share
     assert door._slider.visible
     view.show(frame_of(set_taking_part("door", False)(state)))

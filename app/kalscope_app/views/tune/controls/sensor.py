@@ -80,7 +80,7 @@ class SensorControl(SliderWithText):
             self.set_visible(False)
             return
         at, used = fusion.tuning.sensors.index(name), name not in fusion.dropped
-        share = f": {percent(fusion.shares[name])} of the fused value" if used else ""
+        share = f": share {percent(fusion.shares[name])}" if used else ""
         put(self._tick, value=used, label=f"{self._title}{share}")
         self.set_visible(used)
         if not used:
