@@ -43,7 +43,7 @@ def fleet_command(
     reading: ReadOptions = DEFAULTS,
 ) -> None:
     """Tune many recordings on all cores or a Dask cluster: a table, one row a recording, whatever fails or dies."""
-    from kalscope.cli.console import INTERRUPTED, TerminalLine, say, stop_signals, write_output
+    from kalscope.cli.console import INTERRUPTED, TerminalLine, stop_signals, write_output
     from kalscope.tuning.fleet.answer.answer import answer_for
     from kalscope.tuning.fleet.answer.devices import read_devices
     from kalscope.tuning.fleet.answer.own import check_tuning
@@ -75,12 +75,25 @@ def fleet_command(
             outcome = run_fleet(sources, options, output, cluster, show, stop.is_set, finish)
     finally:
         line.clear()
-    tally = outcome.tally
     if not answers:
-        done = tally.kept + tally.done
-        say(f"stopped with {done} of {tally.units} done, all kept: run the same command again to go on")
+        say_stopped(outcome.tally)
         raise typer.Exit(INTERRUPTED)
-    write_output(iter([summary(answers[0], tally, output)]), None)
+    write_output(iter([summary(answers[0], outcome.tally, output)]), None)
+    say_what_is_tried_again(outcome.tally)
+
+
+def say_stopped(tally: Tally) -> None:
+    """How to go on with a run that was stopped."""
+    from kalscope.cli.console import say
+
+    done = tally.kept + tally.done
+    say(f"stopped with {done} of {tally.units} done, all kept: run the same command again to go on")
+
+
+def say_what_is_tried_again(tally: Tally) -> None:
+    """How many recordings another run may read; nothing where there are none."""
+    from kalscope.cli.console import say
+
     if tally.again:
         say(
             f"{tally.again} of {tally.units} could not be read for a reason outside of the recording:"

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import os
 import threading
+from contextlib import ExitStack
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -114,11 +115,10 @@ class LiveSource:
             BadFile: as `record`; the port is free then.
         """
         self._reader.open()
-        try:
+        with ExitStack() as on_failure:
+            on_failure.callback(self._reader.close)
             recorder = self.record(path, resume=resume)
-        except BaseException:
-            self._reader.close()
-            raise
+            on_failure.pop_all()
         self._begin(require=False)
         return recorder
 

@@ -64,13 +64,8 @@ def answer_fusion(
     Raises:
         BadSetting: no such channels, two units, options that contradict each other, or a target out of reach.
     """
-    reference = fusing.reference
-    sensors = channels_to_fuse(
-        units_of(recording), fusing.names or "", mixed_units=fusing.gains and reference is not None
-    )
+    sensors, reference = _sensors(recording, fusing)
     units = {name: units_of(recording)[name] for name in sensors}
-    if reference is not None:
-        reference = sensor_named(sensors, "--reference", reference)
     request = request_of(asked, recording)
     z = recording.values[:, [recording.index(name) for name in sensors]]
     dt = recording.steps() if recording.gaps == "dt" else None
@@ -118,6 +113,14 @@ def answer_fusion(
         steady=None if params is None else steady_state(params.as_single, recording.sample_period),
         verdict=verdict,
     )
+
+
+def _sensors(recording: Recording, fusing: FusionOptions) -> tuple[tuple[str, ...], str | None]:
+    """The channels to fuse, and the one among them that is right, if one is named."""
+    reference = fusing.reference
+    mixed = fusing.gains and reference is not None
+    sensors = channels_to_fuse(units_of(recording), fusing.names or "", mixed_units=mixed)
+    return sensors, None if reference is None else sensor_named(sensors, "--reference", reference)
 
 
 def _at_goal(found: FusionEstimate, request: Request, period: float | None) -> FusionParams | None:
