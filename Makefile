@@ -11,7 +11,7 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
   && test -e /usr/include/simavr/sim_avr.h && command -v arm-none-eabi-gcc >/dev/null 2>&1 \
   && command -v qemu-system-arm >/dev/null 2>&1 && command -v riscv64-unknown-elf-gcc >/dev/null 2>&1
 
-.PHONY: run test test-fast check format bench soak system can-test clean
+.PHONY: run test test-fast check docs format bench soak system can-test clean
 
 run: .venv/run.stamp
 	$(BIN)/kalscope
@@ -39,6 +39,10 @@ check: .venv/check.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
+
+# The site, in build/site. A broken link fails.
+docs: .venv/docs.stamp
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 format: .venv/check.stamp
 	$(BIN)/ruff check --fix-only .

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import inspect
+import re
 import sys
 from functools import cache
 from pathlib import Path
@@ -19,6 +20,7 @@ import typer
 import kalscope
 from kalscope_app.main import app
 
+ROOT = Path(__file__).parents[1]
 LISTED = (Path(__file__).parent / "public_interface.txt").read_text(encoding="utf-8").splitlines()
 
 
@@ -45,6 +47,11 @@ def test_every_name_can_be_imported_listed_and_starred():
     everything = {}
     exec("from kalscope import *", everything)
     assert set(kalscope.__all__) <= set(dir(kalscope)) & set(everything)
+
+
+def test_the_page_for_python_documents_every_name():
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^::: kalscope\.(\w+)$", page, re.MULTILINE)) == sorted(kalscope.__all__)
 
 
 def test_an_unknown_name_is_an_attribute_error():
