@@ -17,19 +17,26 @@ from kalscope.tuning.tuning import ChannelTuning
 TEMPLATES = Path(__file__).parent / "targets" / "templates"
 
 
-_MARKED = re.compile(r"^@(plain|momentum|gains) ?(.*\n)", re.MULTILINE)
+_MARKED = re.compile(r"^@(\w+) ?(.*\n)", re.MULTILINE)
+_SECTION = re.compile(r"^=== (\w+)\n", re.MULTILINE)
 
 
 def fill_template(name: str, marks: frozenset[str] = frozenset(), /, **texts: str) -> str:
     """A file of `targets/templates` in which each $name is replaced by its text.
 
-    A line after `@momentum` or `@gains` stands only in an export with that mark, one after `@plain` only in one
+    A line after `@momentum` or another mark stands only in an export with that mark, one after `@plain` only in one
     without momentum.
     """
     kept = marks if "momentum" in marks else marks | {"plain"}
     text = (TEMPLATES / name).read_text(encoding="utf-8")
     chosen = _MARKED.sub(lambda found: found[2] if found[1] in kept else "", text)
     return Template(chosen).substitute(texts)
+
+
+def fill_sections(name: str, marks: frozenset[str] = frozenset(), /, **texts: str) -> dict[str, str]:
+    """The pieces of such a file that stand in several places of an export, by what follows `===` above each."""
+    _, *pieces = _SECTION.split(fill_template(name, marks, **texts))
+    return dict(zip(pieces[::2], pieces[1::2], strict=True))
 
 
 def about(job: Origin, *, for_one_period: bool = False) -> tuple[str, ...]:

@@ -95,6 +95,7 @@ def _sketch(job: ExportJob) -> str:
         period_words=said,
         pins=", ".join(pins),
         print_float=fill_template("arduino/print_float.ino"),
+        commands=fill_template("arduino/commands.ino", job.marks),
         names=", ".join(f'"{name}"' for name in names),
         filters=", ".join(f"KalscopeFilter({name})" for name in _constant_names(job)),
         units=", ".join(f"{name} in {_unit(channel.unit)}" for name, channel in job.named_channels),

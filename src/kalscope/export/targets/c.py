@@ -7,7 +7,7 @@ from dataclasses import asdict
 from kalscope.errors import BadSetting
 from kalscope.export.board.fusion import fusion_on_board
 from kalscope.export.float32 import float32_params, float32_text
-from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
+from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_sections, fill_template
 from kalscope.export.job import ExportJob, FusionJob, step_of
 from kalscope.export.names import number_text
 from kalscope.filtering.kernels import GATE_LIMIT
@@ -22,18 +22,23 @@ MAX_SENSORS = 32
 def files(job: ExportJob) -> dict[str, str]:
     """`kalscope_filter.h` and `.c`. What float cannot hold stops the compiler where float is asked for."""
     names = job.identifiers
+    kalman = fill_sections("c/stages/kalman.c", job.marks, own="", update="kalscope_real kalscope_update")
     header = fill_template(
-        "kalscope_filter.h",
+        "c/kalscope_filter.h",
         job.marks,
         about=_commented(about(job)),
         first=names[0],
+        tuning_fields=kalman["tuning"],
+        state_fields=kalman["state"],
         declarations="\n".join(f"extern const kalscope_tuning kalscope_tuning_{name};" for name in names),
     )
     source = fill_template(
-        "kalscope_filter.c",
+        "c/kalscope_filter.c",
         job.marks,
         about=_commented(about(job)),
         gate_limit=str(GATE_LIMIT),
+        starts=kalman["start"],
+        updates=kalman["update"],
         tunings="\n".join(_constant(job, *named) for named in job.named_channels),
     )
     return {"kalscope_filter.h": header, "kalscope_filter.c": source}

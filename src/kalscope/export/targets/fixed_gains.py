@@ -85,7 +85,7 @@ def _files(job: ExportJob, real: str, written: Callable[[float], str]) -> dict[s
             + f"#define KALSCOPE_FIXED_{word.upper()} {{{', '.join(values)}}}\n"
         )
     text = fill_template(
-        "kalscope_fixed_gains.h",
+        "c/kalscope_fixed_gains.h",
         job.marks,
         about=_commented(about(job, for_one_period=True)).rstrip(),
         first=job.identifiers[0].upper(),

@@ -18,7 +18,7 @@ def files(job: ExportJob) -> dict[str, str]:
     """
     head = commented(about(job), "#")
     return {
-        name: fill_template(f"{name}.txt", job.marks, about=head, filters=_entries(job, maker, whole))
+        name: fill_template(f"python/{name}.txt", job.marks, about=head, filters=_entries(job, maker, whole))
         for name, maker, whole in FILES
     }
 

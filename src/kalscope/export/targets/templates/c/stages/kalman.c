@@ -1,22 +1,25 @@
-$about
-
-#include "kalscope_filter.h"
-
-#include <math.h>
-
-/* A fused x + k * v is rounded once instead of twice: other last bits than Kalscope shows. */
-#if defined(__clang__)
-#pragma STDC FP_CONTRACT OFF
-#elif defined(__GNUC__)
-#pragma GCC optimize("fp-contract=off")
-#endif
-
-enum { MOST_REJECTED = $gate_limit }; /* in a row; the next sample is taken, so that a gate cannot lock out */
-
-$tunings
-void kalscope_start(kalscope_filter *filter, const kalscope_tuning *tuning)
-{
-    filter->tuning = *tuning;
+=== tuning
+    kalscope_real q;            /* process noise: variance added per sample, unit squared */
+    kalscope_real r;            /* measurement noise: variance, unit squared */
+    kalscope_real p0;           /* start variance; INFINITY: the first sample sets x = z and p = r */
+    kalscope_real x0;           /* start estimate; NAN: the first sample */
+    kalscope_real gate;         /* a sample with v * v > gate * s is not used; 0: no gate */
+    kalscope_real settled_gain; /* gain once the variance repeats itself, where float is too coarse; 0: not needed */
+@momentum     kalscope_real momentum;     /* tau, how long the signal keeps its direction, in samples; 0: the five lines */
+@momentum     kalscope_real e;            /* the others follow from q and tau: share of the velocity left after a sample, */
+@momentum     kalscope_real f;            /* how far a velocity of 1 goes in a sample, */
+@momentum     kalscope_real q11;          /* variance added per sample to x, */
+@momentum     kalscope_real q12;          /* to the covariance of x and the velocity, */
+@momentum     kalscope_real q22;          /* and to the velocity, */
+@momentum     kalscope_real w0;           /* and its variance at the start */
+=== state
+    kalscope_real p;        /* its variance */
+    kalscope_real k;        /* gain of the last sample, 0 to 1 */
+@momentum     kalscope_real velocity; /* filtered velocity, unit per sample */
+@momentum     kalscope_real g;        /* covariance of x and the velocity */
+@momentum     kalscope_real w;        /* variance of the velocity */
+    int rejected;           /* samples that the gate refused in a row */
+=== start
     filter->x = tuning->x0;
     filter->p = tuning->p0;
     filter->k = 0;
@@ -24,10 +27,10 @@ void kalscope_start(kalscope_filter *filter, const kalscope_tuning *tuning)
 @momentum     filter->g = 0;
 @momentum     filter->w = tuning->w0;
     filter->rejected = 0;
-}
+=== update
 @momentum 
 @momentum /* What a sample tells of the velocity: its gain, by which the variance w and the covariance g shrink. */
-@momentum static kalscope_real velocity_gain(kalscope_filter *filter, kalscope_real s)
+@momentum static kalscope_real ${own}velocity_gain(kalscope_filter *filter, kalscope_real s)
 @momentum {
 @momentum     const kalscope_real gain = filter->g / s;
 @momentum     filter->w = filter->w - gain * filter->g;
@@ -35,7 +38,7 @@ void kalscope_start(kalscope_filter *filter, const kalscope_tuning *tuning)
 @momentum     return gain;
 @momentum }
 
-kalscope_real kalscope_update(kalscope_filter *filter, kalscope_real z)
+$update(kalscope_filter *filter, kalscope_real z)
 {
     const kalscope_tuning *tuning = &filter->tuning;
     const kalscope_real before = filter->p;
@@ -59,7 +62,7 @@ kalscope_real kalscope_update(kalscope_filter *filter, kalscope_real z)
     } else if (isnan(filter->x)) { /* p0 is known, the first sample is the start */
         filter->k = s > 0 ? predicted / s : 0;
         filter->p = (1 - filter->k) * predicted;
-@momentum         if (s > 0) velocity_gain(filter, s);
+@momentum         if (s > 0) ${own}velocity_gain(filter, s);
         filter->x = z;
     } else if (s > 0) {
         const kalscope_real v = z - filter->x;
@@ -69,7 +72,7 @@ kalscope_real kalscope_update(kalscope_filter *filter, kalscope_real z)
         }
         filter->k = predicted / s;
         filter->p = (1 - filter->k) * predicted;
-@momentum         filter->velocity = filter->velocity + velocity_gain(filter, s) * v;
+@momentum         filter->velocity = filter->velocity + ${own}velocity_gain(filter, s) * v;
         if (tuning->settled_gain > 0 && filter->p == before) filter->k = tuning->settled_gain;
         filter->x = filter->x + filter->k * v;
     } else {

@@ -1,0 +1,21 @@
+$about
+
+#include "kalscope_filter.h"
+
+#include <math.h>
+
+/* A fused x + k * v is rounded once instead of twice: other last bits than Kalscope shows. */
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize("fp-contract=off")
+#endif
+
+enum { MOST_REJECTED = $gate_limit }; /* in a row; the next sample is taken, so that a gate cannot lock out */
+
+$tunings
+void kalscope_start(kalscope_filter *filter, const kalscope_tuning *tuning)
+{
+    filter->tuning = *tuning;
+$starts}
+$updates
