@@ -2,6 +2,7 @@ import hashlib
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadFile, BadSetting
@@ -61,7 +62,7 @@ def test_a_given_sample_period_reaches_file_and_signal(tmp_path):
     assert open_source("synthetic:sine?n=3", sample_period=0.25).sample_period == 0.25
 
 
-@pytest.mark.parametrize(
+@each(
     "query",
     ["volume=11", "n=many", "n=1.5", "sigma=-1", "n=1&n=2", "n", "sigma=nan", "limits=1", "shape=ramp"],
 )
@@ -70,7 +71,7 @@ def test_a_bad_synthetic_setting_is_refused(query):
         open_source(f"synthetic:sine?{query}")
 
 
-@pytest.mark.parametrize(
+@each(
     "spec",
     [
         "serial:/dev/ttyACM0@9600",
@@ -92,7 +93,7 @@ def test_nothing_is_no_source(spec):
         open_source(spec)
 
 
-@pytest.mark.parametrize("spec", [r"C:\x.csv", "C:/x.csv", "none.csv", "a:b.csv"])
+@each("spec", [r"C:\x.csv", "C:/x.csv", "none.csv", "a:b.csv"])
 def test_all_else_is_a_path(spec):
     with pytest.raises(BadFile, match="file not found"):
         open_source(spec)

@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, FilterParams, FilterResult, kalman_filter
 from kalscope.analysis.diagnostics import NO_FAULT, Diagnostics, diagnose, diagnose_held_out
@@ -216,7 +217,7 @@ def test_wrong_size_of_both_leaves_the_curve_and_says_so(wrong):
     assert found.q_factor == found.r_factor == pytest.approx(1 / wrong, rel=0.1)
 
 
-@pytest.mark.parametrize(("q_wrong", "r_wrong"), [(0.1, 2.0), (10.0, 0.5), (0.01, 1.0), (30.0, 30.0), (1e-5, 1.0)])
+@each(("q_wrong", "r_wrong"), [(0.1, 2.0), (10.0, 0.5), (0.01, 1.0), (30.0, 30.0), (1e-5, 1.0)])
 def test_following_the_advice_raises_the_likelihood_and_ends_in_no_fault(q_wrong, r_wrong):
     z = noisy_walk(3000, 0.02, seed=8)
     q, r = 0.02 * q_wrong, r_wrong
@@ -413,7 +414,7 @@ def test_held_out_half_is_not_shown_to_the_fit_and_its_spikes_count_in_the_recor
 # --- edge cases -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each(
     ("z", "q", "r", "word"),
     [
         (np.full(100, 20.1), 0.01, 1.0, "the signal is constant"),
@@ -431,9 +432,9 @@ def test_record_with_nothing_to_judge_says_so(z, q, r, word):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("q", [0.0, 1e-300, 1e-9, 1.0, 1e9, 1e300])
-@pytest.mark.parametrize("r", [0.0, 1e-300, 1.0, 1e300])
-@pytest.mark.parametrize("p0", [None, 0.0, 1.0])
+@each("q", [0.0, 1e-300, 1e-9, 1.0, 1e9, 1e300])
+@each("r", [0.0, 1e-300, 1.0, 1e300])
+@each("p0", [None, 0.0, 1.0])
 def test_no_parameters_make_it_fail(q, r, p0):
     if q == r == 0.0:
         return
@@ -507,8 +508,8 @@ def moving(tau, q=1.0, r=1.0, n=6000, seed=3):
     return np.cumsum(v) + math.sqrt(r) * rng.normal(size=n)
 
 
-@pytest.mark.parametrize(("tau", "r"), [(10.0, 0.1), (30.0, 1.0), (30.0, 1e-3), (100.0, 1.0), (700.0, 0.01)])
-@pytest.mark.parametrize("ratio", [0.01, 1.0])
+@each(("tau", "r"), [(10.0, 0.1), (30.0, 1.0), (30.0, 1e-3), (100.0, 1.0), (700.0, 0.01)])
+@each("ratio", [0.01, 1.0])
 def test_where_momentum_describes_what_is_left_it_is_what_to_try(tau, r, ratio):
     z = moving(tau, r=r)
     said = diagnose(kalman_filter(z, FilterParams(ratio, r))).advice

@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import FilterParams, diagnose_held_out, estimate, kalman_filter, open_source
 from kalscope.analysis import actions
@@ -87,7 +88,7 @@ def judged(z, params, **known):
 # --- what is said -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each(
     ("name", "status"),
     [
         *(("walk", "fits"), ("gaps", "fits"), ("steps", "steps"), ("spikes", "spikes"), ("pairs", "spikes")),
@@ -292,7 +293,7 @@ CASES += [("walk", FilterParams(0.01, 1.0, p0=1.0, x0=500.0)), ("spikes", Filter
 CASES += [("steps", FilterParams(1.0, 1.0, gate=9.0)), ("walk", FilterParams(1e-4, 0.01, gate=9.0))]
 
 
-@pytest.mark.parametrize(("name", "params"), CASES)
+@each(("name", "params"), CASES)
 def test_after_taking_the_first_advice_the_sentence_changes(name, params):
     z = RECORDS[name]
     before = judge(residuals(z, params)).advice

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
 from kalscope.analysis.noise.allan import allan_deviation, allan_model, best_average, first_minimum, log_sizes
@@ -41,7 +42,7 @@ def transfer(gain, frequency):
     return gain / (1 - (1 - gain) * np.exp(-2j * np.pi * frequency))
 
 
-@pytest.mark.parametrize("gain", [1e-3, 0.0951, 0.5, 0.99, 1.0])
+@each("gain", [1e-3, 0.0951, 0.5, 0.99, 1.0])
 def test_the_response_is_the_fourier_transform_of_the_impulse_response(gain):
     n = 1 << 15
     impulse = gain * (1 - gain) ** np.arange(n)
@@ -56,7 +57,7 @@ def test_the_response_is_the_fourier_transform_of_the_impulse_response(gain):
 MOVING = [(0.01, 20.0), (1e-4, 300.0), (1.0, 0.3), (30.0, 5.0), (1e3, 1e5), (1e-6, 3e3), (0.1, 0.01)]
 
 
-@pytest.mark.parametrize(("q", "momentum"), MOVING)
+@each(("q", "momentum"), MOVING)
 def test_with_momentum_the_response_is_the_fourier_transform_of_what_the_filter_answers(q, momentum):
     params = FilterParams(q=q, r=1.0, p0=1.0, x0=0.0, momentum=momentum)
     start, n = 1 << 15, 1 << 15
@@ -68,7 +69,7 @@ def test_with_momentum_the_response_is_the_fourier_transform_of_what_the_filter_
     assert magnitude_response(params, 0.0) == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(("q", "momentum"), MOVING)
+@each(("q", "momentum"), MOVING)
 def test_with_momentum_the_response_is_minus_three_decibel_at_the_cutoff(q, momentum):
     params = FilterParams(q=q, r=1.0, momentum=momentum)
     cutoff = steady_state(params, 1.0).cutoff_hz
@@ -149,8 +150,8 @@ def test_allan_of_simulated_noise_and_walk_follows_the_model(q, r):
     assert found.size[-1] > 1e4
 
 
-@pytest.mark.parametrize("m", [1, 2, 5, 12])
-@pytest.mark.parametrize("momentum", [0.05, 3.0, 400.0])
+@each("m", [1, 2, 5, 12])
+@each("momentum", [0.05, 3.0, 400.0])
 def test_the_model_with_momentum_is_its_definition_over_a_dense_covariance(m, momentum):
     """½ E[(mean of the next m samples − mean of these)²], the walk as a sum of its steps."""
     e, f, a, b, _ = transition(1.0, 1.0, momentum)
@@ -187,8 +188,8 @@ def test_the_minimum_of_the_model_is_its_minimum():
     assert best_average(1.0, 0.0) == 1.0
 
 
-@pytest.mark.parametrize("momentum", [1e-9, 0.3, 5.0, 80.0, 3e3, 1e5])
-@pytest.mark.parametrize("size", [1, 2, 7, 40, 300])
+@each("momentum", [1e-9, 0.3, 5.0, 80.0, 3e3, 1e5])
+@each("size", [1, 2, 7, 40, 300])
 def test_allan_of_the_model_with_momentum_is_its_definition(momentum, size):
     """Two averages of a process that is off by q(k - τ + τ exp(-k/τ)) after k samples, in the mean square."""
     apart = np.abs(np.subtract.outer(np.arange(2.0 * size), np.arange(2.0 * size)))

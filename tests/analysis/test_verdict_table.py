@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from verdict_states import SIGNALS, STATES, VerdictState, row_of, white
 
 from kalscope import FilterParams, estimate, kalman_filter, read_recording, steady_state
@@ -43,7 +44,7 @@ def random_states(count, seed=11):
 
 
 ALL = [*STATES, *random_states(60)]
-every_state = pytest.mark.parametrize("state", ALL, ids=[one.name() for one in ALL])
+every_state = each("state", ALL, ids=[one.name() for one in ALL])
 
 
 def worse(before, after):
@@ -212,8 +213,8 @@ def chosen(name, at):
     return z, found.params, judge(whole, None, found.estimate, request=request)
 
 
-@pytest.mark.parametrize("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
-@pytest.mark.parametrize("name", MOVING)
+@each("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
+@each("name", MOVING)
 def test_a_goal_is_never_called_a_mistake_and_no_advice_undoes_it(name, at):
     _, params, said = chosen(name, at)
     assert said.status not in ("too_slow", "too_fast", "methods_differ")
@@ -235,8 +236,8 @@ def test_a_goal_is_never_called_a_mistake_and_no_advice_undoes_it(name, at):
         assert said.headline.startswith(f"You chose {goal}. ")
 
 
-@pytest.mark.parametrize("at", range(len(GOALS) - 1), ids=[one.goal for one in GOALS[:-1]])
-@pytest.mark.parametrize("name", MOVING)
+@each("at", range(len(GOALS) - 1), ids=[one.goal for one in GOALS[:-1]])
+@each("name", MOVING)
 def test_the_best_fit_lies_where_the_words_say(name, at):
     """The oracle: the likelihood with the best r over a fine grid of q/r, by the filter itself."""
     z, params, said = chosen(name, at)
@@ -303,14 +304,14 @@ def test_an_r_that_was_given_stays_and_its_advice_says_what_it_relies_on(r, word
     assert not any(isinstance(one.action, actions.Scale | actions.SetRatio) for one in said.advice)
 
 
-@pytest.mark.parametrize("request_", GOALS[:-1], ids=[one.goal for one in GOALS[:-1]])
+@each("request_", GOALS[:-1], ids=[one.goal for one in GOALS[:-1]])
 def test_a_tuning_file_names_the_goal_that_its_verdict_keeps(request_):
     assert request_in(request_.goal, 1.0) == request_
     known = request_in(f"{request_.goal}, r from a still stretch", 4.0)
     assert (known.goal, known.noise) == (request_.goal, Noise(r=4.0))
 
 
-@pytest.mark.parametrize("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
+@each("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
 def test_a_goal_that_another_sample_period_breaks_is_not_claimed(at):
     _, params, _ = chosen("walk", at)
     asked = GOALS[at]
@@ -322,7 +323,7 @@ def test_a_goal_that_another_sample_period_breaks_is_not_claimed(at):
         assert still_met(known, params, 0.02) == Request(noise=Noise(r=1.0))
 
 
-@pytest.mark.parametrize(
+@each(
     ("seconds", "words"),
     [
         (2e-7, "0.2 µs"),
@@ -369,7 +370,7 @@ def assert_says_what_to_do(found, said):
     assert said.headline
 
 
-@pytest.mark.parametrize("name", SIGNALS)
+@each("name", SIGNALS)
 def test_a_best_fit_that_may_look_worse_says_what_to_do(name):
     assert_says_what_to_do(*best_fit(SIGNALS[name]))
 

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from each import each
 from effort import FUZZ
 from waiting import PATIENCE
 
@@ -201,7 +202,7 @@ def test_a_file_that_stays_busy_is_an_error_without_litter(tmp_path: Path, monke
     assert names(tmp_path) == []
 
 
-@pytest.mark.parametrize("typed", ["a.toml", "sub/a.toml", "./sub/../a.toml", "sub/new/a.toml", "~"])
+@each("typed", ["a.toml", "sub/a.toml", "./sub/../a.toml", "sub/new/a.toml", "~"])
 def test_paths_in_the_folder_are_resolved(tmp_path: Path, typed: str) -> None:
     (tmp_path / "sub").mkdir()
     assert check_inside(typed, tmp_path) == Path(os.path.normpath(tmp_path.resolve() / typed))
@@ -211,7 +212,7 @@ def test_an_absolute_path_in_the_folder_is_inside(tmp_path: Path) -> None:
     assert check_inside(tmp_path / "a", tmp_path) == tmp_path.resolve() / "a"
 
 
-@pytest.mark.parametrize(
+@each(
     "typed",
     ["..", "../a", "sub/../../a", "/etc/passwd", "../work2", "", "  ", "a\0b", "nul", "a/COM1.csv", "Con .x"],
 )

@@ -6,6 +6,7 @@ import math
 import re
 
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -109,7 +110,7 @@ TABLE = [
 ]
 
 
-@pytest.mark.parametrize(("write", "value", "written"), TABLE)
+@each(("write", "value", "written"), TABLE)
 def test_how_a_value_is_written(write, value, written):
     assert write(value) == written
 

@@ -9,6 +9,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -208,7 +209,7 @@ def test_a_table_of_channels_has_arrays_for_every_method():
 # --- manners --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", METHODS)
+@each("method", METHODS)
 def test_progress_rises_to_one(method, nile):
     seen = []
     estimate(nile, method, progress=lambda fraction, text: seen.append((fraction, text)))
@@ -245,7 +246,7 @@ def test_a_long_fit_can_be_cancelled():
         compare_methods(walk(50, 0.1), cancelled=lambda: True)
 
 
-@pytest.mark.parametrize(
+@each(
     ("z", "options"),
     [
         ([1.0, np.inf, 2.0], {}),
@@ -269,6 +270,6 @@ def test_a_method_that_misses_what_the_record_shows_does_not_blame_the_record():
     assert "more about the method than about the record" in blind.message
 
 
-@pytest.mark.parametrize(("z", "n"), [([], 0), ([math.nan] * 10, 0), ([1.0, math.nan], 1), ([1.0, 2.0, 3.0], 3)])
+@each(("z", "n"), [([], 0), ([math.nan] * 10, 0), ([1.0, math.nan], 1), ([1.0, 2.0, 3.0], 3)])
 def test_too_few_readings_are_counted(z, n):
     assert f"({n})" in estimate(z).message

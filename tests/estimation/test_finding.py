@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.errors import BadSetting, Cancelled
 from kalscope.estimation.estimate import METHODS, estimate
@@ -83,10 +84,10 @@ def test_spikes_are_set_aside_where_something_is_estimated_and_may_be_kept() -> 
 # ---- the truth table: who decides λ, who decides r, and what is left to the record
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("known", KNOWN)
-@pytest.mark.parametrize("ratio", [None, 0.01])
-@pytest.mark.parametrize("target", [None, *TARGETS])
+@each("method", METHODS)
+@each("known", KNOWN)
+@each("ratio", [None, 0.01])
+@each("target", [None, *TARGETS])
 def test_a_wish_fixes_the_ratio_the_noise_fixes_r_and_the_rest_is_estimated(
     target: str | None, ratio: float | None, known: str, method: str
 ) -> None:
@@ -196,7 +197,7 @@ CONTRADICTIONS = [
 ]
 
 
-@pytest.mark.parametrize(("asked", "says"), CONTRADICTIONS)
+@each(("asked", "says"), CONTRADICTIONS)
 def test_contradictions_and_numbers_out_of_range_are_refused(asked: dict, says: str) -> None:
     with pytest.raises(BadSetting, match=says):
         ask(Z, **asked)
@@ -211,7 +212,7 @@ def test_a_search_can_be_cancelled(asked: dict) -> None:
 # ---- the edges
 
 
-@pytest.mark.parametrize("verdict", EDGES)
+@each("verdict", EDGES)
 def test_an_edge_carries_no_parameters_and_says_what_to_do(verdict: str) -> None:
     found = ask(EDGES[verdict])
     assert found.params is None
@@ -220,8 +221,8 @@ def test_an_edge_carries_no_parameters_and_says_what_to_do(verdict: str) -> None
     assert says_what_to_do(found)
 
 
-@pytest.mark.parametrize("verdict", EDGES)
-@pytest.mark.parametrize("target", TARGETS)
+@each("verdict", EDGES)
+@each("target", TARGETS)
 def test_at_an_edge_a_wish_still_gives_its_filter(verdict: str, target: str) -> None:
     found = ask(EDGES[verdict], sample_period=PERIOD, target={target: WISHED[target]})
     assert found.params is not None
@@ -253,7 +254,7 @@ def test_a_given_r_that_explains_everything_is_not_called_good() -> None:
     assert says_what_to_do(found)
 
 
-@pytest.mark.parametrize(("verdict", "silent"), list(zip(EDGES, [False, False, True, True], strict=True)))
+@each(("verdict", "silent"), list(zip(EDGES, [False, False, True, True], strict=True)))
 def test_a_constant_and_an_even_ramp_show_no_noise(verdict: str, silent: bool) -> None:
     assert shows_no_noise(EDGES[verdict]) is silent
     assert shows_no_noise(np.array([1.0, math.nan, 2.0]))
@@ -273,7 +274,7 @@ def test_all_pairs_of_two_noises_are_refused() -> None:
 # ---- an overshoot beside the target
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@each("target", TARGETS)
 def test_target_and_overshoot_are_both_met(target: str) -> None:
     found = ask(Z, sample_period=PERIOD, target={target: WISHED[target]}, overshoot=0.06)
     assert found.params is not None
@@ -292,7 +293,7 @@ def test_a_target_is_met_at_the_momentum_that_is_given(noise: Noise) -> None:
     assert steady_state(found.params).lag_samples == pytest.approx(7.0, rel=1e-9)
 
 
-@pytest.mark.parametrize(
+@each(
     ("asked", "says"),
     [
         ({"overshoot": 0.1}, r"overshoot needs a target .* \(got none\)"),

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, FilterParams, steady_state
 from kalscope.estimation.estimate import estimate
@@ -25,7 +26,7 @@ def walk(n, ratio, seed=0):
 # --- a wish ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each(
     ("wish", "field", "value"),
     [
         ({"gain": 0.2}, "gain", 0.2),
@@ -41,7 +42,7 @@ def test_the_settled_filter_has_what_was_asked(wish, field, value):
     assert getattr(steady_state(params, 0.01), field) == pytest.approx(value, rel=1e-12)
 
 
-@pytest.mark.parametrize("r", [0.0, -1.0, math.nan, math.inf])
+@each("r", [0.0, -1.0, math.nan, math.inf])
 def test_a_wish_needs_a_noise_variance(r):
     with pytest.raises(BadSetting):
         params_for_specification(r, gain=0.5)

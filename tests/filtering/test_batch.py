@@ -8,6 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from each import each
 from five_lines import assert_same_bits, five_lines
 from hypothesis import given
 from hypothesis import strategies as st
@@ -126,9 +127,9 @@ def test_nile_steps_and_log_likelihood_are_the_published_ones(nile):
 # --- laws -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("start", [(None, None), (100.0, None), (0.0, 0.0), (1.0, -5.0)])
-@pytest.mark.parametrize("missing", [0.0, 0.2])
-@pytest.mark.parametrize("irregular", [False, True])
+@each("start", [(None, None), (100.0, None), (0.0, 0.0), (1.0, -5.0)])
+@each("missing", [0.0, 0.2])
+@each("irregular", [False, True])
 def test_filter_equals_the_five_lines_bit_for_bit(start, missing, irregular):
     z = noisy_walk(3000, missing=missing, seed=3)
     if missing:
@@ -182,8 +183,8 @@ def test_streaming_equals_batch_bit_for_bit_over_a_long_settled_record():
     assert_same_bits(kalman_filter(z, FilterParams(0.3, 1.0)).x, [stream.update(s) for s in z])
 
 
-@pytest.mark.parametrize("ratio", [1e-8, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e4])
-@pytest.mark.parametrize("missing", [0.0, 0.01])
+@each("ratio", [1e-8, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e4])
+@each("missing", [0.0, 0.01])
 def test_denoise_is_within_1e_12_of_the_filter(ratio, missing):
     z = 100.0 + noisy_walk(60_000, q=ratio, missing=missing, seed=5)
     params = FilterParams(ratio, 1.0)
@@ -323,7 +324,7 @@ def test_a_masked_sample_is_missing():
 # --- what is refused ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each(
     ("call", "message"),
     [
         (
@@ -356,9 +357,7 @@ def test_a_refused_sample_leaves_the_stream_as_it_was():
     assert stream.update(2.0) == kalman_filter([3.0, 2.0], FilterParams(1, 1)).x[-1]
 
 
-@pytest.mark.parametrize(
-    ("q", "r"), [(0, 1), (1, 0), (1e300, 1e-300), (1e-300, 1e300), (1e300, 1e300), (1e-300, 1e-300)]
-)
+@each(("q", "r"), [(0, 1), (1, 0), (1e300, 1e-300), (1e-300, 1e300), (1e300, 1e300), (1e-300, 1e-300)])
 def test_extreme_variances_give_finite_answers(q, r):
     z = noisy_walk(500, missing=0.1)
     for start in ((None, None), (0.0, 1.0), (1e300, 1.0)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, FilterParams, kalman_filter
 from kalscope.filtering.pieces.chosen import PIECE, filter_at, picked
@@ -28,9 +29,9 @@ def record(*, missing=0.05):
     return z
 
 
-@pytest.mark.parametrize("params", PARAMS, ids=repr)
-@pytest.mark.parametrize("timed", [False, True])
-@pytest.mark.parametrize("missing", [0.0, 0.05])
+@each("params", PARAMS, ids=repr)
+@each("timed", [False, True])
+@each("missing", [0.0, 0.05])
 def test_it_is_the_whole_run_at_these_samples(params, timed, missing):
     z, rng = record(missing=missing), np.random.default_rng(2)
     dt = rng.random(N) * 3 if timed else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -63,8 +64,8 @@ def test_whatever_the_period_of_the_variance(period, stretches):
     assert sum(one.done for one in stretches) > 0.9 * N
 
 
-@pytest.mark.parametrize(("q", "least"), [(1e4, 0.9), (0.01, 0.9), (1e-5, 0.8), (1e-7, 0.5), (1e-12, 0), (0, 0)])
-@pytest.mark.parametrize("offset", [0.0, -1e9])
+@each(("q", "least"), [(1e4, 0.9), (0.01, 0.9), (1e-5, 0.8), (1e-7, 0.5), (1e-12, 0), (0, 0)])
+@each("offset", [0.0, -1e9])
 def test_whatever_the_gain(q, least, offset, stretches):
     assert_same(RECORD + offset, FilterParams(q, 0.25))
     assert sum(one.done for one in stretches) >= least * N
@@ -84,8 +85,8 @@ def test_whatever_is_missing(missing, q):
     assert_same(z, FilterParams(q, 0.25))
 
 
-@pytest.mark.parametrize("lane", range(LANES))
-@pytest.mark.parametrize("beside", [-1, 0, 1])
+@each("lane", range(LANES))
+@each("beside", [-1, 0, 1])
 def test_a_missing_sample_at_the_edge_of_a_lane(lane, beside, stretches):
     first, warm = PIECE, BLOCK
     z = RECORD.copy()

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 from five_lines import assert_same_bits, five_lines
 from hypothesis import given
 from hypothesis import strategies as st
@@ -31,8 +32,8 @@ def record(n=600, seed=1):
     return z, rng.choice([0.0, 0.5, 1.0, 1.0, 3.0], n)
 
 
-@pytest.mark.parametrize("params", PARAMS, ids=repr)
-@pytest.mark.parametrize("timed", [False, True])
+@each("params", PARAMS, ids=repr)
+@each("timed", [False, True])
 def test_the_stream_equals_the_batch_bit_for_bit(params, timed):
     z, dt = record()
     whole = kalman_filter(z, params, dt if timed else None)
@@ -58,7 +59,7 @@ def test_pieces_equal_the_whole(params, cuts, timed):
     assert (running.result.m, running.result.rejected) == (whole.m, whole.rejected)
 
 
-@pytest.mark.parametrize("params", PARAMS, ids=repr)
+@each("params", PARAMS, ids=repr)
 def test_denoise_is_the_filter(params):
     z, _ = record(5000)
     np.testing.assert_allclose(
@@ -66,8 +67,8 @@ def test_denoise_is_the_filter(params):
     )
 
 
-@pytest.mark.parametrize("timed", [False, True])
-@pytest.mark.parametrize("momentum", [0.0, -0.0, np.array([0.0]), np.array([0.0, 20.0])], ids=repr)
+@each("timed", [False, True])
+@each("momentum", [0.0, -0.0, np.array([0.0]), np.array([0.0, 20.0])], ids=repr)
 def test_no_momentum_is_the_five_lines_to_the_last_bit(momentum, timed):
     """The lines as they are printed, alone and beside a channel that has momentum."""
     z, dt = record()
@@ -83,9 +84,9 @@ def test_no_momentum_is_the_five_lines_to_the_last_bit(momentum, timed):
         assert_same_bits(function(columns, params, steps).reshape(600, -1)[:, 0], function(z, plain, steps))
 
 
-@pytest.mark.parametrize("params", PARAMS[:3], ids=repr)
-@pytest.mark.parametrize(("unit", "pace"), [(8.0, 1.0), (1.0, 4.0), (0.5, 0.25)])
-@pytest.mark.parametrize("function", [kalman_filter, smooth])
+@each("params", PARAMS[:3], ids=repr)
+@each(("unit", "pace"), [(8.0, 1.0), (1.0, 4.0), (0.5, 0.25)])
+@each("function", [kalman_filter, smooth])
 def test_another_unit_of_the_signal_or_of_time_is_the_same_filter(params, unit, pace, function):
     """Powers of two, which cost no digit."""
     z, dt = record()
@@ -152,7 +153,7 @@ def test_the_smoother_is_never_less_sure_than_the_filter():
         assert np.all(smoothed.velocity_p >= 0.0)
 
 
-@pytest.mark.parametrize("momentum", [-1.0, math.nan, math.inf, 1.1e5, "long"])
+@each("momentum", [-1.0, math.nan, math.inf, 1.1e5, "long"])
 def test_a_momentum_out_of_range_is_refused(momentum):
     with pytest.raises(BadSetting, match="momentum must be a number of sample periods from 0 to 1e5"):
         FilterParams(1.0, 1.0, momentum=momentum)

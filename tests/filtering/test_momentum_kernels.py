@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from dense_momentum import van_loan
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -52,7 +53,7 @@ def test_the_series_meets_the_closed_form(h, tau):
     assert kernels.transition(h * tau, 1.0, tau)[2] == pytest.approx(tau * exact((h * tau) / tau), rel=1e-12)
 
 
-@pytest.mark.parametrize("tau", [0.3, 5.0, 200.0, 1e5])
+@each("tau", [0.3, 5.0, 200.0, 1e5])
 def test_the_fast_path_agrees_with_the_filter(tau):
     g = np.random.default_rng(7)
     z = np.cumsum(g.normal(0, 0.1, 20_000)) + g.normal(0, 1, 20_000)
@@ -86,9 +87,7 @@ def test_the_loops_release_the_interpreter():
         assert loop.targetoptions["nogil"]
 
 
-@pytest.mark.parametrize(
-    ("missing", "begin"), [((), 256), ((0,), 1), ((200,), 201), ((200, 210), 201), ((300,), 256)]
-)
+@each(("missing", "begin"), [((), 256), ((0,), 1), ((200,), 201), ((200, 210), 201), ((300,), 256)])
 def test_a_chunk_that_failed_is_not_tried_again_before_its_missing_sample(missing, begin):
     z = np.zeros(600)
     z[list(missing)] = math.nan

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from dense_momentum import all_states, constant_velocity, dense_loglik, dense_model, dense_posterior
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
@@ -118,7 +119,7 @@ def test_a_long_momentum_tends_to_constant_velocity():
     assert distances[1] / distances[2] == pytest.approx(10.0, rel=0.05)
 
 
-@pytest.mark.parametrize("acceleration", [1e-8, 1e-4, 0.01, 1.0, 100.0])
+@each("acceleration", [1e-8, 1e-4, 0.01, 1.0, 100.0])
 def test_the_settled_filter_of_a_long_momentum_is_alpha_beta(acceleration):
     """Gains by the Riccati equation of constant velocity; α and β of the tracking index (Kalata 1984 form)."""
     f, noise = constant_velocity(1.0, acceleration)

@@ -8,6 +8,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import FilterParams, kalman_filter, steady_state
 
@@ -33,7 +34,7 @@ def settled_answer(q, r, momentum, n=6000):
     return result.x[start:], result.velocity[start], result.k[start]
 
 
-@pytest.mark.parametrize(("q", "r", "momentum"), PAIRS)
+@each(("q", "r", "momentum"), PAIRS)
 def test_gains_lag_noise_and_overshoot_are_those_of_the_filter(q, r, momentum):
     answer, velocity, gain = settled_answer(q, r, momentum)
     found = steady_state(FilterParams(q, r, momentum=momentum))
@@ -48,7 +49,7 @@ def test_gains_lag_noise_and_overshoot_are_those_of_the_filter(q, r, momentum):
     assert found.settle_samples == (outside[-1] + 2 if len(outside) else 1)
 
 
-@pytest.mark.parametrize(("q", "r", "momentum"), PAIRS)
+@each(("q", "r", "momentum"), PAIRS)
 def test_at_the_cutoff_half_of_the_power_passes(q, r, momentum):
     answer, *_ = settled_answer(q, r, momentum)
     cutoff = steady_state(FilterParams(q, r, momentum=momentum), sample_period=1.0).cutoff_hz
@@ -60,7 +61,7 @@ def test_at_the_cutoff_half_of_the_power_passes(q, r, momentum):
     assert passed == pytest.approx(0.5, rel=1e-3)
 
 
-@pytest.mark.parametrize("ratio", [1e-9, 1e-4, 0.1, 1.0, 30.0])
+@each("ratio", [1e-9, 1e-4, 0.1, 1.0, 30.0])
 def test_a_short_momentum_settles_as_the_five_lines(ratio):
     plain = steady_state(FilterParams(ratio, 1.0), 0.01)
     short = steady_state(FilterParams(ratio, 1.0, momentum=1e-9), 0.01)
@@ -70,7 +71,7 @@ def test_a_short_momentum_settles_as_the_five_lines(ratio):
     assert short.overshoot < 1e-8
 
 
-@pytest.mark.parametrize("momentum", [1e-12, 1e-6, 1e-3, 0.02, 0.3, 2.0, 50.0, 3e3, 1e5])
+@each("momentum", [1e-12, 1e-6, 1e-3, 0.02, 0.3, 2.0, 50.0, 3e3, 1e5])
 def test_gains_and_what_follows_are_those_of_the_riccati_equation_in_fifty_digits(momentum):
     for ratio in (1e-12, 1e-5, 0.1, 6.0, 1e3, 1e12):
         gain, velocity_gain, lag, noise = exact(ratio, momentum)
@@ -123,8 +124,8 @@ def inverse(m):
     return np.array([[d, -b], [-c, a]]) / (a * d - b * c)
 
 
-@pytest.mark.parametrize(("q", "r"), [(1e-300, 1e300), (1e300, 1e-300), (1.0, 0.0), (0.0, 1.0), (1e-28, 1.0)])
-@pytest.mark.parametrize("momentum", [1e-9, 1.0, 1e5])
+@each(("q", "r"), [(1e-300, 1e300), (1e300, 1e-300), (1.0, 0.0), (0.0, 1.0), (1e-28, 1.0)])
+@each("momentum", [1e-9, 1.0, 1e5])
 def test_every_answer_is_a_number_at_every_edge(q, r, momentum):
     found = steady_state(FilterParams(q, r, momentum=momentum), 0.01)
     assert 0.0 <= found.gain <= 1.0

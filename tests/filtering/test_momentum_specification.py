@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, FilterParams, kalman_filter, params_for_specification, ratio_for, steady_state
 
@@ -20,15 +21,15 @@ TARGETS = [
 ]
 
 
-@pytest.mark.parametrize("momentum", MOMENTA)
-@pytest.mark.parametrize(("target", "value"), TARGETS)
+@each("momentum", MOMENTA)
+@each(("target", "value"), TARGETS)
 def test_ratio_for_is_the_inverse_of_steady_state_at_any_momentum(target, value, momentum):
     ratio = ratio_for(**{target: value}, sample_period=T, momentum=momentum)
     found = getattr(steady_state(FilterParams(ratio, 1.0, momentum=momentum), T), target)
     assert found == pytest.approx(value, rel=1e-9)
 
 
-@pytest.mark.parametrize(("target", "value"), TARGETS)
+@each(("target", "value"), TARGETS)
 def test_no_momentum_gives_the_ratio_of_before_and_a_short_one_comes_close(target, value):
     plain = ratio_for(**{target: value}, sample_period=T)
     assert ratio_for(**{target: value}, sample_period=T, momentum=0.0) == plain
@@ -53,8 +54,8 @@ def test_noise_and_cutoff_rise_with_the_gain_so_that_halving_finds_them(momentum
 # ---- an overshoot that is allowed
 
 
-@pytest.mark.parametrize("overshoot", [1e-4, 0.02, 0.1, 0.18])
-@pytest.mark.parametrize(
+@each("overshoot", [1e-4, 0.02, 0.1, 0.18])
+@each(
     ("target", "value"),
     [("lag_samples", 0.4), ("lag_samples", 5.0), ("lag_s", 0.5), ("noise_reduction_db", 12.0), ("cutoff_hz", 1.0)],
 )
@@ -120,7 +121,7 @@ def test_more_overshoot_never_gives_more_lag_at_equal_noise(noise_reduction_db):
     assert np.all(np.diff(lags) < 0.0)
 
 
-@pytest.mark.parametrize(
+@each(
     ("asked", "says"),
     [
         ({"lag_samples": 5.0, "overshoot": 0.3}, r"at most 20\.55 % of a step with this target \(got 30 %\)"),
@@ -144,7 +145,7 @@ def test_the_largest_overshoot_that_the_message_names_is_possible():
     assert found.overshoot == pytest.approx(0.2055, rel=1e-6)
 
 
-@pytest.mark.parametrize(("ratio", "tau"), [(1e-4, 1e3), (1e-6, 4e3), (1e-8, 4e4), (1e-9, 1e5), (1e-10, 7e4)])
+@each(("ratio", "tau"), [(1e-4, 1e3), (1e-6, 4e3), (1e-8, 4e4), (1e-9, 1e5), (1e-10, 7e4)])
 def test_the_overshoot_of_a_slow_filter_is_that_of_its_limit(ratio, tau):
     """The limit of slow filters: 1 - H = s(s + 1/τ)/(s² + as + b) with b = √λ/τ and a² = 1/τ² + 2b."""
     b = math.sqrt(ratio) / tau

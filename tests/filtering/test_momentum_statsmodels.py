@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from dense_momentum import van_loan
+from each import each
 
 from kalscope import FilterParams, kalman_filter, smooth, steady_state
 
@@ -78,7 +79,7 @@ def settled(params):
     return found.gain, found.velocity_gain, kept, params.momentum * (1.0 - kept)
 
 
-@pytest.mark.parametrize(("q", "r", "momentum"), PAIRS)
+@each(("q", "r", "momentum"), PAIRS)
 def test_the_likelihood_is_that_of_an_arima(q, r, momentum):
     """Its differences are an ARMA(1, 2), whose moving average has the poles of the settled filter."""
     z = record()

@@ -7,11 +7,12 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, FilterParams, starting_params
 
 
-@pytest.mark.parametrize(
+@each(
     ("given", "message"),
     [
         ({"q": -1, "r": 1}, "q must be a finite variance from 0 to 1e300 (got -1)"),
@@ -83,15 +84,13 @@ def test_what_wobbles_in_its_last_bit_stands_still():
     assert starting_params([3.3, math.nextafter(3.3, 4)] * 9).r == pytest.approx(0.0033**2)
 
 
-@pytest.mark.parametrize("scale", [1e-140, 1e-9, 1.0, 1e9, 1e140])
+@each("scale", [1e-140, 1e-9, 1.0, 1e9, 1e140])
 def test_the_start_follows_the_unit_of_the_signal(scale):
     z = np.array([1.0, 3.0, 2.0, 5.0, 4.0])
     assert starting_params(z * scale).r == pytest.approx(starting_params(z).r * scale**2, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    "z", [[], [1.0], [math.nan] * 5, [0.0] * 9, [7.0] * 9, [1e200, -1e200, 1e200], [5e-324] * 3]
-)
+@each("z", [[], [1.0], [math.nan] * 5, [0.0] * 9, [7.0] * 9, [1e200, -1e200, 1e200], [5e-324] * 3])
 def test_every_signal_has_a_usable_start(z):
     params = starting_params(z)
     assert params.r > 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -46,7 +47,7 @@ def test_pieces_equal_the_whole(params, cuts, timed):
     same(running.result, kalman_filter(z, params, dt))
 
 
-@pytest.mark.parametrize("cut", range(498, 512))
+@each("cut", range(498, 512))
 def test_a_cut_within_refused_samples_keeps_their_count(cut):
     z, params = record(), PARAMS[3]
     running = RunningFilter(params)

@@ -7,6 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -151,8 +152,8 @@ KFAS_SUMV += KFAS_SUMV[::-1]
 # --- laws -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("missing", [0.0, 0.3])
-@pytest.mark.parametrize("ratio", [1e-6, 0.01, 1.0, 100.0])
+@each("missing", [0.0, 0.3])
+@each("ratio", [1e-6, 0.01, 1.0, 100.0])
 def test_smoothing_never_increases_the_variance(ratio, missing):
     z = noisy_walk(missing=missing)
     params = FilterParams(q=ratio, r=1.0)
@@ -177,7 +178,7 @@ def test_time_reversed_record_gives_the_reversed_smooth(missing):
     assert_close(back.p[::-1], forward.p, 1.0, 1e-13)
 
 
-@pytest.mark.parametrize("ratio", [0.0, 1e-9, 0.3, 1e9])
+@each("ratio", [0.0, 1e-9, 0.3, 1e9])
 def test_constant_signal_stays(ratio):
     assert np.all(smooth(np.full(50, 20.1), FilterParams(q=ratio, r=1.0)).x == 20.1)
 
@@ -265,7 +266,7 @@ def test_start_with_zero_variance_holds_x0_for_good_when_nothing_moves():
     assert got.p.tolist() == [0.0, 0.0]
 
 
-@pytest.mark.parametrize(
+@each(
     ("z", "dt", "must"),
     [
         ([1.0, math.inf], None, "z must be finite"),

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
 
@@ -13,7 +14,7 @@ RATIOS = [1e-6, 1e-4, 1e-2, 0.1, 1.0, 3.9]
 T = 0.02
 
 
-@pytest.mark.parametrize("ratio", [1e-4, 1e-2, 0.1, 1.0, 25.0])
+@each("ratio", [1e-4, 1e-2, 0.1, 1.0, 25.0])
 def test_gain_and_variance_are_where_the_filter_converges(ratio):
     z = np.random.default_rng(0).normal(size=5000)
     result = kalman_filter(z, FilterParams(ratio * 4.0, 4.0))
@@ -22,7 +23,7 @@ def test_gain_and_variance_are_where_the_filter_converges(ratio):
     assert steady.p == pytest.approx(result.p[-1], rel=1e-12)
 
 
-@pytest.mark.parametrize("ratio", RATIOS[1:])
+@each("ratio", RATIOS[1:])
 def test_lag_is_what_a_ramp_shows(ratio):
     ramp = np.arange(20_000.0)
     x = kalman_filter(ramp, FilterParams(ratio, 1.0)).x
@@ -39,7 +40,7 @@ def test_noise_reduction_is_what_white_noise_shows(ratio):
     assert steady_state(FilterParams(ratio, 1.0)).noise_reduction_db == pytest.approx(shown, abs=0.15)
 
 
-@pytest.mark.parametrize("ratio", RATIOS)
+@each("ratio", RATIOS)
 def test_cutoff_is_where_the_frequency_response_is_3_db_down(ratio):
     steady = steady_state(FilterParams(ratio, 1.0), T)
     w = 2 * math.pi * steady.cutoff_hz * T
@@ -47,7 +48,7 @@ def test_cutoff_is_where_the_frequency_response_is_3_db_down(ratio):
     assert abs(response) ** 2 == pytest.approx(0.5, rel=1e-9)
 
 
-@pytest.mark.parametrize("ratio", RATIOS[1:])
+@each("ratio", RATIOS[1:])
 def test_settling_and_time_constant_are_what_a_step_shows(ratio):
     steady = steady_state(FilterParams(ratio, 1.0), T)
     left = (1 - steady.gain) ** steady.settle_samples
@@ -65,7 +66,7 @@ def test_without_a_sample_period_there_are_no_seconds_and_no_hertz():
     assert (steady.lag_s, steady.cutoff_hz, steady.time_constant_s) == (None, None, None)
 
 
-@pytest.mark.parametrize(("q", "r"), [(1e300, 1e-300), (1e-300, 1e300), (1e300, 1e300), (1e-300, 1e-300)])
+@each(("q", "r"), [(1e300, 1e-300), (1e-300, 1e300), (1e300, 1e300), (1e-300, 1e-300)])
 def test_extreme_pairs_neither_overflow_nor_turn_into_nan(q, r):
     steady = steady_state(FilterParams(q, r))
     assert 0 < steady.gain <= 1
@@ -91,8 +92,8 @@ def test_no_process_noise_never_settles_and_no_measurement_noise_never_smooths()
     assert (raw.gain, raw.lag_samples, raw.noise_reduction_db, raw.settle_samples) == (1, 0, 0, 0)
 
 
-@pytest.mark.parametrize("ratio", RATIOS)
-@pytest.mark.parametrize("wish", ["gain", "lag_samples", "lag_s", "cutoff_hz", "noise_reduction_db"])
+@each("ratio", RATIOS)
+@each("wish", ["gain", "lag_samples", "lag_s", "cutoff_hz", "noise_reduction_db"])
 def test_ratio_for_is_the_inverse_of_steady_state(ratio, wish):
     steady = steady_state(FilterParams(ratio, 1.0), T)
     back = ratio_for(**{wish: getattr(steady, wish)}, sample_period=T)
@@ -106,7 +107,7 @@ def test_arrays_are_answered_channel_by_channel():
         assert (both.gain[c], both.lag_s[c], both.cutoff_hz[c]) == (one.gain, one.lag_s, one.cutoff_hz)
 
 
-@pytest.mark.parametrize(
+@each(
     ("given", "message"),
     [
         ({}, "exactly one of"),

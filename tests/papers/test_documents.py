@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.errors import BadSetting
 from kalscope.filtering.batch import denoise, kalman_filter
@@ -46,7 +47,7 @@ def test_the_appendix_noise_is_not_the_tables():
     assert noise_reducer.mean_error(z, x) < 0.6 * 53.4466
 
 
-@pytest.mark.parametrize("ratio", [10.0, 1.0, 0.1, 0.01, 0.001])
+@each("ratio", [10.0, 1.0, 0.1, 0.01, 0.001])
 def test_the_mean_error_formula_holds_on_a_long_record(ratio):
     """c σ (1 − K) √(2/(2 − K)) within 1.5 % on 200,000 samples."""
     z = noise_reducer.white_noise(1, samples=200_000, seed=8)[:, 0]
@@ -183,7 +184,7 @@ def test_second_question_noise_and_offset_of_two_sensors_are_found_in_their_read
     assert answer.predicted == pytest.approx(answer.fused, rel=0.15)
 
 
-@pytest.mark.parametrize(("name", "q", "r"), lis302dl.WALK)
+@each(("name", "q", "r"), lis302dl.WALK)
 def test_third_question_the_exponential_filter_is_the_same_after_the_start(name, q, r):
     answer = questions.answer_exponential(q, r)
     assert answer.samples_to_agree < 150

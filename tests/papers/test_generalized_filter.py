@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -75,7 +76,7 @@ def test_the_fixed_point_solves_its_quadratic(level, sigma_m):
         assert s == pytest.approx((-sigma_m + math.sqrt(sigma_m**2 + 4 * level * sigma_m)) / 2, rel=1e-9)
 
 
-@pytest.mark.parametrize(("level", "sigma_m"), [(1.0, 4.0), (20.0, 0.8), (1000.0, 4.0), (3.0, 500.0)])
+@each(("level", "sigma_m"), [(1.0, 4.0), (20.0, 0.8), (1000.0, 4.0), (3.0, 500.0)])
 def test_a_constant_signal_settles_at_the_fixed_point_from_any_start(level, sigma_m):
     z = np.full(5000, level)
     point = printed_fixed_point(level, sigma_m)
@@ -103,7 +104,7 @@ def test_the_gain_depends_on_the_level_but_not_on_a_common_factor():
     assert moved.k[-1] > one.k[-1] + 0.02
 
 
-@pytest.mark.parametrize(
+@each(
     ("z", "params"),
     [
         ([0.0, 1.0], GeneralizedParams(4.0)),
@@ -184,7 +185,7 @@ def test_every_filter_runs_and_streams():
     assert [type(stream).__name__ for stream in streams] == ["GeneralizedFilter", "KalmanFilter"]
 
 
-@pytest.mark.parametrize(
+@each(
     ("settings", "says"),
     [
         ({"sigma_m": 0.0}, "sigma_m must be"),

@@ -11,6 +11,7 @@ import re
 from pathlib import Path
 
 import pytest
+from each import each
 from regex_cost import ANCHORED, worst_growth
 
 import kalscope
@@ -98,7 +99,7 @@ def test_no_pattern_is_made_where_the_others_are_not_found():
     assert made == ["line_reader.py:__init__"]  # of a file's labels: see test_hostile_lines
 
 
-@pytest.mark.parametrize(
+@each(
     ("pattern", "use"),
     [
         (r"\s*(?:#|%|//)\s*unit\s+(.+?)\s*:\s*(.+?)\s*", "fullmatch"),

@@ -3,6 +3,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -11,8 +12,8 @@ from kalscope.errors import BadSetting
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings, synthesize
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("channels", [1, 3, 16])
+@each("shape", SHAPES)
+@each("channels", [1, 3, 16])
 def test_shapes_agree_and_all_is_finite(shape, channels):
     recording = synthesize(shape, n=50, channels=channels)
     assert recording.values.shape == (50, channels)
@@ -24,7 +25,7 @@ def test_shapes_agree_and_all_is_finite(shape, channels):
     np.testing.assert_array_equal(recording.time, np.arange(50) * 0.01)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@each("shape", SHAPES)
 def test_equal_seeds_give_equal_bits_and_others_other_noise(shape):
     first, second, other = (synthesize(shape, n=100, seed=seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.values, second.values)
@@ -115,7 +116,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("settings", BAD, ids=str)
+@each("settings", BAD, ids=str)
 def test_a_bad_setting_is_refused_and_named(settings):
     with pytest.raises(BadSetting, match=r"must be|must rise") as caught:
         synthesize("sine", **settings)
@@ -144,7 +145,7 @@ def test_several_sensors_of_one_signal_share_its_truth():
     assert abs(np.corrcoef(noise.T)[np.triu_indices(3, 1)]).max() < 4 / math.sqrt(len(noise))
 
 
-@pytest.mark.parametrize(
+@each(
     ("wrong", "must"),
     [
         ({"sigmas": ()}, "sigmas must be 1 to 16 numbers, one a sensor"),

@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 
 import pytest
 from coverage import Coverage
+from each import AFTER_A_CASE
 
 import kalscope
 import kalscope_app
@@ -30,6 +31,7 @@ def trace(config: pytest.Config) -> None:
     controller.cov.stop()
     if config.getoption("numprocesses", None) is None or hasattr(config, "workerinput"):
         traced = Traced(controller.cov)
+        AFTER_A_CASE.append(traced.after_a_case)
         config.pluginmanager.register(traced)
         if getattr(config, "workerinput", {}).get("workerid", "gw0") == "gw0":
             traced.import_all()
@@ -42,6 +44,8 @@ class Traced:
         self.coverage = coverage
         self.spent: set[tuple[str, str]] = set()
         """Tests of which a case reached nothing new."""
+        self.seen = 0
+        """Branches that were taken before the present case."""
 
     def import_all(self) -> None:
         """Measure the import of each of our modules."""
@@ -63,12 +67,18 @@ class Traced:
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
         """Measure a test."""
-        before = self.reached()
+        before = self.seen = self.reached()
         with self.measured(item):
             result = yield
         if self.reached() == before:
             self.spent.add(function_of(item))
         return result
+
+    def after_a_case(self) -> None:
+        """Measure no more of a test that runs its cases itself, once one of them reached nothing new."""
+        before, self.seen = self.seen, self.reached()
+        if self.seen == before:
+            self.coverage.stop()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_teardown(self, item: pytest.Item) -> Iterator[None]:

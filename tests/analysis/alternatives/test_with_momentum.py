@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import FilterParams, kalman_filter, params_for_specification, steady_state
 from kalscope.analysis.alternatives import comparison, filters
@@ -46,7 +47,7 @@ def test_each_candidate_overshoots_a_step_as_it_is_said_to(lag):
             assert one.overshoot == pytest.approx(overshoot_of(one.run), abs=1e-6), one.name
 
 
-@pytest.mark.parametrize("momentum", [0.0, 0.3, 20.0, 100.0])
+@each("momentum", [0.0, 0.3, 20.0, 100.0])
 def test_fixed_gains_are_the_filter_begun_where_it_settles(momentum):
     z = np.cumsum(RNG.normal(size=3000)) + 3.0 * RNG.normal(size=3000)
     params = FilterParams(0.2, 9.0, momentum=momentum)

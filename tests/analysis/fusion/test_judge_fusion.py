@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, FusionParams, estimate_fusion, fuse, judge_fusion, steady_state
 
@@ -30,8 +31,8 @@ def in_turns(z):
     return np.where(turns, z, np.nan)
 
 
-@pytest.mark.parametrize("seed", range(12))
-@pytest.mark.parametrize("sensors", [1, 2, 3])
+@each("seed", range(12))
+@each("sensors", [1, 2, 3])
 def test_nothing_is_wrong_with_sensors_as_the_model_has_them(seed, sensors):
     z = recorded(seed, sensors, n=1000)
     for one in (z, in_turns(z)):
@@ -110,7 +111,7 @@ FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("spoil", "name", "fault", "sentence"), FAULTS)
+@each(("spoil", "name", "fault", "sentence"), FAULTS)
 def test_the_sensor_that_is_at_fault_is_named(spoil, name, fault, sentence):
     z = recorded()
     spoil(z)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, Cancelled, estimate, estimate_fixed_r, estimate_fixed_ratio, estimate_many
 from kalscope.estimation import known
@@ -249,7 +250,7 @@ def test_no_series_is_an_empty_table():
     assert len(estimate_many(np.empty((0, 10)))) == 0
 
 
-@pytest.mark.parametrize(
+@each(
     ("series", "options"),
     [
         (np.zeros(5), {}),

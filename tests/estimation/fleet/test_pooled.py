@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 from fleets import fleet
 
 from kalscope import BadSetting, FilterParams, estimate, estimate_fixed_ratio, log_likelihood
@@ -52,8 +53,8 @@ def test_between_the_points_of_the_grid_the_pool_is_the_summed_likelihood(scale)
     np.testing.assert_allclose(pool.loglik(places, scale == "common"), summed(series, places, scale), rtol=3e-8)
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("scale", SCALES)
+@each("seed", range(6))
+@each("scale", SCALES)
 def test_the_ratio_is_that_of_a_direct_search_to_a_millionth(scale, seed):
     series = fleet(30, 100 + 60 * seed, 10.0 ** (2 - seed), seed=seed)
     found = fit_pool(pool_of(series), scale)

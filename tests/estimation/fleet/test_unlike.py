@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 from fleets import fleet
 
 from kalscope import BadSetting, estimate_many
@@ -88,7 +89,7 @@ def test_equal_missing_few_and_mostly_zero_values_are_no_alarm():
     assert unlike([]).devices.size == 0
 
 
-@pytest.mark.parametrize(
+@each(
     "options",
     [
         {"values": [[1.0]]},

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import FilterParams, denoise, estimate, estimate_fusion, fuse
 from kalscope.estimation.fusion.doubts import held_for
@@ -84,7 +85,7 @@ def test_rounding_is_the_least_noise():
     assert said(found, "variance of rounding") == (found.r[0] < 0.25 / 12.0 * 1.001)
 
 
-@pytest.mark.parametrize(
+@each(
     ("z", "verdict", "words"),
     [
         (noise(1.0, 1.0, n=7), "too_few", "at least 8 are needed"),

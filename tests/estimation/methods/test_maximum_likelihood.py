@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import FilterParams, kalman_filter
 from kalscope.estimation.estimate import estimate
@@ -206,7 +207,7 @@ def test_a_clean_ramp_shows_no_noise_and_says_what_to_do():
         assert word in found.message
 
 
-@pytest.mark.parametrize(
+@each(
     ("z", "verdict"),
     [
         ([], "too_few"),

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, noise_from_still
 from kalscope.estimation.finding import Noise, Request, find_parameters
@@ -103,7 +104,7 @@ def test_a_random_walk_has_none(ratio):
     assert sum(one is not None for one in found) <= 1
 
 
-@pytest.mark.parametrize(
+@each(
     "z",
     [
         np.sin(np.arange(2000) / 20),

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, Cancelled, FilterParams, estimate, kalman_filter
 from kalscope.estimation.likelihood.profile import log_likelihood
@@ -179,7 +180,7 @@ def test_the_answer_says_what_momentum_gains_and_costs(record):
         assert word in message
 
 
-@pytest.mark.parametrize(
+@each(
     ("z", "verdict", "word"),
     [
         (np.sin(np.arange(400) / 20.0), "no_noise", "also with momentum"),
@@ -203,11 +204,9 @@ def test_a_momentum_longer_than_the_record_is_not_claimed():
     assert 0.0 < found.momentum <= max(300.0, found.momentum_interval[0])
 
 
-@pytest.mark.parametrize("z", [np.arange(300.0) ** 2, np.exp(np.arange(300.0) / 10.0), (-1.0) ** np.arange(300)])
-@pytest.mark.parametrize(
-    "dt", [None, np.zeros(300), np.arange(300.0) % 2, np.where(np.arange(300) == 50, 1e200, 1.0)]
-)
-@pytest.mark.parametrize("momentum", ["auto", 0.001, 1e5])
+@each("z", [np.arange(300.0) ** 2, np.exp(np.arange(300.0) / 10.0), (-1.0) ** np.arange(300)])
+@each("dt", [None, np.zeros(300), np.arange(300.0) % 2, np.where(np.arange(300) == 50, 1e200, 1.0)])
+@each("momentum", ["auto", 0.001, 1e5])
 def test_odd_records_get_an_answer_without_nan(z, dt, momentum):
     found = estimate(z, dt=dt, momentum=momentum)
     numbers = [found.q, found.r, found.q_se, found.r_se, found.loglik, found.momentum, found.prediction_gain]
@@ -219,14 +218,14 @@ def test_odd_records_get_an_answer_without_nan(z, dt, momentum):
 # --- refusals, progress ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", ["em", "moments", "als", "allan"])
+@each("method", ["em", "moments", "als", "allan"])
 def test_other_methods_know_no_momentum(record, method):
     with pytest.raises(BadSetting, match="knows none"):
         estimate(record, method, momentum=5.0)
     assert estimate(record, method) == estimate(record, method, momentum=0)
 
 
-@pytest.mark.parametrize("momentum", [-1.0, 1e6, math.nan, "some", None])
+@each("momentum", [-1.0, 1e6, math.nan, "some", None])
 def test_a_momentum_out_of_range_is_refused(record, momentum):
     with pytest.raises(BadSetting, match="momentum must be"):
         estimate(record, momentum=momentum)

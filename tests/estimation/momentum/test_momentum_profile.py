@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, FilterParams, estimate, likelihood_profile, log_likelihood
 from kalscope.estimation.likelihood.contour import DROP_95, likelihood_contour
@@ -29,8 +30,8 @@ def uneven(n, seed=1):
     return np.random.default_rng(seed).choice([0.5, 1.0, 7.0], n)
 
 
-@pytest.mark.parametrize("momentum", [0.01, 3.0, 200.0, 1e5])
-@pytest.mark.parametrize(("missing", "dt"), [(0.0, None), (0.1, None), (0.1, uneven(700))])
+@each("momentum", [0.01, 3.0, 200.0, 1e5])
+@each(("missing", "dt"), [(0.0, None), (0.1, None), (0.1, uneven(700))])
 def test_every_point_of_a_profile_equals_the_filter_run_alone(momentum, missing, dt):
     z = moving(700, missing=missing)
     profile = likelihood_profile(z, dt=dt, momentum=momentum)

@@ -6,6 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import (
     BadSetting,
@@ -63,7 +64,7 @@ def test_it_is_the_fit_of_the_record_without_the_spikes(size, beside):
     assert found.outlier_share == where.mean()
 
 
-@pytest.mark.parametrize("seed", range(6))
+@each("seed", range(6))
 def test_without_spikes_it_is_the_plain_fit_bit_for_bit(seed):
     _, z = walk(seed, 600)
     found, plain = estimate(z), estimate(z, robust=False)
@@ -99,7 +100,7 @@ def test_asked_for_it_says_that_nothing_was_set_aside():
     assert found.message.startswith("No sample was set aside")
 
 
-@pytest.mark.parametrize("seed", range(4))
+@each("seed", range(4))
 def test_steps_stay(seed):
     g = np.random.default_rng(seed)
     _, z = walk(seed)
@@ -161,7 +162,7 @@ def test_where_the_signal_is_lively_a_spike_must_stand_out_from_that():
     assert np.flatnonzero(unpredicted(z, EVEN, 0.01, 1.0, 0.0)).tolist() == [300, 630]
 
 
-@pytest.mark.parametrize("ends", [[0], [0, 1], [N - 1], [N - 2, N - 1], [0, N - 1]])
+@each("ends", [[0], [0, 1], [N - 1], [N - 2, N - 1], [0, N - 1]])
 def test_the_ends_are_judged_by_their_only_side(ends):
     _, z = walk()
     z[ends] += 40.0
@@ -284,7 +285,7 @@ def test_one_step_of_a_coarse_converter_is_no_spike():
     assert np.flatnonzero(estimate(coarse).outliers).tolist() == [100, 600, 601]
 
 
-@pytest.mark.parametrize(
+@each(
     "z",
     [
         np.empty(0),
@@ -300,7 +301,7 @@ def test_one_step_of_a_coarse_converter_is_no_spike():
     ],
     ids=["none", "one", "missing", "ramp", "alternating", "glitch", "huge", "tiny", "cauchy", "jumps"],
 )
-@pytest.mark.parametrize("robust", ["auto", True])
+@each("robust", ["auto", True])
 def test_odd_records_get_a_verdict_in_words(z, robust):
     with np.errstate(over="raise", invalid="raise", divide="raise"):
         found = estimate(z, robust=robust)

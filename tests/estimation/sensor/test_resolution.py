@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import estimate, kalman_filter, log_likelihood, steady_state
 from kalscope.common.text import percent
@@ -28,7 +29,7 @@ def walk(n, movement, sigma, seed=0):
 # --- the step -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each(
     ("readings", "step"),
     [
         (np.rint(WALK * 3), 1.0),
@@ -54,9 +55,7 @@ def test_the_step_of_the_sensor_is_found(readings, step):
     assert resolution_of(-3e7 * readings) == pytest.approx(3e7 * step, rel=2e-3)
 
 
-@pytest.mark.parametrize(
-    "readings", [WALK, np.sin(np.arange(900) / 7), np.exp(np.round(WALK, 1)), np.ones(9), np.empty(0)]
-)
+@each("readings", [WALK, np.sin(np.arange(900) / 7), np.exp(np.round(WALK, 1)), np.ones(9), np.empty(0)])
 def test_readings_without_steps_show_none(readings):
     assert resolution_of(readings) == 0.0
 
@@ -88,7 +87,7 @@ def test_a_smooth_signal_keeps_its_momentum_below_the_resolution():
     assert np.mean((kalman_filter(z, found.params).x - truth) ** 2) < 0.5 * np.mean((z - truth) ** 2)
 
 
-@pytest.mark.parametrize("momentum", ["auto", 0.0, 1e-3, 20.0])
+@each("momentum", ["auto", 0.0, 1e-3, 20.0])
 def test_the_intervals_hold_the_filter_with_the_noise_of_rounding(momentum):
     """They were those of the smaller r, whose filters all lag less."""
     truth = 2 * np.sin(np.arange(3000) * np.pi / 50)

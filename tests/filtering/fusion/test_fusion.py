@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import (
     BadSetting,
@@ -36,8 +37,8 @@ def same(a, b):
     np.testing.assert_array_equal(np.asarray(a), np.asarray(b), strict=False)
 
 
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("missing", [0.0, 0.1])
+@each("model", MODELS)
+@each("missing", [0.0, 0.1])
 def test_one_sensor_is_the_scalar_filter_to_the_last_bit(model, missing):
     z = readings(sensors=1, missing=missing)
     dt = np.random.default_rng(2).exponential(1.0, len(z))
@@ -152,7 +153,7 @@ def test_no_rows_and_rows_without_readings():
     assert np.isnan(smooth_fusion(nothing, FusionParams(1.0, np.array([1.0, 2.0]))).x).all()
 
 
-@pytest.mark.parametrize("row", [[1.0], [1.0, 2.0, 3.0], [[1.0, 2.0], [1.0, 2.0]], [np.inf, 1.0], [1.0, 1e250]])
+@each("row", [[1.0], [1.0, 2.0, 3.0], [[1.0, 2.0], [1.0, 2.0]], [np.inf, 1.0], [1.0, 1e250]])
 def test_a_row_that_is_refused_leaves_the_state(row):
     stream = FusionFilter(FusionParams(1.0, np.array([1.0, 2.0]), gain=np.array([1.0, 1e-90])))
     stream.update([3.0, np.nan])

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting, FusionParams
 
 R = np.array([1.0, 4.0])
 
 
-@pytest.mark.parametrize(
+@each(
     ("wrong", "message"),
     [
         ({"r": 1.0}, "r must be one variance a sensor"),

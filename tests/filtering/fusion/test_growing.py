@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope import BadSetting
 from kalscope.filtering.fusion.batch import fuse
@@ -33,9 +34,9 @@ def assert_same(one, other, rows=slice(None)):
     assert one.rejected == other.rejected.sum()
 
 
-@pytest.mark.parametrize("momentum", [0.0, 12.0])
-@pytest.mark.parametrize("dt", [False, True])
-@pytest.mark.parametrize("missing", [0.0, 0.02])
+@each("momentum", [0.0, 12.0])
+@each("dt", [False, True])
+@each("missing", [0.0, 0.02])
 def test_chosen_rows_are_those_of_the_whole_run(momentum, dt, missing):
     z = readings(2 * PIECE + 100, missing)
     steps = np.tile([1.0, 2.0], len(z))[: len(z)] if dt else None

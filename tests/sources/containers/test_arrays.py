@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.io
+from each import each
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.containers.arrays import mat as mat_file
@@ -57,9 +58,7 @@ def test_vectors_of_matlab_with_their_time(mat):
     assert recording.sample_period == pytest.approx(0.02)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("fs", 50.0), ("Fs", 50), ("sample_rate", 50.0), ("dt", 0.02), ("Ts", 0.02)]
-)
+@each(("name", "value"), [("fs", 50.0), ("Fs", 50), ("sample_rate", 50.0), ("dt", 0.02), ("Ts", 0.02)])
 def test_a_single_number_of_matlab_is_the_rate(mat, name, value):
     recording = mat(x=X, **{name: value})
     assert recording.names == ("x",)
@@ -128,7 +127,7 @@ def test_the_longest_vectors_are_read_and_the_others_named(mat):
         mat(slow=np.arange(9.0), fast=X, part="none such")
 
 
-@pytest.mark.parametrize("variables", [{"a": "text"}, {"a": 5.0}, {"a": np.zeros((0, 3))}, {"a": np.eye(3) * 1j}])
+@each("variables", [{"a": "text"}, {"a": 5.0}, {"a": np.zeros((0, 3))}, {"a": np.eye(3) * 1j}])
 def test_matlab_without_samples_is_refused(mat, variables):
     with pytest.raises(BadFile, match="must hold"):
         mat(**variables)
@@ -179,9 +178,9 @@ def test_datasets_of_a_group_with_units_and_rate(hdf5):
     assert len(hdf5(fill, "slow")) == 5
 
 
-@pytest.mark.parametrize("place", ["", "run", "run/imu"])
-@pytest.mark.parametrize("name", ["fs", "sampling_rate", "Sample Rate (Hz)", "samplingFreq"])
-@pytest.mark.parametrize("rate", [50.0, np.array([50])])
+@each("place", ["", "run", "run/imu"])
+@each("name", ["fs", "sampling_rate", "Sample Rate (Hz)", "samplingFreq"])
+@each("rate", [50.0, np.array([50])])
 def test_a_rate_among_the_attributes_of_a_group_or_of_one_around_it(hdf5, place, name, rate):
     def fill(file):
         file["run/imu/ax"] = X

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -50,9 +51,7 @@ def test_the_longest_list_is_read_and_another_by_name(read):
         read(document, "d")
 
 
-@pytest.mark.parametrize(
-    "text", ["[" * 100_000, '[{"a": 1}, {"a"', "{}", '{"a": 5}', "[]", '[{"a": "b"}]', "[1, 2", '{"']
-)
+@each("text", ["[" * 100_000, '[{"a": 1}, {"a"', "{}", '{"a": 5}', "[]", '[{"a": "b"}]', "[1, 2", '{"'])
 def test_a_document_without_samples_is_refused(read, text):
     with pytest.raises(BadFile):
         read(text)
@@ -64,8 +63,8 @@ def test_objects_one_a_line_are_no_document(read):
     assert not any("document" in note for note in recording.report.notes)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
-@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+@each("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
+@each("newline", ["\n", "\r\n", "\r"])
 def test_objects_one_a_line_are_lines_in_any_encoding(tmp_path, encoding, newline):
     path = tmp_path / "log.txt"
     path.write_bytes("".join(f'{{"t": {i / 10}, "temp": {20 + i}}}{newline}' for i in range(20)).encode(encoding))

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -62,8 +63,8 @@ def read(tmp_path):
 ROWS = np.round(np.random.default_rng(1).normal(size=(20, 2)), 6)
 
 
-@pytest.mark.parametrize("x", ["No", "One", "Multi"])
-@pytest.mark.parametrize(("sep", "decimal"), [("\t", "."), ("\t", ","), (",", ".")])
+@each("x", ["No", "One", "Multi"])
+@each(("sep", "decimal"), [("\t", "."), ("\t", ","), (",", ".")])
 def test_every_form_reads_as_lvm_read_reads_it(read, x, sep, decimal):
     form = {"sep": sep, "decimal": decimal}
     text = file_header(x_columns=x, **form) + segment(["a", "b"], ROWS, x=x, units=["V", "g"], **form)
@@ -168,7 +169,7 @@ def test_without_an_x_column_a_rejected_row_keeps_its_place(read):
     assert np.isnan(recording.values[2]).all()
 
 
-@pytest.mark.parametrize("cut", [20, 150, 300, 420])
+@each("cut", [20, 150, 300, 420])
 def test_a_file_cut_in_its_headers_is_refused(read, cut):
     with pytest.raises(BadFile):
         read((file_header() + segment(["a", "b"], ROWS))[:cut])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -56,7 +57,7 @@ def test_a_parquet_file_without_samples_is_refused(parquet, select):
         parquet(select)
 
 
-@pytest.mark.parametrize("name", ["log[1].parquet", "log*.parquet", "log?.parquet", "run=7/log1.parquet"])
+@each("name", ["log[1].parquet", "log*.parquet", "log?.parquet", "run=7/log1.parquet"])
 def test_only_the_named_parquet_file_is_read(tmp_path, name):
     (tmp_path / "run=7").mkdir()
     for file, value in (("plain.parquet", 2.0), ("log1.parquet", 1.0)):

@@ -6,6 +6,7 @@ import struct
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, BadSetting
@@ -168,7 +169,7 @@ def test_topics_of_ulog_with_their_instances(tmp_path, capsys):
     assert capsys.readouterr().out == ""
 
 
-@pytest.mark.parametrize(
+@each(
     ("seconds", "rest", "clock"),
     [
         ("sec", "nsec", "headers"),

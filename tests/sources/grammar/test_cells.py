@@ -1,11 +1,11 @@
 """Cells of a line: brackets around a row of numbers, and what they do not change."""
 
-import pytest
+from each import each
 
 from kalscope.sources.grammar.cells import split_fields
 
 
-@pytest.mark.parametrize(
+@each(
     ("line", "delimiter", "cells"),
     [
         ("[1.5, -2, 3]", ",", ["1.5", "-2", "3"]),

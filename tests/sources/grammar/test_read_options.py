@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -99,7 +100,7 @@ def test_a_far_value_that_repeats_is_asked_about_and_stays(read, text, values):
     assert np.count_nonzero(recording.values[:, -1] == values) >= 3
 
 
-@pytest.mark.parametrize(
+@each(
     "samples",
     [
         [i % 2 for i in range(50)],  # a switch
@@ -191,7 +192,7 @@ def test_a_gap_of_years_is_no_million_rows(read):
     assert read(text, gaps="dt").steps()[-1] > 9e8
 
 
-@pytest.mark.parametrize(
+@each(
     ("options", "said"),
     [
         ({"time_column": "x"}, "must be one of n, clock, a"),
@@ -206,7 +207,7 @@ def test_an_option_that_the_file_cannot_have_is_refused(read, options, said):
         read(TIMED, **options)
 
 
-@pytest.mark.parametrize(
+@each(
     "options",
     [
         {"delimiter": "x"},
@@ -246,7 +247,7 @@ def test_the_account_adds_up_and_names_every_issue(read):
     assert all(line.isprintable() for line in text.splitlines())
 
 
-@pytest.mark.parametrize(
+@each(
     ("text", "values"),
     [
         ("", []),

@@ -3,6 +3,7 @@
 from datetime import datetime, timedelta
 
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,7 +25,7 @@ def days(order, count=11, step=1, start=datetime(2024, 1, 1)):
     return [(start + timedelta(days=step * i)).strftime(pattern) for i in range(count)]
 
 
-@pytest.mark.parametrize(
+@each(
     ("cells", "form"),
     [
         (["0.5", "1", "1.5e3"], ("number", "ymd", "h:m:s", "")),
@@ -64,8 +65,8 @@ def test_a_day_above_twelve_anywhere_decides():
         assert found(cells)[1] == order
 
 
-@pytest.mark.parametrize("order", ["dmy", "mdy"])
-@pytest.mark.parametrize(("step", "count"), [(1, 12), (2, 6), (3, 4)])
+@each("order", ["dmy", "mdy"])
+@each(("step", "count"), [(1, 12), (2, 6), (3, 4)])
 def test_even_steps_decide_where_no_day_is_above_twelve(order, step, count):
     cells = days(order, count, step)
     assert all(int(part) <= 12 for cell in cells for part in cell.split("/")[:2])
@@ -131,7 +132,7 @@ def test_a_format_of_the_user_is_the_form():
     assert find_stamp_form(["12:00"], ".", StampHints(time_format="%d.%m.%Y")) is None
 
 
-@pytest.mark.parametrize("form", ["%Q", "abc", "", "%H:%M:%M", "%c %Y"])
+@each("form", ["%Q", "abc", "", "%H:%M:%M", "%c %Y"])
 def test_a_format_that_is_none_is_refused(form):
     with pytest.raises(BadSetting, match="time_format must"):
         find_stamp_form(["12:00"], ".", StampHints(time_format=form))
@@ -145,9 +146,9 @@ NAMED = StampHints(is_date=True)  # MESS_DATUM
 DAY = StampHints(is_date=True, may_be_spreadsheet=True)  # Date
 
 
-@pytest.mark.parametrize("pattern", ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"])
-@pytest.mark.parametrize("hints", [NAMED, TIME])
-@pytest.mark.parametrize(("start", "count"), [(datetime(1893, 1, 1, 20), 60), (datetime(2024, 2, 28, 22), 5)])
+@each("pattern", ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"])
+@each("hints", [NAMED, TIME])
+@each(("start", "count"), [(datetime(1893, 1, 1, 20), 60), (datetime(2024, 2, 28, 22), 5)])
 def test_digits_of_a_date_and_a_clock(pattern, hints, start, count):
     stamps = [start + timedelta(hours=i) for i in range(count)]
     cells = [stamp.strftime(pattern) for stamp in stamps]
@@ -162,8 +163,8 @@ def test_days_in_eight_digits_show_themselves_by_the_ends_of_months():
     assert found(cells) == ("calendar", "ymd", "h:m:s", "")
 
 
-@pytest.mark.parametrize("start", [1_700_000_000, 1_801_010_100, 2_024_010_100, 1_999_123_100])
-@pytest.mark.parametrize("step", [1, 7, 60])
+@each("start", [1_700_000_000, 1_801_010_100, 2_024_010_100, 1_999_123_100])
+@each("step", [1, 7, 60])
 def test_seconds_since_1970_are_no_date_of_ten_digits(start, step):
     cells = [str(start + step * i) for i in range(60)]
     assert found(cells, NAMED)[0] == "number"

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.sources.readers.recording_file import read_recording
 
@@ -143,8 +144,8 @@ def comma(line):
     return line.replace(",", ";").replace(".", ",")
 
 
-@pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+@each("name", FILES)
+@each("ending", ["\n", "\r\n"])
 def test_a_whole_file(name, ending, tmp_path):
     text, names, units, period = FILES[name]
     path = tmp_path / "file.csv"
@@ -159,7 +160,7 @@ def test_a_whole_file(name, ending, tmp_path):
     assert recording.sample_period == pytest.approx(period, rel=1e-6)
 
 
-@pytest.mark.parametrize("name", ["rigol numbered", "tektronix beside", "siglent", "keysight", "picoscope"])
+@each("name", ["rigol numbered", "tektronix beside", "siglent", "keysight", "picoscope"])
 def test_a_file_that_a_spreadsheet_saved_with_decimal_commas(name, tmp_path):
     text, names, units, period = FILES[name]
     path = tmp_path / "file.csv"
@@ -217,8 +218,8 @@ NAMES = [
 ]
 
 
-@pytest.mark.parametrize("mangling", MANGLED)
-@pytest.mark.parametrize("name", NAMES)
+@each("mangling", MANGLED)
+@each("name", NAMES)
 def test_a_file_that_a_script_copied(name, mangling, tmp_path):
     text, names, units, period = FILES[name]
     path = tmp_path / "file.csv"

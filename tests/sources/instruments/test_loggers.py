@@ -1,6 +1,7 @@
 """What loggers and wearables write above their samples; each text is made up in the form of real files."""
 
 import pytest
+from each import each
 from prefaces import head, preface
 
 from kalscope.sources.instruments.known import find_preface
@@ -61,7 +62,7 @@ def test_empatica_beats_are_stamped_from_the_start():
     assert (found.first_row, found.time_column, found.start) == (2, 0, 1551453301)
 
 
-@pytest.mark.parametrize(
+@each(
     "text",
     [
         "1551453301\n1551453302\n1551453303",  # stamps alone
@@ -163,9 +164,7 @@ def test_actigraph_raw_samples_have_a_rate_and_no_epoch():
     assert (found.period, found.header_row, found.first_row) == (1 / 30, 0, 9)
 
 
-@pytest.mark.parametrize(
-    ("line", "delimiter"), [("sep=;", ";"), ('"sep=,"', ","), ("sep=\t", "\t"), ("SEP=|", "|")]
-)
+@each(("line", "delimiter"), [("sep=;", ";"), ('"sep=,"', ","), ("sep=\t", "\t"), ("SEP=|", "|")])
 def test_a_separator_line_for_a_spreadsheet_names_the_delimiter(line, delimiter):
     assert preface(f"{line}\nt{delimiter}a\n0{delimiter}1").delimiter == delimiter
 
@@ -203,7 +202,7 @@ def test_opensignals_say_their_columns_in_json():
     assert (found.delimiter, found.period, found.start, found.first_row) == ("\t", 1 / 700, 1495445941, 4)
 
 
-@pytest.mark.parametrize("said", ["", "{", "[1]", "{}", '{"a": 1}', '{"a": {"column": 5}}', "{" * 9000])
+@each("said", ["", "{", "[1]", "{}", '{"a": 1}', '{"a": {"column": 5}}', "{" * 9000])
 def test_opensignals_without_a_header_are_none(said):
     assert find_preface(["# OpenSignals Text File Format", f"# {said}", "# EndOfHeader", "0\t1", "1\t1"]) is None
 

@@ -1,6 +1,7 @@
 """What oscilloscopes write above and beside their samples; each text is made up in the form of real files."""
 
 import pytest
+from each import each
 from prefaces import head, preface
 
 
@@ -296,8 +297,8 @@ FILES = {
 }
 
 
-@pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("dialect", DIALECTS)
+@each("name", FILES)
+@each("dialect", DIALECTS)
 def test_a_spreadsheet_may_save_the_file_again_with_its_own_marks(name, dialect):
     as_written, saved = preface(FILES[name]), preface(DIALECTS[dialect](FILES[name]))
     assert (saved.delimiter, saved.decimal) == (

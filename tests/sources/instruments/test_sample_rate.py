@@ -1,6 +1,7 @@
 """A rate above a table of any logger; and that ordinary tables are no instrument's."""
 
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -9,7 +10,7 @@ from kalscope.sources.instruments.known import find_preface
 TABLE = ["t,a", "0,1", "1,2", "2,3"]
 
 
-@pytest.mark.parametrize(
+@each(
     ("line", "period"),
     [
         ("# Sampling Rate: 250 Hz", 0.004),
@@ -47,7 +48,7 @@ def test_a_rate_above_the_table(line, period):
     assert found.header_row is None
 
 
-@pytest.mark.parametrize(
+@each(
     "line",
     [
         "# Sampling Rate: unknown",
@@ -102,7 +103,7 @@ ORDINARY = [
 ]
 
 
-@pytest.mark.parametrize("lines", ORDINARY)
+@each("lines", ORDINARY)
 def test_an_ordinary_table_is_no_instruments(lines):
     assert find_preface(lines) is None
 

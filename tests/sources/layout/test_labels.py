@@ -1,13 +1,14 @@
 """Lines that name their values: labels, equalities, JSON."""
 
 import pytest
+from each import each
 
 from kalscope.sources.grammar.json_line import MAX_VALUES
 from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.lines.line_parser import LineParser
 
 
-@pytest.mark.parametrize(
+@each(
     ("line", "pairs"),
     [
         ("t=123 ax=0.1 ay=-2.0", {"t": "123", "ax": "0.1", "ay": "-2.0"}),
@@ -45,7 +46,7 @@ def test_the_pairs_of_a_line(line, pairs):
     assert found[1] == []
 
 
-@pytest.mark.parametrize(
+@each(
     "line",
     [
         "5=6",

@@ -4,6 +4,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -27,8 +28,8 @@ def notes_of(recording):
     return "\n".join(recording.report.notes)
 
 
-@pytest.mark.parametrize("ending", [",", ", "])
-@pytest.mark.parametrize("header", ["t,a,b\n", "t,a,b,\n", "t,a,b\ns,V,m\n", ""])
+@each("ending", [",", ", "])
+@each("header", ["t,a,b\n", "t,a,b,\n", "t,a,b\ns,V,m\n", ""])
 def test_a_separator_at_the_end_of_each_row_shifts_no_column(read, header, ending):
     recording = read(header + "".join(f"{i / 10},{i % 7},{i % 5}{ending}\n" for i in range(30)))
     assert recording.names == (("a", "b") if header else ("value 1", "value 2"))
@@ -42,7 +43,7 @@ def test_a_name_too_few_means_row_names_where_the_first_column_counts_and_the_la
     assert recording.values[:3].tolist() == [[1, 1], [2, 2], [3, 3]]
 
 
-@pytest.mark.parametrize("word", ["M", "NA", "-", "--", "unavailable", "unknown", "offline", "n.a.", "#N/A", "***"])
+@each("word", ["M", "NA", "-", "--", "unavailable", "unknown", "offline", "n.a.", "#N/A", "***"])
 def test_first_rows_without_a_sample_do_not_take_the_header_with_them(read, word):
     recording = read(
         "t,a,b\n" + f"0,{word},{word}\n1,{word},{word}\n" + "".join(f"{i},{i % 5},3\n" for i in range(2, 30))
@@ -121,7 +122,7 @@ def test_rows_from_before_a_field_was_added_lack_it_and_a_lone_short_row_is_torn
     assert "rows of 2 fields" in notes_of(recording)
 
 
-@pytest.mark.parametrize(
+@each(
     ("cell", "value", "unit"),
     [
         ("26.{}C", 26.0, "C"),
@@ -185,8 +186,8 @@ def test_the_day_of_a_date_with_a_month_name_is_no_stamp_before_labels(read, mar
     assert (recording.names, recording.sample_period) == (("a",), 1.0)
 
 
-@pytest.mark.parametrize("mark", [" ", ",", "\t"])
-@pytest.mark.parametrize("width", [1, 3])
+@each("mark", [" ", ",", "\t"])
+@each("width", [1, 3])
 def test_a_blank_line_that_is_named_as_the_header_names_nothing(read, mark, width):
     rows = "".join(mark.join([f"{i % 7}.5"] * width) + "\n" for i in range(12))
     recording = read("junk\n\n" + rows, header_row=2)

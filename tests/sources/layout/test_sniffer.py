@@ -1,4 +1,5 @@
 import pytest
+from each import each
 
 from kalscope import read_recording
 from kalscope.sources.layout.columns import distinct_names, named_column
@@ -11,8 +12,8 @@ def _head(names, delimiter, decimal, n=12):
     return ([delimiter.join(names)] if names else []) + lines
 
 
-@pytest.mark.parametrize(("delimiter", "decimal"), [(d, m) for d in ",;\t| " for m in ".," if d != m])
-@pytest.mark.parametrize("names", [("t", "temp"), ()])
+@each(("delimiter", "decimal"), [(d, m) for d in ",;\t| " for m in ".," if d != m])
+@each("names", [("t", "temp"), ()])
 def test_delimiter_decimal_mark_and_header_are_found(delimiter, decimal, names):
     layout = sniff(_head(names, delimiter, decimal))
     assert layout is not None
@@ -31,7 +32,7 @@ def test_one_column_of_decimal_commas_is_known_by_its_header():
     assert (layout.form.decimal, len(layout.columns)) == (",", 1)
 
 
-@pytest.mark.parametrize(
+@each(
     ("text", "name", "unit"),
     [
         ("accel (m/s^2)", "accel", "m/s^2"),
@@ -52,7 +53,7 @@ def test_a_unit_stands_in_brackets_or_as_a_clear_suffix(text, name, unit):
     assert (column.name, column.unit) == (name, unit)
 
 
-@pytest.mark.parametrize(
+@each(
     ("header", "unit"),
     [
         ("time_ms", "ms"),
@@ -112,7 +113,7 @@ def test_names_that_could_be_units_are_names_below_a_sentence(names):
     assert (layout.headers, [column.name for column in layout.columns]) == (frozenset({2}), names.split())
 
 
-@pytest.mark.parametrize("filling", [" ", "\t", "a ", ":", " :", "#"])
+@each("filling", [" ", "\t", "a ", ":", " :", "#"])
 def test_a_long_unit_comment_is_no_unit_and_is_passed_over_at_once(filling):
     # Half a minute for 4,800 blanks once; 64,000 would outlast any test run.
     layout = sniff([f"# unit{filling * 64_000}x", "t,temp", "0.0,20.5", "0.1,20.6"])
@@ -126,7 +127,7 @@ def test_names_may_stand_in_the_comment_above_the_data():
     assert [column.name for column in layout.columns] == ["time", "ax"]
 
 
-@pytest.mark.parametrize(
+@each(
     ("lines", "names"),
     [
         (["t,Na", "0.0,1", "0.1,2"], ["t", "Na"]),
@@ -154,7 +155,7 @@ def test_a_name_too_few_means_row_names_as_r_writes_them():
     assert [column.role for column in layout.columns] == ["row name", "time", "channel", "channel"]
 
 
-@pytest.mark.parametrize(
+@each(
     "lines",
     [
         [],
@@ -173,7 +174,7 @@ def test_names_are_made_distinct_without_taking_a_given_one():
     assert distinct_names(["", "value 1"]) == ("value 2", "value 1")
 
 
-@pytest.mark.parametrize(
+@each(
     ("header", "step", "names"),
     [
         ("count,a", 1, ("a",)),

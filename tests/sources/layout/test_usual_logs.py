@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
@@ -147,7 +148,7 @@ def read(tmp_path, text, options=DEFAULTS):
     return read_recording(path, options)
 
 
-@pytest.mark.parametrize("name", LOGS)
+@each("name", LOGS)
 def test_a_usual_log_is_read_right(tmp_path, name):
     text, channels, period = LOGS[name]
     recording = read(tmp_path, text)

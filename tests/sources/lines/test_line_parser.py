@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,14 +21,14 @@ def test_every_printed_float_is_read_back_exactly(value):
     assert parse_number(repr(value).replace(".", ","), ",") == value
 
 
-@pytest.mark.parametrize("cell", ["", "nan", "NaN", "-nan", "nil", "NULL", "N/A", "None"])
+@each("cell", ["", "nan", "NaN", "-nan", "nil", "NULL", "N/A", "None"])
 def test_missing_words_are_nan(cell):
     value = parse_number(cell)
     assert value is not None
     assert math.isnan(value)
 
 
-@pytest.mark.parametrize(
+@each(
     "cell",
     [
         "12abc",
@@ -57,7 +58,7 @@ def test_a_decimal_comma_needs_a_digit_after_it():
     assert parse_number("1.5", ",") is None
 
 
-@pytest.mark.parametrize(
+@each(
     ("line", "delimiter", "cells"),
     [
         ("1, 2 ,3\n", ",", ["1", "2", "3"]),
@@ -76,7 +77,7 @@ def test_fields_are_split_at_the_delimiter_and_never_beyond_the_line(line, delim
     assert split_fields(line, delimiter) == cells
 
 
-@pytest.mark.parametrize(
+@each(
     ("line", "pairs"),
     [
         ("a:1,b:2", [("a", "1"), ("b", "2")]),
@@ -103,7 +104,7 @@ def test_a_labelled_line_is_put_in_column_order_and_unknown_or_double_labels_ref
     assert reader.read(4, "a:1,a:2").kind == "rejected"
 
 
-@pytest.mark.parametrize(
+@each(
     ("line", "parts"),
     [
         ("[   60] ax=0.5 ay=1", ("60", "ax=0.5 ay=1")),

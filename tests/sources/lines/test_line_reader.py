@@ -6,6 +6,7 @@ from functools import reduce
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -61,25 +62,25 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize(("line", "values"), ROWS)
+@each(("line", "values"), ROWS)
 def test_what_people_print_is_a_row(line, values):
     kind, found, issues = only(line)
     assert (kind, issues) == ("row", ())
     np.testing.assert_equal(found, values)
 
 
-@pytest.mark.parametrize("line", ["hello world", "nan", "a==1", "WiFi connected", "Warning: too hot"])
+@each("line", ["hello world", "nan", "a==1", "WiFi connected", "Warning: too hot"])
 def test_text_is_text(line):
     assert only(line)[0] == "text"
 
 
-@pytest.mark.parametrize("line", ["12abc", "0x1F", "Infinity", "-inf", "1_000"])
+@each("line", ["12abc", "0x1F", "Infinity", "-inf", "1_000"])
 def test_what_begins_like_a_number_and_is_none_is_rejected(line):
     kind, _, issues = only(line)
     assert (kind, issues[0].text) == ("rejected", line)
 
 
-@pytest.mark.parametrize("cell", ["12abc", "0x1F", "Infinity", "hello"])
+@each("cell", ["12abc", "0x1F", "Infinity", "hello"])
 def test_once_the_shape_is_known_such_a_cell_is_a_reported_missing_sample(cell):
     kind, values, issues = only(f"1,{cell}", b"1,2\n" * 3)
     assert (kind, values["value 1"]) == ("row", 1)
@@ -120,7 +121,7 @@ def test_teleplot_lines_bring_stamps_and_units_and_all_else_is_text():
     np.testing.assert_equal(events[3].rows, ((6.0, NAN),))
 
 
-@pytest.mark.parametrize("line", ["a:1", ">3D|cube:1:2", ">a:b:1", ">msg:hello|t", ">a", "", ">:1"])
+@each("line", ["a:1", ">3D|cube:1:2", ">a:b:1", ">msg:hello|t", ">a", "", ">:1"])
 def test_what_is_no_sample_of_teleplot(line):
     assert split_teleplot(line) is None
 
@@ -181,7 +182,7 @@ def test_any_bytes_in_any_pieces_are_the_same_events(data, cuts):
     assert [event.number for event in whole] == list(range(1, len(whole) + 1))
 
 
-@pytest.mark.parametrize("name", ["table", "labels", "stamps", "checksums", "units"])
+@each("name", ["table", "labels", "stamps", "checksums", "units"])
 def test_a_stream_means_what_the_file_means(tmp_path, name):
     path = tmp_path / "log.txt"
     path.write_bytes(STREAMS[name])
@@ -226,7 +227,7 @@ def test_options_hold_for_a_stream_as_for_a_file():
     assert all(event.issues == () for event in events)
 
 
-@pytest.mark.parametrize(
+@each(
     ("line", "plain"),
     [
         (b"1,2\n", "1,2\n"),

@@ -10,6 +10,7 @@ from queue import Empty
 
 import pytest
 import serial
+from each import each
 
 from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import Clock
@@ -118,7 +119,7 @@ def termios_error():
     return termios.error(errno.EIO, "Input/output error")
 
 
-@pytest.mark.parametrize(
+@each(
     "error",
     [
         serial.SerialException("device reports readiness to read but returned no data"),
@@ -128,7 +129,7 @@ def termios_error():
     ],
     ids=lambda error: type(error).__module__ + "." + type(error).__name__,
 )
-@pytest.mark.parametrize("where", ["read", "in_waiting"])
+@each("where", ["read", "in_waiting"])
 def test_whatever_is_raised_the_state_is_the_same_calm_one(error, where, wait_for):
     port = ScriptedPort([b"1\n", error if where == "read" else (error,)])
     ports = [port]
@@ -250,7 +251,7 @@ def test_the_words_of_both_causes_name_both(tmp_path):
     assert "another program" in disconnect_reason(PortSpec("/dev/gone"), "/dev/gone", error, again=True)
 
 
-@pytest.mark.parametrize(
+@each(
     ("error", "words"),
     [
         (FileNotFoundError(errno.ENOENT, "No such file"), "is not plugged in"),

@@ -3,13 +3,14 @@
 from types import SimpleNamespace
 
 import pytest
+from each import each
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
 from kalscope.sources.port.port_spec import PortInfo, PortSpec, is_live, list_ports, port_of
 
 
-@pytest.mark.parametrize(
+@each(
     ("text", "url", "baud"),
     [
         ("serial:/dev/ttyACM0@9600", "/dev/ttyACM0", 9600),
@@ -32,22 +33,20 @@ def test_a_port_is_read_as_it_is_typed(text, url, baud):
     assert port_of(text) == PortSpec(url, baud)
 
 
-@pytest.mark.parametrize("text", ["serial:/dev/ttyACM0@9600", "COM3", "socket://a:1", "rfc2217://a:1@300"])
+@each("text", ["serial:/dev/ttyACM0@9600", "COM3", "socket://a:1", "rfc2217://a:1@300"])
 def test_a_port_written_is_the_port_read(text):
     spec = port_of(text)
     assert port_of(spec.text) == spec
     assert is_live(spec.text)
 
 
-@pytest.mark.parametrize(
-    "text", ["", "serial:", "serial:@9600", "COM3@", "COM3@fast", "COM3@-1", "COM3@0", "COM3@1e6"]
-)
+@each("text", ["", "serial:", "serial:@9600", "COM3@", "COM3@fast", "COM3@-1", "COM3@0", "COM3@1e6"])
 def test_what_names_no_port_is_refused_with_what_came(text):
     with pytest.raises(BadSetting, match="got"):
         port_of(text)
 
 
-@pytest.mark.parametrize("baud", [0, -1, 30_000_000, 9600.0, True, "9600"])
+@each("baud", [0, -1, 30_000_000, 9600.0, True, "9600"])
 def test_a_baud_rate_is_a_whole_number_of_its_range(baud):
     with pytest.raises(BadSetting, match="baud rate"):
         PortSpec("COM3", baud)
@@ -68,12 +67,12 @@ FINISHED = [
 FINISHED += ["http://x/y.csv", "./serial", "/dev/null", "experiment:x", "socket://", "a@9600"]
 
 
-@pytest.mark.parametrize(("spec", "live"), [(s, True) for s in LIVE] + [(s, False) for s in FINISHED])
+@each(("spec", "live"), [(s, True) for s in LIVE] + [(s, False) for s in FINISHED])
 def test_a_port_streams_and_a_file_is_finished(spec, live):
     assert is_live(spec) is live
 
 
-@pytest.mark.parametrize("spec", LIVE)
+@each("spec", LIVE)
 def test_a_live_source_is_no_finished_recording(spec):
     with pytest.raises(BadSetting, match="a board that streams"):
         open_source(spec)
@@ -92,9 +91,7 @@ def test_ports_are_listed_by_name_with_what_the_system_says(monkeypatch):
     assert list_ports() == (PortInfo("COM9", "Uno", "75", "A", (0x2341, 0x43)), PortInfo("COM10", "", ""))
 
 
-@pytest.mark.parametrize(
-    "text", ["socket://host", "rfc2217://host", "socket://:3333", "socket://host:", "socket://a:b"]
-)
+@each("text", ["socket://host", "rfc2217://host", "socket://:3333", "socket://host:", "socket://a:b"])
 def test_an_address_names_host_and_port(text):
     with pytest.raises(BadSetting, match="an address must be socket://host:port"):
         port_of(text)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.sources.readers.recording_file import read_recording
 
@@ -148,12 +149,12 @@ def test_a_field_log_reads_as_its_table_says(read, name):
         assert not units or recording.units[index] in units
 
 
-@pytest.mark.parametrize("name", UNGAPPED)
+@each("name", UNGAPPED)
 def test_a_clock_of_whole_seconds_or_of_bursts_has_no_gaps(read, name):
     assert not any("gaps" in note or "--gaps" in note for note in read(name).report.notes)
 
 
-@pytest.mark.parametrize("name", RIGHT)
+@each("name", RIGHT)
 def test_neither_a_date_part_nor_metadata_is_a_channel(read, name):
     names = {known.lower() for known in read(name).names}
     assert not names & {"year", "month", "day", "hour", "minute", "second", "hora", "data", "record length"}

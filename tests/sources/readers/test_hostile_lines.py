@@ -8,6 +8,7 @@ from contextlib import suppress
 from functools import partial
 
 import pytest
+from each import each
 from regex_cost import worst_growth
 
 from kalscope.errors import BadFile
@@ -98,7 +99,7 @@ def test_the_pattern_of_the_labels_takes_steps_in_proportion_to_its_text(head):
     assert worst_growth(pattern, "findall", 120, 24) is None
 
 
-@pytest.mark.parametrize(
+@each(
     "line",
     [hostile(64_000, lead, run) for lead in ("", "# unit ", "a:", "1,") for run in (" ", "1", ":", '"', "1,")],
 )

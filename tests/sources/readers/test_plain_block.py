@@ -5,6 +5,7 @@ import threading
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import example, given
 from hypothesis import strategies as st
 from raw_bytes import damaged
@@ -94,8 +95,9 @@ def assert_same(path, options=DEFAULTS):
     np.testing.assert_array_equal(fast.values, slow.values)
 
 
-@pytest.mark.parametrize("name", SEEDS)
+@each("name", SEEDS)
 def test_plain_tables_are_one_block_and_are_the_same(tmp_path, taken, name):
+    taken.clear()
     path = tmp_path / "log.csv"
     path.write_bytes(SEEDS[name].encode())
     assert_same(path)
@@ -125,9 +127,7 @@ def three_columns():
     return Layout(LineFormat(), (Column("a"),) * 3, None, 1, frozenset(), (), ())
 
 
-@pytest.mark.parametrize(
-    "line", ["1,2\n", "1,2,NA\n", "1,2,1e999\n", "1,2,1_0\n", "1,2,\x1c3\n", "\n", ",,\n", '1,"2",3\n']
-)
+@each("line", ["1,2\n", "1,2,NA\n", "1,2,1e999\n", "1,2,1_0\n", "1,2,\x1c3\n", "\n", ",,\n", '1,"2",3\n'])
 def test_what_is_not_plain_is_left_to_the_line_reader(line):
     plain = ["1.5,-2e-3,+.5\n", "1, 2 ,3\n", "1,,\n", "1,-NaN,3,\n"]
     assert len(parsed(three_columns(), [*plain, line, *plain])) == 4
@@ -157,7 +157,7 @@ def test_what_lies_between_two_floats_is_rounded_as_python_does(half, tens):
         assert scaled(digits, tens) == float(f"{digits}e{tens}")
 
 
-@pytest.mark.parametrize("power", range(-MAX_TENS, 0))
+@each("power", range(-MAX_TENS, 0))
 def test_the_powers_of_five_are_rounded_as_the_proof_assumes(power):
     high, low = map(int, number_kernels._FIVES[power + MAX_TENS])
     five = 5**-power
@@ -235,8 +235,8 @@ def test_damage_is_the_same_to_both(tmp_path_factory, name, changes):
     assert_same(path)
 
 
-@pytest.mark.parametrize("damage", DAMAGE)
-@pytest.mark.parametrize("line", [0, 1, 20, 41])
+@each("damage", DAMAGE)
+@each("line", [0, 1, 20, 41])
 def test_each_damage_alone_is_the_same_to_both(tmp_path, damage, line):
     path = tmp_path / "log.csv"
     lines = CLEAN.encode().splitlines(keepends=True)
@@ -248,6 +248,7 @@ def test_each_damage_alone_is_the_same_to_both(tmp_path, damage, line):
     "options", [ReadOptions(missing=(21.11,)), ReadOptions(missing=("ERR",), time_column="none")]
 )
 def test_options_are_the_same_to_both(tmp_path, taken, options):
+    taken.clear()
     path = tmp_path / "log.csv"
     path.write_text(CLEAN.replace("23.3300", "ERR"))
     assert_same(path, options)
@@ -342,6 +343,7 @@ def test_reading_can_be_cancelled_and_leaves_no_thread(long_log):
 
 @pytest.mark.parametrize("ending", [",", ", ", ",,"])
 def test_separators_at_the_end_of_rows_keep_them_plain(tmp_path, taken, ending):
+    taken.clear()
     path = tmp_path / "log.csv"
     path.write_text(CLEAN.replace("\n", f"{ending}\n").replace(f"t,a,b{ending}", "t,a,b"))
     assert_same(path)

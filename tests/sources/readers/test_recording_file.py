@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from raw_bytes import damaged, decoded
@@ -39,9 +40,9 @@ def _oracle(text):
     return np.array(rows)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
-@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("delimiter", [",", ";", "\t", "|", "  "])
+@each("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+@each("newline", ["\n", "\r\n", "\r"])
+@each("delimiter", [",", ";", "\t", "|", "  "])
 def test_every_dialect_reads_as_the_same_recording(read, encoding, newline, delimiter):
     recording = read(CLEAN.replace(",", delimiter).replace("\n", newline), encoding)
     expected = _oracle(CLEAN)
@@ -119,7 +120,7 @@ def test_a_last_line_without_newline_is_kept_where_its_last_number_has_all_its_d
     assert any("line 41, the last, has no newline; it was kept" in note for note in recording.report.notes)
 
 
-@pytest.mark.parametrize(
+@each(
     "text",
     [
         "t,a\n" + "".join(f"{i},{100 + i}\n" for i in range(20)) + "20,120",  # 1200 could have been meant
@@ -181,7 +182,7 @@ def test_a_given_sample_period_overrides_and_gives_time_where_there_is_none(read
     assert recording.time.tolist() == [0.0, 0.5, 1.0]
 
 
-@pytest.mark.parametrize("period", [0, -1, math.nan, math.inf])
+@each("period", [0, -1, math.nan, math.inf])
 def test_a_sample_period_must_be_positive_and_finite(read, period):
     with pytest.raises(BadSetting, match="sample_period must be"):
         read(CLEAN, sample_period=period)
@@ -244,7 +245,7 @@ def test_data_below_a_preamble_longer_than_the_first_look_is_found(read):
     np.testing.assert_array_equal(recording.values, _oracle(CLEAN)[:, 1:])
 
 
-@pytest.mark.parametrize(
+@each(
     ("content", "said"),
     [
         (b"", "empty file"),
@@ -377,8 +378,8 @@ def test_a_large_clean_file_is_read_whole(tmp_path):
     assert len(read_recording(path)) == n
 
 
-@pytest.mark.parametrize("blank", [" ", "\u00a0", "\u202f"])
-@pytest.mark.parametrize("minus", ["-", "\u2212"])
+@each("blank", [" ", "\u00a0", "\u202f"])
+@each("minus", ["-", "\u2212"])
 def test_blanks_that_do_not_break_and_the_minus_sign_of_typography(read, blank, minus):
     times = [datetime(2024, 2, 29, 9) + timedelta(minutes=20 * i) for i in range(60)]
     stamps = [time.strftime(f"%m/%d/%Y, %I:%M:%S{blank}%p") for time in times]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -76,7 +77,7 @@ def read_messy(name):
     return read(f"messy/{name}")
 
 
-@pytest.mark.parametrize("name", MESSY)
+@each("name", MESSY)
 def test_a_messy_file_reads_as_expected(name):
     report = read_messy(name).report
     rows, rejected, cells = MESSY[name]
@@ -87,7 +88,7 @@ def test_a_messy_file_reads_as_expected(name):
     assert parts == report.lines
 
 
-@pytest.mark.parametrize("name", TWINS)
+@each("name", TWINS)
 def test_messy_twins_of_the_clean_file_equal_it(name):
     clean, twin = read_messy("01_clean.csv"), read_messy(name)
     assert twin.names == clean.names == ("temp", "dist")

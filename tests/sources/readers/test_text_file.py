@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled
@@ -23,7 +24,7 @@ def read(tmp_path):
     return read
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16", "utf-16-le", "utf-16-be"])
+@each("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16", "utf-16-le", "utf-16-be"])
 def test_every_encoding_gives_the_same_recording(read, encoding):
     recording = read(TEXT.encode(encoding))
     assert (recording.names, recording.units) == (("T",), ("°C",))
@@ -56,7 +57,7 @@ def test_scattered_nuls_are_refused_by_their_line(read):
         read(b"a,b\n" + b"1\0,\x002,3\0\n" * 50)
 
 
-@pytest.mark.parametrize(
+@each(
     ("data", "what"),
     [
         (b"PK\x03\x04" + bytes(50), "zip archive"),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from each import each
 from simulated_device import DEVICES, Device
 
 from kalscope.sources.times.even_time import place_evenly
@@ -10,7 +11,7 @@ from kalscope.sources.times.sample_rate import find_rate
 CROWDED = [name for name, (_, stamps) in DEVICES.items() if stamps not in ("even", "uneven")]
 
 
-@pytest.mark.parametrize("name", CROWDED)
+@each("name", CROWDED)
 def test_placed_samples_rise_and_stay_near_their_stamps(name):
     _, time, _ = DEVICES[name][0].run(6000)
     rate = find_rate(time)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_device import DEVICES, Device
@@ -9,8 +10,8 @@ from simulated_device import DEVICES, Device
 from kalscope.sources.times.sample_rate import find_rate
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("name", DEVICES)
+@each("seed", range(3))
+@each("name", DEVICES)
 def test_the_rate_and_the_pauses_of_a_device_are_found(name, seed):
     device, stamps = DEVICES[name]
     true, time, missing = device.run(6000, seed)
@@ -34,7 +35,7 @@ LOSSY = {
 }
 
 
-@pytest.mark.parametrize("name", LOSSY)
+@each("name", LOSSY)
 def test_lost_samples_are_gaps_and_do_not_change_the_rate(name):
     device = LOSSY[name]
     _, time, missing = device.run(6000)
@@ -119,7 +120,7 @@ def test_shifted_and_stretched_stamps_have_the_shifted_and_stretched_rate(name, 
         assert changed.pauses.tolist() == found.pauses.tolist()
 
 
-@pytest.mark.parametrize("size", [1e-300, 1e-120, 1e120, 1e300])
+@each("size", [1e-300, 1e-120, 1e120, 1e300])
 def test_stamps_of_any_size_are_read_without_a_warning(size):
     found = find_rate(np.cumsum(np.random.default_rng(1).exponential(size, 100)))
     assert np.isinf(found.error)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.sources.grammar.stamps.clocks import CLOCK_PARSERS, parse_clock
 from kalscope.sources.grammar.timestamps import TimeColumn
@@ -23,7 +24,7 @@ def test_minutes_begin_again_at_the_hour_and_elapsed_time_never_does(clock, cell
     assert to_seconds(stamps, TimeColumn(0, "clock", clock=clock))[0].tolist() == seconds
 
 
-@pytest.mark.parametrize(
+@each(
     ("stamps", "unit"),
     [
         ([0, 1, 2], "s"),

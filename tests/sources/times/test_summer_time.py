@@ -4,7 +4,7 @@ from datetime import UTC, datetime, timedelta
 from zoneinfo import ZoneInfo
 
 import numpy as np
-import pytest
+from each import each
 
 from kalscope.sources.times.summer_time import about_summer_time
 
@@ -15,8 +15,8 @@ def local_stamps(zone, start, step, count=300):
     return np.array([time.replace(tzinfo=UTC).timestamp() * 1e6 for time in times])
 
 
-@pytest.mark.parametrize("step", [1.0, 60.0, 600.0, 3600.0])
-@pytest.mark.parametrize(
+@each("step", [1.0, 60.0, 600.0, 3600.0])
+@each(
     ("zone", "change"),
     [
         ("Europe/Berlin", datetime(2024, 3, 31, 1, tzinfo=UTC)),

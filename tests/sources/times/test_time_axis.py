@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from each import each
 
 from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
 from kalscope.sources.times.time_axis import GivenPeriod, counted_time, read_time, unwrap
@@ -7,8 +8,8 @@ from kalscope.sources.times.time_axis import GivenPeriod, counted_time, read_tim
 NUMBER = TimeColumn(0, "number", "ms")
 
 
-@pytest.mark.parametrize(("size", "name"), [(2**16, "16-bit"), (2**32, "32-bit")])
-@pytest.mark.parametrize("step", [1, 10, 997])
+@each(("size", "name"), [(2**16, "16-bit"), (2**32, "32-bit")])
+@each("step", [1, 10, 997])
 def test_a_counter_that_wraps_is_counted_on_and_said(size, name, step):
     true = size - 5 * step + step * np.arange(60.0)
     axis = read_time(true % size, NUMBER)
@@ -22,7 +23,7 @@ def test_every_wrap_of_a_long_recording_is_undone():
     np.testing.assert_array_equal(unwrap(true % 2**16)[0], true)
 
 
-@pytest.mark.parametrize(
+@each(
     "stamps",
     [
         [0, 10, 20, 30, 0, 10, 20],  # the device restarted
@@ -102,7 +103,7 @@ UNSTEADY = np.cumsum(np.random.default_rng(1).pareto(1.1, 400) * 10 + 2)
 """Stamps in ms without a scale at which they come steadily: median step 10 ms, mean step 90 ms."""
 
 
-@pytest.mark.parametrize(
+@each(
     ("stamps", "given", "source", "rate", "said"),
     [
         (WHOLE_SECONDS, GivenPeriod(file=1 / 66.5), "file", 66.5, "the one that the file gives, 66.5 Hz"),
@@ -142,7 +143,7 @@ def test_a_given_unit_outranks_the_columns():
     assert read_time(np.arange(5.0), TimeColumn(0, "number", "s"), "ms").timing.period == 0.001
 
 
-@pytest.mark.parametrize(
+@each(
     ("cells", "seconds"),
     [
         (("1970", "1", "0"), 0.0),

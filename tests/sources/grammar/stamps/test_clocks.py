@@ -1,6 +1,6 @@
 """Clocks and elapsed times: what is written comes back."""
 
-import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -62,7 +62,7 @@ def test_digits_read_what_was_written(us):
     assert parse_hhmmss(f"{h:02}{m:02}{s:02}.25") == (h * 3600 + m * 60 + s) * 10**6 + 250_000
 
 
-@pytest.mark.parametrize(
+@each(
     ("cell", "seconds"),
     [
         ("12:00", 43200),
@@ -86,6 +86,6 @@ def test_clocks_are_microseconds_since_midnight(cell, seconds):
     assert parse_clock(cell) == (None if seconds is None else seconds * 1e6)
 
 
-@pytest.mark.parametrize("cell", ["2460", "12:00", "-5", "", "12345", "٠٥٤٤"])
+@each("cell", ["2460", "12:00", "-5", "", "12345", "٠٥٤٤"])
 def test_what_are_no_hours_and_minutes_in_digits_is_none(cell):
     assert parse_hhmm(cell) is None

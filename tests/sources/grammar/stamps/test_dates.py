@@ -3,6 +3,7 @@
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -109,7 +110,7 @@ def test_a_year_of_four_digits_in_front_has_one_order(instant):
         assert parse_calendar(write(instant), "mdy") is None
 
 
-@pytest.mark.parametrize(
+@each(
     ("cell", "order", "iso"),
     [
         ("1970-01-01T01:00:00+01:00", "ymd", "1970-01-01"),
@@ -133,8 +134,8 @@ def test_a_stamp_is_this_instant(cell, order, iso):
     assert parse_calendar(cell, order) == microseconds(datetime.fromisoformat(iso))
 
 
-@pytest.mark.parametrize("order", ["ymd", "dmy", "mdy"])
-@pytest.mark.parametrize(
+@each("order", ["ymd", "dmy", "mdy"])
+@each(
     "cell",
     [
         "1970-02-31", "0000-01-01", "1970-01-01 25:00:00", "hello", "1970", "1.5", "", "192.0.2.7", "2022-W08-3",

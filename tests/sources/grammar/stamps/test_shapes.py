@@ -3,6 +3,7 @@
 from datetime import datetime
 
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -31,7 +32,7 @@ def test_no_number_is_a_stamp(number, decimals):
         assert not is_stamp(text.replace(".", ","))
 
 
-@pytest.mark.parametrize(
+@each(
     "cell",
     [
         "", "abc", "hello 123", "20.5 C", "1.013,25", "192.0.2.7", "v1.2.3", "boot:0x13", "0-100kph Time(s)", "3:4",

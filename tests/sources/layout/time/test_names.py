@@ -1,12 +1,12 @@
 """What the name of a column says about time."""
 
-import pytest
+from each import each
 
 from kalscope.sources.layout.columns import named_column
 from kalscope.sources.layout.time.names import time_name
 
 
-@pytest.mark.parametrize(
+@each(
     ("name", "strength", "unit"),
     [
         ("t", 2, ""),

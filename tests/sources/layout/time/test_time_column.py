@@ -4,6 +4,7 @@ import random
 from datetime import datetime, timedelta
 
 import pytest
+from each import each
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -49,7 +50,7 @@ def test_a_date_with_a_clock_outranks_the_number_of_the_day():
     assert name_of({"Day": day, "Date/Time": iso(3600), "Temp": NOISE}) == ["Date/Time"]
 
 
-@pytest.mark.parametrize(
+@each(
     "bad",
     [
         NOISE,  # goes back and forth
@@ -58,7 +59,7 @@ def test_a_date_with_a_clock_outranks_the_number_of_the_day():
         ["7"] * N,  # never changes
     ],
 )
-@pytest.mark.parametrize("is_first", [True, False])
+@each("is_first", [True, False])
 def test_a_full_rising_fine_column_outranks_a_better_name(bad, is_first):
     good = [f"{1551453301 + 0.02 * i:.3f}" for i in range(N)]
     named = {"t": bad, "timestamp": good, "a": NOISE}
@@ -84,9 +85,9 @@ def test_numbers_that_go_back_and_forth_are_no_time_whatever_their_name():
     assert name_of({"reaction_time_ms": NOISE, "a": NOISE}) == []
 
 
-@pytest.mark.parametrize("date", ["%d.%m.%Y", "%Y-%m-%d", "%m/%d/%Y", "%Y%m%d", "%d-%b-%Y"])
-@pytest.mark.parametrize("clock", ["%H:%M:%S", "%H.%M.%S", "%I:%M:%S %p", "%H%M%S"])
-@pytest.mark.parametrize("is_date_first", [True, False])
+@each("date", ["%d.%m.%Y", "%Y-%m-%d", "%m/%d/%Y", "%Y%m%d", "%d-%b-%Y"])
+@each("clock", ["%H:%M:%S", "%H.%M.%S", "%I:%M:%S %p", "%H%M%S"])
+@each("is_date_first", [True, False])
 def test_a_date_and_a_clock_beside_it_are_one_time(date, clock, is_date_first):
     named = {"Date": stamps(date, 700), "Time": stamps(clock, 700)}
     columns, rows = made({**(named if is_date_first else dict(reversed(named.items()))), "a": NOISE})
@@ -106,7 +107,7 @@ def test_a_stamp_that_has_its_clock_takes_no_other():
 SIX = {"Year": "%Y", "Month": "%m", "Day": "%d", "Hour": "%H", "Minute": "%M", "Second": "%S"}
 
 
-@pytest.mark.parametrize(
+@each(
     "parts",
     [
         SIX,
@@ -205,7 +206,7 @@ def test_stamps_since_1970_need_no_name():
     assert name_of({"x": [str(1551453301000 + 80 * (i // N)) for i in range(N)], "a": NOISE}) == []
 
 
-@pytest.mark.parametrize("count", [100, 599, 601, 2000])
+@each("count", [100, 599, 601, 2000])
 def test_a_counter_without_a_name_is_no_time_however_many_rows_are_weighed(count):
     columns, noise = [Column(""), Column("")], (NOISE * count)[:count]
     rising = [[str(500 + step * i) for i in range(count)] for step in (1, 20)]
@@ -221,8 +222,8 @@ def test_digits_with_a_unit_beside_a_date_are_no_clock():
     assert set(time_of({"date": days, "time": counted, "x": NOISE}).indices) == {0, 1}
 
 
-@pytest.mark.parametrize(("pattern", "step"), [("%Y%m%d%H", 3600), ("%Y%m%d%H%M", 600), ("%Y%m%d", 86400)])
-@pytest.mark.parametrize("name", ["", "Messzeitpunkt"])
+@each(("pattern", "step"), [("%Y%m%d%H", 3600), ("%Y%m%d%H%M", 600), ("%Y%m%d", 86400)])
+@each("name", ["", "Messzeitpunkt"])
 def test_dates_in_digits_are_the_time_whatever_their_name(name, pattern, step):
     rows = list(zip(stamps(pattern, step), NOISE, strict=True))
     time = find_time([Column(name), Column("")], rows, ".", named=bool(name))
