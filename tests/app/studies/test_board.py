@@ -11,11 +11,12 @@ import pytest
 
 from kalscope import BadSetting, FusionParams, Recording
 from kalscope.errors import BadDevice
+from kalscope.export.board.connected import BoardFilter, board_filter
 from kalscope.export.board.momentum import momentum_on_board
 from kalscope.export.float32 import Float32Params, filter_float32
 from kalscope.sources.live.live_samples import Snapshot
 from kalscope_app.live.connection import BoardConnection
-from kalscope_app.live.sending import BoardFilter, board_filter, send_setting
+from kalscope_app.live.sending import send_setting
 from kalscope_app.session.changes.fusion import apply_fusion
 from kalscope_app.session.live_state import BoardId, Live, Sent
 from kalscope_app.session.opening import opened, opened_experiment

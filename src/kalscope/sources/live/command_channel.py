@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from queue import Full, Queue
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.lines.line_reader import LineEvent
@@ -12,6 +15,21 @@ MAX_COMMAND_BYTES = 63
 """Bytes of one line to the board, newline included: the ring of an AVR that receives them holds 64."""
 _REPLY_PAUSE = 0.05
 """Seconds without another line with # after which a reply is complete."""
+
+_MAX_REMARKS = 1000
+"""Remarks that wait for a listener; what comes on top is left out."""
+
+
+@dataclass(frozen=True)
+class Remark:
+    """A line with # and its place among the samples."""
+
+    text: str
+    """The line."""
+    row: int
+    """Samples that came before it, counted from the first of its generation."""
+    generation: int
+    """That of `Snapshot.generation`."""
 
 
 class CommandChannel:
@@ -24,6 +42,7 @@ class CommandChannel:
         self._replies: list[str] = []
         self._is_pending = False
         self._replied = threading.Condition()
+        self._listeners: tuple[Queue[Remark], ...] = ()
 
     def send(self, line: str, timeout: float) -> tuple[str, ...]:
         """Send a line and wait for the reply; arguments and errors as `LiveSource.send`."""
@@ -43,14 +62,39 @@ class CommandChannel:
             finally:
                 self._is_pending = False
 
-    def on_events(self, events: Iterable[LineEvent]) -> None:
-        """Collect the comment lines among these while a reply is expected."""
-        if not self._is_pending:
+    @contextmanager
+    def listen(self) -> Generator[Queue[Remark]]:
+        """Every line with # that arrives while the block runs, asked for or not."""
+        heard = Queue[Remark](_MAX_REMARKS)
+        self._listeners = (*self._listeners, heard)
+        try:
+            yield heard
+        finally:
+            self._listeners = tuple(one for one in self._listeners if one is not heard)
+
+    def on_events(self, events: Iterable[LineEvent], row: int = 0, generation: int = 0) -> None:
+        """Collect the comment lines among these while a reply is expected or someone listens.
+
+        Args:
+            events: The lines, in their order.
+            row: Samples that came before them.
+            generation: Of these samples.
+        """
+        if not (self._is_pending or self._listeners):
             return
-        found = [event.text for event in events if event.kind == "comment" and event.text.startswith("#")]
-        if found:
+        found: list[Remark] = []
+        for event in events:
+            if event.kind == "row":
+                row += len(event.rows)
+            elif event.kind == "comment" and event.text.startswith("#"):
+                found.append(Remark(event.text, row, generation))
+        for remark in found:
+            for heard in self._listeners:
+                with suppress(Full):
+                    heard.put_nowait(remark)
+        if found and self._is_pending:
             with self._replied:
-                self._replies += found
+                self._replies += [remark.text for remark in found]
                 self._replied.notify_all()
 
     def _reply(self, timeout: float) -> tuple[str, ...]:

@@ -57,6 +57,11 @@ class LiveSamples:
         """Samples of this generation that are no longer kept."""
         return self._store.first if self._store is not None else 0
 
+    @property
+    def position(self) -> tuple[int, int]:
+        """Samples of this generation that ever arrived, and its number."""
+        return (0 if self._store is None else self._store.end), self._generation
+
     def snapshot(self, counts: LineCounts) -> Snapshot | None:
         """All that is kept, with the account of the lines so far; the same object while nothing was added."""
         store, known = self._store, self._snapshot

@@ -93,7 +93,8 @@ class LiveSource:
         self._disconnected_at: float | None = None
         self._line_at = -math.inf  # when the last whole line had come: a read may bring only part of one
         self._slot = RecorderSlot()
-        self._commands = CommandChannel(self._reader.write)
+        self.commands = CommandChannel(self._reader.write)
+        """What is sent to the board, and its remarks."""
 
     def start(self, *, require: bool = False) -> None:
         """Connect; does nothing while it runs. After `close` it continues with the same samples.
@@ -208,7 +209,7 @@ class LiveSource:
             BadSetting: `line` is too long or holds a newline.
             BadDevice: the port is not connected, or no reply arrived.
         """
-        return self._commands.send(line, timeout)
+        return self.commands.send(line, timeout)
 
     def _run(self, stop: threading.Event) -> None:
         while True:
@@ -278,10 +279,10 @@ class LiveSource:
         """Write the lines of each layout, then show their samples and count them in one step."""
         for stamped, layout in runs:
             self._slot.write(stamped, layout)
-            self._commands.on_events(event for _, event in stamped)
             self._layout = layout
         with self._lock:
             for stamped, layout in runs:
+                self.commands.on_events((event for _, event in stamped), *self._samples.position)
                 if layout is not None:
                     self._samples.keep(stamped, layout)
             self._counts = replace(self._lines.counts)

@@ -1,0 +1,188 @@
+"""Lets a connected board measure its own noise, and measures the same samples here."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from queue import Empty, Queue
+from typing import TYPE_CHECKING
+
+from kalscope.common.progress import Progress
+from kalscope.errors import BadDevice, BadSetting, Cancelled
+from kalscope.estimation.sensor.noise import StillNoise, noise_from_still
+from kalscope.export.board import calibration
+from kalscope.export.board.calibration import Calibrated, Calibrating, KeptAtStart, NotCalibrated, NotUnderstood
+from kalscope.export.board.connected import board_filter, filtered_channels, values_in_use
+
+if TYPE_CHECKING:
+    from kalscope.sources.live.command_channel import Remark
+    from kalscope.sources.live.live_source import LiveSource
+
+MAX_SILENCE_S, MAX_SILENT_PERIODS = 5.0, 5.0
+"""Time without a sample after which a board is taken to have stopped: the longer of both, s and sample periods."""
+MAX_LATE_ROWS = 200
+"""Samples after the end within which the answer must have come: those missing at the start make it later."""
+_TICK = 0.1
+"""Seconds between two reports of the progress."""
+
+CANNOT = (
+    "the sketch on this board cannot measure: export it with self-calibration"
+    " (kalscope export TUNING --to arduino --calibration) and flash it"
+)
+"""What an older sketch, or one that was exported without it, leads to."""
+_STARTS_WITH = "It starts again with the values of its export, or with those that it keeps: measure again"
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What a board found of one channel, and what the same rule finds here."""
+
+    channel: str
+    """The measured channel, as the live record calls it."""
+    answer: Calibrated | NotCalibrated
+    """What the board says."""
+    here: StillNoise | None = None
+    """The noise of the samples that the board used, as they arrived here; None where they do not have any."""
+    lost: int = 0
+    """Of the board's samples, those that did not arrive here: `here` is then of others too."""
+
+
+def measure(source: LiveSource, channel: str | None, seconds: float, progress: Progress) -> tuple[Measurement, ...]:
+    """Let a board measure r while its input is still; returns when it has answered.
+
+    Args:
+        source: The board, which runs the exported sketch and is sending.
+        channel: The measured channel, as the live record calls it; None = all.
+        seconds: For how long.
+        progress: What is told how far it is, and whether to stop: the board then keeps its values.
+
+    Returns:
+        One for each channel, in the board's order.
+
+    Raises:
+        BadSetting: the board does not filter this channel, or no board measures so long.
+        BadDevice: the board cannot measure, stopped, was unplugged or restarted.
+        Cancelled: `progress` stopped it.
+    """
+    snapshot = source.snapshot()
+    if snapshot is None:
+        raise BadDevice("the board has not sent a sample yet")
+    names, said = snapshot.recording.names, values_in_use(source)
+    channels = list(filtered_channels(names, len(said)))
+    number = None
+    if channel is not None:
+        number = board_filter(names, channel, len(said)).number
+        at = 0 if number is None else number - 1
+        channels, said = [channel], said[at : at + 1]
+    if len(channels) != len(said):
+        raise BadDevice(
+            f"the board must have a filter for each channel (got {len(said)} filters, {len(channels)} channels)"
+        )
+    with source.commands.listen() as heard:
+        run = _Run(
+            source, heard, len(names), {answer.name: name for answer, name in zip(said, channels, strict=True)}
+        )
+        source.send(calibration.start(seconds, number))
+        try:
+            return run.until_done(progress)
+        except Cancelled:
+            with suppress(BadDevice):
+                source.send(calibration.cancel(number))
+            raise Cancelled("the measurement was cancelled: the board keeps its values") from None
+
+
+class _Run:
+    """One measurement: what was said of each channel, and how many samples have come since."""
+
+    def __init__(self, source: LiveSource, heard: Queue[Remark], columns: int, channels: dict[str, str]) -> None:
+        """Args: the board; its remarks; values of a row; the channels by the board's own names."""
+        self._source, self._heard, self._columns, self._channels = source, heard, columns, channels
+        self._begun: dict[str, tuple[int, Calibrating]] = {}
+        self._done: dict[str, Measurement] = {}
+        self._reconnects = source.status().reconnects
+        self._rows: int = self._row()
+        self._row_at = time.monotonic()
+        self._asked = self._row_at
+
+    def until_done(self, progress: Progress) -> tuple[Measurement, ...]:
+        """Wait for the answers; the arguments and errors of `measure`."""
+        while len(self._done) < len(self._channels):
+            progress(self._fraction(), "the board measures")
+            with suppress(Empty):
+                self._take(self._heard.get(timeout=_TICK))
+                continue  # what has come already is read before anything is called too late
+            self._check()
+        return tuple(self._done[name] for name in self._channels)
+
+    def _take(self, remark: Remark) -> None:
+        answer = calibration.read_answer(remark.text)
+        if isinstance(answer, NotUnderstood):
+            raise BadDevice(CANNOT)
+        if isinstance(answer, KeptAtStart) or self._is_header(remark.text):
+            raise BadDevice(f"the board was reset while it measured. {_STARTS_WITH}")
+        if not isinstance(answer, Calibrating | Calibrated | NotCalibrated) or answer.name not in self._channels:
+            return
+        channel = self._channels[answer.name]
+        if isinstance(answer, Calibrating):
+            self._begun[answer.name] = remark.row, answer
+        elif isinstance(answer, NotCalibrated):
+            self._done[answer.name] = Measurement(channel, answer)
+        elif answer.name in self._begun:
+            self._done[answer.name] = self._measured(channel, answer, remark)
+
+    def _is_header(self, text: str) -> bool:
+        """Whether a board says the names of its columns: it does so when it starts."""
+        names = text.removeprefix("# ").split(",")
+        return len(names) == self._columns and all(name.isidentifier() for name in names)
+
+    def _measured(self, channel: str, answer: Calibrated, remark: Remark) -> Measurement:
+        """The board's figure beside that of the samples before its answer."""
+        begin, _ = self._begun[answer.name]
+        lost = max(answer.rows - (remark.row - begin), 0)
+        snapshot = self._source.snapshot()
+        if snapshot is None or snapshot.generation != remark.generation:
+            return Measurement(channel, answer, None, answer.rows)
+        z = snapshot.recording.channel(channel)
+        last = remark.row - snapshot.first
+        first = max(last - answer.rows, 0)
+        step = float(answer.step)
+        try:
+            here = noise_from_still(z[first:last], step if step > 0.0 else None)
+        except BadSetting:
+            here = None
+        return Measurement(channel, answer, here, max(lost, answer.rows - (last - first)))
+
+    def _row(self) -> int:
+        snapshot = self._source.snapshot()
+        return 0 if snapshot is None else snapshot.first + len(snapshot.recording)
+
+    def _fraction(self) -> float:
+        """How far the slowest channel is."""
+        left = [name for name in self._channels if name not in self._done]
+        begun = [self._begun[name] for name in left if name in self._begun]
+        if len(begun) < len(left):
+            return 0.0
+        return min((self._row() - row) / max(answer.rows, 1) for row, answer in begun)
+
+    def _check(self) -> None:
+        """Refuse to wait any longer where no answer can come."""
+        status, rows, now = self._source.status(), self._row(), time.monotonic()
+        if status.word == "closed":
+            raise BadDevice(f"the board was disconnected while it measured. {_STARTS_WITH}")
+        if status.word != "connected" or status.reconnects != self._reconnects:
+            raise BadDevice(f"the board was unplugged while it measured. {_STARTS_WITH}")
+        if rows != self._rows:
+            self._rows, self._row_at = rows, now
+        silence = max(MAX_SILENCE_S, MAX_SILENT_PERIODS * (status.period or 0.0))
+        if now - self._row_at > silence:
+            raise BadDevice(
+                f"the board has stopped: no sample came for {silence:.3g} s. Reset it and measure again"
+            )
+        if now - self._asked > silence and len(self._begun.keys() | self._done.keys()) < len(self._channels):
+            raise BadDevice(
+                f"the board did not begin to measure within {silence:.3g} s. Reset it and measure again"
+            )
+        late = [row + answer.rows + MAX_LATE_ROWS for row, answer in self._begun.values()]
+        if late and rows > max(late):
+            raise BadDevice("the board's answer was lost on the way: what it uses now is not known. Measure again")

@@ -1,0 +1,211 @@
+"""A board that measures its own noise: its answers are read exactly or not at all; its figure is compared."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measuring_board import MeasuringBoard
+from waiting import wait_until
+
+from kalscope.common.progress import Progress
+from kalscope.errors import BadDevice, BadSetting, Cancelled
+from kalscope.estimation.sensor.noise import noise_from_still
+from kalscope.export.board import calibration, measuring
+from kalscope.export.board.calibration import (
+    Calibrated,
+    Calibrating,
+    Forgotten,
+    Kept,
+    KeptAtStart,
+    NotCalibrated,
+    NotKept,
+    NotUnderstood,
+    read_answer,
+)
+from kalscope.export.board.measured_words import compared_text, found_text, refusal_text
+from kalscope.export.board.measuring import Measurement, measure
+from kalscope.sources.live.live_source import LiveSource
+
+
+def hexed(value):
+    return f"{np.float32(value).view(np.uint32):08X}"
+
+
+def calibrated(r=12.3456, q=1.23456e-3, step=1.0, counts="n=1997 spikes=3 missing=0"):
+    bits = ",".join(map(hexed, (r, q, step)))
+    return f"# light calibrated r={r:.6e} q={q:.6e} {counts} step={step:.6f} bits={bits}"
+
+
+ANSWER = Calibrated("light", np.float32(12.3456), np.float32(1.23456e-3), np.float32(1.0), 1997, 3, 0)
+
+
+def test_every_answer_is_read():
+    for line, expected in {
+        "# light calibrating rows=2016": Calibrating("light", 2016),
+        calibrated(): ANSWER,
+        "# light not calibrated: the level moves": NotCalibrated("light", "the level moves"),
+        "# kept 2 channels": Kept(2),
+        "# not kept: the EEPROM does not hold what was written": NotKept(
+            "the EEPROM does not hold what was written"
+        ),
+        "# forgotten": Forgotten(),
+        "# kept values are in use": KeptAtStart(""),
+        "# kept values refused: they are damaged": KeptAtStart("they are damaged"),
+        "# not understood; q VALUE, r VALUE (0 or more, not both 0), p VALUE (or inf), or ?": NotUnderstood(),
+    }.items():
+        assert read_answer(line) == expected, line
+    assert read_answer(calibrated()).rows == 2000
+
+
+def test_what_is_no_answer_or_a_damaged_one_is_not_read():
+    good = calibrated()
+    for line in (
+        "512.0,511.3",
+        "# raw,filtered",
+        "# light q=1.0 r=2.0 p=inf bits=3F800000,40000000,7F800000",
+        "# light hardly changes: r is the rounding to its step",
+        "# light calibrating rows=",
+        "# light calibrating rows=-3",
+        "# light calibrating rows=" + "9" * 40,
+        "#light calibrating rows=2016",
+        "# light not calibrated:",
+        "# li-ght calibrating rows=2016",
+        good.replace("n=1997 ", ""),
+        good.replace("spikes=3", "spikes=³"),
+        good.replace(hexed(12.3456), hexed(12.5)),  # the bits say another number than the text
+        good.replace(hexed(12.3456), hexed(math.nan)),
+        good.replace(hexed(12.3456), hexed(math.inf)).replace("1.234560e+01", "inf"),
+        good.replace("bits=", "bits=0"),
+        calibrated(r=0.0),
+        calibrated(q=-1.0),
+        good + " " * 200,
+        good + "x",
+    ):
+        assert read_answer(line) is None, line
+
+
+def test_no_damaged_answer_is_an_error_or_another_number():
+    rng, letters = np.random.default_rng(7), np.array(list("0123456789ABCDEFabcnrq=.,:;#-+ \x00é"))
+    for _ in range(2000):
+        line = np.array(list(calibrated()))
+        places = rng.integers(0, len(line), rng.integers(1, 4))
+        line[places] = rng.choice(letters, len(places))
+        answer = read_answer("".join(line[: rng.integers(1, 2 * len(line))]))
+        if isinstance(answer, Calibrated):
+            exact = [[one.r, one.q, one.step] for one in (answer, ANSWER)]
+            np.testing.assert_allclose(*exact, rtol=1e-5)
+
+
+def test_commands_name_their_channel_and_an_impossible_time_is_refused():
+    assert (calibration.start(10.0), calibration.start(0.64, 2)) == ("c 10", "2 c 0.64")
+    assert (calibration.cancel(), calibration.cancel(3)) == ("c 0", "3 c 0")
+    for seconds in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(BadSetting, match="the time to measure for must be above 0 s"):
+            calibration.start(seconds)
+
+
+@pytest.fixture
+def connected():
+    """A board, and the source that reads it."""
+    opened = []
+
+    def connect(*args, **options):
+        board = MeasuringBoard(*args, **options).__enter__()
+        source = LiveSource(board.port)
+        opened.extend([source.close, board.unplug])
+        source.start(require=True)
+        wait_until(lambda: source.snapshot() is not None and len(source.snapshot().recording) > 20)
+        return board, source
+
+    yield connect
+    for close in opened:
+        close()
+
+
+def test_both_figures_are_of_the_same_samples_and_each_channel_has_its_own(connected):
+    board, source = connected(("light", "temp"))
+    told = []
+    one = measure(source, "temp", 2.0, Progress(lambda fraction, _text: told.append(fraction)))
+    both = measure(source, None, 2.0, Progress())
+    assert [line for line in board.asked if "c" in line] == ["2 c 2", "c 2"]
+    assert ([each.channel for each in one], [each.channel for each in both]) == (["temp"], ["light", "temp"])
+    for each in (*one, *both):
+        assert (each.answer.rows, each.lost) == (400, 0)
+        assert np.float32(each.here.r) == each.answer.r
+        assert each.here.samples == each.answer.samples
+    assert both[0].answer.r != both[1].answer.r
+    assert told == sorted(told)
+    assert told[-1] <= 1.0
+
+
+def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(connected, monkeypatch):
+    board, source = connected()
+    board.knows = False
+    with pytest.raises(BadDevice, match=r"cannot measure: export it with self-calibration \(kalscope export"):
+        measure(source, "raw", 2.0, Progress())
+    board.knows = True
+    with pytest.raises(BadSetting, match="sends no filtered column for filtered"):
+        measure(source, "filtered", 2.0, Progress())
+    (short,) = measure(source, "raw", 0.1, Progress())
+    assert short.answer == NotCalibrated("light", "too short; 0.4 s at least")
+    board.refuses = "the level moves"
+    (refused,) = measure(source, "raw", 2.0, Progress())
+    assert (refused.answer.reason, refused.here) == ("the level moves", None)
+    board.mute = True
+    with pytest.raises(BadDevice, match="answer was lost on the way"):
+        measure(source, "raw", 1.0, Progress())
+    board.mute = False
+    with pytest.raises(Cancelled, match="the board keeps its values"):
+        measure(source, "raw", 1000.0, Progress(cancelled=lambda: "c 1000" in board.asked))
+    wait_until(lambda: board.asked[-1] == "c 0")
+    monkeypatch.setattr(measuring, "MAX_SILENCE_S", 0.3)
+    for act, words in (
+        (lambda: setattr(board, "halted", True), "the board has stopped: no sample came for 0.3 s"),
+        (board.reset, "the board was reset while it measured"),
+        (board.unplug, "the board was unplugged while it measured"),
+    ):
+        board.halted = False
+        hindered(source, board, act, words)
+
+
+def hindered(source, board, act, words):
+    """A measurement during which something happens."""
+    asked = len(board.asked)
+
+    def when_asked(_fraction, _text):
+        if "c 1000" in board.asked[asked:] and not done.is_set():
+            done.set()
+            act()
+
+    done = threading.Event()
+    with pytest.raises(BadDevice, match=words):
+        measure(source, "raw", 1000.0, Progress(when_asked))
+
+
+def test_the_words_name_both_figures_and_what_to_do():
+    here = noise_from_still(np.random.default_rng(1).normal(20.0, 0.0411, 2000))
+    r = np.float32(here.r * 1.005)
+    answer = Calibrated("light", r, np.float32(1e-5), np.float32(0.0), 1997, 1, 2)
+    text = compared_text(Measurement("raw", answer, here), "°C")
+    assert text.startswith("Board 0.04")
+    assert text.endswith(" °C: equal within 0.3 %.")
+    assert "from 1\u202f997 samples; 1 spike left out; 2 missing." in found_text(answer, "°C")
+    lost = Measurement("raw", replace(answer, r=np.float32(1.2 * here.r)), here, 40)
+    assert "they differ by 9.5 %. 40 samples of the board did not arrive here" in compared_text(lost, "")
+    assert "did not all arrive here" in compared_text(Measurement("raw", answer, None, 2000), "")
+    rounding = replace(answer, r=np.float32(1.0 / 12.0), step=np.float32(1.0))
+    assert "the rounding to steps of 1.000 counts: the readings hardly change" in found_text(rounding, "counts")
+    assert rounding.is_rounding
+    assert not answer.is_rounding
+    text = refusal_text(NotCalibrated("light", "31 of 2000 readings at an end of the range"))
+    assert text.startswith(
+        "The board keeps its values: 31 of 2000 readings at an end of the range. The input is sat"
+    )
+    assert (
+        refusal_text(NotCalibrated("light", "of reasons unknown"))
+        == "The board keeps its values: of reasons unknown."
+    )
