@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import FilterParams, diagnose_held_out, estimate, kalman_filter, open_source
+from kalscope import FilterParams, diagnose_held_out, estimate, kalman_filter, open_source, synthesize
 from kalscope.analysis import actions
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.analysis.headlines import HEADLINES, WORDS
@@ -315,6 +315,18 @@ def test_advice_that_was_taken_is_not_given_again():
     assert any(isinstance(one.action, actions.AllowMomentum) for one in judge(found, None, plain).advice)
     searched = judge(found, None, plain, request=Request()).advice
     assert not any(isinstance(one.action, actions.AllowMomentum) for one in searched)
+
+
+def test_a_gate_that_delays_a_turn_stays_on_where_the_fit_chose_it():
+    echoes = {"n": 1500, "sample_period": 0.06, "level": 70, "amplitude": 50, "period": 12, "sigma": 0.6}
+    faults = {"quantum": 0.1, "outliers": 0.03, "outlier_size": 150.0, "drop_outs": 0.02}
+    z = synthesize("triangle", **echoes, **faults).values[:, 0]
+    found = estimate(z)
+    turns = residuals(z, found.params, fitted=True)
+    assert turns.jumps
+    by_hand, robust = (judge(turns, None, fit).advice for fit in (None, found))
+    assert any(one.action == actions.SetGate(None) for one in by_hand)
+    assert not any(one.action == actions.SetGate(None) for one in robust)
 
 
 def test_spikes_of_a_plain_fit_are_set_aside_and_those_of_a_robust_fit_left_to_it():

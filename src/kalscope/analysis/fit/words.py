@@ -82,7 +82,7 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
     size = None if fitted_again or lost or mixed else _size(found)
     said = [_start(found), _refused_share(found)]
     said += [size] if found.scale < MUCH_TOO_WIDE else []  # a gate would refuse nothing
-    said += [change] if found.change > max(off, GREAT_CHANGE) else [spikes, _jumps(found)]
+    said += [change] if found.change > max(off, GREAT_CHANGE) else [spikes, _jumps(found, known)]
     said += [change] if off < found.change <= GREAT_CHANGE else []
     said += [_edge(found), None if found.scale < MUCH_TOO_WIDE else size, _structure(found, known)]
     said += [change] if found.change <= off else []
@@ -265,7 +265,7 @@ def _change(found: Findings) -> Finding | None:
     return "changes", Advice(f"{text}of the record, which one pair cannot fit")
 
 
-def _jumps(found: Findings) -> Finding | None:
+def _jumps(found: Findings, known: Known) -> Finding | None:
     if not found.jumps:
         return None
     gate = "delays it" if found.refused else "would delay it"
@@ -273,4 +273,5 @@ def _jumps(found: Findings) -> Finding | None:
         f"jumps: {count(found.jumps)} beyond 5 σ that stay: the signal itself steps; an outlier gate {gate}, and a "
         "q that follows it lets more noise through between the steps"
     )
-    return "steps", Advice(text, SetGate(None) if found.refused else None)
+    mends = found.refused and not known.robust  # that fit has weighed what the gate delays
+    return "steps", Advice(text, SetGate(None) if mends else None)
