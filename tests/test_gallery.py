@@ -1,0 +1,36 @@
+"""The commands on pages of the site run, and their filters bring a reading nearer to the truth."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).parents[1] / "docs"
+SENSORS = sorted(page for page in (DOCS / "gallery").glob("*.md") if page.stem != "index")
+ERRORS = re.compile(r"raw ([\d.]+), filtered ([\d.]+)")
+
+
+@pytest.fixture(scope="module")
+def with_answers():
+    """The hook that runs the commands of a page while the site is built."""
+    spec = importlib.util.spec_from_file_location("shown_commands", DOCS / "hooks" / "shown_commands.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.with_answers
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", SENSORS, ids=[page.stem for page in SENSORS])
+def test_the_page_of_a_sensor_shows_a_filter_that_helps(page, with_answers):
+    shown = with_answers(page.read_text(encoding="utf-8"))
+    assert "kalscope_filter.ino" in shown
+    raw, filtered = map(float, ERRORS.search(shown).groups())
+    assert filtered < 0.7 * raw
+
+
+def test_a_command_that_fails_fails_the_page(with_answers):
+    with pytest.raises(RuntimeError, match="--lag-ms must be"):
+        with_answers("```sh run\nkalscope tune demo --lag-ms -1\n```\n")
