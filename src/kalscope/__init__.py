@@ -28,13 +28,12 @@ if TYPE_CHECKING:
     from kalscope.estimation.sensor.noise import noise_from_datasheet, noise_from_still
     from kalscope.estimation.sensor.starting import starting_params
     from kalscope.export.registry import export_tuning
-    from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
+    from kalscope.filtering.batch import FilterResult, SmootherResult, denoise, kalman_filter, smooth
     from kalscope.filtering.fusion.batch import FusionResult, fuse
     from kalscope.filtering.fusion.params import FusionParams
     from kalscope.filtering.fusion.smoothing import smooth_fusion
     from kalscope.filtering.fusion.streaming import FusionFilter
     from kalscope.filtering.params import FilterParams
-    from kalscope.filtering.smoothing import SmootherResult, smooth
     from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
     from kalscope.filtering.streaming import KalmanFilter
     from kalscope.recording import LineIssue, ReadReport, Recording
@@ -141,8 +140,10 @@ _NAMES = {
     "export.registry": ("export_tuning",),
     "filtering.batch": (
         "FilterResult",
+        "SmootherResult",
         "denoise",
         "kalman_filter",
+        "smooth",
     ),
     "filtering.fusion.batch": (
         "FusionResult",
@@ -152,10 +153,6 @@ _NAMES = {
     "filtering.fusion.smoothing": ("smooth_fusion",),
     "filtering.fusion.streaming": ("FusionFilter",),
     "filtering.params": ("FilterParams",),
-    "filtering.smoothing": (
-        "SmootherResult",
-        "smooth",
-    ),
     "filtering.steady_state": (
         "SteadyState",
         "ratio_for",

@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
 from kalscope import FilterParams, kalman_filter, smooth
-from kalscope.filtering.batch import FilterResult
+from kalscope.filtering.batch import FilterResult, SmootherResult
 from kalscope.filtering.momentum import kernels
 from kalscope.filtering.momentum.settled import settle
 from kalscope.filtering.momentum.smoothing_kernels import smooth_channel
-from kalscope.filtering.smoothing import SmootherResult
 
 
 def record(n, seed, missing=0.15):

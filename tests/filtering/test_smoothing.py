@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, kalman_filter
+from kalscope.filtering.batch import smooth
 from kalscope.filtering.kernels import smooth_channel
-from kalscope.filtering.smoothing import smooth
 
 
 def whittaker(z, q, r, dt=None, p0=None, x0=None):

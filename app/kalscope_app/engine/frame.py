@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import FilterResult
+from kalscope.filtering.batch import FilterResult, smooth
 from kalscope.filtering.fusion.smoothing import smooth_fusion
 from kalscope.filtering.protocol import StandardFilter
-from kalscope.filtering.smoothing import smooth
 from kalscope.filtering.steady_state import SteadyState
 from kalscope.sources.live.live_status import LiveStatus
 from kalscope_app.engine.decimation import DrawnSamples

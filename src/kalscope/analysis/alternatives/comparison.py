@@ -19,9 +19,8 @@ from kalscope.common.array import Array
 from kalscope.common.text import decibels, plural
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import one_channel, scalar
-from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.batch import FilterResult, kalman_filter, smooth
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.smoothing import smooth
 from kalscope.filtering.steady_state import SteadyState, steady_state
 
 Match = Literal["lag", "noise"]

@@ -8,9 +8,8 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.estimation.robust.spikes import SIGMAS, Mask
-from kalscope.filtering.batch import denoise
+from kalscope.filtering.batch import denoise, smooth
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.smoothing import smooth
 
 
 def advised_gate(z: Array, steps: Array, params: FilterParams, away: Mask) -> float | None:

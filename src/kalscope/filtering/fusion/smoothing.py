@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array
 from kalscope.filtering import kernels
 from kalscope.filtering.arrays import samples_of, steps_of
+from kalscope.filtering.batch import SmootherResult
 from kalscope.filtering.fusion.params import FusionParams
 from kalscope.filtering.fusion.running import FusedRows, RunningFusion, checked_readings
 from kalscope.filtering.momentum import smoothing_kernels as momentum_kernels
-from kalscope.filtering.smoothing import SmootherResult
 
 
 def smooth_fusion(z: ArrayLike, params: FusionParams, dt: ArrayLike | None = None) -> SmootherResult:
