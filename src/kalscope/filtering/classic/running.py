@@ -1,0 +1,78 @@
+"""A classic filter with its state: what a record, a stream and the float32 of a board all run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.filtering.classic import kernels
+from kalscope.filtering.classic.stages import (
+    Butterworth,
+    Exponential,
+    Median,
+    MovingAverage,
+    OneEuro,
+    PowerOfTwo,
+    Stage,
+)
+
+Floats = NDArray[Any]
+"""float64, or float32 as a board computes."""
+
+_LOOPS: dict[type[Stage], Callable[[Floats, Floats, Floats, Floats, kernels.Counters, Floats], None]] = {
+    MovingAverage: kernels.moving_average,
+    Exponential: kernels.exponential,
+    PowerOfTwo: kernels.exponential,
+    Median: kernels.median,
+    Butterworth: kernels.butterworth,
+    OneEuro: kernels.one_euro,
+}
+
+
+class RunningStage:
+    """One classic filter over one channel, from its start on; pieces give the numbers of the whole, bit for bit."""
+
+    def __init__(self, stage: Stage, kind: type[np.float64 | np.float32] = np.float64) -> None:
+        """Args: the filter, and the type to compute in: float32 as a board does."""
+        self._loop, self._kind = _LOOPS[type(stage)], kind
+        self._constants = np.array(stage.constants, dtype=kind)
+        self._state = np.zeros(stage.memory, dtype=kind)
+        self._state[0] = np.nan
+        self._counters = np.zeros(1, dtype=np.int64)
+
+    @property
+    def x(self) -> float:
+        """The last output; NaN before the first finite sample."""
+        return float(self._state[0])
+
+    def take(self, z: Floats, dt: Floats) -> Floats:
+        """Take samples.
+
+        Args:
+            z: finite, or NaN where missing: the output is held; shape (n,).
+            dt: nominal sample periods before each sample, shape (n,), or empty: 1 each.
+
+        Returns:
+            The output after each, shape (n,), of the type to compute in.
+        """
+        samples, steps = (np.ascontiguousarray(values, dtype=self._kind) for values in (z, dt))
+        out = np.empty_like(samples)
+        self._loop(samples, steps, self._constants, self._state, self._counters, out)
+        return out
+
+
+class RunningStages:
+    """Classic filters in a row over one channel; a missing sample is missing for all of them."""
+
+    def __init__(self, stages: tuple[Stage, ...], kind: type[np.float64 | np.float32] = np.float64) -> None:
+        self._each = [RunningStage(stage, kind) for stage in stages]
+
+    def take(self, z: Floats, dt: Floats) -> Floats:
+        """Arguments and result as `RunningStage.take`."""
+        missing, out = np.isnan(z), z
+        for number, one in enumerate(self._each):
+            out = one.take(np.where(missing, np.nan, out) if number else out, dt)
+        return out

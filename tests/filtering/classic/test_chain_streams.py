@@ -1,0 +1,81 @@
+"""A chain over a record, in pieces and sample by sample: the same bits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kalscope import FilterParams
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.chain_filter import ChainFilter
+from kalscope.filtering.classic.running import RunningStages
+from kalscope.filtering.classic.stages import (
+    Butterworth,
+    Exponential,
+    Median,
+    MovingAverage,
+    OneEuro,
+    PowerOfTwo,
+)
+
+STAGES = (
+    MovingAverage(1),
+    MovingAverage(7),
+    Exponential(1.0),
+    Exponential(0.03),
+    PowerOfTwo(4),
+    Median(1),
+    Median(9),
+    Butterworth(0.499),
+    Butterworth(0.01),
+    OneEuro(0.01, 0.3, 0.1),
+)
+CHAINS = (Chain(5), *(Chain(median, stage) for median in (1, 3) for stage in STAGES))
+PARAMS = FilterParams(0.1, 2.0, gate=9.0, momentum=4.0)
+
+
+def record(n=300):
+    """A walk with spikes, gaps, equal and signed zeros, and uneven steps, two of them 0."""
+    rng = np.random.default_rng(4)
+    z = 1e3 + np.cumsum(rng.normal(size=n)) + rng.normal(size=n)
+    z[rng.random(n) < 0.05] += 50.0
+    z[100:120] = rng.choice([0.0, -0.0, 1.0], 20)
+    z[rng.random(n) < 0.1] = np.nan
+    z[:2] = np.nan
+    dt = rng.uniform(0.1, 3.0, n)
+    dt[[20, 21, 200]] = 0.0
+    return z, dt
+
+
+def test_a_stream_gives_the_bits_of_the_record():
+    z, dt = record()
+    for chain in CHAINS:
+        for steps in (None, dt):
+            used = ChainFilter(chain, PARAMS)
+            whole, stream = used.run(z, steps), used.stream()
+            found = [stream.update(z[i], None if steps is None else steps[i]) for i in range(len(z))]
+            assert np.array(found).tobytes() == whole.x.tobytes(), chain
+            np.testing.assert_array_equal([stream.p, stream.k], [whole.p[-1], whole.k[-1]])
+
+
+def test_pieces_give_the_bits_of_the_whole_in_both_types():
+    z, dt = record()
+    for chain in CHAINS:
+        for kind in (np.float64, np.float32):
+            whole = RunningStages(chain.stages, kind).take(z, dt)
+            pieces = RunningStages(chain.stages, kind)
+            found = [pieces.take(z[at], dt[at]) for at in (slice(0, 1), slice(1, 57), slice(57, None))]
+            assert whole.dtype == kind
+            assert np.concatenate(found).tobytes() == whole.tobytes(), chain
+
+
+def test_channels_are_filtered_apart():
+    z, dt = record()
+    both = np.stack([z, z[::-1]], axis=1)
+    for chain in (Chain(3), Chain(5, OneEuro(0.01, 0.3, 0.1))):
+        used = ChainFilter(chain, PARAMS)
+        whole, stream = used.run(both, dt), used.stream()
+        assert np.array([stream.update(row, step) for row, step in zip(both, dt, strict=True)]).tobytes() == (
+            whole.x.tobytes()
+        )
+        assert whole.x[:, 1].tobytes() == used.run(z[::-1].copy(), dt).x.tobytes()
+        np.testing.assert_array_equal(whole.m, [0, 0])
