@@ -205,7 +205,9 @@ def test_a_file_that_is_no_tuning_is_refused(tmp_path, capfd):
     path = tmp_path / "x.toml"
     path.write_text("format = 7\n")
     assert cli.run(["export", str(path), "--to", "json"]) == 2
-    assert "format must be 1, 2 or 3: a newer Kalscope may have written this file (got 7)" in capfd.readouterr().err
+    assert (
+        "format must be 1, 2, 3 or 4: a newer Kalscope may have written this file (got 7)" in capfd.readouterr().err
+    )
 
 
 def test_the_help_names_every_target_that_writes():

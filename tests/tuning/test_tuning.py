@@ -213,7 +213,7 @@ def test_a_layout_that_cannot_be_updated_is_replaced_by_a_new_one_with_the_right
     assert load_tuning(path) == TWO
 
 
-@pytest.mark.parametrize("content", ["time,a\n0,1\n", "format = 4\n", "q = 1\n", "\0\1\2"])
+@pytest.mark.parametrize("content", ["time,a\n0,1\n", "format = 5\n", "q = 1\n", "\0\1\2"])
 def test_a_file_that_is_no_tuning_is_never_saved_over(tmp_path: Path, content: str) -> None:
     path = tmp_path / "recording.csv"
     path.write_text(content)
@@ -273,10 +273,10 @@ def moving(line: str) -> str:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "format must be 1, 2 or 3 (got None)"),
-        ("format = 4", "format must be 1, 2 or 3: a newer Kalscope may have written this file (got 4)"),
-        ("format = true", "format must be 1, 2 or 3 (got True)"),
-        ("format = 0", "format must be 1, 2 or 3 (got 0)"),
+        ("", "format must be 1, 2, 3 or 4 (got None)"),
+        ("format = 5", "format must be 1, 2, 3 or 4: a newer Kalscope may have written this file (got 5)"),
+        ("format = true", "format must be 1, 2, 3 or 4 (got True)"),
+        ("format = 0", "format must be 1, 2, 3 or 4 (got 0)"),
         (
             channel('name = "a"', "q = 1", "r = 1", "momentum = 20"),
             "momentum of channel 'a' needs format = 2 at the top of the file (got format = 1)",

@@ -17,7 +17,7 @@ from kalscope.export.float32 import STALLING_GAIN, float32_params
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fusion import FusionTuning
-from kalscope.tuning.tuning import Filter
+from kalscope.tuning.tuning import Tuned
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def fusion_us(fusion: FusionTuning) -> float:
     return len(fusion.sensors) * each + (UNO_FUSION_PREDICT_US if fusion.momentum else 0)
 
 
-def not_in_counts(channels: Iterable[Filter]) -> list[Filter]:
+def not_in_counts(channels: Iterable[Tuned]) -> list[Tuned]:
     """The filters in a unit such as g or V, which analogRead() does not return; an unknown unit may be counts."""
     return [one for one in channels if one.unit and COUNTS.isdisjoint(re.findall(r"[^\W\d_]+", one.unit.lower()))]
 

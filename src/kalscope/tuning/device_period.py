@@ -8,7 +8,7 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.finding import Request
 from kalscope.estimation.known import params_for_specification
 from kalscope.filtering.arrays import scalar
-from kalscope.tuning.tuning import Filter, Tuning, same_period
+from kalscope.tuning.tuning import Tuned, Tuning, same_period
 
 
 def rescaled_to_period(tuning: Tuning, sample_period: float) -> Tuning:
@@ -52,7 +52,7 @@ def meeting_goal(tuning: Tuning, name: str, request: Request, sample_period: flo
     return replace(others, channels=tuple(met if one.name == name else one for one in others.channels))
 
 
-def _said(new: Filter, old: float, sample_period: float) -> Filter:
+def _said(new: Tuned, old: float, sample_period: float) -> Tuned:
     """The rescaled filter, saying from which period.
 
     First where the values hold: a header may cut the end, and a lag that was asked for is no longer that of here.

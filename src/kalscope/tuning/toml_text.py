@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 Tables = Mapping[str, Any]
 """Tables of a TOML text by name."""
 
-FORMATS = (1, 2, 3)
-"""Numbers of the file format; a reader refuses the numbers it does not know. 2 has momentum, 3 a fusion."""
+FORMATS = (1, 2, 3, 4)
+"""Numbers of the file format; a reader refuses the numbers it does not know. 2 has momentum, 3 a fusion,
+4 a chain."""
 MAX_BYTES = 1_000_000
 """Largest file read: some thousand channels."""
 MAX_DEPTH = 64
@@ -50,6 +51,14 @@ _COMMENTS = {
     "x0": 'estimate before the first predict, unit; or "first": the first sample',
     "momentum": "how long the signal keeps its direction, in sample periods",
     "gate": "a sample whose v²/s exceeds it is not used",
+    "median": "a median of so many samples comes first",
+    "filter": 'what filters then; "kalman" = q, r, ... above',
+    "window": "samples",
+    "alpha": "share of each step that is taken",
+    "shift": "alpha = 2^-shift",
+    "cutoff": "cycles per sample",
+    "beta": "growth of the cut-off for a speed of one unit per sample",
+    "speed_cutoff": "of the speed itself, cycles per sample",
     "offset": "what the sensor reads where the fused value is 0",
     "gain": "by how much its reading grows with the fused value",
 }

@@ -13,7 +13,10 @@ from kalscope.common.checks import above_zero
 from kalscope.common.text import duration, number
 from kalscope.common.version import program
 from kalscope.errors import BadSetting
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.chain_filter import ChainFilter
 from kalscope.filtering.params import MAX_MOMENTUM, NO_GATE, FilterParams
+from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.toml_text import shown
 
@@ -51,6 +54,8 @@ class ChannelTuning:
     """Outlier gate on v²/s, > 0; None = off."""
     momentum: float = 0.0
     """Momentum τ: how long the signal keeps its direction, in nominal sample periods, 0 … 1e5; 0 = it does not."""
+    chain: Chain | None = None
+    """What filters in place of the Kalman filter, or before it; None = the Kalman filter alone."""
 
     def __post_init__(self) -> None:
         params = self.params
@@ -64,6 +69,11 @@ class ChannelTuning:
     def params(self) -> FilterParams:
         """The parameters as the filter takes them, scalars."""
         return FilterParams(self.q, self.r, self.p0, self.x0, self.gate, self.momentum)
+
+    @property
+    def filter(self) -> Filter:
+        """The filter that runs: the Kalman filter of `params`, or the chain."""
+        return StandardFilter(self.params) if self.chain is None else ChainFilter(self.chain, self.params)
 
 
 @dataclass(frozen=True)
@@ -135,6 +145,11 @@ class Tuning:
         )
 
     @property
+    def has_chain(self) -> bool:
+        """Whether any channel has a chain."""
+        return any(channel.chain is not None for channel in self.channels)
+
+    @property
     def has_momentum(self) -> bool:
         """Whether any channel has momentum."""
         return any(channel.momentum > 0.0 for channel in self.channels)
@@ -164,10 +179,10 @@ class Tuning:
         return None if given == [None] * len(given) else np.array(values)
 
 
-Filter = TypeVar("Filter", ChannelTuning, FusionTuning)
+Tuned = TypeVar("Tuned", ChannelTuning, FusionTuning)
 
 
-def _rescaled(one: Filter, ratio: float, period: float) -> Filter:
+def _rescaled(one: Tuned, ratio: float, period: float) -> Tuned:
     """The filter at a period of `ratio` times as long, `period` in s.
 
     BadSetting where τ would become too long, with one that filters alike: then only q/τ² matters.

@@ -14,6 +14,7 @@ from typing import Any
 from kalscope.common.files import write_atomic
 from kalscope.errors import BadFile, BadSetting
 from kalscope.tuning import toml_text as toml
+from kalscope.tuning.chain_table import chain_in, plain_chain
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
@@ -95,6 +96,7 @@ def _plain(tuning: Tuning) -> dict[str, Any]:
             "q": channel.q,
             "r": channel.r,
             **_plain_filter(channel),
+            "chain": plain_chain(channel.chain),
         }
         for channel in tuning.channels
     ]
@@ -106,6 +108,8 @@ def _plain(tuning: Tuning) -> dict[str, Any]:
 
 def _format(tuning: Tuning) -> int:
     """The lowest that holds it: a file stays one that older programs read, unless they would run another filter."""
+    if tuning.has_chain:
+        return 4
     if tuning.fusion is not None:
         return 3
     return 2 if tuning.has_momentum else 1
@@ -134,8 +138,11 @@ def _channel(entry: object, number: int, file_format: int) -> ChannelTuning:
     table, name, where = _named(entry, f"[[channel]] {number}", "channel")
     if "momentum" in table and file_format < 2:
         raise BadFile(f"momentum of {where} needs format = 2 at the top of the file (got format = {file_format})")
+    if "chain" in table and file_format < 4:
+        raise BadFile(f"the chain of {where} needs format = 4 at the top of the file (got format = {file_format})")
     try:
-        return ChannelTuning(name=name, r=toml.number_of(table, "r", where), **_filter(table, where))
+        chain = chain_in(table["chain"], where) if "chain" in table else None
+        return ChannelTuning(name=name, r=toml.number_of(table, "r", where), **_filter(table, where), chain=chain)
     except BadSetting as error:
         raise BadFile(f"{where}: {error}") from None
 
