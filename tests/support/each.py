@@ -1,6 +1,6 @@
 """Many cases of one law in one test: a test of its own costs each case some milliseconds in every worker.
 
-A failure shows every case that fails. Cases that take long stay tests of their own (`pytest.mark.parametrize`), so do
+A failure shows every case that fails. Cases that take long stay tests of their own (`pytest.mark.parametrize`), and
 those that a machine may lack something for: a skip here would end them all.
 """
 
