@@ -5,5 +5,5 @@ from __future__ import annotations
 import os
 
 FUZZ = int(os.environ.get("KALSCOPE_FUZZ", "1"))
-EXAMPLES = 50 * FUZZ
+EXAMPLES = 20 if FUZZ == 1 else 50 * FUZZ
 """Examples of a Hypothesis test that names no number of its own."""

@@ -5,7 +5,6 @@ import math
 from functools import reduce
 
 import numpy as np
-import pytest
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
@@ -164,12 +163,12 @@ STREAMS = {
 }
 
 
-@pytest.mark.parametrize("name", STREAMS)
+@each("name", STREAMS)
 def test_cuts_change_nothing(name):
     data = STREAMS[name]
     expected = repr(events_of(data)[1])
     assert repr(events_of(data, [bytes([byte]) for byte in data])[1]) == expected
-    for cut in range(len(data) + 1):
+    for cut in range(0, len(data) + 1, 1 if len(data) < 100 else 3):
         assert repr(events_of(data, [data[:cut], data[cut:]])[1]) == expected
 
 

@@ -130,7 +130,7 @@ def read():
     return read_once
 
 
-@pytest.mark.parametrize("name", RIGHT)
+@each("name", RIGHT)
 def test_a_field_log_reads_as_its_table_says(read, name):
     right, recording = RIGHT[name], read(name)
     report = recording.report

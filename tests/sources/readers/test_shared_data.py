@@ -196,7 +196,7 @@ CATALOGUE = [
 ]
 
 
-@pytest.mark.parametrize(("name", "channel", "rows", "good", "mean", "std", "period"), CATALOGUE)
+@each(("name", "channel", "rows", "good", "mean", "std", "period"), CATALOGUE)
 def test_a_real_recording_reads_as_the_catalogue_says(name, channel, rows, good, mean, std, period):
     recording = read(name)
     samples = recording.channel(channel)
@@ -218,7 +218,7 @@ MISSING = [
 ]
 
 
-@pytest.mark.parametrize(("name", "missing", "channel", "good", "mean", "std"), MISSING)
+@each(("name", "missing", "channel", "good", "mean", "std"), MISSING)
 def test_a_missing_value_is_asked_about_and_taken_away_only_when_told(name, missing, channel, good, mean, std):
     unasked = read(name)
     question = f"is {missing:g} a missing value"

@@ -4,7 +4,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from each import each
-from hypothesis import given
+from effort import EXAMPLES
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kalscope.sources.grammar.stamps.dates import CALENDAR_FORMS, parse_calendar
@@ -71,7 +72,8 @@ FORMS = {
 }
 
 
-@pytest.mark.parametrize("name", FORMS)
+@each("name", FORMS)
+@settings(max_examples=EXAMPLES // 2)
 @given(instant=INSTANTS)
 def test_every_form_reads_what_was_written(name, instant):
     order, unit, write = FORMS[name]
@@ -80,7 +82,8 @@ def test_every_form_reads_what_was_written(name, instant):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FORMS)
+@each("name", FORMS)
+@settings(max_examples=EXAMPLES // 2)
 @given(instant=INSTANTS)
 def test_all_forms_that_read_a_stamp_agree(name, instant):
     order, _, write = FORMS[name]

@@ -2,7 +2,6 @@
 
 from datetime import datetime
 
-import pytest
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,7 +17,7 @@ PATTERNS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("pattern", PATTERNS)
+@each("pattern", PATTERNS)
 @given(instant=INSTANTS)
 def test_a_stamp_of_any_form_is_one(pattern, instant):
     assert is_stamp(instant.strftime(pattern))
