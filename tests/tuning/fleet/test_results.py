@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -36,9 +37,9 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def own(tmp_path):
-    """A folder of a fleet that a test may spoil."""
-    return finished_fleet(tmp_path)
+def own(folder, tmp_path):
+    """A folder of a fleet that a test may spoil; its recordings lie beside the first."""
+    return shutil.copytree(folder, tmp_path / "result")
 
 
 def test_a_finished_fleet_has_its_answer_and_its_sources(folder):
@@ -125,8 +126,8 @@ def test_parts_of_other_options_do_not_count(tmp_path, monkeypatch):
     assert reader.read().done == 2
 
 
-def test_a_rerun_makes_a_finished_fleet_a_running_one(own):
-    run = FleetRun(own.parent / "logs", own)
+def test_a_rerun_makes_a_finished_fleet_a_running_one(folder, own):
+    run = FleetRun(folder.parent / "logs", own)
     fleet = FleetReader(own).read()
     assert (fleet.done, len(fleet)) == (13, 13)
     run.finish()
