@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -92,4 +93,5 @@ def run(script: str, cwd: str, env: dict[str, str], out: Connection, err: Connec
     os.environ.clear()
     os.environ.update(env)
     tempfile.tempdir = None  # TMPDIR counts again
-    exec(compile(script, "<string>", "exec"), {"__name__": "__main__"})
+    main = sys.modules["__main__"] = ModuleType("__main__")  # what it starts itself imports no pytest
+    exec(compile(script, "<string>", "exec"), vars(main))

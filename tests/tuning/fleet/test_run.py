@@ -8,30 +8,31 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from fleet_runs import files_of, fits, parts, run_here, table, write_devices
+from program import command, next_line
 from required import not_here
 from waiting import PATIENCE, wait_until
 
+from kalscope.cli.app import run as kalscope
 from kalscope.errors import BadSetting
+from kalscope.tuning.fleet import cluster
 from kalscope.tuning.fleet.cluster import TaskLost, WorkerDied
 from kalscope.tuning.fleet.run import LOST
 from kalscope.tuning.fleet.store.lock import locked
 from kalscope.tuning.fleet.work import task
 
 try:
-    import distributed  # noqa: F401
+    import distributed
     import psutil
     import pyarrow  # noqa: F401
 except ImportError:
     not_here("dask, distributed or pyarrow is not installed")
 
 SHARED_DATA = Path(__file__).parents[4] / "shared" / "data"
-PROGRAM = [sys.executable, "-m", "kalscope.cli", "fleet"]
 PLAIN = ["--momentum", "0", "--no-robust"]
 
 
@@ -170,119 +171,113 @@ def test_a_full_disk_is_said_and_a_rerun_goes_on(tmp_path, at_once, capsys):
     assert len(table(tmp_path / "out")) == 6
 
 
-# From here on with processes.
-
-
-def command(*argv, expect=0):
-    done = subprocess.run([*PROGRAM, *map(str, argv)], capture_output=True, text=True, timeout=5 * PATIENCE)
-    assert done.returncode == expect, done.stderr
-    return done
-
-
-def start(*argv):
-    return subprocess.Popen(
-        [*PROGRAM, *map(str, argv)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-
-
-SCHEDULER = """
-import sys
-from distributed import LocalCluster
-if __name__ == "__main__":
-    with LocalCluster(
-        n_workers=1, threads_per_worker=1, silence_logs=60,
-        dashboard_address=None, scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-    ) as cluster:
-        print(cluster.scheduler_address, flush=True)
-        sys.stdin.read()
-"""
+# From here on on Dask.
 
 
 @pytest.fixture(scope="module")
-def scheduler(tmp_path_factory):
-    """The address of a scheduler of another process, with a worker."""
-    script = tmp_path_factory.mktemp("scheduler") / "scheduler.py"
-    script.write_text(SCHEDULER)
-    argv = [sys.executable, str(script)]
-    with subprocess.Popen(argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
-        yield other.stdout.readline().strip()
-        other.stdin.close()
-
-
-@pytest.fixture(scope="module")
-def devices(tmp_path_factory, scheduler):
-    """Files in several batches, and the table of an undisturbed run over them on the other scheduler."""
+def devices(tmp_path_factory):
+    """Files in 20 batches."""
     folder = tmp_path_factory.mktemp("fleet")
-    write_devices(folder / "logs", 120, comment=10_000)
-    command(folder / "logs", "-o", folder / "whole", "--cluster", scheduler, *PLAIN)
-    return folder / "logs", table(folder / "whole")
+    write_devices(folder, 40, n=60, comment=130_000)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(devices, tmp_path_factory):
+    """The table of an undisturbed run over them, on a scheduler that is named by its address."""
+    out = tmp_path_factory.mktemp("whole")
+    with distributed.LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        protocol="tcp://",
+        silence_logs=60,
+        dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+    ) as other:
+        there = ["--cluster", other.scheduler_address]
+        assert kalscope(["fleet", str(devices), "-o", str(out), *there, *PLAIN]) == 0
+    assert len(parts(out)) == 20
+    return table(out)
+
+
+DRIVER = """
+import os, time
+import dask.system
+from kalscope.tuning.fleet import run
+os.setsid()  # signals to all of its processes reach no other
+dask.system.CPU_COUNT = 2
+show = run._Run._give_up
+def give_up(self, jobs):
+    show(self, jobs)
+    if self.tally.deaths:
+        print("a worker died", flush=True)
+        time.sleep(1e6)
+run._Run._give_up = give_up
+"""
+"""A run with two workers that waits once one of them has died."""
 
 
 def workers_of(driver):
     """The processes below the driver that run tasks."""
-    try:
-        below = psutil.Process(driver.pid).children(recursive=True)
-        return [one for one in below if "spawn_main" in " ".join(one.cmdline())]
-    except psutil.Error:
-        return []
+    return [
+        one for one in psutil.Process(driver.pid).children(recursive=True) if "spawn_main" in " ".join(one.cmdline())
+    ]
 
 
 @pytest.mark.slow
-def test_killed_workers_and_a_killed_driver_change_nothing(tmp_path, devices, scheduler):
-    logs, whole = devices
-    assert [row["id"] for row in whole] == sorted(path.name for path in logs.iterdir())
+def test_killed_workers_and_a_killed_driver_change_nothing(tmp_path, devices, whole, at_once, capsys):
+    assert [row["id"] for row in whole] == sorted(path.name for path in devices.iterdir())
     out = tmp_path / "out"
-    driver = start(logs, "-o", out, *PLAIN)
-    wait_until(lambda: parts(out) and workers_of(driver), "a part and a worker")
-    workers_of(driver)[0].kill()
-    wait_until(lambda: len(parts(out)) >= 3, "three parts")
-    below = psutil.Process(driver.pid).children(recursive=True)
-    driver.kill()
-    driver.communicate()
+    with command("fleet", devices, "-o", out, *PLAIN, change=DRIVER) as driver:
+        wait_until(lambda: parts(out), "the first part")
+        worker, _other = workers_of(driver)
+        worker.suspend()
+        before = len(parts(out))
+        wait_until(lambda: len(parts(out)) >= before + 3, "parts of the other worker, while this one holds a batch")
+        worker.kill()
+        assert next_line(driver) == "a worker died\n"
+        below = psutil.Process(driver.pid).children(recursive=True)
     _, alive = psutil.wait_procs(below, timeout=PATIENCE)
     assert alive == [], "workers outlive the driver"
     kept = len(parts(out))
-    assert kept >= 3
+    assert kept < 20
     (parts(out)[0].parent / f".{parts(out)[0].name}.kalscope-0123456789abcdef.tmp").write_bytes(b"torn")
-    command(logs, "-o", out, "--cluster", scheduler, *PLAIN)
+    run_here(capsys, devices, "-o", out, *PLAIN)
     assert table(out) == whole
     assert files_of(out) == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
     assert len(parts(out)) > kept
 
 
 @pytest.mark.slow
-def test_a_second_run_is_refused_and_ctrl_c_says_how_to_go_on(tmp_path, devices, scheduler):
-    logs, whole = devices
+def test_a_second_run_is_refused_and_ctrl_c_says_how_to_go_on(tmp_path, devices, whole, at_once, capsys):
     out = tmp_path / "out"
-    first = start(logs, "-o", out, *PLAIN)
-    wait_until(lambda: parts(out), "the first part")
-    os.kill(first.pid, signal.SIGSTOP)  # else it may be done before the second looks
-    second = command(logs, "-o", out, *PLAIN, expect=2)
-    assert second.stderr.startswith("kalscope: -o must name a folder that no other run writes (got ")
-    assert f"process {first.pid} on " in second.stderr
-    assert second.stderr.count("\n") == 1
-    os.kill(first.pid, signal.SIGCONT)
-    os.killpg(first.pid, signal.SIGINT)  # a terminal sends it to every process
-    stdout, stderr = first.communicate(timeout=PATIENCE)
-    if first.returncode:  # else the run had ended meanwhile
+    with command("fleet", devices, "-o", out, *PLAIN, change=DRIVER) as first:
+        wait_until(lambda: parts(out), "the first part")
+        os.kill(first.pid, signal.SIGSTOP)  # else it may be done before the second looks
+        second = run_here(capsys, devices, "-o", out, *PLAIN, expect=2)
+        assert second.err.startswith("kalscope: -o must name a folder that no other run writes (got ")
+        assert f"process {first.pid} on " in second.err
+        assert second.err.count("\n") == 1
+        os.killpg(first.pid, signal.SIGINT)  # a terminal sends it to every process
+        os.kill(first.pid, signal.SIGCONT)
+        stdout, stderr = first.communicate(timeout=PATIENCE)
         assert (first.returncode, stdout) == (130, "")
-        assert stderr.startswith("kalscope: stopped with ")
-        assert stderr.endswith("run the same command again to go on\n")
-        assert stderr.count("\n") == 1, stderr
-        assert not (out / "fleet.parquet").exists()
-        command(logs, "-o", out, "--cluster", scheduler, *PLAIN)
+    assert stderr.startswith("kalscope: stopped with ")
+    assert stderr.endswith("run the same command again to go on\n")
+    assert stderr.count("\n") == 1, stderr
+    assert not (out / "fleet.parquet").exists()
+    run_here(capsys, devices, "-o", out, *PLAIN)
     assert table(out) == whole
 
 
-def test_a_scheduler_that_does_not_answer_is_named(tmp_path):
+def test_a_scheduler_that_does_not_answer_is_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(cluster, "PATIENCE_S", 0.1)
     write_devices(tmp_path / "logs", 1)
-    done = command(tmp_path / "logs", "-o", tmp_path / "out", "--cluster", "tcp://127.0.0.1:9", expect=2)
-    assert done.stderr.startswith("kalscope: --cluster must name a scheduler with workers (got 'tcp://127.0.0.1:9'")
-    assert done.stderr.count("\n") == 1
+    nobody = "tcp://127.0.0.1:9"
+    done = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--cluster", nobody, expect=2)
+    assert done.err.startswith(f"kalscope: --cluster must name a scheduler with workers (got '{nobody}'")
+    assert done.err.count("\n") == 1
 
 
 def test_the_answer_is_written_while_the_folder_is_held(tmp_path, at_once, capsys, monkeypatch):
