@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from fleet_runs import files_of, fits, parts, run_here, table, write_devices
+from forked import Forked
 from program import command, next_line
 from required import not_here
 from waiting import PATIENCE, wait_until
@@ -211,37 +212,51 @@ show = run._Run._give_up
 def give_up(self, jobs):
     show(self, jobs)
     if self.tally.deaths:
-        print("a worker died", flush=True)
-        time.sleep(1e6)
+        open("a worker died", "w").close()
+        while not os.path.exists("go on"):
+            time.sleep(0.01)
 run._Run._give_up = give_up
 """
-"""A run with two workers that waits once one of them has died."""
+"""A run with two workers that waits for a file once one of them has died."""
 
 
 def workers_of(driver):
     """The processes below the driver that run tasks."""
-    return [
-        one for one in psutil.Process(driver.pid).children(recursive=True) if "spawn_main" in " ".join(one.cmdline())
-    ]
+    try:
+        below = psutil.Process(driver.pid).children(recursive=True)
+        return [one for one in below if "spawn_main" in " ".join(one.cmdline())]
+    except psutil.Error:  # one ended meanwhile
+        return []
+
+
+def kill_worker(driver, out, died):
+    """Kill a worker, and wait until the driver knows of a batch that died; it may have been between two batches."""
+    kept = len(wait_until(lambda: parts(out), "a part"))
+    wait_until(lambda: workers_of(driver))[0].kill()
+    wait_until(lambda: died.exists() or len(parts(out)) > kept + 4, "a death, or more parts")
 
 
 @pytest.mark.slow
-def test_killed_workers_and_a_killed_driver_change_nothing(tmp_path, devices, whole, at_once, capsys):
+def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(tmp_path, devices, whole, at_once, capsys):
     assert [row["id"] for row in whole] == sorted(path.name for path in devices.iterdir())
-    out = tmp_path / "out"
-    with command("fleet", devices, "-o", out, *PLAIN, change=DRIVER) as driver:
-        wait_until(lambda: parts(out), "the first part")
-        worker, _other = workers_of(driver)
-        worker.suspend()
-        before = len(parts(out))
-        wait_until(lambda: len(parts(out)) >= before + 3, "parts of the other worker, while this one holds a batch")
-        worker.kill()
-        assert next_line(driver) == "a worker died\n"
-        below = psutil.Process(driver.pid).children(recursive=True)
-    _, alive = psutil.wait_procs(below, timeout=PATIENCE)
-    assert alive == [], "workers outlive the driver"
+    out, died = tmp_path / "out", tmp_path / "a worker died"
+    with command("fleet", devices, "-o", out, *PLAIN, cwd=tmp_path, change=DRIVER) as driver:
+        while not died.exists():
+            kill_worker(driver, out, died)
+        second = run_here(capsys, devices, "-o", out, *PLAIN, expect=2)
+        assert second.err.startswith("kalscope: -o must name a folder that no other run writes (got ")
+        assert f"process {driver.pid} on " in second.err
+        assert second.err.count("\n") == 1
+        os.killpg(driver.pid, signal.SIGINT)  # a terminal sends it to every process
+        (tmp_path / "go on").touch()
+        stdout, stderr = driver.communicate(timeout=PATIENCE)
+        assert (driver.returncode, stdout) == (130, "")
+    assert stderr.startswith("kalscope: stopped with ")
+    assert stderr.endswith("run the same command again to go on\n")
+    assert stderr.count("\n") == 1, stderr
+    assert not (out / "fleet.parquet").exists()
     kept = len(parts(out))
-    assert kept < 20
+    assert 0 < kept < 20
     (parts(out)[0].parent / f".{parts(out)[0].name}.kalscope-0123456789abcdef.tmp").write_bytes(b"torn")
     run_here(capsys, devices, "-o", out, *PLAIN)
     assert table(out) == whole
@@ -249,26 +264,26 @@ def test_killed_workers_and_a_killed_driver_change_nothing(tmp_path, devices, wh
     assert len(parts(out)) > kept
 
 
-@pytest.mark.slow
-def test_a_second_run_is_refused_and_ctrl_c_says_how_to_go_on(tmp_path, devices, whole, at_once, capsys):
-    out = tmp_path / "out"
-    with command("fleet", devices, "-o", out, *PLAIN, change=DRIVER) as first:
-        wait_until(lambda: parts(out), "the first part")
-        os.kill(first.pid, signal.SIGSTOP)  # else it may be done before the second looks
-        second = run_here(capsys, devices, "-o", out, *PLAIN, expect=2)
-        assert second.err.startswith("kalscope: -o must name a folder that no other run writes (got ")
-        assert f"process {first.pid} on " in second.err
-        assert second.err.count("\n") == 1
-        os.killpg(first.pid, signal.SIGINT)  # a terminal sends it to every process
-        os.kill(first.pid, signal.SIGCONT)
-        stdout, stderr = first.communicate(timeout=PATIENCE)
-        assert (first.returncode, stdout) == (130, "")
-    assert stderr.startswith("kalscope: stopped with ")
-    assert stderr.endswith("run the same command again to go on\n")
-    assert stderr.count("\n") == 1, stderr
-    assert not (out / "fleet.parquet").exists()
-    run_here(capsys, devices, "-o", out, *PLAIN)
-    assert table(out) == whole
+HOLDER = """
+import time
+from pathlib import Path
+from kalscope.tuning.fleet.cluster import open_workers
+from kalscope.tuning.fleet.store.lock import locked
+with locked(Path()), open_workers(None, 1):
+    print("workers", flush=True)
+    time.sleep(1e6)
+"""
+
+
+def test_a_killed_driver_leaves_no_worker_and_no_lock(tmp_path):
+    with Forked(HOLDER, tmp_path, os.environ) as driver:
+        assert next_line(driver) == "workers\n"
+        below = psutil.Process(driver.pid).children(recursive=True)
+        assert workers_of(driver)
+    _, alive = psutil.wait_procs(below, timeout=PATIENCE)
+    assert alive == []
+    with locked(tmp_path):
+        pass
 
 
 def test_a_scheduler_that_does_not_answer_is_named(tmp_path, capsys, monkeypatch):
