@@ -38,6 +38,9 @@ def export_command(
     fixed: Annotated[
         bool, typer.Option("--fixed-gains", help="Only the settled filter, whose gains never change (c, arduino).")
     ] = False,
+    calibration: Annotated[
+        bool, typer.Option("--calibration", help="With a sketch that measures r itself when asked (arduino).")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     reading: ReadOptions = DEFAULTS,
 ) -> None:
@@ -56,7 +59,7 @@ def export_command(
     if sample_period is not None:
         tuned = rescaled_to_period(tuned, sample_period)
     recording = None if vectors is None else open_source(vectors, reading)
-    files = export_tuning(tuned, target, vectors=recording, fixed_gains=fixed)
+    files = export_tuning(tuned, target, vectors=recording, fixed_gains=fixed, calibration=calibration)
     for message in [
         *_what(tuned),
         *_other_rate(recording, tuned),

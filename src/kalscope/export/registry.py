@@ -33,6 +33,8 @@ class Target:
     """What it is, one sentence."""
     fixed_gains: Callable[[ExportJob], dict[str, str]] | None = None
     """Writes the settled filter instead; None = the target has no such option."""
+    calibration: Callable[[ExportJob], dict[str, str]] | None = None
+    """Writes the filter and what measures r on the device; None = the target has no such option."""
     fused: Callable[[FusionJob], dict[str, str]] | None = None
     """Writes the filter that fuses several sensors; None = the target takes one reading a sample."""
     is_offered: bool = True
@@ -48,6 +50,7 @@ TARGETS = MappingProxyType(
             "Arduino sketch",
             "A sketch for the Arduino IDE and its C++ header (float32).",
             fixed_gains.arduino_files,
+            arduino.calibrated_files,
             arduino.fused_files,
             is_common=True,
         ),
@@ -56,7 +59,7 @@ TARGETS = MappingProxyType(
             "C99",
             "The filter in C99, in double or float.",
             fixed_gains.c_files,
-            c.fused_files,
+            fused=c.fused_files,
             is_common=True,
         ),
         "python": Target(
@@ -130,6 +133,7 @@ def export_tuning(
     vectors: Recording | None = None,
     sample_period: float | None = None,
     fixed_gains: bool = False,
+    calibration: bool = False,
 ) -> dict[str, str]:
     """The files of one target.
 
@@ -141,6 +145,7 @@ def export_tuning(
         vectors: The recording whose first samples, filtered, come along as `groundtruth.csv`; None = none.
         sample_period: Time between two samples on the device, s: q is carried over to it; None = the tuning's.
         fixed_gains: Write only the settled filter, whose gains never change (`kalscope_fixed_gains.h`).
+        calibration: Add what measures r on the device, when it is asked to (arduino).
 
     Returns:
         The texts by file name. A name is one plain word without a folder; a text is ASCII.
@@ -148,6 +153,7 @@ def export_tuning(
     Raises:
         BadSetting: No such target or channel; the target cannot hold this filter (the message says what can);
             the recording lacks a channel; fixed gains for another target, a fusion, vectors, a gate or q = 0;
+            calibration for another target, a fusion, fixed gains or r = 0;
             the period is not positive, or the tuning does not know its own.
     """
     if target not in TARGETS:
@@ -155,9 +161,12 @@ def export_tuning(
     chosen = tuning.only(channel)
     chosen = chosen if sample_period is None else rescaled_to_period(chosen, sample_period)
     job = fusion_job_of(chosen) or job_of(chosen)
-    if fixed_gains:
+    if fixed_gains and not calibration:
         return _fixed(target, job, vectors)
-    files = _fused(target, job) if isinstance(job, FusionJob) else TARGETS[target].files(job)
+    if calibration:
+        files = _calibrated(target, job, fixed_gains=fixed_gains)
+    else:
+        files = _fused(target, job) if isinstance(job, FusionJob) else TARGETS[target].files(job)
     if vectors is not None:
         from kalscope.export.vectors import vector_files
 
@@ -188,5 +197,22 @@ def _fixed(target: str, job: ExportJob | FusionJob, vectors: Recording | None) -
         raise BadSetting(
             "test vectors must be left out with fixed gains (got a recording): they are those of the whole filter,"
             " which fixed gains equal only once it has settled"
+        )
+    return write(job)
+
+
+def _calibrated(target: str, job: ExportJob | FusionJob, *, fixed_gains: bool) -> dict[str, str]:
+    write = TARGETS[target].calibration
+    if write is None:
+        able = " or ".join(name for name, each in TARGETS.items() if each.calibration is not None)
+        raise BadSetting(f"target must be {able} for calibration (got {target}): leave that option out")
+    if isinstance(job, FusionJob):
+        raise BadSetting(
+            f"calibration must be of channels (got the fusion {comment_text(job.fusion.name)}): leave that option out,"
+            " or choose a channel"
+        )
+    if fixed_gains:
+        raise BadSetting(
+            "calibration needs the whole filter (got fixed gains, which no r changes): choose one of them"
         )
     return write(job)

@@ -46,7 +46,7 @@ QUIET = 2.0
 """Variance of a still window over that of the quietest quarter of the blocks, at most."""
 MAX_DRIFT = 3.0
 """Drift over the stretch, in standard deviations of the noise."""
-_SURE = 3.3
+SURE = 3.3
 """Standard deviations up to which a statistic of white noise may be off."""
 _SPIKE = 6.0
 """Standard deviations from the running median beyond which a sample is not looked at."""
@@ -141,7 +141,7 @@ class _Blocks:
         variance = np.maximum(noise, self.floor)
         with np.errstate(divide="ignore", invalid="ignore"):
             white = jumps.sum(axis=1) / pairs.sum(axis=1) / (2.0 * noise)
-            still = np.abs(white - 1.0) < _SURE / math.sqrt(samples)
+            still = np.abs(white - 1.0) < SURE / math.sqrt(samples)
             still &= (noise > 0.0) & (variance <= self.loudest)
             still &= _level(mean, variance)
             still &= _even(squares, size)
@@ -167,7 +167,7 @@ def _level(mean: Array, noise: Array) -> Array:
     means = mean[:, : groups * each].reshape(-1, groups, each).mean(axis=2)
     slope, squared = _line(means)
     chi2, freedom = squared * each * BLOCK / noise, groups - 2
-    on_line = chi2 < freedom + _SURE * math.sqrt(2.0 * freedom) + 3.0
+    on_line = chi2 < freedom + SURE * math.sqrt(2.0 * freedom) + 3.0
     return on_line & (np.abs(slope) * groups < MAX_DRIFT * np.sqrt(noise))
 
 
@@ -176,7 +176,7 @@ def _even(squares: Array, size: int) -> Array:
     groups = min(size, GROUPS)
     each = size // groups
     sums = squares[:, : groups * each].reshape(-1, groups, each).sum(axis=2)
-    spread = 2.0 * _SURE * math.sqrt(2.0 / (each * (BLOCK - 1)))
+    spread = 2.0 * SURE * math.sqrt(2.0 / (each * (BLOCK - 1)))
     return np.log(sums.max(axis=1) / sums.min(axis=1)) < spread
 
 

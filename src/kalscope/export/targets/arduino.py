@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import zlib
+
 from kalscope.errors import BadSetting
+from kalscope.export.board import calibration
 from kalscope.export.board.fusion import fusion_on_board
 from kalscope.export.board.momentum import LAST_POWER
 from kalscope.export.device_limits import not_in_counts
-from kalscope.export.float32 import Float32Params, float32_params, float32_text, without_momentum
+from kalscope.export.float32 import Float32Params, float32_params, float32_text, to_float32, without_momentum
 from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
 from kalscope.export.job import ExportJob, FusionJob, Origin
 from kalscope.export.names import comment_text
@@ -37,8 +40,22 @@ def files(job: ExportJob) -> dict[str, str]:
             the range that it can count.
     """
     _check_pins(len(job.channels), "channels", "choose one")
-    held = [_held(job, i) for i in range(len(job.channels))]
-    return {"KalscopeFilter.h": _header(job, held), "kalscope_filter.ino": _sketch(job)}
+    return {"KalscopeFilter.h": _header(job), "kalscope_filter.ino": _sketch(job)}
+
+
+def calibrated_files(job: ExportJob) -> dict[str, str]:
+    """The same with a sketch that measures r itself, and `KalscopeCalibration.h`.
+
+    Raises:
+        BadSetting: As `files`; r of a channel is 0, so that q has no ratio to it.
+    """
+    _check_pins(len(job.channels), "channels", "choose one")
+    header, ratios = _header(job), _ratios(job)
+    stamp = zlib.crc32("\n".join((header, ratios, str(job.sample_period))).encode()) & 0x7FFFFFFF
+    texts = calibration.template_texts()
+    measuring = fill_template("arduino/KalscopeCalibration.h", ratios=ratios, stamp=f"0x{stamp:08X}UL", **texts)
+    sketch = _sketch(job, calibration=True)
+    return {"KalscopeFilter.h": header, "kalscope_filter.ino": sketch, "KalscopeCalibration.h": measuring}
 
 
 def constants(name: str, params: Float32Params, *, momentum: bool = False) -> str:
@@ -61,7 +78,26 @@ def _constant_names(job: ExportJob) -> list[str]:
     return [f"KALSCOPE_TUNING_{name.upper()}" for name in job.identifiers]
 
 
-def _header(job: ExportJob, held: list[Float32Params]) -> str:
+def _ratios(job: ExportJob) -> str:
+    """A constant for each channel: q over r, which is the lag that was chosen."""
+    lines: list[str] = []
+    for name, channel in job.named_channels:
+        if channel.r == 0.0:
+            raise BadSetting(
+                f"r of {comment_text(channel.name)} must be above 0 for a sketch that measures it (got 0: q then has no"
+                " ratio to r that would be its lag): tune r, or leave that option out"
+            )
+        ratio = float32_text(to_float32("q / r", channel.q / channel.r))
+        lines.append(f"const float {_ratio_name(name)} = {ratio};\n")
+    return "".join(lines)
+
+
+def _ratio_name(name: str) -> str:
+    return f"KALSCOPE_RATIO_{name.upper()}"
+
+
+def _header(job: ExportJob) -> str:
+    held = [_held(job, i) for i in range(len(job.channels))]
     names = _constant_names(job)
     parts: list[str] = []
     for channel, name, params in zip(job.channels, names, held, strict=True):
@@ -80,14 +116,17 @@ def _header(job: ExportJob, held: list[Float32Params]) -> str:
     )
 
 
-def _sketch(job: ExportJob) -> str:
+def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
+    marks = job.marks.union(["calibration"] if calibration else [])
     names, n = job.identifiers, len(job.channels)
     columns = ",".join(f"{name},{name}_filtered" for name in names) if n > 1 else "raw,filtered"
     pins = [f"A{i}" for i in range(n)]
     period_us, said = _period(job)
+    letters = f"qr{'t' * job.has_momentum}p{'c' * calibration}"
+    ratio_names = ", ".join(map(_ratio_name, names))
     return fill_template(
         "arduino/kalscope_filter.ino",
-        job.marks,
+        marks,
         about=commented(about(job), "//").rstrip(),
         pin_words=" ".join(pins),
         columns=columns,
@@ -95,7 +134,9 @@ def _sketch(job: ExportJob) -> str:
         period_words=said,
         pins=", ".join(pins),
         print_float=fill_template("arduino/print_float.ino"),
-        commands=fill_template("arduino/commands.ino", job.marks),
+        commands=fill_template("arduino/commands.ino", marks, letters=letters),
+        calibrate=fill_template("arduino/calibrate.ino", marks, ratio_names=ratio_names) if calibration else "",
+        readings="0, -INFINITY, INFINITY" if not_in_counts(job.channels) else "1, 0, 1023",
         names=", ".join(f'"{name}"' for name in names),
         filters=", ".join(f"KalscopeFilter({name})" for name in _constant_names(job)),
         units=", ".join(f"{name} in {_unit(channel.unit)}" for name, channel in job.named_channels),

@@ -73,17 +73,27 @@ bool change(KalscopeFilter &filter, char what, float value) {
   return true;
 }
 
+@calibration void calibrate(uint8_t channel, float seconds);
+@calibration void keep();
+@calibration void forget();
+@calibration 
 void obey(char *line) {
+@calibration   if (strcmp(line, "k") == 0) return keep();
+@calibration   if (strcmp(line, "f") == 0) return forget();
   char *at, *end;
   const unsigned long only = strtoul(line, &at, 10);  // 0 where the line begins with a letter
   while (*at == ' ') at++;
   const char what = *at;
   const float value = strtod(what == '\0' ? at : at + 1, &end);
-@plain   const bool complete = what == '?' || (strchr("qrp", what) && what != '\0' && end > at + 1);
-@momentum   const bool complete = what == '?' || (strchr("qrtp", what) && what != '\0' && end > at + 1);
+  const bool complete = what == '?' || (strchr("$letters", what) && what != '\0' && end > at + 1);
   bool done = complete && *end == '\0' && only <= CHANNELS;
   for (uint8_t i = 0; i < CHANNELS && done; i++) {
     if (only != 0 && only != i + 1u) continue;
+@calibration     if (what == 'c') {
+@calibration       done = value >= 0.0f && !isinf(value);
+@calibration       if (done) calibrate(i, value);
+@calibration       continue;
+@calibration     }
     done = change(filters[i], what, value);
     if (done) answer(i);
   }

@@ -3,6 +3,7 @@ $about
 // Reads $pin_words, filters, and prints a line a sample; lines that begin with # are remarks:
 //   $columns
 // Put this file and KalscopeFilter.h into one folder named kalscope_filter, and open it in the Arduino IDE.
+@calibration // KalscopeCalibration.h belongs there too.
 //
 // Lines it understands while it runs, in the unit above:
 //   q 0.01     process noise; the filter goes on
@@ -10,10 +11,16 @@ $about
 @momentum //   t 20       momentum in samples, 0.001 to 100000, or 0 for none; the filter goes on
 //   p 1000     start variance, and start again; p inf: the first sample is the start
 //   ?          which values are in use
+@calibration //   c 10       measure r for 10 s while the input does not change, and take it into use, with the q of the same
+@calibration //              lag; c 0 ends that
+@calibration //   k          keep the values in use in the EEPROM, for the next start; f forgets them
 // Each is answered by a # line with the values and their exact bits. Wait for it before the next: a board keeps
 // 64 letters. All channels are meant; "2 q 0.01" means the second.
 
+@calibration #include <EEPROM.h>
+@calibration 
 #include "KalscopeFilter.h"
+@calibration #include "KalscopeCalibration.h"
 
 const unsigned long BAUD = 115200;
 const unsigned long PERIOD_US = $period_us;  // between samples;$period_words
@@ -22,15 +29,33 @@ const char *const NAMES[] = {$names};
 KalscopeFilter filters[] = {$filters};
 const uint8_t CHANNELS = sizeof(PINS);
 
+@calibration // When r is measured without being asked for; a line such as "#define KALSCOPE_CALIBRATE_PIN 2" may stand above.
+@calibration #ifndef KALSCOPE_CALIBRATE_AT_START
+@calibration #define KALSCOPE_CALIBRATE_AT_START 0  // 1: at every start
+@calibration #endif
+@calibration #ifndef KALSCOPE_CALIBRATE_PIN
+@calibration #define KALSCOPE_CALIBRATE_PIN -1  // a pin: at a start while it is connected to ground; -1: none
+@calibration #endif
+@calibration #ifndef KALSCOPE_CALIBRATE_S
+@calibration #define KALSCOPE_CALIBRATE_S 10  // for how many seconds, then
+@calibration #endif
+@calibration #ifndef KALSCOPE_CALIBRATE_KEEP
+@calibration #define KALSCOPE_CALIBRATE_KEEP 0  // 1: what was measured is kept in the EEPROM, as by k
+@calibration #endif
+@calibration 
 // What the filter takes, in the unit it was tuned in: $units. NAN where there is no sample.
 ${unit_check}float readSensor(uint8_t channel) { return analogRead(PINS[channel]); }
+@calibration 
+@calibration // What is known of these readings: their step (0: not known), lowest and highest (-INFINITY, INFINITY: not known).
+@calibration const KalscopeReadings KALSCOPE_READINGS = {$readings};
 
-${print_float}${commands}unsigned long due_us;    // when the next sample must be taken
+${print_float}${commands}${calibrate}unsigned long due_us;    // when the next sample must be taken
 unsigned long left_out;  // samples that could not be taken in time
 unsigned long said_ms;   // when that was last said
 
 void setup() {
   Serial.begin(BAUD);
+@calibration   startCalibrated();
   Serial.println(F("# $columns"));
   due_us = micros();
 }
@@ -51,6 +76,7 @@ void loop() {
     printFloat(filters[i].update(samples[i]));
   }
   Serial.println();
+@calibration   measure(samples);
   if (left_out > 0 && millis() - said_ms >= 1000) {
     Serial.print(F("# too slow: samples left out: "));
     Serial.println(left_out);
