@@ -208,11 +208,11 @@ def _calibrated(target: str, job: ExportJob | FusionJob, *, fixed_gains: bool) -
         raise BadSetting(f"target must be {able} for calibration (got {target}): leave that option out")
     if isinstance(job, FusionJob):
         raise BadSetting(
-            f"calibration must be of channels (got the fusion {comment_text(job.fusion.name)}): leave that option out,"
-            " or choose a channel"
+            f"calibration must be of channels (got the fusion {comment_text(job.fusion.name)}): leave that option"
+            " out, or choose a channel"
         )
     if fixed_gains:
         raise BadSetting(
-            "calibration needs the whole filter (got fixed gains, which no r changes): choose one of them"
+            "calibration must be without fixed gains, which no r changes (got both): choose one of them"
         )
     return write(job)

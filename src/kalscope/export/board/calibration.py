@@ -154,7 +154,7 @@ def _of_all(words: list[str]) -> CalibrationAnswer | None:
     match words:
         case ["not", "understood" | "understood;", *_]:
             found = NotUnderstood()
-        case ["kept", count, "channels"] if (channels := _count(count)) is not None:
+        case ["kept", count, "channel" | "channels"] if (channels := _count(count)) is not None:
             found = Kept(channels)
         case ["not", "kept:", *reason] if reason:
             found = NotKept(" ".join(reason))

@@ -41,9 +41,9 @@ UNEVEN_SURE = F(GROUPS * (2.0 * SURE) ** 2)
 """Squared range of the variances, as there: times (2 + excess) / n, the variance of a variance of n samples."""
 _SLOPE_WEIGHT = F(GROUPS * (GROUPS**2 - 1) / 12)
 _NORMAL, _CORRECTION, _EARLY, _FOLLOW = F(1.4826), F(1.2), F(64), F(0.0625)
-"""Standard deviation over median distance; the n-th reading corrects that distance by 1.2/n of itself, the step that
-forgets the start soonest; a spike is farther by 64/n at first, while the distance is uncertain; the centre follows by
-a sixteenth."""
+"""Standard deviation over median distance; the n-th reading corrects that distance by 1.2/n of itself, the step
+that forgets the start soonest; a spike is farther by 64/n at first, while the distance is uncertain; the centre
+follows by a sixteenth."""
 
 
 @dataclass(frozen=True)
@@ -206,21 +206,20 @@ class _Measurement:
         variance = (ee - te / tt * te) / (n - F(2))
         floor = self.step * self.step / F(12)
         r = variance if variance > floor else floor
-        if self.used < MIN_READINGS:
-            return "too few readings"
-        if self.cut_off > self.used // MAX_AT_END:
-            return f"{self.cut_off} of {self.used} readings at an end of the range"
-        if not np.isfinite(r):
-            return "float32 cannot hold r and q"
-        if r == 0:
-            return "all readings are equal"
-        if self._is_moving(n, r):
-            return "the level moves"
-        if variance > floor and self._is_uneven(n, variance):
-            return "the noise is uneven"
-        if variance > floor and self._is_dependent(n, variance):
-            return "neighbouring readings depend on each other"
-        return BoardNoise(r, variance, self.step, self.used, self.spikes, self.missing)
+        reasons = (
+            (self.used < MIN_READINGS, "too few readings"),
+            (
+                self.cut_off > self.used // MAX_AT_END,
+                f"{self.cut_off} of {self.used} readings at an end of the range",
+            ),
+            (not np.isfinite(r), "float32 cannot hold r and q"),
+            (r == 0, "all readings are equal"),
+            (self._is_moving(n, r), "the level moves"),
+            (variance > floor and self._is_uneven(n, variance), "the noise is uneven"),
+            (variance > floor and self._is_dependent(n, variance), "neighbouring readings depend on each other"),
+        )
+        found = BoardNoise(r, variance, self.step, self.used, self.spikes, self.missing)
+        return next((words for is_so, words in reasons if is_so), found)
 
     def _is_moving(self, n: np.float32, r: np.float32) -> bool:
         places = [F(i) - F(0.5) * F(GROUPS - 1) for i in range(GROUPS)]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import zlib
 
 from kalscope.errors import BadSetting
-from kalscope.export.board import calibration
 from kalscope.export.board.fusion import fusion_on_board
 from kalscope.export.board.momentum import LAST_POWER
+from kalscope.export.board.still_rule import template_texts
 from kalscope.export.device_limits import not_in_counts
 from kalscope.export.float32 import Float32Params, float32_params, float32_text, to_float32, without_momentum
 from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
@@ -50,12 +50,16 @@ def calibrated_files(job: ExportJob) -> dict[str, str]:
         BadSetting: As `files`; r of a channel is 0, so that q has no ratio to it.
     """
     _check_pins(len(job.channels), "channels", "choose one")
-    header, ratios = _header(job), _ratios(job)
-    stamp = zlib.crc32("\n".join((header, ratios, str(job.sample_period))).encode()) & 0x7FFFFFFF
-    texts = calibration.template_texts()
-    measuring = fill_template("arduino/KalscopeCalibration.h", ratios=ratios, stamp=f"0x{stamp:08X}UL", **texts)
-    sketch = _sketch(job, calibration=True)
-    return {"KalscopeFilter.h": header, "kalscope_filter.ino": sketch, "KalscopeCalibration.h": measuring}
+    ratios = _ratios(job)
+    values = [constants("", _held(job, i), momentum=job.has_momentum) for i in range(len(job.channels))]
+    stamp = zlib.crc32(repr((job.identifiers, values, _period(job)[0])).encode()) & 0x7FFFFFFF
+    return {
+        "KalscopeFilter.h": _header(job),
+        "kalscope_filter.ino": _sketch(job, calibration=True),
+        "KalscopeCalibration.h": fill_template(
+            "arduino/KalscopeCalibration.h", ratios=ratios, stamp=f"0x{stamp:08X}UL", **template_texts()
+        ),
+    }
 
 
 def constants(name: str, params: Float32Params, *, momentum: bool = False) -> str:
@@ -82,10 +86,15 @@ def _ratios(job: ExportJob) -> str:
     """A constant for each channel: q over r, which is the lag that was chosen."""
     lines: list[str] = []
     for name, channel in job.named_channels:
+        if channel.chain is not None:
+            raise BadSetting(
+                f"{comment_text(channel.name)} must have the Kalman filter alone for a sketch that measures r (got"
+                f" {channel.chain.words}): choose another filter, or leave that option out"
+            )
         if channel.r == 0.0:
             raise BadSetting(
-                f"r of {comment_text(channel.name)} must be above 0 for a sketch that measures it (got 0: q then has no"
-                " ratio to r that would be its lag): tune r, or leave that option out"
+                f"r of {comment_text(channel.name)} must be above 0 for a sketch that measures it (got 0: the"
+                " lag, which follows from q/r, is not known): tune r, or leave that option out"
             )
         ratio = float32_text(to_float32("q / r", channel.q / channel.r))
         lines.append(f"const float {_ratio_name(name)} = {ratio};\n")

@@ -159,8 +159,8 @@ void keep() {
     Serial.println(F("# not kept: the EEPROM does not hold what was written"));
     return;
   }
-  sayCount(F("# kept channels="), CHANNELS);
-  Serial.println();
+  sayCount(F("# kept "), CHANNELS);
+  Serial.println(CHANNELS == 1 ? F(" channel") : F(" channels"));
 }
 
 void forget() {

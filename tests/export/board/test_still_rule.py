@@ -1,0 +1,111 @@
+"""The rule by which a board measures r, sample by sample in float32: the figure of the host, and its refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kalscope.errors import BadSetting
+from kalscope.estimation.sensor.noise import noise_from_still
+from kalscope.export.board.still_rule import GROUPS, LEARNING, BoardRange, measure_on_board, rows_of
+from kalscope.export.registry import export_tuning
+from kalscope.tuning.fusion import FusionTuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+
+ROWS = rows_of(2.0, 0.005)
+COUNTS = BoardRange(1.0, 0.0, 1023.0)
+
+
+def still(sigma=3.0, level=500.3, seed=0, rows=ROWS):
+    return level + np.random.default_rng(seed).normal(0.0, sigma, rows)
+
+
+def hosts_figure(z, step):
+    measured = z[LEARNING + (len(z) - LEARNING) // (GROUPS + 1) :]
+    return noise_from_still(np.asarray(measured, np.float32), step if step > 0.0 else None)
+
+
+def test_the_figure_is_the_hosts_within_one_percent_at_20_noise_levels_and_5_quantisations_with_drift_and_spikes():
+    rng = np.random.default_rng(8)
+    for i, sigma in enumerate(np.geomspace(0.05, 500.0, 20)):
+        for j, step in enumerate((0.0, 0.25, 1.0, 4.0, 16.0)):
+            z = still(sigma, seed=[i, j, 1]) + np.linspace(0.0, rng.uniform(0.0, 1.0) * sigma, ROWS)
+            z[rng.integers(100, ROWS, 3)] += 40.0 * sigma + 40.0 * step
+            z = np.round(z / step) * step if step else z
+            z[rng.integers(LEARNING, ROWS, 4)] = np.nan
+            found = measure_on_board(z, BoardRange(step))
+            assert not isinstance(found, str), (sigma, step, found)
+            assert found.r == pytest.approx(hosts_figure(z, step).r, rel=0.01), (sigma, step)
+            assert found.spikes >= 2
+            assert found.used + found.spikes + found.missing == GROUPS * ((ROWS - LEARNING) // (GROUPS + 1))
+
+
+def test_a_sum_of_many_samples_on_a_high_level_keeps_its_digits():
+    z = np.round(still(1.3, 4e6, rows=rows_of(8.0, 0.001)))
+    found = measure_on_board(z, BoardRange(1.0))
+    assert found.r == pytest.approx(hosts_figure(z, 1.0).r, rel=1e-4)
+
+
+def stepped(z, at, size):
+    z[at:] += size
+    return z
+
+
+REFUSED = {
+    "the level moves": [
+        still() + np.linspace(0.0, 12.0, ROWS),
+        still() + 5.0 * np.sin(np.arange(ROWS) / 40),
+        stepped(still(), ROWS // 2, 8.0),
+        500.0 + np.cumsum(still(1.0, 0.0)),
+    ],
+    "neighbouring readings depend on each other": [still(1.0) + 3.0 * np.sin(np.arange(ROWS) * 0.9)],
+    "the noise is uneven": [np.where(np.arange(ROWS) < ROWS // 2, still(1.0), still(5.0, seed=1))],
+    "no reading in 34 of 336 samples": [np.where(np.arange(ROWS) < 90, still(), np.nan), np.full(ROWS, np.nan)],
+    "spikes in 17 of 336 samples": [stepped(still(), ROWS // 2, 300.0)],
+    "336 of 336 readings at an end of the range": [np.full(ROWS, 1023.0), np.zeros(ROWS)],
+    "all readings are equal": [np.full(ROWS, 3.25)],
+    "float32 cannot hold r and q": [still(1e25, 1e27)],
+}
+
+
+@pytest.mark.parametrize("reason", REFUSED)
+def test_what_shows_more_or_less_than_noise_is_refused(reason):
+    for z in REFUSED[reason]:
+        known = BoardRange() if reason.startswith(("all", "float")) else COUNTS
+        assert measure_on_board(z, known) == reason
+
+
+def test_clipped_noise_is_refused_before_its_figure_is_believed():
+    assert "readings at an end of the range" in measure_on_board(
+        np.clip(np.round(still(3.0, 1.0)), 0, 1023), COUNTS
+    )
+
+
+def test_readings_that_hardly_change_are_the_rounding_of_a_known_step():
+    found = measure_on_board(np.full(ROWS, 512.0), COUNTS)
+    assert (found.r, found.variance) == (np.float32(1.0) / np.float32(12.0), 0.0)
+    assert found.r == pytest.approx(noise_from_still(np.full(ROWS, 512.0), 1.0).r)
+
+
+def test_still_noise_is_hardly_ever_refused():
+    found = [measure_on_board(still(sigma, seed=i)) for i in range(20) for sigma in (0.1, 30.0)]
+    assert sum(isinstance(one, str) for one in found) <= 1
+
+
+def test_a_sketch_that_measures_is_for_filters_with_an_r_on_an_arduino():
+    tuning = Tuning((ChannelTuning("light", "", 0.01, 4.0),))
+    plain, measuring = export_tuning(tuning, "arduino"), export_tuning(tuning, "arduino", calibration=True)
+    assert set(measuring) - set(plain) == {"KalscopeCalibration.h"}
+    assert measuring["KalscopeFilter.h"] == plain["KalscopeFilter.h"]
+    assert "calibrat" not in "".join(plain.values()).lower()
+    assert "const float KALSCOPE_RATIO_LIGHT = 0.00249999994f;" in measuring["KalscopeCalibration.h"]
+    exact = Tuning((ChannelTuning("light", "", 0.01, 0.0, 1.0),))
+    fused = Tuning(tuning.channels, fusion=FusionTuning("level", "", ("a", "b"), 0.1, (1.0, 1.0)))
+    for other, target, options, refusal in (
+        (tuning, "c", {}, "target must be arduino for calibration"),
+        (tuning, "arduino", {"fixed_gains": True}, "must be without fixed gains"),
+        (exact, "arduino", {}, "r of light must be above 0"),
+        (fused, "arduino", {}, "calibration must be of channels"),
+    ):
+        with pytest.raises(BadSetting, match=refusal):
+            export_tuning(other, target, calibration=True, **options)
