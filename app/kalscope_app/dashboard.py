@@ -48,6 +48,7 @@ from kalscope_app.views.source.live import LiveView
 from kalscope_app.views.source.source import SourceView
 from kalscope_app.views.tour import Tour
 from kalscope_app.views.tune.checks import ChecksView
+from kalscope_app.views.tune.controls.chain import ChainView
 from kalscope_app.views.tune.controls.paper_filter import PaperFilterView
 from kalscope_app.views.tune.fusion import FusionView
 from kalscope_app.views.tune.goal.estimators import EstimatorsView
@@ -175,6 +176,7 @@ class Dashboard:
             self._help = HelpView(gui, self._tour)
 
     def _build_tune(self, gui: viser.GuiApi) -> None:
+        self._chain = ChainView(gui, self.session)
         self._goal = GoalView(gui, self.session, self._jobs)
         self.parameters = ParametersView(gui, self.session)
         self._start = StartView(gui, self.session)
@@ -220,6 +222,7 @@ class Dashboard:
     def _show_numbers(self, frame: Frame) -> None:
         for view in self._header, self._verdict, self._numbers, self._goal, self.parameters, self._start:
             view.show(frame)
+        self._chain.show(frame)
         self._fusion.show(frame)
         self._map.follow(frame)
 

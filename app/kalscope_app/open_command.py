@@ -53,6 +53,7 @@ def open_dashboard(
     x0: Annotated[str | None, typer.Option(help="Its initial estimate x₀, or first; goes with --p0.")] = None,
     gate: Annotated[str | None, typer.Option(help="Its outlier gate on v²/s, such as 9, or off.")] = None,
     momentum: Annotated[str | None, typer.Option(help="Its momentum τ in samples, or off.")] = None,
+    chain: Annotated[str | None, typer.Option(help='Its filters, such as "median 5, kalman", or kalman.')] = None,
 ) -> None:
     """Open the dashboard in a browser."""
     from kalscope_app.guard.server import guarded_server
@@ -67,7 +68,7 @@ def open_dashboard(
     tell_compiling()
     with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
         state, board = first_state(source, reading, config, sample_period)
-        state = apply_options(state, channel, q, r, p0, x0, gate, momentum)
+        state = apply_options(state, channel, q, r, p0, x0, gate, momentum, chain)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
         with stop_signals() as end:

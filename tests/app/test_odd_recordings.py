@@ -19,6 +19,7 @@ from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.engine import idle_studies as studies
 from kalscope_app.guard.server import guarded_server
+from kalscope_app.session.changes.parameters import use_paper_filter
 from kalscope_app.session.changes.variants import pin_present
 from kalscope_app.session.changes.view import set_map_colour, set_match_by, set_velocity, set_window
 from kalscope_app.session.opening import opened
@@ -84,7 +85,7 @@ SETTINGS = {
     "momentum, r = 0": lambda state: state.with_tuning(q=1.0, r=0.0, momentum=9.0),
     "momentum, far away": lambda state: state.with_tuning(q=1e-300, r=1e300, momentum=9.0, p0=1.0, gate=4.0),
     "part of it": lambda state: set_window(0.0, float(np.median(state.recording.time)))(state),
-    "Khan et al.": lambda state: state.with_filter(GeneralizedParams(1.0, None, None, "without_slip")),
+    "Khan et al.": lambda state: use_paper_filter(state, GeneralizedParams(1.0, None, None, "without_slip")),
 }
 
 

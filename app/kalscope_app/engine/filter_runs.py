@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
+from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.fusion.growing import FusedSignal, GrowingFusion, fused_at
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.pieces.chosen import filter_at, picked
@@ -142,8 +142,7 @@ class VariantCurves:
     def of(self, state: State, drawn: DrawnSamples) -> tuple[Array, ...]:
         """One curve for each variant of the channel on screen, in their order, unit, shape (m,)."""
         self._curves.begin(drawn, state.recording, state.channel)
-        settings = [variant.tuning.params for variant in state.variants]
         return tuple(
-            self._curves.get(params, lambda params=params: denoise(state.z, params, state.dt)[drawn.indices])
-            for params in settings
+            self._curves.get(one, lambda one=one: one.denoise(state.z, state.dt)[drawn.indices])
+            for one in (variant.tuning.filter for variant in state.variants)
         )

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from kalscope.common.array import Array
 from kalscope.filtering.batch import FilterResult, smooth
 from kalscope.filtering.fusion.smoothing import smooth_fusion
-from kalscope.filtering.protocol import StandardFilter
 from kalscope.filtering.steady_state import SteadyState
 from kalscope.sources.live.live_status import LiveStatus
 from kalscope_app.engine.decimation import DrawnSamples
@@ -119,7 +118,7 @@ def compute_frame(
     run = runs.drawn(state, drawn)
     result, at = run.at, drawn.indices
     steady = state.filter.settled(run.whole or result, recording.sample_period)
-    start_up = samples_to_settle(run.gain, len(recording), float(steady.gain))
+    start_up = samples_to_settle(run.gain, len(recording), float(steady.gain)) if math.isfinite(steady.gain) else 0
     gain_samples = gain_axis(start_up, len(recording))
     board = None if state.board is None else recording.channel(state.board)
     velocity, velocity_spread = _velocity(state, result)
@@ -145,7 +144,7 @@ def compute_frame(
         velocity=velocity,
         velocity_spread=velocity_spread,
         set_aside=None if aside is None else np.where(aside[at], drawn.raw, np.nan),
-        variants=tuple(runs.of(state, StandardFilter(variant.tuning.params)).x[at] for variant in state.variants)
+        variants=tuple(runs.of(state, variant.tuning.filter).x[at] for variant in state.variants)
         if variants is None
         else variants,
     )

@@ -94,6 +94,6 @@ def is_move(before: State, after: State) -> bool:
 
 
 def _what_is_drawn(state: State) -> tuple[object, ...]:
-    momentum = state.filter.is_standard and state.tuning.momentum > 0.0
+    momentum = state.uses_parameters and state.tuning.momentum > 0.0
     shown = state.record_key, state.measured, state.board, state.variants, state.view
-    return *shown, state.is_standard, momentum, state.answers.note
+    return *shown, state.is_standard, state.tuning.chain, momentum, state.answers.note

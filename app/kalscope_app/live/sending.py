@@ -12,6 +12,14 @@ from kalscope_app.session.live_state import Sent
 from kalscope_app.session.state import State
 
 
+def takes_no_values(state: State) -> str:
+    """Why the board can take no values of what is on screen while it runs; "" where it can."""
+    if state.fusion is None and state.tuning.chain is None:
+        return ""
+    what = "a chain of filters" if state.fusion is None else "fused sensors"
+    return f"the sketch of {what} takes no values while it runs: export it again and flash it"
+
+
 def send_setting(state: State, source: LiveSource) -> Sent:
     """Bring q, r, momentum and p0 of the channel on screen onto the board, one command at a time, each answered.
 
@@ -20,9 +28,9 @@ def send_setting(state: State, source: LiveSource) -> Sent:
             standard filter of one channel is on screen.
         BadDevice: the board did not answer, or did not take a value.
     """
-    if state.fusion is not None:
-        raise BadSetting("the sketch of fused sensors takes no values while it runs: export it again and flash it")
-    state.require_standard_filter([state.channel])
+    state.require_exportable([state.channel])
+    if why := takes_no_values(state):
+        raise BadSetting(why)
     wanted = float32_params(state.params)
     names = state.recording.names
     said = values_in_use(source)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.stages import OneEuro
 from kalscope.filtering.params import MAX_VARIANCE
+from kalscope.tuning.paper_tuning import with_kalman_filter
 from kalscope.tuning.tuning import ChannelTuning
 
 UNLINKED, SAME_NUMBERS, SAME_LAG = "this channel alone", "all: same q and r", "all: same lag, own noise"
@@ -42,7 +46,7 @@ def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) 
     p0 = None if leader.p0 is None else _scaled(leader.p0, factor)
     x0 = leader.x0 if factor == 1.0 else own.x0
     return replace(
-        own,
+        with_kalman_filter(own),
         q=_scaled(leader.q, factor),
         r=_scaled(leader.r, factor),
         p0=p0,
@@ -50,7 +54,15 @@ def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) 
         gate=leader.gate,
         momentum=leader.momentum,
         how=leader.how,
+        chain=_scaled_chain(leader.chain, factor),
     )
+
+
+def _scaled_chain(chain: Chain | None, factor: float) -> Chain | None:
+    """The same chain at `factor` times the variances: only the one-euro filter has a setting with a unit."""
+    if chain is None or not isinstance(chain.then, OneEuro):
+        return chain
+    return replace(chain, then=replace(chain.then, beta=chain.then.beta / math.sqrt(factor)))
 
 
 def _factor(starts: Tunings, leader: int, i: int, link: str) -> float:

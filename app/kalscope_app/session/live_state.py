@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from kalscope.export.float32 import Float32Params
+from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.params import FilterParams
 from kalscope.sources.live.live_samples import Snapshot
 from kalscope.sources.live.live_status import LiveStatus
@@ -31,6 +32,9 @@ class ConnectionState:
     """Of the board on screen, or of one that is recorded in the background; None where there is none."""
 
 
+Setting = dict[str, float | Chain | None]
+"""Values of the command line by the names of the parameters."""
+
 NO_CONNECTION = ConnectionState()
 """No board was ever connected."""
 
@@ -43,7 +47,7 @@ class Deferred:
     """A tuning file."""
     channel: str | None = None
     """The channel to look at, a name or a number from 1."""
-    values: tuple[tuple[str, float | None], ...] = ()
+    values: tuple[tuple[str, float | Chain | None], ...] = ()
     """Names and values of its parameters."""
 
 

@@ -17,8 +17,10 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.papers.experiments import open_experiment
+from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope.recording import Recording, Timing
 from kalscope.tuning.choose import adapt_tuning
+from kalscope.tuning.paper_tuning import with_paper_filter
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
 from kalscope_app.session.fusion import Fusion, name_of_fused
 from kalscope_app.session.state import ChannelSettings, OpenRecording, State
@@ -77,7 +79,7 @@ def _about_what_stays(channels: set[ChannelKey], tuned: Iterable[ChannelKey], pi
     pins = sorted(name for name, _ in pinned & channels)
     said: list[str] = []
     if kept:
-        said.append(f"Kept for {_listed(kept)}: q, r, p0, x0, momentum and gate (Reset gives starting values).")
+        said.append(f"Kept for {_listed(kept)}: the filter as tuned (Reset gives starting values).")
     if pins:
         said.append(f"Pins of {_listed(pins)} stay.")
     return " ".join((*said, "Undo returns to the previous recording.")) if said else ""
@@ -118,18 +120,13 @@ def adapted(state: State, tuning: Tuning) -> State:
     elif state.live is None and period and own is None:
         state = with_sample_period(state, period)
     entries, notes = adapt_tuning(state.recording, tuning)
-    at = range(len(state.settings.tunings))
     tunings = tuple(
         replace(entries[own.name], name=own.name, unit=own.unit) if own.name in entries else own
         for own in state.settings.tunings
     )
-    others = state.settings.other_filters
-    other_filters = tuple(None if tunings[i].name in entries else others[i] for i in at) if others else ()
     channel = tuning.selected if tuning.selected in entries else next(iter(entries))
     note = " ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
-    state = state.with_settings(tunings=tunings, other_filters=other_filters).with_open(
-        channel=channel, fused=False
-    )
+    state = state.with_settings(tunings=tunings).with_open(channel=channel, fused=False)
     state, missing = _with_fusion_of(tuning, state)
     note = f"{note} {missing}".strip()
     return state.with_answers(outcome=None, method_comparison=(), note=note)
@@ -159,12 +156,13 @@ def opened_experiment(name: str, before: State | None = None) -> State:
     state = opened(recording, before)
     chosen = [filters[channel] for channel in recording.names]
     tunings = tuple(map(_tuning_of, state.settings.tunings, chosen))
-    other = tuple(None if one.is_standard else one for one in chosen)
-    return state.with_settings(tunings=tunings, starts=tunings, other_filters=other).with_answers(note="")
+    return state.with_settings(tunings=tunings, starts=tunings).with_answers(note="")
 
 
 def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
-    """The parameters of a figure; the starting values where the figure has another filter."""
+    """The parameters of a figure; beside the starting values where the figure has another filter."""
+    if isinstance(chosen, GeneralizedParams):
+        return with_paper_filter(start, chosen)
     if not isinstance(chosen, StandardFilter):
         return start
     params = chosen.params

@@ -10,7 +10,10 @@ from dataclasses import dataclass
 from kalscope.common.text import typed_number
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import option, option_words
+from kalscope.tuning.chain_text import chain_text, typed_chain
+from kalscope.tuning.paper_tuning import PaperTuning
 from kalscope_app.session.changes.live import defer_until_settled
+from kalscope_app.session.live_state import Setting
 from kalscope_app.session.state import State
 
 AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
@@ -37,11 +40,12 @@ def share_line(state: State) -> ShareLine:
     """The command that reopens what is on screen."""
     source, remarks = _source(state.recording)
     words = ["kalscope", "open", source, *reading_words(state), *_channel_words(state.recording, state.channel)]
-    if state.is_standard:
-        words += setting_words(state)
+    if state.fusion is not None:
+        remarks.append("Fused sensors reopen with the tuning file above.")
+    elif isinstance(state.tuning, PaperTuning):
+        remarks.append("The Khan et al. filter reopens as its experiment has it.")
     else:
-        fused, other = "Fused sensors", "The Khan et al. filter reopens as its experiment has it."
-        remarks.append(f"{fused} reopen with the tuning file above." if state.fusion else other)
+        words += setting_words(state)
     if len(state.recording.names) > 1:
         remarks.append("The other channels open at their starting values; the tuning file above keeps them all.")
     join = subprocess.list2cmdline if os.name == "nt" else shlex.join
@@ -73,7 +77,7 @@ def setting_words(state: State) -> list[str]:
         value = getattr(tuning, name)
         if value != getattr(start, name) and (name != "x0" or by_value):
             words += option(name, AUTOMATIC[name] if value is None else repr(value))
-    return words
+    return words if tuning.chain is None else [*words, *option("chain", chain_text(tuning.chain))]
 
 
 def reading_words(state: State) -> list[str]:
@@ -92,13 +96,14 @@ def apply_options(
     x0: str | None,
     gate: str | None,
     momentum: str | None = None,
+    chain: str | None = None,
 ) -> State:
     """The state with the channel and the setting of the command line; what is None stays as it was opened.
 
     Raises:
-        BadSetting: no such channel, no number, or numbers that make no filter.
+        BadSetting: no such channel, no number, no chain, or numbers that make no filter.
     """
-    values: dict[str, float | None] = {}
+    values: Setting = {}
     given = {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate, "momentum": momentum}
     for name, text in given.items():
         if text is not None:
@@ -106,6 +111,8 @@ def apply_options(
             values[name] = NOTHING[name] if nothing else typed_number(name, text)
     if values.get("p0", 0.0) is None:
         values["x0"] = None
+    if chain is not None:
+        values["chain"] = typed_chain(chain)
 
     if values and state.live is not None and not state.live.settled:
         state.with_tuning(**values)  # refuses now what no channel could have

@@ -14,9 +14,10 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.finding import Request
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.protocol import Filter, StandardFilter
+from kalscope.filtering.protocol import Filter
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.tuning.paper_tuning import PaperTuning, with_kalman_filter
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.fleet import OpenFleet
 from kalscope_app.session.fusion import Fusion
@@ -54,8 +55,6 @@ class ChannelSettings:
     """The parameters of every channel, in the order of recording.names."""
     starts: tuple[ChannelTuning, ...]
     """What they were when the recording was opened; Reset goes back there."""
-    other_filters: tuple[Filter | None, ...] = ()
-    """The filter that a channel runs in place of the standard one; None or absent = the standard one."""
     pins: tuple[Variant, ...] = ()
     """Pinned settings of every channel, open or not; `State.variants` are those of the channel on screen."""
     elsewhere: tuple[ChannelTuning, ...] = ()
@@ -187,17 +186,18 @@ class State:
     @cached_property
     def filter(self) -> Filter:
         """Its filter; where sensors are fused, the one that equals theirs while all answer."""
-        return self.filter_of(self.index) if self.fusion is None else StandardFilter(self.params)
+        return self.tuning.filter
 
     @property
     def is_standard(self) -> bool:
-        """Whether the Kalman filter of q and r runs on one channel: only that is searched for and judged."""
+        """Whether the Kalman filter of q and r alone runs on one channel: only that is searched for and judged."""
         return self.fusion is None and self.filter.is_standard
 
-    def filter_of(self, at: int) -> Filter:
-        """The filter of a channel, by its index."""
-        other = self.settings.other_filters[at] if self.settings.other_filters else None
-        return other or StandardFilter(self.settings.tunings[at].params)
+    @property
+    def uses_parameters(self) -> bool:
+        """Whether q and r act on what is on screen: not in a chain that ends with another filter than Kalman's."""
+        chain = self.tuning.chain
+        return self.filter.is_standard or (chain is not None and chain.then is None)
 
     @property
     def dt(self) -> NDArray[np.float64] | None:
@@ -233,22 +233,18 @@ class State:
         aside = None if found is None else found.outliers
         return aside if aside is not None and len(aside) == len(self.recording) and aside.any() else None
 
-    def with_filter(self, other: Filter | None) -> State:
-        """The state with another filter for the channel on screen; None = the standard one."""
-        filters = list(self.settings.other_filters or (None,) * len(self.settings.tunings))
-        filters[self.index] = other
-        return self.with_settings(other_filters=tuple(filters)).with_answers(outcome=None, note="")
-
     def with_standard_filter(self) -> State:
-        """The state with the standard filter for the channel on screen."""
-        return self if self.filter.is_standard else self.with_filter(None)
+        """The state with the Kalman filter alone for the channel on screen, at the q and r that it has."""
+        if self.filter.is_standard:
+            return self
+        return self.with_tuning_of(self.index, with_kalman_filter(self.tuning)).with_answers(outcome=None, note="")
 
     def with_tuning(self, **values: Any) -> State:
         """The state with other parameters for what is on screen; refused as FilterParams refuses."""
         if self.fusion is not None:
             return self.with_fusion(self.fusion.with_values(**values))
         changed = replace(self.tuning, **values)
-        same = all(getattr(changed, name) == getattr(self.tuning, name) for name in ("q", "r", "momentum"))
+        same = all(getattr(changed, name) == getattr(self.tuning, name) for name in ("q", "r", "momentum", "chain"))
         state = self.with_tuning_of(self.index, changed)
         return state.with_answers(outcome=self.answers.outcome if same else None, note="")
 
@@ -268,9 +264,10 @@ class State:
         if self.fusion is not None:
             raise BadSetting("this is done on one channel: choose one above the tabs first (got fused sensors)")
 
-    def require_standard_filter(self, names: Iterable[str]) -> None:
+    def require_exportable(self, names: Iterable[str]) -> None:
         """BadSetting where one of these channels runs the Khan et al. filter, which cannot be exported."""
-        other = [name for name in names if not self.filter_of(self.recording.index(name)).is_standard]
+        tunings = [self.settings.tunings[self.recording.index(name)] for name in names]
+        other = [one.name for one in tunings if isinstance(one, PaperTuning)]
         if other:
             raise BadSetting(
                 f"the Khan et al. filter on {', '.join(other)[:100]} cannot be exported:"

@@ -70,7 +70,7 @@ class Overviews:
         self._filtered.begin(recording, window)
         lanes: list[Lane] = []
         for i, name in enumerate(recording.names[:MAX_LANES]):
-            z, used = recording.values[:, i], state.filter_of(i)
+            z, used = recording.values[:, i], state.settings.tunings[i].filter
             filtered = self._filtered.get((i, used), lambda z=z, used=used: used.denoise(z, state.dt)[at])
             lanes.append(_lane(name, z, at, filtered))
         return Overview(state, clock[at], tuple(lanes))

@@ -104,7 +104,7 @@ class MapMaker:
         """The map of a state; the same object while nothing of it has changed."""
         if not state.is_standard:
             fused = "The tuning map is that of one channel: choose one above the tabs."
-            other = "This filter has no q and r: the tuning map belongs to the standard filter."
+            other = "The tuning map is that of the Kalman filter alone: another filter runs now."
             return nothing(other if state.fusion is None else fused)
         signal = state.recording, state.channel, state.tuning.momentum
         scan = self._scans.once(lambda: scan_recording(state), *signal)

@@ -8,13 +8,25 @@ import numpy as np
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
 from kalscope.analysis.fit.run import Run
-from kalscope.filtering.batch import denoise
-from kalscope.filtering.params import FilterParams
 from kalscope.filtering.pieces.chosen import filter_at
-from kalscope.filtering.steady_state import SteadyState, steady_state
+from kalscope.filtering.steady_state import SteadyState
+from kalscope.tuning.paper_tuning import PaperTuning
+from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.cache import Cache
 from kalscope_app.session.state import State
 from kalscope_app.session.variants import Variant
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well the Kalman filter of one setting explains one channel."""
+
+    diagnostics: Diagnostics
+    """Size and memory of its innovations."""
+    loglik: float
+    """Log-likelihood."""
+    scored: int
+    """Samples that it sums over."""
 
 
 @dataclass(frozen=True)
@@ -25,12 +37,8 @@ class Measures:
     """Lag, noise reduction, gain of the settled filter."""
     rmse: float | None
     """Root mean square of filtered − truth, unit; None where the truth is not known."""
-    diagnostics: Diagnostics
-    """Size and memory of its innovations."""
-    loglik: float
-    """Log-likelihood."""
-    scored: int
-    """Samples that it sums over."""
+    fit: Fit | None
+    """How well it explains the recording; None for a chain of filters, which is no model of it."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +47,7 @@ class VariantRow:
 
     variant: Variant | None
     """Which; None = the present setting."""
-    params: FilterParams
+    tuning: ChannelTuning
     """Its parameters."""
     measures: Measures
     """What they do."""
@@ -52,12 +60,17 @@ class VariantComparison:
     state: State
     """The choices that it belongs to."""
     rows: tuple[VariantRow, ...]
-    """One a setting; empty where the filter has no q and r and nothing is pinned."""
+    """One a setting; empty where the Khan et al. filter runs and nothing is pinned."""
 
     @property
     def with_momentum(self) -> bool:
         """Whether a setting has momentum."""
-        return any(row.params.momentum for row in self.rows)
+        return any(row.tuning.momentum for row in self.rows)
+
+    @property
+    def with_chain(self) -> bool:
+        """Whether a setting is a chain of filters."""
+        return any(row.tuning.chain for row in self.rows)
 
 
 class VariantTable:
@@ -69,28 +82,28 @@ class VariantTable:
     def compute(self, state: State) -> VariantComparison:
         """The table of a state."""
         self._measures.begin(state.recording, state.channel)
-        present = [(None, state.params)] if state.is_standard else []
-        settings = [*present, *((variant, variant.tuning.params) for variant in state.variants)]
+        other = state.fusion is not None or isinstance(state.tuning, PaperTuning)
+        present = [] if other else [(None, state.tuning)]
+        settings = [*present, *((variant, variant.tuning) for variant in state.variants)]
         rows = [
-            VariantRow(variant, params, self._measures.get(params, lambda params=params: measure(state, params)))
-            for variant, params in settings
+            VariantRow(variant, one, self._measures.get(one.filter, lambda one=one: measure(state, one)))
+            for variant, one in settings
         ]
         return VariantComparison(state, tuple(rows))
 
 
-def measure(state: State, params: FilterParams) -> Measures:
+def measure(state: State, tuning: ChannelTuning) -> Measures:
     """What a setting does to the channel on screen, over the whole recording."""
-    recording, z = state.recording, state.z
-    run = filter_at(z, params, np.empty(0, dtype=np.intp), state.dt)
+    recording, z, used = state.recording, state.z, tuning.filter
+    run, fit = None, None
+    if tuning.chain is None:
+        run = filter_at(z, tuning.params, np.empty(0, dtype=np.intp), state.dt)
+        diagnostics = without_residuals(diagnose_run(Run.of_samples(z, tuning.params, state.dt)))
+        fit = Fit(diagnostics, float(run.loglik), int(run.m))
     rmse = None
     if recording.truth is not None:
-        error = denoise(z, params, state.dt)
+        error = used.denoise(z, state.dt)
         error -= recording.truth[:, state.index]
         rmse = float(np.sqrt(np.nanmean(np.square(error, out=error)))) if np.isfinite(error).any() else None
-    return Measures(
-        steady=steady_state(params, recording.sample_period),
-        rmse=rmse,
-        diagnostics=without_residuals(diagnose_run(Run.of_samples(z, params, state.dt))),
-        loglik=float(run.loglik),
-        scored=int(run.m),
-    )
+    steady = used.settled(run or used.run(z, state.dt), recording.sample_period)
+    return Measures(steady, rmse, fit)

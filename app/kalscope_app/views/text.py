@@ -16,3 +16,8 @@ def escape_markdown(text: str, limit: int = 60) -> str:
     line = re.sub(r"[^\S\u202f\xa0]+", " ", text).strip()  # no break within a number
     line = line if len(line) <= limit else line[: limit - 1] + "…"
     return re.sub(r"([\\`*_{}\[\]()#+\-.!|<>&~:$@\"'/^=])", r"\\\1", line)
+
+
+def capitalised(words: str) -> str:
+    """Words as a sentence begins."""
+    return f"{words[:1].upper()}{words[1:]}"

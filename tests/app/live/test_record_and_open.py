@@ -37,5 +37,5 @@ def test_after_stop_a_button_opens_the_recording_and_what_was_tuned_stays(tmp_pa
         guest.set(guest.find("Stop recording"), True)
         says("Recorded mine.csv")
         guest.set(guest.find("Open the recording"), True)
-        says("Kept for light: q, r, p0, x0, momentum and gate")
+        says("Kept for light: the filter as tuned")
         says("**mine\\.csv**")

@@ -9,7 +9,7 @@ import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter, starting_params, steady_state
 from kalscope.papers.generalized.filter import GeneralizedParams
-from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.session.changes.parameters import set_text, use_paper_filter
 from kalscope_app.session.changes.presets import PRESETS, choose_preset, take_preset
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
@@ -93,7 +93,7 @@ def test_taking_one_is_one_step_that_undo_takes_back(state):
 
 
 def test_a_preset_ends_the_second_papers_filter_and_an_unknown_one_is_refused(state):
-    other = state.with_filter(GeneralizedParams(1.0, None, None, "printed"))
+    other = use_paper_filter(state, GeneralizedParams(1.0, None, None, "printed"))
     assert take_preset(next(iter(PRESETS)))(other).filter.is_standard
     with pytest.raises(BadSetting, match="preset must be one of"):
         take_preset("<img>")

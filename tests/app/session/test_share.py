@@ -96,7 +96,7 @@ def test_samples_and_made_signals_reopen_too(source, reopen):
 def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(name, reopen):
     state = opened_experiment(f"experiment:{name}")
     assert essence(reopen(share_line(state).line)) == essence(state)
-    tuned = set_automatic_start(True)(set_text("r", "3")(state.with_filter(None)))
+    tuned = set_automatic_start(True)(set_text("r", "3")(state.with_standard_filter()))
     again = reopen(share_line(tuned).line)
     assert essence(again) == essence(tuned)
 

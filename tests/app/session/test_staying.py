@@ -43,7 +43,7 @@ def test_what_was_set_stays_for_the_same_name_and_unit(tuned, title):
     assert of_b(again) == tuned.tuning
     assert (again.channel, again.variants) == ("b", tuned.variants)
     assert again.settings.tunings[0] == again.settings.starts[0]
-    said = "Kept for b: q, r, p0, x0, momentum and gate (Reset gives starting values). Pins of b stay."
+    said = "Kept for b: the filter as tuned (Reset gives starting values). Pins of b stay."
     assert again.answers.note == f"{said} Undo returns to the previous recording."
     assert of_b(reset_parameters(again)) == again.settings.starts[1]
 

@@ -12,7 +12,7 @@ from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.filter_runs import VariantCurves
 from kalscope_app.session.changes.channels import select_channel
-from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.session.changes.parameters import set_text, use_paper_filter
 from kalscope_app.session.changes.variants import delete_variant, pin_present, rename_variant, use_variant
 from kalscope_app.session.changes.view import set_dark
 from kalscope_app.session.opening import opened
@@ -107,7 +107,7 @@ def test_using_a_variant_brings_all_of_its_setting(state):
 
 
 def test_using_a_variant_ends_the_second_papers_filter(state):
-    other = pin(state, 7).with_filter(GeneralizedParams(1.0, None, None, "printed"))
+    other = use_paper_filter(pin(state, 7), GeneralizedParams(1.0, None, None, "printed"))
     assert use_variant("A")(other).filter.is_standard
     with pytest.raises(BadSetting, match="so it cannot be pinned"):
         pin_present(other)
@@ -178,12 +178,12 @@ def test_the_table_holds_what_each_setting_does(state):
     table = VariantTable().compute(set_text("q", "0.5")(tuned))
     assert [row.variant for row in table.rows] == [None, *tuned.variants]
     for row, q in zip(table.rows, (0.5, 1, 2), strict=True):
-        result = kalman_filter(tuned.recording.channel("a"), row.params)
+        result = kalman_filter(tuned.recording.channel("a"), row.tuning.params)
         error = result.x - tuned.recording.truth[:, 0]
-        assert row.params.q == q
+        assert row.tuning.q == q
         assert row.measures.rmse == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-12)
-        assert row.measures.loglik == result.loglik
-        assert row.measures.steady == steady_state(row.params, 0.01)
+        assert row.measures.fit.loglik == result.loglik
+        assert row.measures.steady == steady_state(row.tuning.params, 0.01)
 
 
 def test_what_was_measured_is_kept_until_the_channel_changes(state):
@@ -203,8 +203,8 @@ def test_the_table_marks_the_best_and_escapes_names(state):
     assert text.count("\n| ") == 1 + 2  # the present setting and two variants, no cell broken by the bar
     assert LIGHT[0] in text
     assert DARK[0] in table_text(VariantTable().compute(set_dark(True)(tuned)))
-    best = max(VariantTable().compute(tuned).rows, key=lambda row: row.measures.loglik)
-    assert best.params.q == 0.01
+    best = max(VariantTable().compute(tuned).rows, key=lambda row: row.measures.fit.loglik)
+    assert best.tuning.q == 0.01
     assert table_text(VariantTable().compute(state)) == EMPTY
 
 

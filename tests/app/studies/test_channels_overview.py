@@ -13,7 +13,13 @@ from kalscope.filtering.params import FilterParams
 from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting, select_channel, set_link
-from kalscope_app.session.changes.parameters import apply_found, reset_parameters, set_exponent, set_text
+from kalscope_app.session.changes.parameters import (
+    apply_found,
+    reset_parameters,
+    set_exponent,
+    set_text,
+    use_paper_filter,
+)
 from kalscope_app.session.changes.view import set_window
 from kalscope_app.session.linked_channels import SAME_LAG, SAME_NUMBERS, UNLINKED, apply_to_linked, scaled_copy
 from kalscope_app.session.opening import opened
@@ -166,7 +172,7 @@ def test_constant_and_empty_channels_have_a_flat_lane():
 
 
 def test_the_second_papers_filter_has_a_lane_and_no_q(state):
-    other = state.with_filter(GeneralizedParams(1.0, None, None, "without_slip"))
+    other = use_paper_filter(state, GeneralizedParams(1.0, None, None, "without_slip"))
     overview = Overviews().compute(other)
     expected = other.filter.run(state.recording.values[:, 0]).x
     assert np.argmax(overview.lanes[0].filtered) == np.argmax(expected)

@@ -11,6 +11,7 @@ from kalscope import FilterParams, Recording, open_source
 from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.alternatives.verdict import Difference
 from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope_app.session.changes.parameters import use_paper_filter
 from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by, set_window
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.alternatives import AlternativesStudy
@@ -80,7 +81,7 @@ def test_a_browser_may_send_any_word(word, match):
 
 
 def test_the_second_papers_filter_has_nothing_to_compare():
-    state = state_of().with_filter(GeneralizedParams(1.0, None, None, "printed"))
+    state = use_paper_filter(state_of(), GeneralizedParams(1.0, None, None, "printed"))
     assert AlternativesStudy().compute(state) is None
     assert compute_spectra(state) is None
     assert compute_allan(state) is None

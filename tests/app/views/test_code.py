@@ -81,7 +81,7 @@ def test_the_second_papers_filter_is_refused_wherever_it_would_leave():
     with pytest.raises(BadSetting, match="cannot be exported"):
         files_of(state, Choice())
     assert "Khan et al. filter" in limits_text(state)
-    assert files_of(state.with_filter(None), Choice())
+    assert files_of(state.with_standard_filter(), Choice())
 
 
 def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
@@ -204,7 +204,7 @@ def test_the_report_of_the_dashboard_reopens_without_a_file_and_has_the_pins(sta
     assert "tuning.toml" not in text
     assert "<td>A</td><td>0.0200</td>" in text
     assert "Pinned settings" not in html_report(state).decode()
-    with pytest.raises(BadSetting, match="needs the Kalman filter"):
+    with pytest.raises(BadSetting, match="choose the Kalman filter"):
         png_report(opened_experiment("generalized_figure_8"))
 
 

@@ -56,11 +56,10 @@ def copy_setting(to: str) -> Change:
             scaled_copy(state.tuning, own) if i in chosen and names[i] != state.channel else own
             for i, own in enumerate(settings.tunings)
         )
-        filters = tuple(None if i in chosen else one for i, one in enumerate(settings.other_filters))
         where = f"{len(chosen)} channels" if len(chosen) > 1 else "one channel"
         same = tunings == settings.tunings
         note = "" if same else f"The setting of {state.channel} was copied to {where}."
-        return state.with_settings(tunings=tunings, other_filters=filters).with_answers(note=note)
+        return state.with_settings(tunings=tunings).with_answers(note=note)
 
     return change
 

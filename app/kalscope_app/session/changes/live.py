@@ -14,9 +14,10 @@ import numpy as np
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.live.live_samples import Snapshot
+from kalscope.tuning.paper_tuning import PaperTuning
 from kalscope.tuning.tuning import Tuning
 from kalscope_app.session.changes.channels import channel_named, select_channel
-from kalscope_app.session.live_state import BoardId, Deferred, Live, Sent
+from kalscope_app.session.live_state import BoardId, Deferred, Live, Sent, Setting
 from kalscope_app.session.opening import adapted, opened
 from kalscope_app.session.state import Change, State
 
@@ -62,7 +63,7 @@ def waiting(title: str) -> Recording:
     return Recording(np.arange(2.0), ("signal",), ("",), np.full((2, 1), np.nan), None, title=title)
 
 
-def defer_until_settled(state: State, channel: str | None, values: dict[str, float | None]) -> State:
+def defer_until_settled(state: State, channel: str | None, values: Setting) -> State:
     """Choose channel and parameters as soon as the channels of a board are known; at once where they are."""
     live = state.live
     if live is None or live.settled:
@@ -71,11 +72,14 @@ def defer_until_settled(state: State, channel: str | None, values: dict[str, flo
     return replace(state, live=replace(live, deferred=deferred))
 
 
-def with_setting(state: State, channel: str | None, values: dict[str, float | None]) -> State:
+def with_setting(state: State, channel: str | None, values: Setting) -> State:
     """The state at the channel and the parameters of the command line; None and {} change nothing."""
     if channel is not None:
         state = select_channel(channel_named(state.recording, channel))(state)
-    return state.with_standard_filter().with_tuning(**values, how="command line") if values else state
+    if not values:
+        return state
+    state = state.with_standard_filter() if isinstance(state.tuning, PaperTuning) else state
+    return state.with_tuning(**values, how="command line")
 
 
 def _apply_deferred(state: State) -> State:

@@ -13,6 +13,7 @@ from kalscope.common.text import typed_gate, typed_number
 from kalscope.estimation.result import Estimate
 from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope.recording import Recording
+from kalscope.tuning.paper_tuning import with_kalman_filter, with_paper_filter
 from kalscope_app.session.changes.variants import PARAMETERS
 from kalscope_app.session.opening import with_sample_period
 from kalscope_app.session.state import Change, Outcome, State
@@ -120,11 +121,9 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
             )
         q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
         gate = before.gate if found.params.gate is None else float(found.params.gate)
-        after = replace(before, q=q, r=r, momentum=momentum, gate=gate, how=found.how)
+        after = replace(with_kalman_filter(before), q=q, r=r, momentum=momentum, gate=gate, how=found.how)
         answer = Outcome(found.how, found.message, before, after, found.estimate, found.request)
         outcome = answer if channel == state.channel else None
-        filters = state.settings.other_filters
-        state = state.with_settings(other_filters=(*filters[:at], None, *filters[at + 1 :]) if filters else ())
         return state.with_tuning_of(at, after).with_answers(outcome=outcome)
 
     return change
@@ -153,10 +152,17 @@ def set_variant_of_eq3(variant: str | None) -> Change:
         if variant is None:
             return state.with_standard_filter()
         if paper is None:
-            return state.with_filter(GeneralizedParams(max(state.tuning.r, 1e-290), None, None, variant))
-        return state if paper.reading == variant else state.with_filter(replace(paper, reading=variant))
+            return use_paper_filter(state, GeneralizedParams(max(state.tuning.r, 1e-290), None, None, variant))
+        return state if paper.reading == variant else use_paper_filter(state, replace(paper, reading=variant))
 
     return change
+
+
+def use_paper_filter(state: State, paper: GeneralizedParams) -> State:
+    """The state with the filter of Khan et al. for the channel on screen."""
+    tunings, at = state.settings.tunings, state.index  # linked channels have q and r to follow, and no filter
+    tunings = (*tunings[:at], with_paper_filter(tunings[at], paper), *tunings[at + 1 :])
+    return state.with_settings(tunings=tunings).with_answers(outcome=None, note="")
 
 
 def set_paper_text(name: str, text: str) -> Change:
@@ -168,7 +174,7 @@ def set_paper_text(name: str, text: str) -> Change:
             return state
         empty = name != "sigma_m" and text.strip().lower() in ("", "automatic")
         value = None if empty else typed_number(name, text)
-        return state.with_filter(replace(paper, **{name: value}))
+        return use_paper_filter(state, replace(paper, **{name: value}))
 
     return change
 

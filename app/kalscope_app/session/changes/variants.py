@@ -5,19 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 from kalscope.errors import BadSetting
+from kalscope.tuning.paper_tuning import PaperTuning
 from kalscope_app.session.state import Change, State
 from kalscope_app.session.variants import Variant, checked_name, pinned
 
-PARAMETERS = ("q", "r", "momentum", "p0", "x0", "gate")
+PARAMETERS = ("q", "r", "momentum", "p0", "x0", "gate", "chain")
 """What a setting consists of."""
 
 
 def pin_present(state: State) -> State:
     """Keep the present setting of the channel on screen as a variant, under the first free letter."""
     state.require_one_channel()
-    if not state.is_standard:
+    if isinstance(state.tuning, PaperTuning):
         raise BadSetting("the Khan et al. filter has no q and r, so it cannot be pinned")
-    same = next((one for one in state.variants if one.tuning.params == state.params), None)
+    same = next((one for one in state.variants if one.tuning.filter == state.filter), None)
     if same is not None:
         raise BadSetting(f"this setting is pinned already, as {same.name}")
     pin = pinned(state.tuning, state.variants)

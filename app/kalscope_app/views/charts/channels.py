@@ -134,7 +134,7 @@ def table_of(overview: Overview) -> str:
         tuning, unit = state.settings.tunings[i], escape_markdown(state.settings.tunings[i].unit, 12)
         bold = "**" if state.measured == (lane.name,) else ""
         cells = [f"{bold}{i + 1}{bold}", f"{bold}{escape_markdown(lane.name, 24)}{bold}"]
-        if not state.filter_of(i).is_standard:
+        if not tuning.filter.is_standard:
             cells += ["–"] * (5 if with_momentum else 4)
         else:
             steady = steady_state(tuning.params)

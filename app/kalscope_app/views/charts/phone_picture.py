@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import TYPE_CHECKING
 
@@ -113,9 +114,10 @@ def _write_numbers(pen: Pen, frame: Frame, ink: str, corner: tuple[int, int]) ->
     rows = [
         ("lag", lag_text(float(steady.lag_samples), period)),
         ("noise", decibels(-float(steady.noise_reduction_db))),
-        ("gain K", number(float(steady.gain))),
     ]
-    if frame.state.filter.is_standard and frame.state.tuning.momentum:
+    if math.isfinite(steady.gain):
+        rows.append(("gain K", number(float(steady.gain))))
+    if frame.state.uses_parameters and frame.state.tuning.momentum:
         rows.append(("overshoot", percent(float(steady.overshoot))))
     for i, (name, value) in enumerate(rows):
         x, y = corner[0], corner[1] + 130 * i
@@ -141,8 +143,9 @@ def _draw_curves(
         up = np.clip((y - low) / (high - low), -0.1, 1.1)
         return list(zip(across.tolist(), (bottom - (bottom - top) * up).tolist(), strict=True))
 
-    band = tuple(int(part) for part in palette.band[5:-1].split(",")[:3])
-    pen.polygon([*points(filtered - spread), *points(filtered + spread)[::-1]], fill=(*band, 45))
+    if frame.state.tuning.chain is None:
+        band = tuple(int(part) for part in palette.band[5:-1].split(",")[:3])
+        pen.polygon([*points(filtered - spread), *points(filtered + spread)[::-1]], fill=(*band, 45))
     for line, (raw, colour) in zip(lines, raws, strict=True):
         seen = np.isfinite(raw) if len(raw) == len(x) else np.ones(len(x), dtype=bool)
         drawn = points(line)

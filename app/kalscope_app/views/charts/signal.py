@@ -94,6 +94,10 @@ class SignalView:
             ChartLine(frame.filtered - frame.spread, line("−2√p", scaled=False)),
             ChartLine(frame.filtered + frame.spread, line("+2√p", scaled=False)),
         ]
+        bands = ({"series": (2, 1), "fill": palette.raw_band},) if shown.band is not None else ()
+        bands = (*bands, {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band})
+        if state.tuning.chain is not None:  # its error is not known
+            lines, bands = [*raw], bands[:-1]
         for variant, curve in zip(state.variants, frame.variants, strict=False):
             colour = variant.css(dark=state.view.dark)
             lines.append(ChartLine(curve, line(variant.name, colour, 1.5, scaled=False)))
@@ -108,8 +112,6 @@ class SignalView:
         if frame.set_aside is not None and state.set_aside is not None:
             name = f"set aside ({count(int(state.set_aside.sum()))})"
             lines.append(ChartLine(frame.set_aside, rings(name, palette.innovation, 9), gaps=True))
-        bands = ({"series": (2, 1), "fill": palette.raw_band},) if shown.band is not None else ()
-        bands = (*bands, {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band})
         label = scale.label(short(state.tuning.name, 30))
         self._draw(self.signal, frame, clock, scale, lines, label, *bands, places=places)
 
@@ -119,17 +121,18 @@ class SignalView:
         drawn = (gappy(short(one.name, 20), of(one), colours[one.colour % len(colours)]) for one in frame.sensors)
         return tuple(line for lines in drawn for line in lines)
 
-    def _show_differences(self, frame: Frame, clock: Scale) -> None:
-        """How far each of the fused sensors is from the fused value, in place of the innovation."""
-        every = np.concatenate([one.difference for one in frame.sensors])
-        scale = scale_for(every, frame.state.tuning.unit)
-        label = innovation_label(scale, scale_for(frame.drawn.raw, frame.state.tuning.unit), "sensor − fused")
-        lines = [*self._sensor_lines(frame, lambda one: one.difference)]
-        self._draw(self.innovation, frame, clock, scale, lines, label)
+    def _show_differences(self, frame: Frame, palette: Palette, clock: Scale) -> None:
+        """How far the sensors are from the fused value, or raw from filtered behind a chain: no innovation."""
+        name = "sensor − fused" if frame.sensors else "raw − filtered"
+        lines = self._sensor_lines(frame, lambda one: one.difference)
+        lines = lines or gappy(name, frame.drawn.raw - frame.filtered, palette.innovation)
+        scale = scale_for(np.concatenate([one.y for one in lines]), frame.state.tuning.unit)
+        label = innovation_label(scale, scale_for(frame.drawn.raw, frame.state.tuning.unit), name)
+        self._draw(self.innovation, frame, clock, scale, [*lines], label)
 
     def _show_innovation(self, frame: Frame, palette: Palette, clock: Scale) -> None:
-        if frame.sensors:
-            self._show_differences(frame, clock)
+        if frame.sensors or frame.state.tuning.chain is not None:
+            self._show_differences(frame, palette, clock)
             return
         v, spread = without_start(frame)
         scale = scale_for(v, frame.state.tuning.unit)
@@ -246,6 +249,8 @@ def without_start(frame: Frame) -> tuple[Array, Array]:
 
 def starts_wild(frame: Frame) -> bool:
     """Whether the innovation of the start-up is larger than any later one, and so is cut off in the chart."""
+    if frame.state.tuning.chain is not None:
+        return False
     finite = frame.innovation[np.isfinite(frame.innovation)]
     return bool(np.abs(finite).max(initial=0.0) > largest_after_start(frame))
 

@@ -12,19 +12,19 @@ from kalscope.export.float32 import float32_params
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live.connection import BoardConnection
-from kalscope_app.live.sending import send_setting
+from kalscope_app.live.sending import send_setting, takes_no_values
 from kalscope_app.session.changes.live import set_sent
 from kalscope_app.session.live_state import Sent
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.board import compare_with_board
 from kalscope_app.views.binding import on_user
+from kalscope_app.views.text import capitalised
 
 HOW = (
     "Works with the exported Arduino sketch. Its filter restarts with these values; the initial estimate and the "
     "outlier gate remain those of the export."
 )
-FUSED = "The sketch of fused sensors takes no values while it runs: export it again and flash it."
 
 
 class BoardView:
@@ -59,9 +59,9 @@ class BoardView:
     def show(self, frame: Frame) -> None:
         """Only a live board can be sent to, and only the filter of one channel."""
         self._folder.visible = frame.state.live is not None
-        single = frame.state.fusion is None
-        self._button.visible = self._text.visible = single
-        self._how.content = HOW if single else FUSED
+        why = takes_no_values(frame.state)
+        self._button.visible = self._text.visible = not why
+        self._how.content = f"{capitalised(why)}." if why else HOW
 
     def show_check(self, text: str) -> None:
         """Say how the board's curve compares."""

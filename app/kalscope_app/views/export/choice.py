@@ -17,6 +17,7 @@ from kalscope.export.registry import TARGETS, export_tuning
 from kalscope.export.write import in_sketch_folder, limits_of, sketch_name
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.device_period import meeting_goal, rescaled_to_period
+from kalscope.tuning.paper_tuning import PaperTuning
 from kalscope.tuning.tuning import Tuning, same_period
 from kalscope_app.session.state import State
 from kalscope_app.views.text import escape_markdown
@@ -136,7 +137,7 @@ def goal_of(state: State) -> Request | None:
 
 def limits_text(state: State, choice: Choice = Choice()) -> str:
     """What will differ from the screen, as markdown; "" where nothing does."""
-    if not state.filter.is_standard:
+    if isinstance(state.tuning, PaperTuning):
         return "There is no code for the Khan et al. filter: choose *Kalman filter* in the Tune tab."
 
     def level(name: str) -> float:
@@ -178,7 +179,7 @@ def device_tuning(state: State, choice: Choice) -> Tuning:
         sensors = tuple(one for one in tuning.channels if one.name in state.measured)
         tuning = replace(tuning, channels=sensors, selected="")
     else:
-        state.require_standard_filter(state.recording.names if choice.all_channels else [state.channel])
+        state.require_exportable(state.recording.names if choice.all_channels else [state.channel])
         tuning = replace(tuning.only(None if choice.all_channels else state.channel), fusion=None)
     if not choice.period.strip():
         return tuning

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 
 import viser
 
-from kalscope.errors import BadSetting
 from kalscope.export.filtered_csv import filtered_csv_chunks, fused_csv_chunks
 from kalscope.export.report.content import Report, make_report
 from kalscope.export.report.fusion import make_fusion_report
@@ -62,14 +61,13 @@ def csv(state: State) -> bytes:
 def _csv_chunks(state: State) -> Iterator[str]:
     if state.fusion is not None:
         return fused_csv_chunks(state.recording, state.fusion.used)
-    state.require_standard_filter(state.recording.names)
+    state.require_exportable(state.recording.names)
     return filtered_csv_chunks(state.recording, state.as_tuning())
 
 
 def _report(state: State) -> Report:
     if state.fusion is not None:
         return make_fusion_report(state.recording, state.as_tuning(), state.fusion.used)
-    if not state.is_standard:
-        raise BadSetting("a report needs the Kalman filter with q and r (got the Khan et al. filter)")
+    state.require_exportable([state.channel])
     pins = [(variant.name, variant.tuning) for variant in state.variants]
     return make_report(state.recording, state.as_tuning(), state.channel, command=share_line(state).line, pins=pins)

@@ -90,7 +90,7 @@ class TuningFileView:
 
         def save(state: State) -> None:
             path = self._checked(name)
-            state.require_standard_filter(state.recording.names)
+            state.require_exportable(state.recording.names)
             write = partial(self._write, state.as_tuning(), path)
             if path.exists() and path not in self._ours:
                 place = self._folder.resolve().name
@@ -107,5 +107,5 @@ class TuningFileView:
 
 
 def _send(state: State, client: viser.ClientHandle) -> None:
-    state.require_standard_filter(state.recording.names)
+    state.require_exportable(state.recording.names)
     client.send_file_download(DEFAULT_NAME, dumps(state.as_tuning()).encode(), save_immediately=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import viser
 
 from kalscope.common.text import count, decibels, frequency, lag_in_full, lag_text, number, percent
@@ -35,19 +37,19 @@ def table(frame: Frame) -> str:
         ("lag (delay)", _time_in_bold(lag_in_full(lag, period))),
         ("noise reduction", f"**{decibels(float(steady.noise_reduction_db))}**"),
     ]
-    if frame.state.tuning.momentum > 0.0 and frame.state.filter.is_standard:
+    if frame.state.tuning.momentum > 0.0 and frame.state.uses_parameters:
         rows += [
             ("overshoot (step)", f"**{percent(float(steady.overshoot))}**"),
             ("keeps direction", _time_in_bold(lag_in_full(frame.state.tuning.momentum, period))),
         ]
-    if period is not None:
-        rows.append(("cut-off (−3 dB)", f"**{frequency(float(steady.cutoff_hz or 0.0))}**"))
-    rows += [
-        ("gain K", f"**{number(float(steady.gain))}**"),
-        ("q / r", f"**{number(float(params.ratio))}**" if frame.state.filter.is_standard else "–"),
-        ("settling (to 1\u00a0%)", _time_in_bold(lag_in_full(settle, period))),
-    ]
-    if params.gate is not None:
+    if steady.cutoff_hz is not None:
+        rows.append(("cut-off (−3 dB)", f"**{frequency(float(steady.cutoff_hz))}**"))
+    if math.isfinite(steady.gain):
+        rows.append(("gain K", f"**{number(float(steady.gain))}**"))
+    if frame.state.uses_parameters:
+        rows.append(("q / r", f"**{number(float(params.ratio))}**"))
+    rows.append(("settling (to 1\u00a0%)", _time_in_bold(lag_in_full(settle, period))))
+    if params.gate is not None and frame.state.uses_parameters:
         rows.append(("rejected by the gate", f"**{count(frame.rejected)} samples**"))
     return "| | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows)
 

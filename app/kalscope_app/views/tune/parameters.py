@@ -40,8 +40,8 @@ class ParametersView:
 
     def show(self, frame: Frame) -> None:
         """Set every control to the frame's values, except those that have changed since."""
-        standard = frame.state.filter.is_standard
+        used = frame.state.uses_parameters
         for control in self._controls:
             control.show(frame)
-            control.set_visible(standard and (control is not self._r or frame.state.fusion is None))
+            control.set_visible(used and (control is not self._r or frame.state.fusion is None))
         self._momentum.show(frame)

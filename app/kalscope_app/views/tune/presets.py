@@ -20,7 +20,7 @@ class PresetsView:
     """The folder "Presets". Choosing shows; only the button changes the filter."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        with gui.add_folder("Presets", expand_by_default=False):
+        with gui.add_folder("Presets", expand_by_default=False) as self._folder:
             self._which = gui.add_dropdown("preset", tuple(PRESETS), hint="Select one to see what it would do.")
             self._text = gui.add_markdown("")
             self._take = gui.add_button("Apply preset", hint="Sets q, r and momentum; Undo reverts it.")
@@ -32,6 +32,7 @@ class PresetsView:
         title = frame.state.view.preset or next(iter(PRESETS))
         self._which.value = title
         fused = frame.state.fusion is not None
+        self._folder.visible = frame.state.tuning.chain is None
         self._text.content = FOR_ONE_CHANNEL if fused else preset_text(frame.state, title, frame.steady)
         self._take.visible = self._which.visible = not fused
 

@@ -12,11 +12,14 @@ from kalscope_app.session.changes.momentum import momentum_words
 from kalscope_app.session.changes.variants import delete_variant, rename_variant, use_variant
 from kalscope_app.session.session import Session
 from kalscope_app.session.variants import MAX_NAME_LENGTH, MAX_VARIANTS, Variant
-from kalscope_app.studies.variant_table import VariantComparison, VariantRow
+from kalscope_app.studies.variant_table import Fit, VariantComparison, VariantRow
 from kalscope_app.views.binding import on_user
-from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.text import capitalised, escape_markdown
 
 NOTHING = "–"
+
+MAX_UNBROKEN = 20
+"""Letters from which a cell of the table may break: the words of a chain."""
 
 EMPTY = (
     "Nothing is pinned on this channel yet. **Pin**, below the sliders, keeps the current q, r, "
@@ -90,7 +93,8 @@ def table_text(table: VariantComparison) -> str:
         return EMPTY
     with_truth = any(row.measures.rmse is not None for row in table.rows)
     unit = escape_markdown(table.state.tuning.unit, 12)
-    head = ["", "q", "r", *(("τ",) if table.with_momentum else ()), "lag", "noise"]
+    head = ["", *(("filter",) if table.with_chain else ()), "q", "r"]
+    head += [*(("τ",) if table.with_momentum else ()), "lag", "noise"]
     head += ["over\u00adshoot"] if table.with_momentum else []
     head += [f"RMSE {unit}".strip()] if with_truth else []
     head += ["NIS", "lag‑1 corr.", "log-likelihood"]
@@ -103,33 +107,36 @@ def table_text(table: VariantComparison) -> str:
 def _best(rows: tuple[VariantRow, ...]) -> tuple[float | None, float | None]:
     """The smallest RMSE, and the largest log-likelihood where all rows sum over the same samples."""
     errors = [row.measures.rmse for row in rows if row.measures.rmse is not None]
-    comparable = len({row.measures.scored for row in rows}) == 1
-    return min(errors, default=None), max(row.measures.loglik for row in rows) if comparable else None
+    fits = [row.measures.fit for row in rows if row.measures.fit]
+    comparable = len({fit.scored for fit in fits}) == 1
+    return min(errors, default=None), max(fit.loglik for fit in fits) if comparable else None
 
 
 def _cells(
     table: VariantComparison, row: VariantRow, with_truth: bool, best: tuple[float | None, float | None]
 ) -> list[str]:
-    measures, steady, d = row.measures, row.measures.steady, row.measures.diagnostics
+    measures, steady, chain = row.measures, row.measures.steady, row.tuning.chain
     period = table.state.recording.sample_period
+    used = [number(row.tuning.q), number(row.tuning.r)]
+    used += [momentum_words(row.tuning.momentum, period)] if table.with_momentum else []
     cells = [
         "**current**" if row.variant is None else mark(row.variant, dark=table.state.view.dark),
-        number(float(row.params.q)),
-        number(float(row.params.r)),
-        *((momentum_words(float(row.params.momentum), period),) if table.with_momentum else ()),
+        *(("Kalman" if chain is None else capitalised(chain.words),) if table.with_chain else ()),
+        *(used if chain is None or chain.then is None else "–" * len(used)),
         lag_text(float(steady.lag_samples), period),
         decibels(-float(steady.noise_reduction_db)),
         *((percent(float(steady.overshoot)),) if table.with_momentum else ()),
     ]
     if with_truth:
         cells.append("–" if measures.rmse is None else _bold(number(measures.rmse, 4), measures.rmse == best[0]))
-    quiet = abs(d.r1) <= d.r1_bound
-    cells += [
-        number(d.nis),
-        f"{correlation(d.r1)} {'✓' if quiet else '✗'}",
-        _bold(number(measures.loglik, 6), measures.loglik == best[1]),
-    ]
-    return [cells[0], *(cell.replace(" ", "\u00a0") for cell in cells[1:])]
+    cells += ["–"] * 3 if measures.fit is None else _fit_cells(measures.fit, best[1])
+    return [cells[0], *(cell if len(cell) > MAX_UNBROKEN else cell.replace(" ", "\u00a0") for cell in cells[1:])]
+
+
+def _fit_cells(fit: Fit, best: float | None) -> list[str]:
+    d = fit.diagnostics
+    quiet = "✓" if abs(d.r1) <= d.r1_bound else "✗"
+    return [number(d.nis), f"{correlation(d.r1)} {quiet}", _bold(number(fit.loglik, 6), fit.loglik == best)]
 
 
 def mark(variant: Variant, *, dark: bool) -> str:
@@ -147,14 +154,16 @@ def _explained(table: VariantComparison, with_truth: bool) -> str:
     ]
     if with_truth:
         said.append("RMSE is the error against the truth; the smallest is bold.")
-    scored = {row.measures.scored for row in table.rows}
+    scored = {row.measures.fit.scored for row in table.rows if row.measures.fit}
     if len(scored) == 1:
         said.append(
             "The larger the log-likelihood, the better a setting explains the recording; the largest is bold."
         )
-    else:
+    elif scored:
         few, many = count(min(scored)), count(max(scored))
         said.append(f"The log-likelihoods sum over {few} to {many} samples and cannot be compared.")
-    if not table.state.is_standard:
-        said.append("Only the Kalman filter of one channel is listed.")
+    if table.with_chain:
+        said.append("All three are for the Kalman filter alone.")
+    if len(table.rows) == len(table.state.variants):
+        said.append("The Khan et al. filter is not listed.")
     return " ".join(said)

@@ -12,7 +12,7 @@ from kalscope_app.engine.step_spread import spread_of_span
 from kalscope_app.session.changes.channels import select_channel
 from kalscope_app.session.session import Session
 from kalscope_app.views.binding import bind, offer
-from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.text import capitalised, escape_markdown
 from kalscope_app.views.window.css import HEADER
 
 WORTH_SAYING = 0.05
@@ -52,10 +52,14 @@ def record_line(recording: Recording, jitter: float) -> str:
 
 
 def numbers_line(frame: Frame, jitter: float) -> str:
-    """The lag and what is left of the noise; where steps vary, the range in which nine of ten lags lie."""
-    lag, record = float(frame.steady.lag_samples), frame.state.recording
+    """The lag and what is left of the noise; where steps vary, the range in which nine of ten lags lie.
+
+    First the filter, where it is not the Kalman filter alone.
+    """
+    lag, record, chain = float(frame.steady.lag_samples), frame.state.recording, frame.state.tuning.chain
     said = f"lag **{lag_text(lag, record.sample_period)}**"
     ends = spread_of_span(record.time, lag) if jitter >= MIN_JITTER else None
     if ends is not None and ends[1] - ends[0] > WORTH_SAYING * lag * (record.sample_period or 1.0):
         said += f" ({duration(ends[0])} to {duration(ends[1])}: the steps vary)"
-    return f"{said} · noise **{decibels(-float(frame.steady.noise_reduction_db))}**"
+    name = "" if chain is None else f"**{capitalised(chain.words)}** · "
+    return f"{name}{said} · noise **{decibels(-float(frame.steady.noise_reduction_db))}**"

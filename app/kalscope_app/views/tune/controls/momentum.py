@@ -48,7 +48,7 @@ class MomentumControl(SliderWithText):
     def show(self, frame: Frame) -> None:
         """Follow the frame unless the slider has moved since; a slider that is dragged to off stays until then."""
         held = 0 < frame.serial <= self._serial
-        self.set_visible(frame.state.filter.is_standard and (frame.state.tuning.momentum > 0.0 or held))
+        self.set_visible(frame.state.uses_parameters and (frame.state.tuning.momentum > 0.0 or held))
         momentum = frame.state.tuning.momentum
         self.typed.show(frame, momentum or None, OFF)
         self._slider.label = slider_label(momentum, frame.state.recording.sample_period)

@@ -98,8 +98,8 @@ class GoalView:
         self._session.request(apply_found(state.recording, state.channel, found))
 
     def show(self, frame: Frame) -> None:
-        """Show the boxes of the chosen method, and the last answer; fused sensors have a search of their own."""
-        self._form.visible = frame.state.fusion is None
+        """Show the boxes of the chosen method, and the last answer; it is for the Kalman filter alone."""
+        self._form.visible = frame.state.fusion is None and frame.state.tuning.chain is None
         self._show_method(frame.state)
         answer = answer_text(frame.state)
         self._answer.content, self._answer.visible = answer, bool(answer)

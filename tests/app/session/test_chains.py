@@ -1,0 +1,159 @@
+"""A chain of filters as a setting like any other: chosen, undone, pinned, linked, kept, loaded, left again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kalscope.errors import BadSetting
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.stages import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.recording import Recording
+from kalscope.tuning.chain_text import chain_text, typed_chain
+from kalscope.tuning.tuning_file import dumps, loads
+from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.frame import compute_frame
+from kalscope_app.session.changes.chain import set_median, use_chain, use_kalman_filter
+from kalscope_app.session.changes.channels import copy_setting, select_channel, set_link
+from kalscope_app.session.changes.parameters import reset_parameters, set_text
+from kalscope_app.session.changes.settings_file import use_settings
+from kalscope_app.session.changes.variants import pin_present, use_variant
+from kalscope_app.session.linked_channels import SAME_LAG
+from kalscope_app.session.opening import opened
+from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.share import apply_options, share_line
+from kalscope_app.studies.variant_table import VariantTable
+from kalscope_app.views.tune.controls.chain import BEHIND_MEDIAN, CLASSIC
+from kalscope_app.views.tune.controls.chain import chain_text as said_of
+from kalscope_app.views.tune.variants import table_text
+
+EURO = OneEuro(0.02, 0.7, 0.1)
+STAGES = (MovingAverage(9), Exponential(0.2), PowerOfTwo(3), Median(7), Butterworth(0.05), EURO)
+CHAINS = [*(Chain(m, stage) for stage in STAGES for m in (1, 5)), Chain(3)]
+
+
+@pytest.fixture(scope="module")
+def recording():
+    rng = np.random.default_rng(3)
+    z = np.cumsum(rng.normal(0.0, 0.1, (300, 2)), axis=0) + rng.normal(0.0, 1.0, (300, 2)) * (1.0, 10.0)
+    z[50, 0] = np.nan
+    return Recording(np.arange(300) * 0.01, ("a", "b"), ("V", "V"), z, 0.01, title="log", source="log.csv")
+
+
+@pytest.fixture
+def state(recording):
+    return opened(recording)
+
+
+def frame_of(state):
+    return compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
+
+
+def test_every_chain_is_drawn_shared_saved_and_reopened_bit_for_bit(state):
+    for chain in CHAINS:
+        tuned = use_chain(chain)(state)
+        assert np.array_equal(frame_of(tuned).filtered, tuned.tuning.filter.run(tuned.z).x, equal_nan=True)
+        loaded = use_settings(loads(dumps(tuned.as_tuning())), "t.toml")(state)
+        assert loaded.tuning == tuned.tuning
+        assert typed_chain(chain_text(chain)) == chain
+        assert chain_text(chain) in share_line(tuned).line
+        again = apply_options(state, None, *[None] * 6, chain=chain_text(chain))
+        assert again.filter == tuned.filter
+        assert (CLASSIC if chain.then else BEHIND_MEDIAN) in said_of(chain)
+
+
+def test_going_back_to_the_kalman_filter_loses_nothing_and_undo_takes_each_step_back(state):
+    session = Session(set_text("q", "0.5")(state))
+    for change in (use_chain(Chain(5, EURO)), use_kalman_filter, undo, undo, redo):
+        session.request(change)
+    after, _, failures = session.apply_requests()
+    assert not failures
+    assert (after.tuning.q, after.tuning.chain) == (0.5, Chain(5, EURO))
+    assert use_kalman_filter(after).tuning == replace(after.tuning, chain=None)
+    assert reset_parameters(after).tuning == state.tuning
+    assert not after.is_standard
+    assert not after.uses_parameters
+
+
+def test_a_median_stands_before_the_filter_that_runs(state):
+    behind = set_median("5 samples")(state)
+    assert behind.tuning.chain == Chain(5)
+    assert behind.uses_parameters
+    faster = set_text("q", "3")(behind)
+    assert not np.array_equal(frame_of(faster).filtered, frame_of(behind).filtered, equal_nan=True)
+    assert set_median("off")(faster).is_standard
+    euro = use_chain(Chain(3, EURO))(state)
+    assert [set_median(words)(euro).tuning.chain for words in ("off", "5 samples")] == [
+        Chain(1, EURO),
+        Chain(5, EURO),
+    ]
+    with pytest.raises(BadSetting, match="the median must be one of off, 3 samples, 5 samples"):
+        set_median("100001 samples")(state)
+
+
+def test_a_chain_is_pinned_beside_the_kalman_filter_and_used_again(state):
+    session = Session(state)
+    for change in (pin_present, use_chain(Chain(5, EURO)), pin_present, use_variant("A"), set_median("3 samples")):
+        session.request(change)
+    tuned, _, failures = session.apply_requests()
+    assert not failures
+    assert [pin.tuning.chain for pin in tuned.variants] == [None, Chain(5, EURO)]
+    assert use_variant("B")(tuned).tuning.chain == Chain(5, EURO)
+    for curve, pin in zip(frame_of(tuned).variants, tuned.variants, strict=True):
+        assert np.array_equal(curve, pin.tuning.filter.run(tuned.z).x, equal_nan=True)
+    current, kalman, euro = table_text(VariantTable().compute(tuned)).split("\n")[2:5]
+    assert "Median of 3, then Kalman" in current.replace("\u00a0", " ")
+    assert "| Kalman |" in kalman
+    assert "Median of 5, then one-euro" in euro
+    assert euro.count("| – ") == 5  # q and r, and what only a model of the signal has
+    with pytest.raises(BadSetting, match="pinned already, as B"):
+        pin_present(use_variant("B")(tuned))
+
+
+def test_linked_channels_run_the_same_chain_and_a_speed_counts_in_their_own_noise(state):
+    tuned = set_link(SAME_LAG)(use_chain(Chain(5, EURO))(state))
+    first, second = tuned.settings.tunings
+    wider = np.sqrt(tuned.settings.starts[1].r / tuned.settings.starts[0].r)
+    assert (second.chain.median, second.chain.then.cutoff) == (5, 0.02)
+    assert second.chain.then.beta == pytest.approx(0.7 / wider)
+    assert first.chain == Chain(5, EURO)
+    assert copy_setting("b")(use_chain(Chain(3))(state)).settings.tunings[1].chain == Chain(3)
+
+
+def test_a_chain_stays_with_its_channel_through_another_recording(state, recording):
+    tuned = use_chain(Chain(5))(state)
+    other = opened(Recording(np.arange(9.0), ("c",), ("",), np.zeros((9, 1)), 1.0), tuned)
+    back = opened(recording, other)
+    assert back.tuning.chain == Chain(5)
+    assert select_channel("b")(back).tuning.chain is None
+
+
+HOSTILE = {
+    "median 5, one-euro 0.02 0.7": "one-euro must have 3 numbers, cutoff, beta, speed_cutoff",
+    "median 4, kalman": "window must be an odd number of samples",
+    "median 5": None,
+    "median 1e300, kalman": "window must be a whole number from 1 to",
+    "butterworth 0.7": "cutoff must be a number from 1e-06 to 0.499",
+    "exponential nan": "alpha of exponential must be",
+    "moving-average 2.5": "window must be a whole number",
+    "moving-average 100000000": "window must be a whole number",
+    "exponential 0.2, median 3": "the first filter of two must be a median",
+    "median 3, median 3, kalman": "a chain must be a filter, or a median and a filter",
+    "": "a chain must be a filter",
+    "__import__ 1": "a filter of a chain must be one of",
+    "median 5, <script>": "a filter of a chain must be one of",
+    "median 5,, kalman": "a chain must be a filter",
+}
+
+
+def test_a_chain_from_outside_is_checked(state):
+    for text, why in HOSTILE.items():
+        if why is None:
+            assert typed_chain(text) == Chain(1, Median(5))
+            continue
+        with pytest.raises(BadSetting, match=why):
+            apply_options(state, None, *[None] * 6, chain=text)
+    assert typed_chain(" Kalman ") is None
+    assert apply_options(use_chain(Chain(5))(state), None, "3", *[None] * 5).tuning.chain == Chain(5)
