@@ -5,7 +5,6 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from xml.etree import ElementTree
 
-import matplotlib
 import numpy as np
 import pytest
 
@@ -22,6 +21,8 @@ def chart(name="µ $x^2$ 温度"):
 
 @pytest.mark.slow
 def test_threads_draw_the_same_bytes_and_leave_the_settings_alone():
+    import matplotlib
+
     expected = chart()
     with matplotlib.rc_context(
         {"svg.fonttype": "path", "font.size": 40, "axes.grid": False, "text.parse_math": True}

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.ndimage import median_filter
 
 from kalscope.common import running_median as module
 from kalscope.common.running_median import running_median
@@ -11,6 +10,8 @@ from kalscope.common.running_median import running_median
 @pytest.mark.parametrize("window", [1, 3, 5, 11])
 @pytest.mark.parametrize("n", [1, 2, 4, 100, 1000])
 def test_it_is_that_of_scipy(n, window, monkeypatch):
+    from scipy.ndimage import median_filter
+
     monkeypatch.setattr(module, "_ROWS", 64)  # several portions
     rng = np.random.default_rng(n + window)
     for values in (rng.normal(size=n), rng.integers(0, 3, n).astype(float)):

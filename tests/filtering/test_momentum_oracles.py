@@ -10,7 +10,6 @@ from dense_momentum import all_states, constant_velocity, dense_loglik, dense_mo
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.linalg import solve_discrete_are
 
 from kalscope import FilterParams, kalman_filter, smooth
 from kalscope.filtering.batch import FilterResult, SmootherResult
@@ -121,6 +120,8 @@ def test_a_long_momentum_tends_to_constant_velocity():
 @each("acceleration", [1e-8, 1e-4, 0.01, 1.0, 100.0])
 def test_the_settled_filter_of_a_long_momentum_is_alpha_beta(acceleration):
     """Gains by the Riccati equation of constant velocity; α and β of the tracking index (Kalata 1984 form)."""
+    from scipy.linalg import solve_discrete_are
+
     f, noise = constant_velocity(1.0, acceleration)
     p = solve_discrete_are(f.T, np.array([[1.0], [0.0]]), noise, np.eye(1))
     alpha, beta = p[:, 0] / (p[0, 0] + 1.0)

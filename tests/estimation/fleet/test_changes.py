@@ -7,8 +7,6 @@ import math
 import numpy as np
 import pytest
 from fleets import fleet
-from scipy import stats
-from statsmodels.stats.multitest import multipletests
 
 from kalscope import BadSetting, estimate_many
 from kalscope.estimation.fleet.changes import changes, holm
@@ -29,6 +27,8 @@ def order_of(devices, files):
 
 
 def test_the_statistic_is_the_textbook_one():
+    from scipy import stats
+
     values, errors = np.array([1.0, 1.5, 0.7, 4.0, 4.2]), np.array([0.2, 0.3, 0.1, 0.2, 0.1])
     found = changes(
         values, (values - 1.959964 * errors, values + 1.959964 * errors), list("aaabb"), [3, 1, 2, 1, 2]
@@ -94,6 +94,8 @@ def test_an_estimate_of_zero_counts_where_it_contradicts_the_others():
 
 
 def test_holm_is_that_of_statsmodels():
+    from statsmodels.stats.multitest import multipletests
+
     p = np.random.default_rng(1).uniform(0.0, 1.0, 40) ** 3
     np.testing.assert_allclose(holm(p), multipletests(p, method="holm")[1])
     assert holm(np.empty(0)).size == 0

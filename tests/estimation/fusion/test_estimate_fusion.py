@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from statsmodels.tsa.statespace.mlemodel import MLEModel
 
 from kalscope import BadSetting, Cancelled, FusionParams, estimate, estimate_fusion, fuse
 from kalscope.estimation.likelihood.search import DROP
@@ -142,6 +141,8 @@ def test_a_pair_of_opposite_signs_keeps_its_offsets_near_its_readings():
 
 
 def test_statsmodels_finds_the_same_maximum():
+    from statsmodels.tsa.statespace.mlemodel import MLEModel
+
     z = record(n=300, r=(0.25, 1.0), missing=0.1)
 
     class Local(MLEModel):

@@ -2,13 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import nnls
 
 from kalscope.estimation.methods.innovation_correlations import not_negative
 
 
 @pytest.mark.parametrize("scale", [1e-60, 1.0, 1e60])
 def test_the_pair_without_negative_parts_is_that_of_scipy(scale):
+    from scipy.optimize import nnls
+
     rng, seen = np.random.default_rng(5), set()
     for _ in range(300):
         a = rng.normal(size=(rng.integers(2, 40), 2))

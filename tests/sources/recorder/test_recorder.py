@@ -13,7 +13,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -174,6 +173,8 @@ HOSTILE = [
 
 @pytest.mark.parametrize("first", range(0, len(HOSTILE), 8))
 def test_hostile_names_come_back_in_our_reader_and_in_pandas(tmp_path, first):
+    import pandas as pd
+
     names = HOSTILE[first : first + 8]
     path = tmp_path / "run.csv"
     recorder = new_recorder(path)
@@ -199,6 +200,8 @@ def test_hostile_names_come_back_in_our_reader_and_in_pandas(tmp_path, first):
     st.lists(st.text(max_size=20), min_size=1, max_size=4), st.lists(st.text(max_size=5), min_size=4, max_size=4)
 )
 def test_no_name_and_no_unit_hides_a_row_or_a_channel(tmp_path_factory, names, units):
+    import pandas as pd
+
     path = tmp_path_factory.mktemp("r") / "run.csv"
     recorder = new_recorder(path)
     events = [(STARTED + i, row(i, *(i + j / 4 for j in range(len(names))))) for i in range(9)]
@@ -212,6 +215,8 @@ def test_no_name_and_no_unit_hides_a_row_or_a_channel(tmp_path_factory, names, u
 
 
 def test_what_is_no_row_goes_into_the_rejects_with_time_number_and_reason(tmp_path):
+    import pandas as pd
+
     recorder = new_recorder(tmp_path / "run.csv")
     hand_over(recorder, b"a,b\n1,2\n3,4\n5\n6,x\n\x07,1\nreset \\ caf\xc3\xa9\n\n7,8\n")
     counts = recorder.close()

@@ -7,7 +7,6 @@ import h5py
 import nptdms
 import numpy as np
 import openpyxl
-import scipy.io
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
@@ -108,6 +107,8 @@ def write_ulog(path):
 
 
 def write_mat(path):
+    import scipy.io
+
     scipy.io.savemat(path, {"t": np.arange(N) * 0.01, "log": {"x": X, "y": X[:, None] * 2}}, do_compression=True)
     return path
 
