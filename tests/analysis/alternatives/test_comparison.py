@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +11,10 @@ from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_
 from kalscope.analysis.alternatives import filters
 from kalscope.analysis.alternatives.candidates import at_lag, at_noise
 from kalscope.analysis.alternatives.comparison import MAX_SAMPLES, compare_alternatives, is_matched, stretch_of
-from kalscope.analysis.alternatives.measured_response import Bench, bench_of
 from kalscope.analysis.alternatives.verdict import difference, verdict
+from kalscope.filtering.classic.bench import Bench, bench_of
+from kalscope.filtering.classic.stages import Exponential
 
-ONE_EURO = Path(__file__).parents[3] / "../shared/data/one_euro_truth/groundTruth.csv"
 RNG = np.random.default_rng(20)
 WINDOWED = {"Moving average", "Median", "Delayed Savitzky-Golay"}
 MEASURED = {"Median", "One-euro"}
@@ -98,47 +97,12 @@ def test_exponential_smoothing_is_the_steady_kalman_filter():
     params = FilterParams(q=0.04, r=1.0)
     steady = steady_state(params)
     settled = FilterParams(q=0.04, r=1.0, p0=steady.p, x0=z[0])  # begun where its variance settles
-    assert np.allclose(kalman_filter(z, settled).x, filters.exponential(z, steady.gain), rtol=0, atol=1e-10)
-    apart = np.abs(kalman_filter(z, params).x - filters.exponential(z, steady.gain))
+    assert np.allclose(
+        kalman_filter(z, settled).x, filters.classic(z, Exponential(steady.gain)), rtol=0, atol=1e-10
+    )
+    apart = np.abs(kalman_filter(z, params).x - filters.classic(z, Exponential(steady.gain)))
     assert apart[:20].max() > 0.1
     assert apart[400:].max() < 1e-10 * np.abs(z).max()
-
-
-def test_moving_average_and_median_are_those_of_the_last_samples_that_came():
-    z = RNG.normal(size=60)
-    z[[3, 4, 20]] = np.nan
-    seen = z[np.isfinite(z)]
-    mean, middle = filters.moving_average(z, 7), filters.median(z, 7)
-    came = 0
-    for i, value in enumerate(z):
-        came += not math.isnan(value)
-        assert mean[i] == pytest.approx(seen[max(0, came - 7) : came].mean())
-        full = np.concatenate([np.full(7, seen[0]), seen[:came]])[-7:]
-        assert middle[i] == np.median(full)
-
-
-def test_one_euro_is_its_published_lines():
-    z, x, dx, t = RNG.normal(size=50).cumsum(), None, 0.0, 0
-    z[[10, 11]] = np.nan
-    for value, got in zip(z, filters.one_euro(z, 0.02, 0.1, 0.05), strict=True):
-        t += 1
-        if not math.isnan(value):
-            if x is None:
-                x = value
-            else:
-                share = lambda cutoff: 1 / (1 + 1 / (2 * math.pi * cutoff) / t)  # noqa: E731, B023
-                dx = share(0.05) * ((value - x) / t) + (1 - share(0.05)) * dx
-                a = share(0.02 + 0.1 * abs(dx))
-                x = a * value + (1 - a) * x
-            t = 0
-        assert got == pytest.approx(x)
-
-
-@pytest.mark.skipif(not ONE_EURO.is_file(), reason="shared/data is not beside the repository")
-def test_one_euro_is_its_authors_own_ground_truth():
-    _, _, noisy, filtered = np.loadtxt(ONE_EURO, delimiter=",", skiprows=1).T
-    ours = filters.one_euro(noisy, 1.0 / 120.0, 0.1, 1.0 / 120.0)  # 120 Hz, cut-offs 1 Hz, β 0.1
-    assert np.abs(ours - filtered).max() < 1e-5  # times and values are printed with six digits
 
 
 def test_missing_samples_leave_no_hole_and_no_future_in_a_causal_filter():
@@ -254,7 +218,7 @@ def test_the_identity_tells_start_and_gaps_with_this_recordings_numbers():
         f"after the longest (100 samples) the gain is {k[1100]:.3g} instead of {steady_state(params).gain:.3g}"
         in said
     )
-    apart = np.abs(kalman_filter(z, params).x - filters.exponential(z, steady_state(params).gain))
+    apart = np.abs(kalman_filter(z, params).x - filters.classic(z, Exponential(steady_state(params).gain)))
     assert f"differ by up to {apart[:1000].max():.2g} standard deviations" in said
     assert "No samples are missing" in compare_alternatives(z[:900], params).identity
 
@@ -299,7 +263,7 @@ def test_the_interval_of_a_large_ratio_covers_it_as_often_as_it_promises():
         rng = np.random.default_rng(seed)
         walk = np.cumsum(0.1 * rng.normal(size=6000))
         z = walk + rng.normal(size=6000)
-        a, b = ((filters.exponential(z, alpha) - walk)[500:] ** 2 for alpha in (quick, present))
+        a, b = ((filters.classic(z, Exponential(alpha)) - walk)[500:] ** 2 for alpha in (quick, present))
         found = difference(a, b, lag=9.5)
         covered += found.low <= ratio <= found.high
     assert 178 <= covered <= 200  # 95 % of 200, four standard deviations below

@@ -13,8 +13,8 @@ from kalscope import FilterParams, kalman_filter, params_for_specification, stea
 from kalscope.analysis.alternatives import comparison, filters
 from kalscope.analysis.alternatives.candidates import at_lag
 from kalscope.analysis.alternatives.comparison import compare_alternatives
-from kalscope.analysis.alternatives.measured_response import Bench
 from kalscope.analysis.alternatives.verdict import difference, overshoot_words
+from kalscope.filtering.classic.bench import Bench
 
 RNG = np.random.default_rng(31)
 

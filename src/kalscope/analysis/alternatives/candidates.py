@@ -12,17 +12,35 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from kalscope.analysis.alternatives import filters
-from kalscope.analysis.alternatives.measured_response import Bench, Run, step_overshoot
 from kalscope.common.array import Array
-
-SETTLED = 0.01
-"""A start is forgotten when 1 % of it is left."""
+from kalscope.filtering.classic.bench import Bench, Run, step_overshoot
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.stages import (
+    MAX_CUTOFF,
+    MAX_SHIFT,
+    MIN_CUTOFF,
+    Butterworth,
+    Exponential,
+    Median,
+    MovingAverage,
+    OneEuro,
+    PowerOfTwo,
+    Stage,
+)
 
 HOLDS = "holds its output, then continues as if no time had passed"
+COUNTS = "holds its output; the next sample counts for the time since"
 BRIDGES = "needs a whole window: missing samples are interpolated linearly"
 
-MIN_CUTOFF, MAX_CUTOFF = 1e-6, 0.499
-"""Cut-offs of the Butterworth filter, cycles a sample."""
+SENTENCES: dict[type[Stage], str] = {
+    MovingAverage: "Simple to explain, but it must store its window, and a spike moves it twice.",
+    Exponential: "The settled Kalman filter without momentum; it starts more slowly and ignores gaps.",
+    PowerOfTwo: "One subtraction, one shift, one addition on integers; but the only gains are 1/2, 1/4, 1/8 …",
+    Median: "Removes spikes shorter than half its window completely, but reduces plain noise less.",
+    Butterworth: "Falls off twice as steeply above its cut-off, and overshoots a step by 4 % for it.",
+    OneEuro: "Smooth when still, quick when moving; its cut-off doubles at this recording's usual speed.",
+}
+"""Main advantage and disadvantage of each classic filter."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +63,8 @@ class Description:
     """How it treats missing samples."""
     causal: bool = True
     """Whether a device can run it: its output needs no later sample."""
+    chain: Chain | None = None
+    """What a device runs, with the channel's own Kalman filter where it says so; None where none is exported."""
     overshoot: float = 0.0
     """How far its answer to a step goes beyond it, share of the step; NaN where that is not known."""
 
@@ -65,110 +85,67 @@ def at_lag(lag: float, bench: Bench) -> tuple[Candidate, ...]:
     # The bilinear transform keeps the delay at frequency 0: √2/Ω with Ω = 2 tan(π f).
     cutoff = math.atan(math.sqrt(0.5) / lag) / math.pi
 
-    def median_misses(size: int) -> float:
-        return abs(bench.lag(partial(filters.median, window=size)) - lag)
+    def lag_of(stage: Stage) -> float:
+        return bench.lag(partial(filters.classic, stage=stage))
 
-    return (
-        moving_average(min(round(2.0 * lag) + 1, bench.longest_window)),
-        exponential(1.0 / (1.0 + lag)),
-        fixed_gain(_nearest_power(lambda alpha: abs((1.0 - alpha) / alpha - lag))),
-        median(_nearest_window(window, bench, median_misses), bench),
-        butterworth(min(max(cutoff, MIN_CUTOFF), MAX_CUTOFF)),
-        savitzky_golay_delayed(window),
-        savitzky_golay_centred(window),
-        one_euro(_search(lambda share: lag - bench.lag(one_euro_run(share, bench))), bench),
+    return _all(
+        bench,
+        window,
+        MovingAverage(min(round(2.0 * lag) + 1, bench.longest_window)),
+        Exponential(1.0 / (1.0 + lag)),
+        _nearest_power(lambda one: abs(one.lag - lag)),
+        Median(_nearest_window(window, bench, lambda size: abs(lag_of(Median(size)) - lag))),
+        Butterworth(min(max(cutoff, MIN_CUTOFF), MAX_CUTOFF)),
+        one_euro(_search(lambda share: lag - lag_of(one_euro(share, bench))), bench),
     )
 
 
 def at_noise(gain: float, bench: Bench) -> tuple[Candidate, ...]:
     """Every candidate at the setting that leaves a share nearest to `gain` of white noise, 0 … 1."""
 
-    def median_misses(size: int) -> float:
-        return abs(math.log(max(bench.noise_gain(partial(filters.median, window=size)), 1e-300) / gain))
+    def left(stage: Stage) -> float:
+        return bench.noise_gain(partial(filters.classic, stage=stage))
+
+    def missed(share: float) -> float:
+        return abs(math.log(max(share, 1e-300) / gain))
 
     # On Gaussian noise a median of N leaves about π/(2N); on the recording's own it is measured.
     guess = _odd(0.5 * math.pi / gain, bench)
-    better = bench.noise_gain(partial(filters.median, window=guess)) / gain * guess
-    parabola = _nearest_window(2.25 / gain, bench, lambda size: abs(math.log(_parabola_noise(size) / gain)))
-    return (
-        moving_average(min(max(round(1.0 / gain), 1), bench.longest_window)),
-        exponential(2.0 * gain / (1.0 + gain)),
-        fixed_gain(_nearest_power(lambda alpha: abs(math.log(alpha / (2.0 - alpha) / gain)))),
-        median(_nearest_window(better, bench, median_misses), bench),
-        butterworth(_cutoff_for_noise(gain)),
-        savitzky_golay_delayed(parabola),
-        savitzky_golay_centred(parabola),
-        one_euro(_search(lambda share: bench.noise_gain(one_euro_run(share, bench)) - gain), bench),
+    better = left(Median(guess)) / gain * guess
+    return _all(
+        bench,
+        _nearest_window(2.25 / gain, bench, lambda size: missed(_parabola_noise(size))),
+        MovingAverage(min(max(round(1.0 / gain), 1), bench.longest_window)),
+        Exponential(2.0 * gain / (1.0 + gain)),
+        _nearest_power(lambda one: missed(one.noise_gain)),
+        Median(_nearest_window(better, bench, lambda size: missed(left(Median(size))))),
+        Butterworth(_cutoff_for_noise(gain)),
+        one_euro(_search(lambda share: left(one_euro(share, bench)) - gain), bench),
     )
 
 
-def moving_average(window: int) -> Candidate:
-    """Mean of the last `window` samples."""
+def _all(bench: Bench, parabola: int, *stages: Stage) -> tuple[Candidate, ...]:
+    """The classic filters, the one-euro filter last, behind the parabolas over so many samples."""
+    made = [of_stage(stage, bench) for stage in stages]
+    return *made[:-1], savitzky_golay_delayed(parabola), savitzky_golay_centred(parabola), made[-1]
+
+
+def of_stage(stage: Stage, bench: Bench) -> Candidate:
+    """A classic filter; its lag and noise are measured where no formula gives them."""
+    run = partial(filters.classic, stage=stage)
+    settles = math.ceil(4.0 / stage.slope) + 10 if isinstance(stage, Butterworth) else 0  # √2 π/Ω is where it peaks
     return Candidate(
-        name="Moving average",
-        parameters=f"window of {window}",
-        run=partial(filters.moving_average, window=window),
-        lag_samples=0.5 * (window - 1),
-        noise_gain=1.0 / window,
-        start_samples=window,
-        memory=window,
-        sentence="Simple to explain, but it must store its window, and a spike moves it twice.",
-    )
-
-
-def exponential(alpha: float) -> Candidate:
-    """Exponential smoothing, 0 < α ≤ 1."""
-    return Candidate(
-        name="Exponential",
-        parameters=f"α = {alpha:.4g}",
-        run=partial(filters.exponential, alpha=alpha),
-        lag_samples=(1.0 - alpha) / alpha,
-        noise_gain=alpha / (2.0 - alpha),
-        start_samples=1 if alpha >= 1.0 else max(1, math.ceil(math.log(SETTLED) / math.log1p(-alpha))),
-        memory=1,
-        sentence="The settled Kalman filter without momentum; it starts more slowly and ignores gaps.",
-    )
-
-
-def fixed_gain(alpha: float) -> Candidate:
-    """Exponential smoothing with a power of two, by shifting bits."""
-    return replace(
-        exponential(alpha),
-        name="Power-of-two gain",
-        parameters=f"α = 1/{round(1.0 / alpha)}",
-        sentence="One subtraction, one shift, one addition on integers; but the only gains are 1/2, 1/4, 1/8 …",
-    )
-
-
-def median(window: int, bench: Bench) -> Candidate:
-    """Median of the last `window` samples, odd; measured."""
-    run = partial(filters.median, window=window)
-    return Candidate(
-        name="Median",
-        parameters=f"window of {window}",
+        name=stage.name,
+        parameters=stage.words,
+        chain=Chain(1, stage),
         run=run,
-        lag_samples=bench.lag(run),
-        noise_gain=bench.noise_gain(run),
-        start_samples=window,
-        memory=window,
-        sentence="Removes spikes shorter than half its window completely, but reduces plain noise less.",
-    )
-
-
-def butterworth(cutoff: float) -> Candidate:
-    """Second-order low-pass, −3 dB at `cutoff` cycles a sample."""
-    slope = math.tan(math.pi * cutoff)
-    run = partial(filters.butterworth, cutoff=cutoff)
-    return Candidate(
-        name="2nd-order Butterworth",
-        parameters=f"cut-off {cutoff:.3g}",
-        run=run,
-        lag_samples=math.sqrt(0.5) / slope,
-        noise_gain=_butterworth_noise(cutoff),
-        start_samples=math.ceil(-math.log(SETTLED) * math.sqrt(0.5) / slope) + 1,  # its poles decay by exp(−Ω/√2)
-        memory=2,
-        overshoot=step_overshoot(run, math.ceil(4.0 / slope) + 10),  # √2 π/Ω is where it peaks
-        sentence="Falls off twice as steeply above its cut-off, and overshoots a step by 4 % for it.",
+        lag_samples=bench.lag(run) if stage.lag is None else stage.lag,
+        noise_gain=bench.noise_gain(run) if stage.noise_gain is None else stage.noise_gain,
+        start_samples=stage.start_samples,
+        memory=stage.memory,
+        overshoot=step_overshoot(run, settles) if settles else 0.0,
+        sentence=SENTENCES[type(stage)],
+        gaps=COUNTS if isinstance(stage, OneEuro) else HOLDS,
     )
 
 
@@ -204,29 +181,12 @@ def savitzky_golay_centred(window: int) -> Candidate:
     )
 
 
-def one_euro(share: float, bench: Bench) -> Candidate:
-    """One-euro filter with `share` times the present filter's cut-off at speed 0; measured."""
-    run = one_euro_run(share, bench)
-    slowest, beta = run.keywords["slowest"], run.keywords["beta"]
-    return Candidate(
-        name="One-euro",
-        parameters=f"cut-off {slowest:.3g}, β {beta:.2g}",
-        run=run,
-        lag_samples=bench.lag(run),
-        noise_gain=bench.noise_gain(run),
-        start_samples=max(1, math.ceil(-math.log(SETTLED) / math.log1p(4.0 * math.pi * slowest))),
-        memory=2,
-        sentence="Smooth when still, quick when moving; its cut-off doubles at this recording's usual speed.",
-        gaps="holds its output; the next sample counts for the time since",
-    )
-
-
-def one_euro_run(share: float, bench: Bench) -> partial[Array]:
-    """The one-euro filter with `share` times the cut-off of the current filter."""
+def one_euro(share: float, bench: Bench) -> OneEuro:
+    """The one-euro filter with `share` times the present cut-off at speed 0, and twice that at the usual speed."""
     own = 1.0 / (2.0 * math.pi * (1.0 + bench.present_lag))
     # Its "speed" is the distance to its own last output, which on a ramp is 1 + lag steps away.
     usual = bench.speed * (1.0 + bench.present_lag)
-    return partial(filters.one_euro, slowest=share * own, beta=share * own / usual, speed_cutoff=own)
+    return OneEuro(cutoff=share * own, beta=share * own / usual, speed_cutoff=own)
 
 
 def _parabola_noise(window: float) -> float:
@@ -235,17 +195,11 @@ def _parabola_noise(window: float) -> float:
     return 1.0 if n < 3 else 3.0 * (3.0 * n * n - 7.0) / (4.0 * n * (n * n - 4.0))
 
 
-def _butterworth_noise(cutoff: float) -> float:
-    """∫|H|² with |H|² = 1/(1 + (tan πf / c)⁴), c = tan πf₀, in closed form."""
-    c = math.tan(math.pi * cutoff)
-    return (c**4 + math.sqrt(0.5) * (c - c**3)) / (1.0 + c**4)
-
-
 def _cutoff_for_noise(gain: float) -> float:
     low, high = MIN_CUTOFF, MAX_CUTOFF
     for _ in range(60):  # the noise grows with the cut-off
         middle = math.sqrt(low * high)
-        low, high = (low, middle) if _butterworth_noise(middle) > gain else (middle, high)
+        low, high = (low, middle) if Butterworth(middle).noise_gain > gain else (middle, high)
     return math.sqrt(low * high)
 
 
@@ -268,9 +222,9 @@ def _nearest_window(guess: float, bench: Bench, miss: Callable[[int], float]) ->
     return best
 
 
-def _nearest_power(miss: Callable[[float], float]) -> float:
-    """The power of two 1, 1/2, 1/4 … that misses least."""
-    return min((2.0**-k for k in range(31)), key=miss)
+def _nearest_power(miss: Callable[[PowerOfTwo], float]) -> PowerOfTwo:
+    """The gain of 1, 1/2, 1/4 … that misses least."""
+    return min(map(PowerOfTwo, range(MAX_SHIFT + 1)), key=miss)
 
 
 def _search(too_quick: Callable[[float], float]) -> float:

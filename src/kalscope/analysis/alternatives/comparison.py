@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from kalscope.analysis.alternatives.candidates import Candidate, Description, at_lag, at_noise
 from kalscope.analysis.alternatives.error_measures import Errors
 from kalscope.analysis.alternatives.filters import settled
-from kalscope.analysis.alternatives.measured_response import bench_of
 from kalscope.analysis.alternatives.verdict import Difference, difference, overshoot_words, refusal, verdict
 from kalscope.analysis.alternatives.versus_smoothing import identity_words
 from kalscope.common.array import Array
@@ -20,6 +19,7 @@ from kalscope.common.text import decibels, plural
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import one_channel, scalar
 from kalscope.filtering.batch import FilterResult, kalman_filter, smooth
+from kalscope.filtering.classic.bench import bench_of
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 

@@ -1,8 +1,4 @@
-"""The classic filters, each over one channel with missing samples; from scipy where it has them.
-
-The causal ones skip a missing sample: they hold their output and take the next sample as if no time had passed,
-as a loop on a device does.
-"""
+"""The filters of the comparison, each over one channel with missing samples: those of a device, and a parabola."""
 
 from __future__ import annotations
 
@@ -11,8 +7,9 @@ from typing import cast
 
 import numpy as np
 
-from kalscope.analysis.alternatives import one_euro as kernels
 from kalscope.common.array import Array
+from kalscope.filtering.classic.running import RunningStage
+from kalscope.filtering.classic.stages import Stage
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import settled_transfer
 
@@ -20,27 +17,9 @@ MAX_DIRECT = 501
 """Longest window of a parabola that is computed without Fourier transform."""
 
 
-def moving_average(z: Array, window: int) -> Array:
-    """Mean of the last `window` finite samples, or of fewer at the start."""
-
-    def mean(seen: Array) -> Array:
-        level = seen[0]
-        sums = np.concatenate([[0.0], np.cumsum(seen - level)])  # around a level: sums of offsets lose digits
-        last = np.arange(1, len(sums))
-        first = np.maximum(last - window, 0)
-        return level + (sums[last] - sums[first]) / (last - first)
-
-    return _skipping(z, mean)
-
-
-def exponential(z: Array, alpha: float) -> Array:
-    """Exponential smoothing, x += α (z − x), begun at the first sample; 0 < α ≤ 1."""
-    from scipy.signal import lfilter
-
-    def smooth(seen: Array) -> Array:
-        return cast("Array", lfilter([alpha], [1.0, alpha - 1.0], seen - seen[0])) + seen[0]
-
-    return _skipping(z, smooth)
+def classic(z: Array, stage: Stage) -> Array:
+    """A classic filter as a device runs it, evenly sampled."""
+    return RunningStage(stage).take(z, np.empty(0))
 
 
 def settled(z: Array, params: FilterParams) -> Array:
@@ -50,21 +29,6 @@ def settled(z: Array, params: FilterParams) -> Array:
     gain, product, both = settled_transfer(params)
     top, bottom = [gain, product - gain], [1.0, product - both - 1.0, both]
     return _skipping(z, lambda seen: cast("Array", lfilter(top, bottom, seen - seen[0])) + seen[0])
-
-
-def median(z: Array, window: int) -> Array:
-    """Median of the last `window` (odd) finite samples; the buffer starts filled with the first one."""
-    from scipy.ndimage import median_filter
-
-    return _skipping(z, lambda seen: median_filter(seen, size=window, mode="nearest", origin=(window - 1) // 2))
-
-
-def butterworth(z: Array, cutoff: float) -> Array:
-    """Second-order low-pass, −3 dB at `cutoff` cycles a sample, 0 … 0.5; settled at the first sample."""
-    from scipy.signal import butter, sosfilt
-
-    sections = butter(2, 2.0 * cutoff, output="sos")
-    return _skipping(z, lambda seen: cast("Array", sosfilt(sections, seen - seen[0])) + seen[0])
 
 
 def savitzky_golay(z: Array, window: int) -> Array:
@@ -100,16 +64,6 @@ def delayed(curve: Array, samples: int) -> Array:
     late = np.full(len(curve), np.nan)
     late[samples:] = curve[: len(curve) - samples]
     return late
-
-
-def one_euro(z: Array, slowest: float, beta: float, speed_cutoff: float) -> Array:
-    """One-euro filter: cut-off at speed 0, its growth for a speed of 1 unit a sample, cut-off of the speed itself.
-
-    Cut-offs in cycles a sample. A gap is elapsed time.
-    """
-    out = np.empty(len(z))
-    kernels.one_euro(np.ascontiguousarray(z, dtype=np.float64), slowest, beta, speed_cutoff, out)
-    return out
 
 
 def _skipping(z: Array, run: Callable[[Array], Array]) -> Array:

@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
+from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import columns_of, refuse_infinite, samples_of, shaped_like, steps_of
+from kalscope.filtering.arrays import columns_of, refuse_infinite, samples_of, scalar, shaped_like, steps_of
 from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
 from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.response import at_period, chain_response
 from kalscope.filtering.classic.running import RunningStages
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import SteadyState, steady_state
+from kalscope.filtering.steady_state import SteadyState
 from kalscope.filtering.streaming import KalmanFilter
 
 
@@ -64,9 +66,34 @@ class ChainFilter:
         """A `ChainStream`."""
         return ChainStream(self)
 
-    def settled(self, result: FilterResult, sample_period: float | None = None) -> SteadyState:  # noqa: ARG002
-        """Lag and noise reduction once the start is forgotten."""
-        return steady_state(self.params, sample_period)
+    def settled(self, result: FilterResult, sample_period: float | None = None) -> SteadyState:
+        """Lag, noise reduction and settling once the start is forgotten.
+
+        By formula for a linear filter alone. Lag and noise of a chain with a median or a one-euro filter are
+        measured with the noise and the speed of this run; a one-euro filter settles as it does at speed 0. The gain
+        and the overshoot are those of the last filter; NaN stands for what a filter has not: a gain, a cut-off, a
+        variance.
+
+        Args:
+            result: a run of this chain over one channel.
+            sample_period: nominal sample period in s, > 0.
+
+        Raises:
+            BadSetting: the sample period is not a positive finite number.
+        """
+        period = None if sample_period is None else above_zero("sample_period", sample_period)
+        record = result.innovation + self._predicted(result), result.x
+        found = chain_response(self.chain.median, self.chain.then, self.params, record, self.denoise)
+        return at_period(found, period)
+
+    def _predicted(self, result: FilterResult) -> Array:
+        """What the innovations of a run are counted from, shape (n,); NaN at its first sample."""
+        before = np.full(result.x.shape, np.nan)
+        before[1:] = result.x[:-1]
+        if self.chain.then is None and result.velocity is not None:
+            tau = scalar(self.params.momentum)
+            before[1:] -= tau * math.expm1(-1.0 / tau) * result.velocity[:-1]
+        return before
 
     def _staged(self, z: ArrayLike, dt: ArrayLike | None) -> Array:
         """Behind the classic filters, shape of z; NaN where z is missing if the Kalman filter follows."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +22,11 @@ from kalscope.filtering.classic.stages import (
 
 Floats = NDArray[Any]
 """float64, or float32 as a board computes."""
+
+LONG_WINDOW = 75
+"""A median of more samples is quicker by scipy than by moving each sample to its place."""
+MANY_MOVES = 5e7
+"""Samples times window from which on that is worth importing scipy."""
 
 _LOOPS: dict[type[Stage], Callable[[Floats, Floats, Floats, Floats, kernels.Counters, Floats], None]] = {
     MovingAverage: kernels.moving_average,
@@ -42,6 +48,7 @@ class RunningStage:
         self._state = np.zeros(stage.memory, dtype=kind)
         self._state[0] = np.nan
         self._counters = np.zeros(1, dtype=np.int64)
+        self._window = stage.window if isinstance(stage, Median) and stage.window > LONG_WINDOW else 0
 
     @property
     def x(self) -> float:
@@ -59,9 +66,31 @@ class RunningStage:
             The output after each, shape (n,), of the type to compute in.
         """
         samples, steps = (np.ascontiguousarray(values, dtype=self._kind) for values in (z, dt))
+        if self._window * len(samples) > MANY_MOVES and math.isnan(self.x) and _is_plain(samples):
+            return self._long_median(samples)
         out = np.empty_like(samples)
         self._loop(samples, steps, self._constants, self._state, self._counters, out)
         return out
+
+    def _long_median(self, z: Floats) -> Floats:
+        """As the loop from the start on, by scipy, whose work hardly grows with the window."""
+        from scipy.ndimage import median_filter
+
+        window, seen = self._window, np.isfinite(z)
+        came = z[seen]
+        if not len(came):
+            return np.full_like(z, np.nan)
+        medians = median_filter(came, size=window, mode="nearest", origin=(window - 1) // 2)
+        latest = np.cumsum(seen) - 1
+        self._state[0] = medians[-1]
+        self._state[1 : window + 1] = np.concatenate([np.full(window, came[0]), came])[-window:]
+        self._state[window + 1 :] = np.sort(self._state[1 : window + 1])
+        return np.where(latest >= 0, medians[np.maximum(latest, 0)], np.nan)
+
+
+def _is_plain(z: Floats) -> bool:
+    """Whether no sample is -0.0, which scipy may take for 0.0."""
+    return not np.signbit(z[z == 0.0]).any()
 
 
 class RunningStages:

@@ -1,4 +1,4 @@
-"""Measured response: the lag and the noise gain of filters that are not a fixed sum of samples.
+"""The bench: the lag and the noise gain, measured, of filters that are not a fixed sum of samples.
 
 The test signals come from the recording: its own noise, shuffled, and its own typical speed. Everything is
 seeded, so the same recording gives the same numbers.
@@ -13,8 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from kalscope.analysis.alternatives.filters import exponential
 from kalscope.common.array import Array
+from kalscope.filtering.classic.running import RunningStage
+from kalscope.filtering.classic.stages import Exponential
 
 Run = Callable[[Array], Array]
 
@@ -74,7 +75,8 @@ class Bench:
     @cached_property
     def _known(self) -> float:
         """Variance that exponential smoothing of the present lag leaves of the noise, unit²."""
-        return float(np.mean(exponential(self._rest, 1.0 / (1.0 + self.present_lag))[self.settle :] ** 2))
+        known = RunningStage(Exponential(1.0 / (1.0 + self.present_lag)))
+        return float(np.mean(known.take(self._rest, np.empty(0))[self.settle :] ** 2))
 
     @property
     def settle(self) -> int:
