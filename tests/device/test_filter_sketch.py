@@ -148,21 +148,21 @@ class Conversation:
 
 
 def test_the_board_prints_the_bits_of_the_host_also_after_changes_while_it_runs(start_board, workshop):
-    counts = noisy_counts(10_000)
+    counts = noisy_counts(4_000)
     firmware = exported(workshop, ChannelTuning("raw", "", *TRIPLES[0]))
     board = start_board(firmware, counts, *FLAT_OUT)
     with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
         assert port.readline() == b"# raw,filtered\r\n"
         talk = Conversation(port, counts, Float32Oracle(*TRIPLES[0][:2], np.inf))
         for q, r, p0 in TRIPLES[1:]:
-            talk.follow(400)
+            talk.follow(200)
             for text in commands(float32_params(FilterParams(q, r, p0))):
                 used = talk.ask(text)
                 talk.oracle.q, talk.oracle.r = used.q, used.r
             said = (used.q, used.r, used.p0)
             np.testing.assert_allclose(said, [q, r, np.inf if p0 is None else p0], rtol=3e-7)
             talk.oracle = Float32Oracle(*said)  # the last command, p, restarts the filter
-        talk.follow(max(400, 10_000 - talk.rows))
+        talk.follow(1_000)
 
 
 def test_gate_start_missing_samples_and_a_gain_that_float_cannot_settle_to_on_three_channels(start_board, workshop):
