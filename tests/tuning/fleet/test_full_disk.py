@@ -37,7 +37,7 @@ def disk_of(folder, kilobytes):
 @pytest.mark.parametrize("kilobytes", [128, 256])
 def test_a_disk_that_is_full_is_said_and_the_run_goes_on_when_there_is_room(tmp_path, at_once, capsys, kilobytes):
     logs, disk = tmp_path / "logs", tmp_path / "disk"
-    write_devices(logs, 60, comment=20_000)
+    write_devices(logs, 60, n=40, comment=20_000)
     with disk_of(disk, kilobytes):
         out = disk / "out"
         full = run_here(capsys, logs, "-o", out, *PLAIN, expect=2)

@@ -65,7 +65,7 @@ def test_every_file_is_accounted_for(tmp_path, at_once, capsys):
 @pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the real recordings are not here")
 def test_twenty_real_recordings_are_accounted_for(tmp_path, at_once, capsys):
     logs = tmp_path / "logs"
-    write_devices(logs, 20)
+    write_devices(logs, 5)
     real = sorted(path for path in SHARED_DATA.rglob("*.*") if path.is_file() and path.stat().st_size < 100_000)[
         :20
     ]
@@ -80,19 +80,19 @@ def test_twenty_real_recordings_are_accounted_for(tmp_path, at_once, capsys):
 
 def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, at_once, capsys):
     logs, out = tmp_path / "logs", tmp_path / "out"
-    write_devices(logs, 30)
+    write_devices(logs, 12)
     run_here(capsys, logs, "-o", out, *PLAIN)
     whole = {row["id"]: row for row in fits(out)}
     (logs / "dev0007.csv").write_text("time (s),light (lx)\n0.0,1\n0.1,5\n0.2,2\n")
     (logs / "dev0008.csv").unlink()
     write_devices(logs / "new", 1)
-    assert ": 2 of 30 files or row groups read" in run_here(capsys, logs, "-o", out, *PLAIN).out
+    assert ": 2 of 12 files or row groups read" in run_here(capsys, logs, "-o", out, *PLAIN).out
     rows = {row["id"]: row for row in fits(out)}
     assert rows.pop("dev0007.csv")["samples"] == 3
     assert rows.pop("new/dev0000.csv")["samples"] == 200
     assert rows == {name: row for name, row in whole.items() if name not in ("dev0007.csv", "dev0008.csv")}
-    assert "30 rows: nothing was missing" in run_here(capsys, logs, "-o", out, *PLAIN).out
-    assert ": 30 of 30 files" in run_here(capsys, logs, "-o", out, "--lag-ms", "50").out
+    assert "12 rows: nothing was missing" in run_here(capsys, logs, "-o", out, *PLAIN).out
+    assert ": 12 of 12 files" in run_here(capsys, logs, "-o", out, "--lag-ms", "50").out
     assert {row["verdict"] for row in table(out)} == {"chosen"}
 
 
@@ -133,11 +133,11 @@ def test_a_missing_library_is_one_line_that_says_what_to_install(tmp_path, capsy
 
 def test_what_kills_its_worker_is_a_row_and_the_others_are_done(tmp_path, at_once, capsys):
     faults, _ = at_once
-    write_devices(tmp_path / "logs", 20)
+    write_devices(tmp_path / "logs", 14)
     faults.append(lambda units: WorkerDied() if any(unit.id == "dev0013.csv" for unit in units) else None)
     run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
     rows = {row["id"]: row for row in table(tmp_path / "out")}
-    assert len(rows) == 20
+    assert len(rows) == 14
     assert [name for name, row in rows.items() if row["reason"]] == ["dev0013.csv"]
     assert rows["dev0013.csv"]["reason"] == LOST
 
