@@ -11,7 +11,7 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
   && test -e /usr/include/simavr/sim_avr.h && command -v arm-none-eabi-gcc >/dev/null 2>&1 \
   && command -v qemu-system-arm >/dev/null 2>&1 && command -v riscv64-unknown-elf-gcc >/dev/null 2>&1
 
-.PHONY: run test test-fast check docs format bench soak system can-test clean
+.PHONY: run test test-fast check docs packages release format bench soak system can-test clean
 
 run: .venv/run.stamp
 	$(BIN)/kalscope
@@ -43,6 +43,14 @@ check: .venv/check.stamp
 # The site, in build/site. A broken link fails: but not with --quiet, which counts no warnings.
 docs: .venv/docs.stamp
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+
+# sdist and wheel, each installed in empty environments of every Python at hand and tried outside of the checkout.
+packages: .venv/release.stamp
+	$(BIN)/python packaging/try_packages.py
+
+# Whether version, changelog, citation and tag agree; it uploads nothing.
+release: .venv/release.stamp
+	$(BIN)/python packaging/check_release.py
 
 format: .venv/check.stamp
 	$(BIN)/ruff check --fix-only .

@@ -1,0 +1,51 @@
+"""Say whether this checkout can be released, and with which commands: python packaging/check_release.py.
+
+The version of pyproject.toml must have a section of its own in CHANGELOG.md with nothing left under Unreleased, the
+citation must name it, nothing may be uncommitted, and the tag vVERSION must be this commit.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def problems(version: str) -> list[str]:
+    """What speaks against releasing this version, one sentence each."""
+    sections = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    named = {section.split()[0]: section.partition("\n")[2].strip() for section in sections}
+    cited = re.search(
+        r"^version: *\"?([^\"\n]+)", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    checks = {
+        f"CHANGELOG.md must have a section {version} (got {', '.join(named)})": version in named,
+        "CHANGELOG.md must have nothing under Unreleased": not named.get("Unreleased"),
+        f"CITATION.cff must say version: {version} (got {cited and cited[1]})": bool(cited) and cited[1] == version,
+        "everything must be committed": not git("status", "--porcelain"),
+        f"the tag v{version} must be this commit": f"v{version}" in git("tag", "--points-at", "HEAD").split(),
+    }
+    return [sentence for sentence, holds in checks.items() if not holds]
+
+
+def git(*arguments: str) -> str:
+    """What git prints."""
+    return subprocess.run(
+        ["git", "-C", ROOT, *arguments], capture_output=True, text=True, check=True
+    ).stdout.strip()
+
+
+def main() -> None:
+    """Print what is wrong, or what to do next."""
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    if found := problems(version):
+        sys.exit("\n".join(["Not ready for a release:", *(f"  {sentence}" for sentence in found)]))
+    print(f"{version} is ready: python -m build && twine upload dist/kalscope-{version}*")
+
+
+if __name__ == "__main__":
+    main()
