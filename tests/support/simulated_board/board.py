@@ -21,6 +21,7 @@ from waiting import PATIENCE
 HERE = Path(__file__).parent
 SKETCHES = HERE.parents[2] / "arduino"
 ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr")
+EEPROM = ARDUINO / "libraries/EEPROM/src"
 SIMAVR = Path("/usr/include/simavr")
 
 CHIP = ["-mmcu=atmega328p", "-DF_CPU=16000000L", "-DARDUINO=10819", "-DARDUINO_AVR_UNO", "-DARDUINO_ARCH_AVR"]

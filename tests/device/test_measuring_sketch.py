@@ -1,0 +1,247 @@
+"""A sketch that measures r itself, run in a simulated Uno: the bits of the model, its refusals, its EEPROM."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import serial
+from board import EEPROM, FLAT_OUT, read_lines
+from waiting import PATIENCE
+
+from kalscope.estimation.sensor.noise import noise_from_still
+from kalscope.export.board.calibration import Calibrated, Calibrating, NotCalibrated, read_answer
+from kalscope.export.board.commands import read_answer as read_values
+from kalscope.export.board.still_rule import BoardRange, measure_on_board, rows_of
+from kalscope.export.device_limits import UNO, UNO_MEASURING
+from kalscope.export.job import ExportJob
+from kalscope.export.targets.arduino import calibrated_files
+from kalscope.tuning.tuning import ChannelTuning
+
+pytestmark = pytest.mark.device
+
+FAST = ((r"(?<=BAUD = )115200", "1000000"), (r"(?<=PERIOD_US = )\d+", "1000"))
+MISSING = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
+COUNTS = BoardRange(1.0, 0.0, 1023.0)
+SECONDS = 0.4
+ROWS = rows_of(SECONDS, 0.001)
+
+
+def measuring(workshop, *channels, edits=FAST):
+    """The firmware of a sketch that measures."""
+    folder = workshop.folder / f"measuring-{abs(hash(channels)):x}"
+    folder.mkdir(exist_ok=True)
+    for name, text in calibrated_files(ExportJob(tuple(channels), sample_period=0.005)).items():
+        (folder / name).write_text(text, encoding="ascii")
+    return workshop.sketch(folder / "kalscope_filter.ino", *edits, include=[EEPROM])
+
+
+class Talk:
+    """An open port: every row that comes, and every remark with the number of rows before it."""
+
+    def __init__(self, port):
+        self.port, self.rows, self.said = port, [], []
+
+    def line(self):
+        text = self.port.readline().decode()
+        assert text.endswith("\n"), "the board fell silent"
+        text = text[max(text.find("#"), 0) :]  # a reset cuts the line before it
+        if not text.startswith("#"):
+            self.rows.append([float(cell) for cell in text.split(",")])
+        elif not text.startswith("# too slow"):
+            self.said.append((len(self.rows), text.strip()))
+        return text
+
+    def until(self, words, times=1):
+        """Read on until so many remarks with these words have come; the last one."""
+        while times:
+            text = self.line()
+            times -= text.startswith("#") and words in text
+        return text.strip()
+
+    def ask(self, command, words, times=1):
+        self.port.write(f"{command}\n".encode())
+        return self.until(words, times)
+
+    def values(self, channels):
+        """What the filters use."""
+        self.ask("?", "bits=", channels)
+        return [read_values(text) for _, text in self.said[-channels:]]
+
+
+@pytest.fixture
+def talk(start_board):
+    """talk(firmware, counts) -> the open port of a board and the board."""
+    opened = []
+
+    def begin(firmware, counts):
+        board = start_board(firmware, counts, *FLAT_OUT)
+        opened.append(serial.Serial(board.port, 1_000_000, timeout=PATIENCE))
+        return Talk(opened[-1]), board
+
+    yield begin
+    for port in opened:
+        port.close()
+
+
+def noise(sigma, level=500.3, seed=0, rows=2000):
+    return level + np.random.default_rng(seed).normal(0.0, sigma, rows)
+
+
+def as_counts(*columns):
+    return np.clip(np.rint(np.column_stack(columns)), 0, 1023).astype(int)
+
+
+def test_what_it_measures_is_the_model_to_the_last_bit_and_the_hosts_figure_within_one_percent(talk, workshop):
+    """Noise of a fifth of a step to 80 steps, drift, spikes and missing samples; the others keep their values."""
+    spiky = noise(7.0, seed=3)
+    spiky[200::97], spiky[150::61] = 900.0, 0.0
+    counts = as_counts(noise(0.2, 500.45), noise(2.0) + np.arange(2000) / 800, spiky, noise(80.0, seed=4))
+    names = ("slow", "drifts", "spiky", "loud")
+    channels = [ChannelTuning(name, "", 0.01 * (i + 1), 4.0) for i, name in enumerate(names)]
+    board, _ = talk(measuring(workshop, *channels, edits=(*FAST, MISSING)), counts)
+    board.ask(f"c {SECONDS}", "calibrating rows=", 4)
+    begun = [read_answer(text) for _, text in board.said[-4:]]
+    assert begun == [Calibrating(name, ROWS) for name in names]
+    first = board.said[-1][0]
+    board.until(" calibrated r=", 4)
+    answers = {
+        answer.name: (row, answer)
+        for row, text in board.said
+        if isinstance(answer := read_answer(text), Calibrated)
+    }
+    z = np.array(board.rows)[:, ::2]
+    for i, (name, channel) in enumerate(zip(names, channels, strict=True)):
+        row, found = answers[name]
+        expected = measure_on_board(z[first:row, i], COUNTS)
+        assert found.r.view(np.uint32) == expected.r.view(np.uint32), name
+        assert (found.samples, found.spikes, found.missing) == (expected.used, expected.spikes, expected.missing)
+        assert found.q == np.float32(channel.q / channel.r) * found.r
+        assert found.r == pytest.approx(noise_from_still(z[row - found.rows : row, i], 1.0).r, rel=0.01)
+    assert answers["spiky"][1].spikes > 1
+    assert answers["spiky"][1].missing > 3
+    assert any("slow hardly changes" in text for _, text in board.said) == answers["slow"][1].is_rounding
+    for used, (_, found) in zip(board.values(4), answers.values(), strict=True):
+        assert (used.q, used.r, used.p0) == (found.q, found.r, np.inf)
+
+
+def test_a_refusal_says_why_and_keeps_the_old_values_while_the_filter_goes_on(talk, workshop):
+    unplugged = noise(3.0)
+    unplugged[200:] = 0.0
+    counts = as_counts(
+        noise(3.0) + np.arange(2000) / 20,
+        unplugged,
+        np.full(2000, 1023.0),
+        noise(1.0) + 3.0 * np.sin(np.arange(2000) * 0.9),
+        np.where(np.arange(2000) < 250, noise(2.0), noise(2.0, 900.0)),
+        np.where(np.arange(2000) < 250, noise(2.0), noise(8.0)),
+    )
+    names = ("drift", "unplugged", "saturated", "hum", "jump", "shaken")
+    channels = [ChannelTuning(name, "", 0.25, 4.0) for name in names]
+    board, _ = talk(measuring(workshop, *channels, edits=(*FAST, MISSING)), counts)
+    board.ask(f"c {SECONDS}", " not calibrated: ", 6)
+    said = {
+        answer.name: answer.reason
+        for _, text in board.said
+        if isinstance(answer := read_answer(text), NotCalibrated)
+    }
+    measured = 8 * ((ROWS - 16) // 9)
+    assert said == {
+        "drift": "the level moves",
+        "unplugged": f"no reading in {measured // 10 + 1} of {measured} samples",
+        "saturated": f"{measured} of {measured} readings at an end of the range",
+        "hum": "neighbouring readings depend on each other",
+        "jump": f"spikes in {measured // 20 + 1} of {measured} samples",
+        "shaken": "the noise is uneven",
+    }
+    for command, words in (("c 0.05", "too short; 0.09 s at least"), ("c 99", "too long; 72.01 s at most")):
+        assert words in board.ask(command, " not calibrated: ", 6)
+    board.ask("2 c 0.2", "unplugged calibrating rows=196")
+    board.ask("2 c 0", "unplugged not calibrated: cancelled")
+    for line in ("c", "c -1", "c nan", "c inf", "7 c 1", "k 1", "2 k", "cf"):
+        board.ask(line, "# not understood")
+    assert {(used.q, used.r, used.p0) for used in board.values(6)} == {(0.25, 4.0, np.inf)}
+
+
+BY_ITSELF = (
+    (r"(?<=KALSCOPE_CALIBRATE_AT_START) 0", " 1"),
+    (r"(?<=KALSCOPE_CALIBRATE_S) 10", f" {SECONDS}"),
+    (r"(?<=KALSCOPE_CALIBRATE_KEEP) 0", " 1"),
+)
+SPOILED = (
+    (r"(?=void printBits)", "uint16_t worn = 0xFFFF;\n"),
+    (r"if \(EEPROM.read\(at\) != value\)", "if (at != worn && EEPROM.read(at) != value)"),
+    (r"(?=  if \(strcmp\(line, .k.\) == 0\))", "  if (*line == 'w') EEPROM.write(atoi(line + 1), 0x55);\n"),
+    (r"(?=  if \(strcmp\(line, .f.\) == 0\))", "  if (*line == 'v') worn = atoi(line + 1);\n"),
+)
+"""Commands that break the EEPROM: `w 5` writes nonsense into a cell, from `v 5` on a cell holds what it has."""
+
+
+def test_kept_values_survive_a_reset_unless_they_are_forgotten_damaged_or_anothers(talk, workshop):
+    channel = ChannelTuning("light", "", 0.25, 4.0, momentum=20.0)
+    board, uno = talk(measuring(workshop, channel, edits=(*FAST, *BY_ITSELF, *SPOILED)), as_counts(noise(3.0)))
+
+    def started():
+        """What it says from a reset to the names of its columns."""
+        uno.reset()
+        board.said.clear()
+        board.until("raw,filtered")
+        begin = f"# light calibrating rows={ROWS}"
+        texts = [text for _, text in board.said]
+        assert texts[-2:] == [begin, "# raw,filtered"]
+        return texts[:-2]
+
+    board.until("# kept 1 channel")
+    found = next(answer for _, text in board.said if isinstance(answer := read_answer(text), Calibrated))
+    (used,) = board.values(1)
+    assert (used.q, used.r, used.momentum) == (np.float32(0.0625) * found.r, found.r, 20.0)
+    assert used.q != channel.q
+    kept, values = started()
+    assert (kept, read_values(values)) == ("# kept values are in use", used)
+    board.ask("w9", "# not understood")
+    assert started() == ["# kept values refused: they are damaged"]
+    assert board.values(1)[0].r == 4.0
+    board.ask("k", "# kept 1 channel")
+    board.ask("w0", "# not understood")
+    assert started() == ["# kept values refused: they are another sketch's"]
+    board.ask("v9", "# not understood")
+    board.ask("r 5", "bits=")
+    board.ask("k", "# not kept: the EEPROM does not hold what was written")
+    board.ask("f", "# forgotten")
+    assert started() == []
+    assert board.values(1)[0].r == 4.0
+
+
+TIMING = r"""
+#include "KalscopeCalibration.h"
+KalscopeCalibration one;
+volatile float z;
+unsigned long spent(bool measuring) {
+  const unsigned long start = micros();
+  for (int i = 0; i < 1000; i++) {
+    z = 500 + (i & 31);
+    if (measuring) one.take(z);
+  }
+  return micros() - start;
+}
+void setup() {
+  const KalscopeReadings readings = {1, 0, 1023};
+  Serial.begin(115200);
+  one.start(20000, readings);
+  Serial.println(spent(true) - spent(false));
+}
+void loop() {}
+"""
+
+
+def test_the_memory_and_the_time_of_a_sketch_that_measures_are_what_we_say(start_board, workshop, tmp_path):
+    channel = ChannelTuning("light", "", 0.01, 4.0)
+    firmware = measuring(workshop, channel, edits=())
+    assert firmware.flash == pytest.approx(UNO_MEASURING.flash, rel=0.05)
+    assert firmware.ram == pytest.approx(UNO_MEASURING.ram, rel=0.05)
+    header = calibrated_files(ExportJob((channel,)))["KalscopeCalibration.h"]
+    (tmp_path / "KalscopeCalibration.h").write_text(header)
+    (tmp_path / "timing.ino").write_text(TIMING)
+    board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
+    assert UNO.update_us + int(read_lines(board.port, 1)[0]) / 1000 == pytest.approx(
+        UNO_MEASURING.update_us, rel=0.05
+    )
