@@ -69,7 +69,7 @@ def open_demo(kalscope: Path, folder: Path) -> str:
             program.kill()
     if status or size < 1000:
         raise RuntimeError(f"the dashboard ended with {status} after a page of {size} bytes")
-    return f"page of {size / 1e6:.1f} MB, ended with {status}"
+    return f"page of {size / 1e3:.0f} kB, ended with {status}"
 
 
 def run(command: Sequence[str | Path], folder: Path) -> str:
