@@ -12,12 +12,22 @@ import numpy as np
 
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
+from kalscope.export.board.chain import float32_tuning, runs_kalman
 from kalscope.export.board.fusion import fusion_on_board
 from kalscope.export.float32 import STALLING_GAIN, float32_params
+from kalscope.filtering.classic.stages import (
+    Butterworth,
+    Exponential,
+    Median,
+    MovingAverage,
+    OneEuro,
+    PowerOfTwo,
+    Stage,
+)
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fusion import FusionTuning
-from kalscope.tuning.tuning import Tuned
+from kalscope.tuning.tuning import ChannelTuning, Tuned
 
 
 @dataclass(frozen=True)
@@ -48,6 +58,17 @@ UNO_FUSION_PREDICT_US = 124
 """Time that momentum takes once a row, µs."""
 UNO_GAIN_US = 29
 """Time for each sensor where one has a gain, µs."""
+UNO_CLASSIC_US: dict[type[Stage], float] = {
+    MovingAverage: 83,
+    Exponential: 77,
+    PowerOfTwo: 77,
+    Median: 2,
+    Butterworth: 157,
+    OneEuro: 236,
+}
+"""Time of one update of a classic filter in floats (a power of two as well), µs; of a median without its window."""
+UNO_MEDIAN_US, UNO_MEDIAN_SAMPLE_US = 25, 4.0
+"""Time that a median takes, and about that of each sample of its window, µs."""
 UNO_READ_US = 112
 """Time of one analogRead() on an Uno, µs."""
 
@@ -102,7 +123,48 @@ def device_limits(
     found = [_refused(params)]
     if found == [None]:
         found = [_gain(params, "" if constant_gain else _NO_CONSTANT), _estimate(params, level)]
-    return tuple(limit for limit in (*found, _time(params, sample_period, channels)) if limit is not None)
+    cost = UNO_WITH_MOMENTUM if params.momentum else UNO
+    time = _time(channels * cost.update_us, sample_period, channels)
+    return tuple(limit for limit in (*found, time) if limit is not None)
+
+
+def tuning_limits(
+    channels: Sequence[ChannelTuning],
+    *,
+    levels: Sequence[float],
+    sample_period: float | None = None,
+    constant_gain: bool = True,
+) -> tuple[DeviceLimit, ...]:
+    """The limits of all channels of a board, whatever filters they have.
+
+    Args:
+        channels: The filters.
+        levels: Largest size of the signal of each, unit, > 0.
+        sample_period: s, > 0; None = unknown, then time is not checked.
+        constant_gain: As in `device_limits`.
+    """
+    found: list[DeviceLimit] = []
+    for channel, level in zip(channels, levels, strict=True):
+        if runs_kalman(channel):
+            found += device_limits(channel.params, level=level, constant_gain=constant_gain)
+            continue
+        try:
+            float32_tuning(channel)
+        except BadSetting as error:
+            found.append(_refusal(error))
+    time = _time(sum(update_us(one, channels) for one in channels), sample_period, len(channels))
+    return tuple(found) if time is None else (*found, time)
+
+
+def update_us(channel: ChannelTuning, beside: Iterable[ChannelTuning] = ()) -> float:
+    """Time of one update of a channel on an Uno, about, µs; `beside` are all channels of its export."""
+    stages = () if channel.chain is None else channel.chain.stages
+    windows = [stage.window for stage in stages if isinstance(stage, Median) and stage.window > 1]
+    medians = sum(UNO_MEDIAN_US + UNO_MEDIAN_SAMPLE_US * window for window in windows)
+    if channel.chain is not None and channel.chain.then is not None:
+        return medians + UNO_CLASSIC_US[type(channel.chain.then)]
+    momentum = any(one.momentum and runs_kalman(one) for one in (channel, *beside))
+    return medians + (UNO_WITH_MOMENTUM if momentum else UNO).update_us
 
 
 def fusion_limits(
@@ -201,10 +263,9 @@ def _settled(params: FilterParams) -> tuple[float, float]:
     return gain, math.sqrt(q if gain == 1.0 else r / (1.0 - gain))
 
 
-def _time(params: FilterParams, sample_period: float | None, channels: int) -> DeviceLimit | None:
-    cost = UNO_WITH_MOMENTUM if params.momentum else UNO
+def _time(filtering_us: float, sample_period: float | None, channels: int) -> DeviceLimit | None:
     all_of_them = "one channel" if channels == 1 else f"{channels} channels"
-    return _too_slow(channels * (cost.update_us + UNO_READ_US), f"filter {all_of_them}", sample_period)
+    return _too_slow(filtering_us + channels * UNO_READ_US, f"filter {all_of_them}", sample_period)
 
 
 def _fusion_time(fusion: FusionTuning, sample_period: float | None) -> DeviceLimit | None:
@@ -217,6 +278,6 @@ def _too_slow(needed_us: float, work: str, sample_period: float | None) -> Devic
         return None
     return DeviceLimit(
         "time",
-        f"an Uno needs {needed_us} µs to read and {work}, more than "
+        f"an Uno needs {needed_us:g} µs to read and {work}, more than "
         f"the sample period of {sample_period * 1e6:.4g} µs. Take fewer samples, with q multiplied by as much.",
     )

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.compiled import compiled
 from kalscope.errors import BadSetting
+from kalscope.filtering.classic.running import RunningStage
+from kalscope.filtering.classic.stages import Median
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.momentum.constants import step_constants
 from kalscope.filtering.params import FilterParams
@@ -69,10 +71,16 @@ class Float32Params:
     """Gain to use once the variance repeats itself to the last bit; 0 = the one that the variance gives."""
     momentum: Float32Momentum | None = None
     """The second state; None = the five lines."""
+    median: int = 1
+    """Samples whose median goes into the filter; 1 = each sample itself."""
 
 
-def float32_params(params: FilterParams) -> Float32Params:
+def float32_params(params: FilterParams, median: int = 1) -> Float32Params:
     """The parameters of one channel, rounded to float32, and the settled gain where float32 would miss it.
+
+    Args:
+        params: Scalars.
+        median: Window of the median that stands before the filter, samples; 1 = none.
 
     Raises:
         BadSetting: float32 cannot hold a value (the message names it); `params` holds several channels.
@@ -88,6 +96,7 @@ def float32_params(params: FilterParams) -> Float32Params:
         gate=_NOTHING if gate is None else to_float32("gate", gate),
         settled_gain=_settled_gain(params),
         momentum=float32_momentum(cast("float", params.q), cast("float", params.momentum)),
+        median=median,
     )
     parts = [v for v in (rounded.q, rounded.r, rounded.p0) if np.isfinite(v)]
     if sum(map(float, parts)) > float(np.finfo(np.float32).max):
@@ -129,6 +138,9 @@ def filter_float32(z: ArrayLike, params: FilterParams | Float32Params) -> Floats
         raise BadSetting(f"z must have shape (n,) (got {samples.shape})")
     held = params if isinstance(params, Float32Params) else float32_params(params)
     out = np.empty_like(samples)
+    if held.median > 1:
+        middle = RunningStage(Median(held.median), np.float32).take(samples, out[:0])
+        samples = np.where(np.isnan(samples), samples, middle)
     if held.momentum is None:
         _filter(samples, held.q, held.r, held.gate, held.settled_gain, held.x0, held.p0, out)
     else:

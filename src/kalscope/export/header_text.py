@@ -7,8 +7,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from string import Template
 
+from kalscope.export.board.chain import runs_kalman
 from kalscope.export.job import ExportJob, FusionJob, Origin
 from kalscope.export.names import comment_text, number_text
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.stages import PowerOfTwo
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.steady_state import SteadyState
 from kalscope.tuning.fusion import FusionTuning
@@ -24,12 +27,10 @@ _SECTION = re.compile(r"^=== (\w+)\n", re.MULTILINE)
 def fill_template(name: str, marks: frozenset[str] = frozenset(), /, **texts: str) -> str:
     """A file of `targets/templates` in which each $name is replaced by its text.
 
-    A line after `@momentum` or another mark stands only in an export with that mark, one after `@plain` only in one
-    without momentum.
+    A line after `@momentum` or another mark of `Origin.marks` stands only in an export with that mark.
     """
-    kept = marks if "momentum" in marks else marks | {"plain"}
     text = (TEMPLATES / name).read_text(encoding="utf-8")
-    chosen = _MARKED.sub(lambda found: found[2] if found[1] in kept else "", text)
+    chosen = _MARKED.sub(lambda found: found[2] if found[1] in marks else "", text)
     return Template(chosen).substitute(texts)
 
 
@@ -44,6 +45,7 @@ def about(job: Origin, *, for_one_period: bool = False) -> tuple[str, ...]:
 
     Not for the first two lines of a Python file: a name may read "coding: utf-7".
     """
+    one_period = for_one_period or job.for_one_period
     lines = [f"{job.title}, tuned and exported by Kalscope."]
     origin = [f"recording {comment_text(job.source_name)}"] if job.source_name else []
     if job.sha256:
@@ -60,16 +62,18 @@ def about(job: Origin, *, for_one_period: bool = False) -> tuple[str, ...]:
         lines.append(f"Holds for a sample period of {number_text(period)} s ({1.0 / period:.4g} samples a second);")
         lines.append(
             "for another period export again: the constants below hold for this one only."
-            if job.has_momentum or for_one_period
+            if one_period
             else "with another period T multiply q by T / this period; r and p0 stay."
         )
-    if job.has_momentum or for_one_period:
+    if one_period:
         lines.append("Each update counts as one such period: pass a missing sample as NaN, so that time goes on.")
     return tuple(lines)
 
 
 def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
-    """What the filter of one channel is: the three variances with their unit, gain, lag and start."""
+    """What the filter of one channel is: the three variances with their unit, gain, lag and start; or its chain."""
+    if not runs_kalman(channel):
+        return _about_classic(job, channel)
     square = ascii_squared(channel.unit) or "the square of the signal's unit"
     steady = job.steady(channel)
     gate = "off"
@@ -86,6 +90,9 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
         f"  found: {comment_text(channel.how)}",
         f"  settled: gain K = {steady.gain:.6g}, lag behind a ramp {_lag_words(steady)}",
     ]
+    if channel.chain is not None:
+        lines[0] = f"Channel {comment_text(channel.name)}: {chain_words(channel.chain)}; variances in {square}:"
+        lines[-1] += ", and that of the median"
     if channel.momentum > 0.0:
         lines[3:3] = [_momentum_words(job, channel)]
         lines.append(
@@ -93,6 +100,27 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
             f" overshoot on a step {100.0 * float(steady.overshoot):.3g} %"
         )
     return tuple(lines)
+
+
+def _about_classic(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
+    """What a classic filter is, and its lag where that does not depend on the signal."""
+    chain = channel.chain
+    lines = [f"Channel {comment_text(channel.name)}, in {comment_text(channel.unit, 20) or 'its own unit'}:"]
+    if chain is None or chain.then is None:
+        return tuple(lines)
+    lines.append(f"  {chain_words(chain)}; a missing sample holds the value")
+    if isinstance(chain.then, PowerOfTwo):
+        lines.append("  computed in floats, where a product with a power of two is exact: no bits are shifted")
+    lag = chain.then.lag
+    if lag is not None and chain.median == 1:
+        seconds = "" if job.sample_period is None else f" = {lag * job.sample_period:.4g} s"
+        lines.append(f"  settled: lag behind a ramp {lag:.4g} samples{seconds}")
+    return tuple(lines)
+
+
+def chain_words(chain: Chain) -> str:
+    """A chain in ASCII: median of 5, then one-euro (cut-off 0.02, beta 0.1)."""
+    return comment_text(chain.words.replace("α", "alpha").replace("β", "beta"), 100)
 
 
 def about_fusion(job: FusionJob) -> tuple[str, ...]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
-from typing import Any, ClassVar
+from typing import Any
 
 from kalscope.errors import BadSetting
+from kalscope.export.board.chain import runs_kalman
 from kalscope.export.names import identifiers
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.momentum.constants import step_constants
@@ -18,8 +19,6 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 class Origin:
     """Where an export comes from; the texts are from outside: only through `comment_text`."""
 
-    title: ClassVar[str]
-    """What is exported, as its first line says it."""
     sample_period: float | None = None
     """Sample period that q belongs to, s; None where unknown."""
     source_name: str = ""
@@ -32,14 +31,24 @@ class Origin:
     """When the tuning was made, UTC, ISO 8601."""
 
     @property
+    def title(self) -> str:
+        """What is exported, as its first line says it."""
+        raise NotImplementedError
+
+    @property
     def has_momentum(self) -> bool:
         """Whether any filter has momentum: its code then has the second state, also for those without."""
         raise NotImplementedError
 
     @property
+    def for_one_period(self) -> bool:
+        """Whether what is exported cannot be carried over to another sample period by its user."""
+        return self.has_momentum
+
+    @property
     def marks(self) -> frozenset[str]:
         """Marks of the lines of a template that this export needs."""
-        return frozenset({"momentum"} if self.has_momentum else ())
+        return frozenset({"momentum" if self.has_momentum else "plain"})
 
 
 @dataclass(frozen=True)
@@ -50,13 +59,17 @@ class ExportJob(Origin):
         BadSetting: No channel.
     """
 
-    title: ClassVar[str] = "Scalar Kalman noise filter"
     channels: tuple[ChannelTuning, ...]
     """The filters, at least one, names distinct (as in the tuning)."""
 
     def __post_init__(self) -> None:
         if not self.channels:
             raise BadSetting("an export must hold at least one channel (got none)")
+
+    @property
+    def title(self) -> str:
+        """As of `Origin`."""
+        return "Noise filters" if self.has_chain else "Scalar Kalman noise filter"
 
     @property
     def identifiers(self) -> tuple[str, ...]:
@@ -71,7 +84,34 @@ class ExportJob(Origin):
     @property
     def has_momentum(self) -> bool:
         """As of `Origin`."""
-        return any(channel.momentum > 0.0 for channel in self.channels)
+        return any(channel.momentum > 0.0 and runs_kalman(channel) for channel in self.channels)
+
+    @property
+    def has_chain(self) -> bool:
+        """Whether any filter is a chain: each channel then says which filter it has."""
+        return any(channel.chain is not None for channel in self.channels)
+
+    @property
+    def for_one_period(self) -> bool:
+        """As of `Origin`."""
+        return self.has_momentum or self.has_chain
+
+    @property
+    def has_median(self) -> bool:
+        """Whether the median of samples goes into any filter."""
+        return any(channel.chain is not None and channel.chain.median > 1 for channel in self.channels)
+
+    @property
+    def has_kalman(self) -> bool:
+        """Whether any channel has a Kalman filter, behind a median or alone."""
+        return any(map(runs_kalman, self.channels))
+
+    @property
+    def marks(self) -> frozenset[str]:
+        """As of `Origin`; of a chain and a median; and whether any filter is Kalman's, or none."""
+        has = {"chain": self.has_chain, "median": self.has_median, "kalman": self.has_kalman}
+        has["classic"] = not self.has_kalman
+        return super().marks.union(name for name, it_has in has.items() if it_has)
 
     def steady(self, channel: ChannelTuning) -> SteadyState:
         """Gain, lag and cut-off of the settled filter of one of the channels."""
@@ -82,9 +122,13 @@ class ExportJob(Origin):
 class FusionJob(Origin):
     """The filter that fuses several sensors, and where it comes from."""
 
-    title: ClassVar[str] = "Kalman filter that fuses several sensors of one quantity"
     fusion: FusionTuning
     """The filter."""
+
+    @property
+    def title(self) -> str:
+        """As of `Origin`."""
+        return "Kalman filter that fuses several sensors of one quantity"
 
     @property
     def identifier(self) -> str:

@@ -14,7 +14,7 @@ from kalscope.export.job import ExportJob, FusionJob, fusion_job_of, job_of
 from kalscope.export.names import comment_text
 from kalscope.export.targets import arduino, c, fixed_gains, javascript, json_file, matlab, platformio, python, ros2
 from kalscope.export.targets.libraries import bachagas, esphome, kalmanjs, linuxcnc
-from kalscope.export.targets.libraries.nearest import refusal_of_fusion
+from kalscope.export.targets.libraries.nearest import refusal_of_chain, refusal_of_fusion
 from kalscope.export.targets.libraries.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
 from kalscope.recording import Recording
 from kalscope.tuning.device_period import rescaled_to_period
@@ -37,6 +37,8 @@ class Target:
     """Writes the filter and what measures r on the device; None = the target has no such option."""
     fused: Callable[[FusionJob], dict[str, str]] | None = None
     """Writes the filter that fuses several sensors; None = the target takes one reading a sample."""
+    chains: bool = False
+    """Whether it can hold a chain or a classic filter in place of the Kalman filter."""
     is_offered: bool = True
     """Whether a user can choose it; False: it only explains why these values would give a different filter."""
     is_common: bool = False
@@ -52,6 +54,7 @@ TARGETS = MappingProxyType(
             fixed_gains.arduino_files,
             arduino.calibrated_files,
             arduino.fused_files,
+            chains=True,
             is_common=True,
         ),
         "c": Target(
@@ -60,6 +63,7 @@ TARGETS = MappingProxyType(
             "The filter in C99, in double or float.",
             fixed_gains.c_files,
             fused=c.fused_files,
+            chains=True,
             is_common=True,
         ),
         "python": Target(
@@ -67,6 +71,7 @@ TARGETS = MappingProxyType(
             "Python",
             "A small Python class without dependencies, and the same with Kalscope.",
             fused=python.fused_files,
+            chains=True,
             is_common=True,
         ),
         "matlab": Target(
@@ -82,7 +87,12 @@ TARGETS = MappingProxyType(
             fused=javascript.fused_files,
         ),
         "json": Target(
-            json_file.files, "JSON", "The parameters as JSON.", fused=json_file.fused_files, is_common=True
+            json_file.files,
+            "JSON",
+            "The parameters as JSON.",
+            fused=json_file.fused_files,
+            chains=True,
+            is_common=True,
         ),
         "ros2": Target(ros2.files, "ROS 2 parameters", "A ROS 2 parameter file (YAML).", fused=ros2.fused_files),
         "platformio": Target(
@@ -152,9 +162,9 @@ def export_tuning(
 
     Raises:
         BadSetting: No such target or channel; the target cannot hold this filter (the message says what can);
-            the recording lacks a channel; fixed gains for another target, a fusion, vectors, a gate or q = 0;
-            calibration for another target, a fusion, fixed gains or r = 0;
-            the period is not positive, or the tuning does not know its own.
+            the recording lacks a channel; fixed gains for another target, a fusion, a chain, vectors, a gate or
+            q = 0; calibration for another target, a fusion, a chain, fixed gains or r = 0; the period is not
+            positive, or the tuning does not know its own.
     """
     if target not in TARGETS:
         raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
@@ -166,12 +176,18 @@ def export_tuning(
     if calibration:
         files = _calibrated(target, job, fixed_gains=fixed_gains)
     else:
-        files = _fused(target, job) if isinstance(job, FusionJob) else TARGETS[target].files(job)
+        files = _fused(target, job) if isinstance(job, FusionJob) else _channels(target, job)
     if vectors is not None:
         from kalscope.export.vectors import vector_files
 
         files |= vector_files(job, vectors)
     return files
+
+
+def _channels(target: str, job: ExportJob) -> dict[str, str]:
+    if job.has_chain and not TARGETS[target].chains:
+        raise refusal_of_chain(job, target, (name for name, each in TARGETS.items() if each.chains))
+    return TARGETS[target].files(job)
 
 
 def _fused(target: str, job: FusionJob) -> dict[str, str]:
@@ -189,6 +205,8 @@ def _fixed(target: str, job: ExportJob | FusionJob, vectors: Recording | None) -
             f"fixed gains must be of one sensor (got the fusion {comment_text(job.fusion.name)}, whose gains change"
             " with the sensors that answer): leave that option out, or choose a channel"
         )
+    if job.has_chain:
+        raise refusal_of_chain(job, f"fixed gains for {target}", ("arduino or c without that option",))
     write = TARGETS[target].fixed_gains
     if write is None:
         able = " or ".join(name for name, each in TARGETS.items() if each.fixed_gains is not None)

@@ -7,7 +7,6 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, FusionJob
-from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.fusion.batch import fuse
 from kalscope.recording import Recording
 from kalscope.tuning.tuning import ChannelTuning
@@ -22,9 +21,9 @@ def vector_files(job: ExportJob | FusionJob, recording: Recording, rows: int = D
     """`groundtruth.csv`, or `groundtruth_IDENTIFIER.csv` for each of several channels.
 
     The first rows of the recording through the filter without time (dt = None), as a device runs it; float64
-    digits that read back bit for bit; a missing sample is `nan`, and so is x before the first sample. With momentum
-    a last column has the filtered velocity, unit per sample. A fusion has a column for each sensor, then the fused
-    value and its variance.
+    digits that read back bit for bit; a missing sample is `nan`, and so are x before the first sample and the gain
+    of a classic filter. With momentum a last column has the filtered velocity, unit per sample. A fusion has a
+    column for each sensor, then the fused value and its variance.
 
     Args:
         job: The filters, or a fusion.
@@ -50,7 +49,7 @@ def vector_files(job: ExportJob | FusionJob, recording: Recording, rows: int = D
 
 def _text(channel: ChannelTuning, recording: Recording, name: str, rows: int) -> str:
     z = np.ascontiguousarray(recording.channel(name)[:rows])
-    result = kalman_filter(z, channel.params)
+    result = channel.filter.run(z)
     return _table(HEADER, [recording.time[:rows], z, result.x, result.k], result.velocity)
 
 

@@ -30,7 +30,7 @@ def limits_of(
         level: Largest size of the signal of a channel, or of the reading of a sensor, unit, by its name.
         fixed_gains: Whether only the settled filter is exported: no variance can stall, and it is faster.
     """
-    from kalscope.export.device_limits import FLOAT32_TARGETS, device_limits, fusion_limits, not_in_counts
+    from kalscope.export.device_limits import FLOAT32_TARGETS, fusion_limits, not_in_counts, tuning_limits
 
     if target not in FLOAT32_TARGETS:
         return []
@@ -41,16 +41,11 @@ def limits_of(
         found = fusion_limits(chosen.fusion, levels=levels, sample_period=chosen.sample_period)
         others = not_in_counts((chosen.fusion,))
     else:
-        found = tuple(
-            limit
-            for one in chosen.channels
-            for limit in device_limits(
-                one.params,
-                level=level(one.name),
-                sample_period=chosen.sample_period,
-                channels=len(chosen.channels),
-                constant_gain=FLOAT32_TARGETS[target],
-            )
+        found = tuning_limits(
+            chosen.channels,
+            levels=[level(one.name) for one in chosen.channels],
+            sample_period=chosen.sample_period,
+            constant_gain=FLOAT32_TARGETS[target],
         )
         others = not_in_counts(chosen.channels)
     said = [limit.message for limit in found if limit.kind == "estimate" or not fixed_gains]

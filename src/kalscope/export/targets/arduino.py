@@ -4,16 +4,30 @@ from __future__ import annotations
 
 import zlib
 
+import numpy as np
+
+from kalscope.common.text import plural
 from kalscope.errors import BadSetting
+from kalscope.export.board.chain import float32_tuning
 from kalscope.export.board.fusion import fusion_on_board
 from kalscope.export.board.momentum import LAST_POWER
 from kalscope.export.board.still_rule import template_texts
 from kalscope.export.device_limits import not_in_counts
-from kalscope.export.float32 import Float32Params, float32_params, float32_text, to_float32, without_momentum
+from kalscope.export.float32 import Float32Params, float32_text, to_float32, without_momentum
 from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
 from kalscope.export.job import ExportJob, FusionJob, Origin
 from kalscope.export.names import comment_text
+from kalscope.export.targets.stages import (
+    KALMAN_FIELDS,
+    MOMENTUM_FIELDS,
+    channel_bytes,
+    code_in_c,
+    tuning_fields,
+    tuning_values,
+    windows_of,
+)
 from kalscope.filtering.kernels import GATE_LIMIT
+from kalscope.tuning.tuning import ChannelTuning
 
 ANALOGUE_PINS = 6
 """Of an Uno: A0 … A5."""
@@ -23,6 +37,9 @@ DEFAULT_PERIOD_US = 5000
 
 MAX_PERIOD_US = 2_000_000_000
 """Half the time in which micros() comes round."""
+
+UNO_FREE = 1500
+"""Bytes of its 2,048 that an Uno has for filters and constants; the sketch, its port and the stack need others."""
 
 UNIT_CHECK = """\
 #ifndef KALSCOPE_UNITS_DONE
@@ -40,6 +57,8 @@ def files(job: ExportJob) -> dict[str, str]:
             the range that it can count.
     """
     _check_pins(len(job.channels), "channels", "choose one")
+    if job.has_chain:
+        _check_memory(job)
     return {"KalscopeFilter.h": _header(job), "kalscope_filter.ino": _sketch(job)}
 
 
@@ -51,7 +70,7 @@ def calibrated_files(job: ExportJob) -> dict[str, str]:
     """
     _check_pins(len(job.channels), "channels", "choose one")
     ratios = _ratios(job)
-    values = [constants("", _held(job, i), momentum=job.has_momentum) for i in range(len(job.channels))]
+    values = [_constant(job, "", channel, _held(channel)) for channel in job.channels]
     stamp = zlib.crc32(repr((job.identifiers, values, _period(job)[0])).encode()) & 0x7FFFFFFF
     return {
         "KalscopeFilter.h": _header(job),
@@ -62,20 +81,24 @@ def calibrated_files(job: ExportJob) -> dict[str, str]:
     }
 
 
-def constants(name: str, params: Float32Params, *, momentum: bool = False) -> str:
-    """One constant of the header; with `momentum` in the form of a filter that has it."""
-    values = [params.q, params.r, params.p0, params.x0, params.gate, params.settled_gain]
-    if momentum:
-        values += vars(params.momentum or without_momentum(params.q)).values()
-    return f"const KalscopeTuning {name} = {{{', '.join(map(float32_text, values))}}};"
-
-
-def _held(job: ExportJob, index: int) -> Float32Params:
-    channel = job.channels[index]
+def _held(channel: ChannelTuning) -> Float32Params | None:
     try:
-        return float32_params(channel.params)
+        return float32_tuning(channel)
     except BadSetting as error:
         raise BadSetting(f"{comment_text(channel.name)}: {error}") from None
+
+
+def _constant(job: ExportJob, name: str, channel: ChannelTuning, held: Float32Params | None) -> str:
+    """One constant of the header: its fields in their order, 0 where the filter of this channel has none."""
+    kalman = {} if held is None else _kalman(held)
+    values = tuning_values(job, channel, kalman, lambda value: float32_text(np.float32(value)))
+    fields = (values.get(field, "0") for field in tuning_fields(job))
+    return f"const KalscopeTuning {name} = {{{', '.join(fields)}}};"
+
+
+def _kalman(held: Float32Params) -> dict[str, str]:
+    numbers = vars(held) | vars(held.momentum or without_momentum(held.q))
+    return {name: float32_text(numbers[name]) for name in (*KALMAN_FIELDS, *MOMENTUM_FIELDS)}
 
 
 def _constant_names(job: ExportJob) -> list[str]:
@@ -106,23 +129,27 @@ def _ratio_name(name: str) -> str:
 
 
 def _header(job: ExportJob) -> str:
-    held = [_held(job, i) for i in range(len(job.channels))]
     names = _constant_names(job)
     parts: list[str] = []
-    for channel, name, params in zip(job.channels, names, held, strict=True):
+    for channel, name in zip(job.channels, names, strict=True):
+        params = _held(channel)
         said = about_channel(job, channel)
-        if params.settled_gain > 0:
+        if params is not None and params.settled_gain > 0:
             said += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
-        parts.append(f"{commented(said, '//')}{constants(name, params, momentum=job.has_momentum)}\n")
-    return fill_template(
-        "arduino/KalscopeFilter.h",
-        job.marks,
-        last_power=str(LAST_POWER),
-        about=commented(about(job), "//").rstrip(),
-        first=names[0],
-        tunings="\n".join(parts),
-        gate_limit=str(GATE_LIMIT),
-    )
+        parts.append(f"{commented(said, '//')}{_constant(job, name, channel, params)}\n")
+    texts = {
+        "about": commented(about(job), "//").rstrip(),
+        "first": names[0],
+        "tunings": "\n".join(parts),
+        "gate_limit": str(GATE_LIMIT),
+        "set_momentum": fill_template("arduino/set_momentum.h", last_power=str(LAST_POWER))
+        if job.has_momentum
+        else "",
+    }
+    if not job.has_chain:
+        return fill_template("arduino/KalscopeFilter.h", job.marks, **texts)
+    code = code_in_c(job, "static ")
+    return fill_template("arduino/KalscopeChain.h", job.marks, **texts, **vars(code))
 
 
 def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
@@ -133,6 +160,7 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
     period_us, said = _period(job)
     letters = f"qr{'t' * job.has_momentum}p{'c' * calibration}"
     ratio_names = ", ".join(map(_ratio_name, names))
+    commands = "commands" if job.has_kalman else "no_commands"
     return fill_template(
         "arduino/kalscope_filter.ino",
         marks,
@@ -143,7 +171,7 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
         period_words=said,
         pins=", ".join(pins),
         print_float=fill_template("arduino/print_float.ino"),
-        commands=fill_template("arduino/commands.ino", marks, letters=letters),
+        commands=fill_template(f"arduino/{commands}.ino", marks, letters=letters),
         calibrate=fill_template("arduino/calibrate.ino", marks, ratio_names=ratio_names) if calibration else "",
         readings="0, -INFINITY, INFINITY" if not_in_counts(job.channels) else "1, 0, 1023",
         names=", ".join(f'"{name}"' for name in names),
@@ -211,6 +239,20 @@ def _fusion_constant(job: FusionJob) -> str:
 def _check_pins(count: int, what: str, instead: str) -> None:
     if count > ANALOGUE_PINS:
         raise BadSetting(f"the sketch must read 1 to {ANALOGUE_PINS} {what} (got {count}): {instead}")
+
+
+def _check_memory(job: ExportJob) -> None:
+    """Refuse windows for which an Uno has no memory; the message has the longest that fits."""
+    count, windows = len(job.channels), windows_of(job)
+    if count * channel_bytes(job) <= UNO_FREE:
+        return
+    fitting = range(max(windows.values()), 0, -1)
+    most = next((n for n in fitting if count * channel_bytes(job, n) <= UNO_FREE), 0)
+    raise BadSetting(
+        f"the filters must fit {UNO_FREE:,} bytes of an Uno's memory (got {count * channel_bytes(job):,}: each of"
+        f" {plural(count, 'channel')} has room for the longest windows). Windows of up to {most} samples fit; or"
+        " export c, for a board with more"
+    )
 
 
 def _unit(unit: str) -> str:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from kalscope.errors import BadSetting
+from kalscope.export.board.chain import float32_tuning, runs_kalman
 from kalscope.export.board.fusion import fusion_on_board
-from kalscope.export.float32 import float32_params, float32_text
-from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_sections, fill_template
+from kalscope.export.float32 import Float32Params, float32_text
+from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
 from kalscope.export.job import ExportJob, FusionJob, step_of
 from kalscope.export.names import number_text
+from kalscope.export.targets.stages import WHOLE, code_in_c, tuning_values
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.momentum.constants import step_constants
 from kalscope.tuning.fusion import FusionTuning
@@ -22,14 +24,13 @@ MAX_SENSORS = 32
 def files(job: ExportJob) -> dict[str, str]:
     """`kalscope_filter.h` and `.c`. What float cannot hold stops the compiler where float is asked for."""
     names = job.identifiers
-    kalman = fill_sections("c/stages/kalman.c", job.marks, own="", update="kalscope_real kalscope_update")
+    code = code_in_c(job)
     header = fill_template(
         "c/kalscope_filter.h",
         job.marks,
         about=_commented(about(job)),
         first=names[0],
-        tuning_fields=kalman["tuning"],
-        state_fields=kalman["state"],
+        types=code.types,
         declarations="\n".join(f"extern const kalscope_tuning kalscope_tuning_{name};" for name in names),
     )
     source = fill_template(
@@ -37,8 +38,7 @@ def files(job: ExportJob) -> dict[str, str]:
         job.marks,
         about=_commented(about(job)),
         gate_limit=str(GATE_LIMIT),
-        starts=kalman["start"],
-        updates=kalman["update"],
+        functions=code.functions,
         tunings="\n".join(_constant(job, *named) for named in job.named_channels),
     )
     return {"kalscope_filter.h": header, "kalscope_filter.c": source}
@@ -109,21 +109,29 @@ def _commented(lines: tuple[str, ...]) -> str:
 
 def _constant(job: ExportJob, name: str, channel: ChannelTuning) -> str:
     """The constant of one channel. A double rounded to float by the compiler is the float of `float32_params`."""
+    guard = ""
+    try:
+        held = float32_tuning(channel)
+    except BadSetting:
+        held, guard = None, _float_guard(name)
+    kalman = _kalman(job, channel, held) if runs_kalman(channel) else {}
+    values = tuning_values(job, channel, kalman, number_text)
+    fields = "".join(
+        f"    .{field} = {value},\n" if field in WHOLE else f"    .{field} = (kalscope_real){value},\n"
+        for field, value in values.items()
+    )
+    said = _commented(about_channel(job, channel))
+    return f"{said}\n{guard}const kalscope_tuning kalscope_tuning_{name} = {{\n{fields}}};\n"
+
+
+def _kalman(job: ExportJob, channel: ChannelTuning, held: Float32Params | None) -> dict[str, str]:
+    """The numbers of a Kalman filter; `held` is what float makes of them, None where it cannot."""
     start = _starting_values(channel)
     values = {"q": start.pop("q"), "r": number_text(channel.r), **start, "settled_gain": "0.0"}
     if job.has_momentum:
         step = asdict(step_constants(channel.q, channel.momentum))
         values |= {field: number_text(value) for field, value in step.items()}
-    guard = ""
-    try:
-        gain = float32_params(channel.params).settled_gain
-    except BadSetting:
-        guard = _float_guard(name)
-    else:
-        if gain > 0:
-            values["settled_gain"] = (
-                f"(sizeof(kalscope_real) == sizeof(float) ? (kalscope_real){float32_text(gain)} : 0)"
-            )
-    fields = "".join(f"    .{field} = (kalscope_real){value},\n" for field, value in values.items())
-    said = _commented(about_channel(job, channel))
-    return f"{said}\n{guard}const kalscope_tuning kalscope_tuning_{name} = {{\n{fields}}};\n"
+    if held is not None and held.settled_gain > 0:
+        gain = float32_text(held.settled_gain)
+        values["settled_gain"] = f"(sizeof(kalscope_real) == sizeof(float) ? (kalscope_real){gain} : 0)"
+    return values

@@ -5,19 +5,24 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from kalscope.export.board.chain import runs_kalman
 from kalscope.export.header_text import about, about_channel, about_fusion, ascii_squared
 from kalscope.export.job import ExportJob, FusionJob, Origin, step_of
+from kalscope.export.targets.stages import numbers_of
+from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.steady_state import SteadyState
+from kalscope.tuning.chain_table import plain_chain
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
-FORMAT, FUSION_FORMAT = "kalscope-parameters-1", "kalscope-fusion-1"
-"""Name and number of each layout."""
+FORMAT, CHAIN_FORMAT, FUSION_FORMAT = "kalscope-parameters-1", "kalscope-parameters-2", "kalscope-fusion-1"
+"""Name and number of each layout; the second one where any channel has a chain."""
 
 
 def files(job: ExportJob) -> dict[str, str]:
     """`kalscope_parameters.json`; names are whole, in escapes."""
-    document = {**_head(job, FORMAT), "channels": [_channel(job, *named) for named in job.named_channels]}
+    head = _head(job, CHAIN_FORMAT if job.has_chain else FORMAT)
+    document = {**head, "channels": [_channel(job, *named) for named in job.named_channels]}
     return {"kalscope_parameters.json": _text(document)}
 
 
@@ -67,11 +72,19 @@ def _start(one: ChannelTuning | FusionTuning) -> dict[str, float | None]:
 
 def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> dict[str, Any]:
     """One channel; a null is an automatic start or a gate that is off."""
-    steady = job.steady(channel)
     return {
         "name": _clean(channel.name),
         "identifier": word,
         "unit": _clean(channel.unit),
+        **({} if channel.chain is None else {"chain": _chain(channel.chain)}),
+        **(_kalman(job, channel) if runs_kalman(channel) else {}),
+        "about": list(about_channel(job, channel)),
+    }
+
+
+def _kalman(job: ExportJob, channel: ChannelTuning) -> dict[str, Any]:
+    steady = job.steady(channel)
+    return {
         "unit_of_variances": ascii_squared(channel.unit),
         "process_noise_q": channel.q,
         "measurement_noise_r": channel.r,
@@ -80,8 +93,13 @@ def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> dict[str, Any
         "found": _clean(channel.how),
         "steady_gain": steady.gain,
         "lag_samples": steady.lag_samples if channel.q > 0.0 else None,  # JSON has no infinity
-        "about": list(about_channel(job, channel)),
     }
+
+
+def _chain(chain: Chain) -> dict[str, Any]:
+    """The window of the median, 1 for none, then the filter, its settings, and what it computes with."""
+    known = {name: value for name, value in (plain_chain(chain) or {}).items() if value is not None}
+    return {"words": chain.words, "median": 1, **known, **({} if chain.then is None else numbers_of(chain.then))}
 
 
 def _momentum(steady: SteadyState, channel: ChannelTuning | FusionTuning) -> dict[str, Any]:

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
+from collections.abc import Callable
+
+from kalscope.export.header_text import (
+    about,
+    about_channel,
+    about_fusion,
+    commented,
+    fill_sections,
+    fill_template,
+)
 from kalscope.export.job import ExportJob, FusionJob, step_of
 from kalscope.export.names import number_text
+from kalscope.export.targets.stages import numbers_of, piece_of, used_pieces
 from kalscope.tuning.tuning import ChannelTuning
 
-FILES = (("kalscope_filter.py", "KalmanFilter", True), ("with_kalscope.py", "kalscope.FilterParams", False))
-"""Each file, what makes its filters, and whether that takes the constants of a momentum."""
+HEADING = "The scalar Kalman noise filter as it was tuned"
+"""First line of the file where no channel has a chain."""
 
 
 def files(job: ExportJob) -> dict[str, str]:
@@ -17,10 +27,22 @@ def files(job: ExportJob) -> dict[str, str]:
     A hostile name could form an encoding line: the first two lines, where Python looks for one, are constant.
     """
     head = commented(about(job), "#")
-    return {
-        name: fill_template(f"python/{name}.txt", job.marks, about=head, filters=_entries(job, maker, whole))
-        for name, maker, whole in FILES
-    }
+    own = fill_template(
+        "python/kalscope_filter.py.txt",
+        job.marks,
+        heading="The noise filters as they were tuned" if job.has_chain else HEADING,
+        about=head,
+        classes=_classes(job),
+        filters=_entries(job, _own),
+    )
+    whole = "chains_with_kalscope" if job.has_chain else "with_kalscope"
+    kalscope = fill_template(
+        f"python/{whole}.py.txt",
+        about=head,
+        filters=_entries(job, _of_kalscope if job.has_chain else _params),
+        **({"imports": _imports(job)} if job.has_chain else {}),
+    )
+    return {"kalscope_filter.py": own, "with_kalscope.py": kalscope}
 
 
 def fused_files(job: FusionJob) -> dict[str, str]:
@@ -49,17 +71,54 @@ def _lines(values: dict[str, float], each: dict[str, tuple[float, ...]]) -> str:
     return "".join(f"    {name}={text},\n" for name, text in (single | listed).items())
 
 
-def _entries(job: ExportJob, maker: str, own_filter: bool) -> str:
+def _classes(job: ExportJob) -> str:
+    """The code of the filters that the export has."""
+    classes, used = fill_sections("python/stages.py.txt", job.marks), used_pieces(job)
+    if job.has_median:
+        used = (*dict.fromkeys((*used, "median")), "chain")
+    return "".join(classes[name] for name in used).lstrip("\n")
+
+
+def _imports(job: ExportJob) -> str:
+    """The classic filters of the export, from Kalscope."""
+    chains = (channel.chain for channel in job.channels if channel.chain is not None)
+    names = sorted({type(chain.then).__name__ for chain in chains if chain.then is not None})
+    return f"from kalscope.filtering.classic.stages import {', '.join(names)}\n" if names else ""
+
+
+def _entries(job: ExportJob, made: Callable[[ChannelTuning], str]) -> str:
     return "".join(
-        commented(about_channel(job, channel), "    #")
-        + f'    "{word}": {maker}({_arguments(channel, own_filter)}),\n'
+        commented(about_channel(job, channel), "    #") + f'    "{word}": {made(channel)},\n'
         for word, channel in job.named_channels
     )
 
 
-def _arguments(channel: ChannelTuning, own_filter: bool) -> str:
+def _own(channel: ChannelTuning) -> str:
+    """The filter of a channel by the classes of the file itself."""
+    chain = channel.chain
+    if chain is None or chain.then is None:
+        last = f"KalmanFilter({_arguments(channel, step_of(channel))})"
+    else:
+        numbers = ", ".join(f"{name}={value!r}" for name, value in numbers_of(chain.then).items())
+        last = f"{piece_of(channel).title().replace('_', '')}({numbers})"
+    return last if chain is None or chain.median == 1 else f"Chain(Median({chain.median}), {last})"
+
+
+def _params(channel: ChannelTuning) -> str:
+    """The parameters of its Kalman filter, for Kalscope."""
+    return (
+        f"kalscope.FilterParams({_arguments(channel, {'momentum': channel.momentum} if channel.momentum else {})})"
+    )
+
+
+def _of_kalscope(channel: ChannelTuning) -> str:
+    """The filter of a channel, by Kalscope."""
+    if channel.chain is None:
+        return f"StandardFilter({_params(channel)})"
+    return f"ChainFilter({channel.chain!r}, {_params(channel)})"
+
+
+def _arguments(channel: ChannelTuning, momentum: dict[str, float]) -> str:
     """The numbers that the tuning gives; a start or a gate that is left out is the automatic one in both."""
-    values = {name: getattr(channel, name) for name in ("q", "r", "p0", "x0", "gate")}
-    if channel.momentum > 0.0:
-        values |= step_of(channel) if own_filter else {"momentum": channel.momentum}
+    values = {name: getattr(channel, name) for name in ("q", "r", "p0", "x0", "gate")} | momentum
     return ", ".join(f"{name}={number_text(value)}" for name, value in values.items() if value is not None)

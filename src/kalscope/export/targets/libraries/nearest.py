@@ -8,8 +8,11 @@ from dataclasses import replace
 
 from kalscope.common.text import decibels, lag_in_full, number
 from kalscope.errors import BadSetting
+from kalscope.export.header_text import chain_words
 from kalscope.export.job import ExportJob, FusionJob
 from kalscope.export.names import comment_text, number_text
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.stages import Exponential, MovingAverage, PowerOfTwo
 from kalscope.filtering.params import MAX_VARIANCE
 from kalscope.filtering.steady_state import ratio_for, steady_state
 from kalscope.tuning.fusion import FusionTuning
@@ -52,6 +55,34 @@ def refusal_of_fusion(job: FusionJob, target: str, able: Iterable[str]) -> BadSe
         f"target must be a filter of several sensors (got {target}, which takes one reading a sample)."
         f" Export {', '.join(able)}; {instead}"
     )
+
+
+def refusal_of_chain(job: ExportJob, target: str, able: Iterable[str]) -> BadSetting:
+    """What to raise for a target that holds the Kalman filter only, for the first channel that has another.
+
+    Args:
+        job: An export with a chain.
+        target: Its name.
+        able: What holds chains.
+    """
+    channel, chain = next((one, one.chain) for one in job.channels if one.chain is not None)
+    native = _in_esphome(chain) if target == "esphome" else ""
+    return BadSetting(
+        f"target must run {chain_words(chain)} for {comment_text(channel.name)} (got {target}, which runs the"
+        f" Kalman filter alone). Export {', '.join(able)}; or go back to Kalman in that channel{native}"
+    )
+
+
+def _in_esphome(chain: Chain) -> str:
+    """The filter of ESPHome itself that equals a classic filter but for rounding, while no sample is missing."""
+    last = chain.then
+    if chain.median > 1 or not isinstance(last, Exponential | PowerOfTwo | MovingAverage):
+        return ""
+    if isinstance(last, MovingAverage):
+        code = f"sliding_window_moving_average: {{window_size: {last.window}, send_every: 1}}"
+    else:
+        code = f"exponential_moving_average: {{alpha: {last.constants[0]!r}, send_every: 1}}"
+    return f"; or give the sensor ESPHome's own filter, equal while no sample is missing: {code}"
 
 
 def _mean_text(fusion: FusionTuning) -> str:

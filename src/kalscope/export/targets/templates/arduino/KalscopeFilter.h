@@ -54,39 +54,8 @@ class KalscopeFilter {
     rejected = 0;
   }
 
-@momentum   // Other values while it runs: the constants follow by sums, products and quotients alone, so that every
-@momentum   // processor finds the same bits. tau from 0.001 to 100000 samples, or 0.
-@momentum   void setMomentum(float q, float tau) {
-@momentum     tuning.q = q;
-@momentum     tuning.momentum = tau;
-@momentum     tuning.settled_gain = 0.0f;  // it belonged to the values before
-@momentum     tuning.e = tuning.f = tuning.q12 = tuning.q22 = tuning.w0 = 0.0f;
-@momentum     tuning.q11 = q;
-@momentum     if (!(tau > 0.0f)) return;
-@momentum     const float h = 1.0f / tau;
-@momentum     float halved = h;
-@momentum     uint8_t doublings = 0;
-@momentum     for (; halved > 1.0f; doublings++) halved = halved * 0.5f;
-@momentum     float power = halved, gone = halved;  // powers of h over their factorials, and their sum 1 - e
-@momentum     float sum = 0.0f, both = 0.0f;
-@momentum     for (uint8_t n = 2; n <= $last_power; n++) {
-@momentum       power = power * -halved / n;
-@momentum       gone = gone + power;
-@momentum       sum = sum + both * power;
-@momentum       both = both + both + 2.0f;
-@momentum     }
-@momentum     for (uint8_t i = 0; i < doublings; i++) gone = gone * (2.0f - gone);
-@momentum     if (doublings > 0) sum = h - gone - 0.5f * gone * gone;
-@momentum     tuning.w0 = 0.5f * q / tau;
-@momentum     tuning.e = 1.0f - gone;
-@momentum     tuning.f = tau * gone;
-@momentum     tuning.q11 = q * tau * sum;
-@momentum     tuning.q12 = 0.5f * q * gone * gone;
-@momentum     tuning.q22 = tuning.w0 * gone * (2.0f - gone);
-@momentum   }
-@momentum 
 @plain   // Takes one sample and returns the filtered value. NAN where none came: then the variance grows and x stays.
-@momentum   // Takes one sample and returns the filtered value. NAN where none came: then x goes on as fast as it went.
+@momentum ${set_momentum}  // Takes one sample and returns the filtered value. NAN where none came: then x goes on as fast as it went.
   float update(float z) {
     const float before = p;
 @plain     p = p + tuning.q;

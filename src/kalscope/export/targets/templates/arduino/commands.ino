@@ -22,6 +22,10 @@ void answer(uint8_t channel) {
   const KalscopeTuning &tuning = filters[channel].tuning;
   Serial.print(F("# "));
   Serial.print(NAMES[channel]);
+@chain   if (tuning.filter != KALSCOPE_KALMAN) {
+@chain     Serial.println(F(" takes no values while it runs: export the sketch again to change it"));
+@chain     return;
+@chain   }
   Serial.print(F(" q="));
   printSmall(tuning.q);
   Serial.print(F(" r="));
@@ -30,6 +34,8 @@ void answer(uint8_t channel) {
   printSmall(tuning.p0);
 @momentum   Serial.print(F(" t="));
 @momentum   printSmall(tuning.momentum);
+@median   Serial.print(F(" m="));
+@median   Serial.print(tuning.median);
   Serial.print(F(" bits="));
   printBits(tuning.q);
   Serial.print(',');
@@ -50,6 +56,7 @@ void answer(uint8_t channel) {
 bool change(KalscopeFilter &filter, char what, float value) {
   KalscopeTuning &tuning = filter.tuning;
   if (what == '?') return true;
+@chain   if (tuning.filter != KALSCOPE_KALMAN) return true;  // answered, and not changed
   if (!(value >= 0.0f) || (isinf(value) && what != 'p')) return false;
   if (what == 'p') {
     tuning.p0 = value;

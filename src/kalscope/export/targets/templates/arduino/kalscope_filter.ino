@@ -4,18 +4,18 @@ $about
 //   $columns
 // Put this file and KalscopeFilter.h into one folder named kalscope_filter, and open it in the Arduino IDE.
 @calibration // KalscopeCalibration.h belongs there too.
-//
-// Lines it understands while it runs, in the unit above:
-//   q 0.01     process noise; the filter goes on
-//   r 4        measurement noise; the filter goes on
+@kalman //
+@kalman // Lines it understands while it runs, in the unit above:
+@kalman //   q 0.01     process noise; the filter goes on
+@kalman //   r 4        measurement noise; the filter goes on
 @momentum //   t 20       momentum in samples, 0.001 to 100000, or 0 for none; the filter goes on
-//   p 1000     start variance, and start again; p inf: the first sample is the start
-//   ?          which values are in use
+@kalman //   p 1000     start variance, and start again; p inf: the first sample is the start
+@kalman //   ?          which values are in use
 @calibration //   c 10       measure r for 10 s while the input does not change, and take it into use, with the q of the same
 @calibration //              lag; c 0 ends that
 @calibration //   k          keep the values in use in the EEPROM, for the next start; f forgets them
-// Each is answered by a # line with the values and their exact bits. Wait for it before the next: a board keeps
-// 64 letters. All channels are meant; "2 q 0.01" means the second.
+@kalman // Each is answered by a # line with the values and their exact bits. Wait for it before the next: a board keeps
+@kalman // 64 letters. All channels are meant; "2 q 0.01" means the second.
 
 @calibration #include <EEPROM.h>
 @calibration 

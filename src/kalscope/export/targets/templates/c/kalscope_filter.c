@@ -11,11 +11,7 @@ $about
 #pragma GCC optimize("fp-contract=off")
 #endif
 
-enum { MOST_REJECTED = $gate_limit }; /* in a row; the next sample is taken, so that a gate cannot lock out */
-
+@kalman enum { MOST_REJECTED = $gate_limit }; /* in a row; the next sample is taken, so that a gate cannot lock out */
+@kalman 
 $tunings
-void kalscope_start(kalscope_filter *filter, const kalscope_tuning *tuning)
-{
-    filter->tuning = *tuning;
-$starts}
-$updates
+$functions

@@ -23,15 +23,7 @@ typedef double kalscope_real;
 extern "C" {
 #endif
 
-typedef struct {
-$tuning_fields} kalscope_tuning;
-
-typedef struct {
-@plain     kalscope_tuning tuning; /* q, r and gate may be changed at any time */
-@momentum     kalscope_tuning tuning; /* r and gate may be changed at any time */
-    kalscope_real x;        /* filtered value; NAN before the first sample */
-$state_fields} kalscope_filter;
-
+$types
 $declarations
 
 /* Starts, or starts again, with these values. */

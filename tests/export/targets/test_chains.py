@@ -1,0 +1,261 @@
+"""Classic filters and chains on every target that runs them: the bits of the core, and a refusal by the others."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from required import not_here
+
+from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning
+from kalscope.export.board.chain import filter_channel_float32
+from kalscope.export.job import ExportJob
+from kalscope.export.registry import TARGETS
+from kalscope.export.targets import arduino, c
+from kalscope.export.targets.stages import numbers_of
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.stages import (
+    Butterworth,
+    Exponential,
+    Median,
+    MovingAverage,
+    OneEuro,
+    PowerOfTwo,
+)
+from kalscope.tuning.chain_table import chain_in
+
+ABLE = {"arduino", "c", "python", "json"}
+FLAGS = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-pedantic", "-Werror")
+CPUINFO = Path("/proc/cpuinfo")
+FUSED = ("-mfma",) if CPUINFO.is_file() and " fma " in CPUINFO.read_text() else ()
+"""Lets the compiler fuse a product with a sum, where the exported code did not forbid it."""
+
+STAGES = (
+    MovingAverage(1),
+    MovingAverage(9),
+    MovingAverage(40),
+    Exponential(1.0),
+    Exponential(0.013),
+    PowerOfTwo(3),
+    PowerOfTwo(20),
+    Median(1),
+    Median(9),
+    Butterworth(1e-4),
+    Butterworth(0.02),
+    Butterworth(0.49),
+    OneEuro(0.004, 0.02, 0.05),
+    OneEuro(1e-6, 0.0, 0.3),
+    OneEuro(1e8, 1e3, 1e-9),
+)
+KALMAN = (
+    ChannelTuning("plain", "V", 0.01, 4.0),
+    ChannelTuning("gated", "V", 0.3, 20.0, 10.0, 480.0, gate=9.0),
+    ChannelTuning("moving", "V", 0.01, 4.0, momentum=20.0),
+    ChannelTuning("both", "V", 0.2, 9.0, 3.0, gate=12.0, momentum=3.0),
+    ChannelTuning("slow", "V", 3e-15, 30.0, 1.2e-6, 0.5),
+)
+CHANNELS = (
+    *KALMAN,
+    *(replace(one, name=f"{one.name} behind {n}", chain=Chain(n)) for n in (3, 11) for one in KALMAN),
+    *(
+        ChannelTuning(f"{stage.name} {i} behind {n}", "V", 0.5, 2.0, 3.0, 7.0, momentum=4.0, chain=Chain(n, stage))
+        for n in (1, 5)
+        for i, stage in enumerate(STAGES)
+    ),
+)
+"""Every filter, alone and behind a median; beside a classic one values of a Kalman filter that must not matter."""
+
+
+def signal(dtype=np.float64):
+    rng = np.random.default_rng(12)
+    z = 500 + np.cumsum(rng.normal(0, 2, 900)) + rng.normal(0, 5, 900)
+    z[rng.random(900) < 0.03] += 900.0
+    z[400:420] += 400.0
+    z[rng.random(900) < 0.04] = np.nan
+    z[:3] = z[600:640] = np.nan
+    z[700:705] = -0.0
+    z[800:] = 12.0
+    return z.astype(dtype)
+
+
+C_MAIN = """
+#include <stdio.h>
+#include "kalscope_filter.h"
+int main(void)
+{
+    static const kalscope_tuning *const tunings[] = {TUNINGS};
+    static kalscope_real z[1000];
+    const size_t n = fread(z, sizeof z[0], 1000, stdin);
+    for (size_t i = 0; i < sizeof tunings / sizeof tunings[0]; i++) {
+        kalscope_filter filter;
+        kalscope_start(&filter, tunings[i]);
+        for (size_t j = 0; j < n; j++) {
+            const kalscope_real x = kalscope_update(&filter, z[j]);
+            if (fwrite(&x, sizeof x, 1, stdout) != 1) return 1;
+        }
+    }
+    return 0;
+}
+"""
+CPP_MAIN = """
+#include <stdio.h>
+#include "KalscopeFilter.h"
+int main() {
+  static KalscopeFilter filters[] = {TUNINGS};
+  static float z[1000];
+  const size_t n = fread(z, sizeof z[0], 1000, stdin);
+  for (KalscopeFilter &filter : filters) {
+    filter.update(1e6f);
+    filter.restart();
+    for (size_t j = 0; j < n; j++) {
+      const float x = filter.update(z[j]);
+      if (x == x && x != filter.x) return 2;
+      if (fwrite(&x, sizeof x, 1, stdout) != 1) return 1;
+    }
+  }
+  return 0;
+}
+"""
+
+
+def answers(folder, compiler, flags, main, tunings, texts, z):
+    """What a program of exported files makes of samples, shape (channels, n)."""
+    if shutil.which(compiler) is None:
+        not_here(f"{compiler} is not installed")
+    name = "main.cpp" if compiler == "g++" else "main.c"
+    for file, text in {**texts, name: main.replace("TUNINGS", ", ".join(tunings))}.items():
+        (folder / file).write_text(text, encoding="ascii")
+    sources = [name, *(file for file in texts if file.endswith(".c"))]
+    subprocess.run([compiler, *FLAGS, *flags, *sources, "-o", "run", "-lm"], cwd=folder, check=True)
+    done = subprocess.run([folder / "run"], input=z.tobytes(), check=True, capture_output=True)
+    return np.frombuffer(done.stdout, dtype=z.dtype).reshape(-1, len(z))
+
+
+def assert_bits(found, expected, channels=CHANNELS):
+    bits = np.uint32 if expected[0].dtype == np.float32 else np.uint64
+    wrong = [
+        channel.name
+        for channel, x, y in zip(channels, found, expected, strict=True)
+        if not np.array_equal(x.view(bits)[~np.isnan(y)], y.view(bits)[~np.isnan(y)])
+        or not np.array_equal(np.isnan(x), np.isnan(y))
+    ]
+    assert wrong == []
+
+
+@pytest.fixture(scope="module")
+def in_double():
+    return [channel.filter.run(signal()).x for channel in CHANNELS]
+
+
+@pytest.fixture(scope="module")
+def in_float():
+    return [filter_channel_float32(signal(np.float32), channel) for channel in CHANNELS]
+
+
+def test_c_in_double_has_the_bits_of_the_core(tmp_path, in_double):
+    job = ExportJob(CHANNELS)
+    names = [f"&kalscope_tuning_{name}" for name in job.identifiers]
+    found = answers(tmp_path, "gcc", ("-std=c99", "-O1"), C_MAIN, names, c.files(job), signal())
+    assert_bits(found, in_double)
+
+
+def test_c_and_cpp_in_float_have_the_bits_of_the_core_in_float32(tmp_path, monkeypatch, in_float):
+    monkeypatch.setattr(arduino, "ANALOGUE_PINS", len(CHANNELS))
+    monkeypatch.setattr(arduino, "UNO_FREE", 10**6)
+    job, z = ExportJob(CHANNELS), signal(np.float32)
+    names = [f"&kalscope_tuning_{name}" for name in job.identifiers]
+    flags = ("-std=gnu11", "-O2", *FUSED, "-DKALSCOPE_FLOAT")
+    assert_bits(answers(tmp_path, "gcc", flags, C_MAIN, names, c.files(job), z), in_float)
+    texts = {"KalscopeFilter.h": arduino.files(job)["KalscopeFilter.h"]}
+    filters = [f"KalscopeFilter(KALSCOPE_TUNING_{name.upper()})" for name in job.identifiers]
+    assert_bits(answers(tmp_path, "g++", ("-std=gnu++11", "-O2", *FUSED), CPP_MAIN, filters, texts, z), in_float)
+
+
+def test_python_has_the_bits_of_the_core(tmp_path, in_double):
+    texts = export_tuning(Tuning(CHANNELS, sample_period=0.01), "python")
+    own: dict = {}
+    exec(texts["kalscope_filter.py"], own)
+    z = signal().tolist()
+    found = [np.array([one.update(sample) for sample in z]) for one in own["FILTERS"].values()]
+    assert_bits([x + 0.0 for x in found], [x + 0.0 for x in in_double])  # a sort does not know -0 from 0
+    assert all(one.x == x[-1] for one, x in zip(own["FILTERS"].values(), found, strict=True))
+    whole: dict = {}
+    exec(texts["with_kalscope.py"], whole)
+    for channel, name in zip(CHANNELS, whole["FILTERS"], strict=True):
+        assert whole["FILTERS"][name] == channel.filter or channel.chain is not None
+        np.testing.assert_array_equal(whole["denoise"](name, signal()), channel.filter.denoise(signal()))
+
+
+def test_json_says_the_filter_and_what_it_computes_with():
+    (text,) = export_tuning(Tuning(CHANNELS, sample_period=0.01), "json").values()
+    document = json.loads(text)
+    assert document["format"] == "kalscope-parameters-2"
+    for one, channel in zip(document["channels"], CHANNELS, strict=True):
+        chain = chain_in(one["chain"], "") if "chain" in one else None
+        assert chain == channel.chain
+        if chain is None or chain.then is None:
+            assert one["process_noise_q"] == channel.q
+        else:
+            assert "process_noise_q" not in one
+            numbers = numbers_of(chain.then)
+            assert {name: one["chain"][name] for name in numbers} == numbers
+    plain = export_tuning(Tuning(KALMAN, sample_period=0.01), "json")["kalscope_parameters.json"]
+    assert json.loads(plain)["format"] == "kalscope-parameters-1"
+
+
+def test_vectors_are_those_of_the_chain():
+    channel = ChannelTuning("a", "V", 0.5, 2.0, chain=Chain(5, OneEuro(0.01, 0.02, 0.05)))
+    recording = Recording(np.arange(900) * 0.01, ("a",), ("V",), signal()[:, None], 0.01)
+    files = export_tuning(Tuning((channel,), sample_period=0.01), "c", vectors=recording)
+    rows = [line.split(",") for line in files["groundtruth.csv"].splitlines()[1:]]
+    np.testing.assert_array_equal([float(row[2]) for row in rows], channel.filter.run(signal()).x)
+    assert all(math.isnan(float(row[3])) for row in rows)
+
+
+def test_a_target_without_chains_refuses_in_one_sentence_and_names_those_that_run_them():
+    tilt = ChannelTuning("tilt", "V", 1.0, 1.0, chain=Chain(5, PowerOfTwo(3)))
+    tuning = Tuning((*KALMAN, tilt), sample_period=0.01)
+    for target in TARGETS:
+        if target in ABLE:
+            assert export_tuning(replace(tuning, channels=tuning.channels[-3:]), target)
+            continue
+        with pytest.raises(BadSetting) as refused:
+            export_tuning(tuning, target)
+        said = str(refused.value)
+        assert "median of 5, then power-of-two gain (alpha = 1/8) for tilt" in said
+        assert f"(got {target}, which runs the Kalman filter alone). Export arduino, c, python, json" in said
+    with pytest.raises(BadSetting, match=r"got fixed gains for c, .* Export arduino or c without that option;"):
+        export_tuning(tuning, "c", fixed_gains=True)
+    alone = replace(tuning, channels=(replace(tilt, chain=Chain(then=PowerOfTwo(3))),))
+    with pytest.raises(BadSetting, match=r"exponential_moving_average: \{alpha: 0.125, send_every: 1\}"):
+        export_tuning(alone, "esphome")
+
+
+def test_an_uno_refuses_windows_that_its_memory_cannot_hold_and_says_what_fits():
+    long = tuple(
+        ChannelTuning(name, "", 1.0, 1.0, chain=chain)
+        for name, chain in {"a": Chain(5), "b": Chain(31, MovingAverage(300)), "c": Chain(1, Median(11))}.items()
+    )
+    memory = r"must fit 1,500 bytes of an Uno's memory \(got 4,764: .* up to 30 samples"
+    with pytest.raises(BadSetting, match=memory) as refused:
+        arduino.files(ExportJob(long))
+    assert str(refused.value).endswith("or export c, for a board with more")
+    fits = tuple(
+        replace(one, chain=chain)
+        for one, chain in zip(long, (Chain(5), Chain(29, MovingAverage(30)), Chain(1, Median(11))), strict=True)
+    )
+    assert arduino.files(ExportJob(fits))
+    assert c.files(ExportJob(long))
+
+
+def test_a_growth_that_float_cannot_hold_is_refused_by_name_and_runs_in_double():
+    steep = ChannelTuning("steep", "", 1.0, 1.0, chain=Chain(then=OneEuro(0.01, 1e60, 0.05)))
+    with pytest.raises(BadSetting, match=r"steep: One-euro must compute with numbers that float32 holds"):
+        arduino.files(ExportJob((steep,)))
+    assert "float cannot hold the values of steep" in c.files(ExportJob((steep,)))["kalscope_filter.c"]
