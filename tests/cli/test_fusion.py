@@ -373,6 +373,7 @@ def test_what_cannot_be_tuned_together_is_refused_with_words(argv: list[str], mu
 # ---- report
 
 
+@pytest.mark.slow
 def test_the_report_of_a_fusion_shows_its_sensors_and_says_what_it_brings(tmp_path: Path, config: Path) -> None:
     page = tmp_path / "report.html"
     assert run(["report", SOURCE, "--config", str(config), "-o", str(page)]) == 0

@@ -80,6 +80,7 @@ def test_an_exact_start_that_takes_no_time_leaves_the_velocity_to_later_samples(
     must_be_posterior(z, 1.0, model, False, kalman_filter(z, params, dt), smooth(z, params, dt), 1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("acceleration", [1e-4, 0.01, 1.0])
 def test_an_endless_momentum_is_constant_velocity(seed, acceleration):

@@ -56,6 +56,7 @@ def test_each_alternative_has_the_lag_it_is_said_to_have_and_the_one_asked_or_it
             assert one.lag_samples == pytest.approx(lag, rel=0.02), one.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("decibel", [2.0, 6.0, 13.02, 20.0])
 def test_each_alternative_leaves_the_noise_it_is_said_to_leave_and_the_one_asked_or_its_nearest(decibel):
     gain = 10 ** (-decibel / 10)

@@ -50,6 +50,7 @@ def at(fleet, state, i):
     return at_device(fleet, i)(opened(reopen(fleet, i), state))
 
 
+@pytest.mark.slow
 def test_a_fleet_opens_with_the_map_and_closes(fleet, state):
     assert state.fleet.fleet is fleet
     assert state.view.map_shown

@@ -28,6 +28,7 @@ def frame_of(state):
     return compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [experiment.name for experiment in list_experiments()])
 def test_every_experiment_opens_at_the_settings_of_its_figure(name):
     recording, filters = open_experiment(name)

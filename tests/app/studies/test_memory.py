@@ -73,6 +73,7 @@ def states(request):
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_study_stays_within_six_times_the_samples(name, states):
     most, held = growth(STUDIES[name], states.__getitem__)

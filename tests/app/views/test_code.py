@@ -197,6 +197,7 @@ def test_without_a_goal_or_a_period_nothing_is_offered(state):
     assert device_notes(opened_experiment("generalized_figure_8")).lag == ""
 
 
+@pytest.mark.slow
 def test_the_report_of_the_dashboard_reopens_without_a_file_and_has_the_pins(state):
     pinned = pin_present(state)
     text = html_report(set_text("q", "0.5")(pinned)).decode()

@@ -72,6 +72,7 @@ COMMANDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", COMMANDS)
 @pytest.mark.parametrize("source", ["demo", "sample:ultrasonic", "walk", "spikes", "gaps", "constant", "no noise"])
 def test_the_dashboard_and_the_command_line_find_the_same(way, source):

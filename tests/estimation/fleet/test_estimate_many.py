@@ -133,6 +133,7 @@ def with_spikes(count):
         yield z
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"r": 1.0}, {"ratio": 0.05}])
 def test_spikes_are_set_aside_where_estimate_does_it(options):
     series = list(with_spikes(90))

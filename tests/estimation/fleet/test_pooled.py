@@ -158,6 +158,7 @@ def test_an_empty_fleet_and_wrong_arguments_are_refused():
     assert pool_of([]).devices == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("spread", "least"), [(0.0, 52), (1.0, 50)])
 def test_the_interval_holds_the_best_ratio_of_a_fleet_of_such_devices_whether_they_differ_or_not(spread, least):
     rng = np.random.default_rng(8)

@@ -29,6 +29,7 @@ def test_five_drifting_and_five_noisy_devices_of_five_hundred_are_found():
     assert np.all(np.diff(np.abs(noisy.z[noisy.devices])) <= 0.0)  # the farthest first
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("samples", "q"), [(1000, 0.01), (300, 0.01), (200, 0.001), (400, 1.0), (400, 30.0)])
 def test_a_fleet_of_like_devices_names_as_many_by_chance_as_it_says(samples, q):
     named = {"q": 0, "r": 0, "ratio": 0}

@@ -94,6 +94,7 @@ def test_the_likelihood_falls_by_the_same_at_both_ends_of_an_interval():
             assert found.loglik - there.loglik == pytest.approx(DROP, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_about_as_often_as_they_say():
     held = np.zeros((2, 3))
     for seed in range(40):

@@ -62,6 +62,7 @@ def test_the_truth_is_recovered(tau, seed):
     assert found.params == FilterParams(found.q, found.r, momentum=found.momentum)
 
 
+@pytest.mark.slow
 def test_it_is_the_maximum_of_the_dense_likelihood():
     """With missing samples and uneven steps, on which no recursion relies."""
     g = np.random.default_rng(4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from kalscope import FilterParams
 from kalscope.filtering.classic.chain import Chain
@@ -46,6 +47,7 @@ def record(n=160):
     return z, dt
 
 
+@pytest.mark.slow
 def test_a_stream_gives_the_bits_of_the_record():
     z, dt = record()
     for chain in CHAINS:
@@ -57,6 +59,7 @@ def test_a_stream_gives_the_bits_of_the_record():
             np.testing.assert_array_equal([stream.p, stream.k], [whole.p[-1], whole.k[-1]])
 
 
+@pytest.mark.slow
 def test_pieces_give_the_bits_of_the_whole_in_both_types():
     z, dt = record()
     for chain in CHAINS:

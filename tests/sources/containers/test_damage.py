@@ -35,12 +35,14 @@ def read_or_refuse(path, data):
         assert not np.isinf(recording.values).any()
 
 
+@pytest.mark.slow
 def test_a_container_cut_short_is_refused_or_read(container):
     data = container.read_bytes()
     for cut in {1, 8, 100, *(len(data) * k // 8 for k in range(1, 8)), len(data) - 1}:
         read_or_refuse(container, data[:cut])
 
 
+@pytest.mark.slow
 def test_a_container_with_wrong_bytes_is_refused_or_read(container):
     data, random_bytes = container.read_bytes(), random.Random(7)
     for _ in range(8 * FUZZ):

@@ -235,6 +235,7 @@ def test_damage_is_the_same_to_both(tmp_path_factory, name, changes):
     assert_same(path)
 
 
+@pytest.mark.slow
 @each("damage", DAMAGE)
 @each("line", [0, 1, 20, 41])
 def test_each_damage_alone_is_the_same_to_both(tmp_path, damage, line):

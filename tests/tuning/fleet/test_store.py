@@ -72,6 +72,7 @@ def test_rows_come_back_as_they_were(tmp_path):
     assert tuple(read_table(tmp_path / TABLE).column_names) == COLUMNS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5 * FUZZ))
 def test_the_table_is_the_same_however_the_parts_came_about(tmp_path, seed):
     draw = random.Random(seed)
