@@ -15,6 +15,7 @@ from typing import Any, BinaryIO, TextIO
 import typer
 
 from kalscope.common.progress import OnProgress
+from kalscope.common.text import one_line, plain
 from kalscope.errors import KalscopeError, describe
 
 CHECK_FAILED = 1
@@ -33,7 +34,7 @@ STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 
 def say(message: str) -> None:
     """Print one line on stderr."""
-    print(f"kalscope: {' '.join(message.split())}", file=sys.stderr, flush=True)
+    print(f"kalscope: {one_line(message)}", file=sys.stderr, flush=True)
 
 
 def user_message(error: Exception) -> str | None:
@@ -46,11 +47,11 @@ def user_message(error: Exception) -> str | None:
 
 
 def write_output(chunks: Iterator[str], output: Path | None) -> None:
-    """Write text to a file, whole or not at all, or to stdout."""
+    """Write text to a file, whole or not at all, or to stdout, without control characters of names from outside."""
     from kalscope.common.files import atomic_file
 
     with open_stdout() if output is None else atomic_file(output) as file:
-        for chunk in chunks:
+        for chunk in chunks if output is not None else map(plain, chunks):
             file.write(chunk.encode("utf-8", "replace"))
 
 
@@ -80,6 +81,7 @@ class TerminalLine:
     def show(self, text: str) -> None:
         """Replace what the line shows."""
         if self.visible:
+            text = plain(text)
             self._write(f"\r{text:<{self._width}}")
             self._width = max(self._width, len(text))
 

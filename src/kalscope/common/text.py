@@ -32,6 +32,9 @@ DURATIONS = (("µs", 1e-6), *TIME_UNITS)
 MIN_NUMBER = 5e-324
 """The smallest number above 0 that a computer holds."""
 
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+"""What moves the cursor, changes colours or turns the direction of a terminal, but for tabs and line ends."""
+
 FREQUENCIES = (("Hz", 1.0), ("kHz", 1e3), ("MHz", 1e6))
 """Units of a frequency in Hz."""
 
@@ -155,6 +158,11 @@ def squared(unit: str) -> str:
 def one_line(text: str) -> str:
     """Text from outside on one line, every unprintable character a space."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
+def plain(text: str) -> str:
+    """Text that may hold names from outside, for a terminal: a control character is a space, lines stay lines."""
+    return CONTROL.sub(" ", text)
 
 
 def typed_number(name: str, text: str) -> float:

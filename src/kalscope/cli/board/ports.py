@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from kalscope.common.text import one_line
 from kalscope.sources.port.port_spec import PortInfo, list_ports
 
 NONE_FOUND = (
@@ -35,13 +36,9 @@ def ports_text(ports: tuple[PortInfo, ...]) -> str:
     """A table of the ports and the command that opens the first one; advice where there are none."""
     if not ports:
         return NONE_FOUND
-    rows = [_HEADINGS, *((port.device, _plain(port.description), _plain(port.serial_number)) for port in ports)]
+    said = ((port.device, port.description, port.serial_number) for port in ports)
+    rows = [_HEADINGS, *(tuple(one_line(cell) or "-" for cell in row) for row in said)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(_HEADINGS))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     first = next((port for port in ports if port.usb is not None), ports[0])  # a board is on USB
     return "\n".join([*lines, "", f"Open one: kalscope open serial:{first.device}@115200"])
-
-
-def _plain(text: str) -> str:
-    """What a USB device says of itself, on one line and without control characters."""
-    return "".join(c if c.isprintable() else " " for c in text).strip() or "-"

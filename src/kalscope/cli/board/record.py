@@ -13,7 +13,7 @@ import typer
 
 from kalscope.cli.console import CHECK_FAILED, TerminalLine, say, stop_signals
 from kalscope.cli.options import number_option
-from kalscope.common.text import count, number
+from kalscope.common.text import count, number, plain
 from kalscope.errors import BadDevice
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def record_command(
         live.close()  # ends the recording too: the summary is that of a whole file
         view.clear()
     with suppress(OSError):  # the terminal may be gone: the recording is whole all the same
-        print(summary(recorder), flush=True)
+        print(plain(summary(recorder)), flush=True)
     if disconnected:
         raise BadDevice(f"recording ended, because {spec.text} disconnected ({disconnected})")
     if recorder.counts.unwritable:

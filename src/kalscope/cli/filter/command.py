@@ -59,6 +59,7 @@ def filter_command(
     which the filter predicts over, and for a comment (# % //), which is no sample.
     """
     from kalscope.cli.filter.chosen import filtered, filters_of_lines, fusion_given
+    from kalscope.common.text import plain
     from kalscope.sources.readers.account import account, sample_period_conflict
 
     tell_compiling()
@@ -71,7 +72,7 @@ def filter_command(
     chunks, notes = filtered(recording, config, given, channel, fusion)
     write_output(chunks, output)
     if report:
-        sys.stderr.write(account(recording))
+        sys.stderr.write(plain(account(recording)))
     if sample_period is not None:
         notes = [*filter(None, [sample_period_conflict(recording)]), *notes]
     for note in notes:  # last, so that an error is the only line
