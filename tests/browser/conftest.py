@@ -1,8 +1,9 @@
-"""One Chromium for all browser tests. A missing tool is a skip with a reason, or a failure where required."""
+"""One Chromium and one page for all browser tests of a worker. A missing tool is a skip, or a failure."""
 
 from __future__ import annotations
 
 import contextlib
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +12,7 @@ import pytest
 from chromium import CHROMIUM, FLAGS
 from required import not_here
 from screen import Screen, dashboard
+from shared_page import SharedPage, shared_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -31,13 +33,41 @@ def browser() -> Iterator[Browser]:
         chromium.close()
 
 
+@pytest.fixture(scope="session")
+def program_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the program that tests share runs."""
+    return tmp_path_factory.mktemp("program")
+
+
 @pytest.fixture
-def start(browser: Browser, tmp_path: Path) -> Iterator[Callable[..., Screen]]:
-    """Start the program with arguments and open a page on it."""
+def tmp_path(program_folder: Path) -> Path:
+    """The folder of the program that tests share, empty."""
+    for one in program_folder.iterdir():
+        shutil.rmtree(one) if one.is_dir() else one.unlink()
+    return program_folder
+
+
+@pytest.fixture(scope="session")
+def one_page(
+    browser: Browser, program_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[SharedPage]:
+    """A page that shows one source after the other."""
+    with shared_page(browser, program_folder, tmp_path_factory.mktemp("own")) as screen:
+        yield screen
+
+
+@pytest.fixture
+def start(browser: Browser, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Callable[..., Screen]]:
+    """Open a page on a source: the one that tests share, or with `own` a program and a page of its own."""
     with contextlib.ExitStack() as running:
 
-        def begin(*arguments: object, **page: int) -> Screen:
-            url = running.enter_context(dashboard(*arguments, cwd=tmp_path))
-            return running.enter_context(Screen(browser, url, **page))
+        def begin(*arguments: object, own: bool = False, **page: object) -> Screen:
+            if own:
+                url = running.enter_context(dashboard(*arguments, cwd=tmp_path))
+                return running.enter_context(Screen(browser, url, **page))
+            screen: SharedPage = request.getfixturevalue("one_page")
+            screen.open(*arguments, **page)
+            running.callback(screen.check)
+            return screen
 
         yield begin

@@ -91,7 +91,7 @@ def test_the_line_on_screen_reopens_what_is_on_screen_and_channels_are_tuned_tog
     screen.tab("Export")
     line = screen.page.locator("textarea").first.input_value()
     screen.shot("share")
-    again = start(*shlex.split(line)[2:])
+    again = start(*shlex.split(line)[2:], own=True)
     again.wait_for_line("filtered", expected)
     again.wait_for_value("initial variance p0", "2")
 

@@ -42,24 +42,30 @@ FITS = """() => { const box = (one) => one.getBoundingClientRect(), map = box(do
 @contextlib.contextmanager
 def dashboard(*arguments, cwd, first_run=False):
     """The link of `kalscope open` in a process of its own, which must end in order when the block does."""
-    settings = UserSettings(Path(cwd) / "config")
-    if not first_run:
-        settings.keep(tour_seen=True)
-    env = {FOLDER_VARIABLE: str(settings.path.parent)}
+    env = settings_in(Path(cwd) / "config", tour_seen=not first_run)
     with running(Path(cwd), "open", *map(str, arguments), source=None, env=env) as (program, url):
         yield url
         code, _, err = end(program)
         assert code == 0, err
 
 
+def settings_in(folder, *, tour_seen=True):
+    """The environment in which a program keeps its settings in a folder."""
+    if tour_seen:
+        UserSettings(folder).keep(tour_seen=True)
+    return {FOLDER_VARIABLE: str(folder)}
+
+
 class Screen:
     """One page on the program; viser's scene, which only a phone shows, is drawn where `canvas` says so."""
 
-    def __init__(self, browser, url, width=1600, height=900, canvas=False):
+    def __init__(self, browser, url, width=1600, height=900, canvas=False, script=""):
         self.context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
         self.context.add_init_script(NO_SMOOTHING)
         if not canvas:
             self.context.add_init_script(NO_CANVAS)
+        if script:
+            self.context.add_init_script(script)
         self.page = self.context.new_page()
         self.page.set_default_timeout(1000 * PATIENCE)
         self.page_errors = []
@@ -166,6 +172,10 @@ class Screen:
 
     def close(self):
         self.context.close()
+        self.check()
+
+    def check(self):
+        """No script of the page has failed."""
         unknown = [error for error in self.page_errors if KNOWN_PAGE_ERROR not in error]
         assert unknown == []
 

@@ -1,0 +1,57 @@
+"""A page that many tests share, because to open one takes 2 s of work: it shows another source when asked."""
+
+from __future__ import annotations
+
+import contextlib
+from multiprocessing.connection import Listener
+
+from program import end, running
+from reopening import SOURCE
+from screen import Screen, settings_in
+
+PUT_BACK = """([mark, closed]) => {
+    if (!document.getElementById(mark)) return false;
+    for (const button of document.querySelectorAll('.mantine-Notification-closeButton')) button.click();
+    for (const heading of document.querySelectorAll('[role=button]:has(.tabler-icon-chevron-up)'))
+        if (closed.includes(heading.textContent)) heading.click();
+    return !document.querySelector('.mantine-Notification-root'); }"""
+"""Once a page has an element: closes its sections, and its notifications until there is none."""
+
+
+class SharedPage(Screen):
+    """A page that shows what `kalscope open SOURCE` shows first, as often as asked: a tenth of the work of a new one."""
+
+    def __init__(self, browser, url, program):
+        """Args: the browser; the link; the connection to `reopening.serve` in the program."""
+        super().__init__(browser, url)
+        self._program, self._sections = program, program.recv()
+
+    def open(self, source, width=1600, height=900):
+        """Begin with a source in a window of this size."""
+        self.page.mouse.move(2, 2)
+        self.page.set_viewport_size({"width": width, "height": height})
+        self._program.send(source)
+        mark = self._program.recv()
+        if isinstance(mark, Exception):
+            raise mark
+        self.wait(PUT_BACK, [mark, self._sections])
+        for tab in self.page.query_selector_all("[data-dock-tab][aria-selected=false]:first-child"):
+            tab.click()
+        self._program.send("seen")
+
+
+@contextlib.contextmanager
+def shared_page(browser, folder, own):
+    """A page on a program in a folder, whose own files are in another one."""
+    address = str(own / "sources")
+    env = {**settings_in(own), "TMPDIR": str(own), "XDG_STATE_HOME": str(own)}
+    change = f"import reopening; reopening.connect({address!r})"
+    with (
+        Listener(address) as sources,
+        running(folder, "open", SOURCE, source=None, env=env, change=change) as (program, url),
+        sources.accept() as connection,
+        SharedPage(browser, url, connection) as page,
+    ):
+        yield page
+        code, _, err = end(program)
+        assert code == 0, err
