@@ -147,7 +147,7 @@ def with_momentum(entry: ChannelTuning, momentum: float | None, overshoot: float
 
 
 def rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:
-    """The tuning at the recording's sample period in s, and a note where q or the momentum had to change."""
+    """The tuning at the recording's sample period in s, and a note where q, momentum or a chain had to change."""
     before = tuning.sample_period
     if period is None or before is None or same_period(period, before):
         return tuning, []
@@ -156,13 +156,21 @@ def rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning
     factor = f"{period / before:.6g}"
     changes = [] if "q" in given else [f"q was multiplied by {factor}"]
     changes += [f"momentum was divided by {factor}"] if tuning.has_momentum else []
-    if not changes:
+    if not changes and not tuning.has_chain:
         return tuning, []
+    moved = tuning.rescaled(period)
+    changes += [
+        f"the chain of {old.name} became {'Kalman alone' if new.chain is None else new.chain.words}"
+        for old, new in zip(tuning.channels, moved.channels, strict=True)
+        if old.chain != new.chain
+    ]
+    if not changes:
+        return moved, []
     note = (
         f"{' and '.join(changes)}: {'they were' if len(changes) > 1 else 'it was'} tuned at a sample period of"
         f" {before:.6g} s, here it is {period:.6g} s"
     )
-    return tuning.rescaled(period), [note]
+    return moved, [note]
 
 
 def params_for_stdin(

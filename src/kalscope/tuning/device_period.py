@@ -8,7 +8,7 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.finding import Request
 from kalscope.estimation.known import params_for_specification
 from kalscope.filtering.arrays import scalar
-from kalscope.tuning.tuning import Tuned, Tuning, same_period
+from kalscope.tuning.tuning import ChannelTuning, Tuned, Tuning, same_period
 
 
 def rescaled_to_period(tuning: Tuning, sample_period: float) -> Tuning:
@@ -58,4 +58,5 @@ def _said(new: Tuned, old: float, sample_period: float) -> Tuned:
     First where the values hold: a header may cut the end, and a lag that was asked for is no longer that of here.
     """
     momentum = " and momentum divided by it" if new.momentum > 0.0 else ""
-    return replace(new, how=f"at {old:.4g} s: {new.how}; q times {sample_period / old:.4g}{momentum}")
+    chain = ", chain rescaled" if isinstance(new, ChannelTuning) and new.chain is not None else ""
+    return replace(new, how=f"at {old:.4g} s: {new.how}; q times {sample_period / old:.4g}{momentum}{chain}")

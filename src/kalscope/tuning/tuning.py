@@ -15,6 +15,7 @@ from kalscope.common.version import program
 from kalscope.errors import BadSetting
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.chain_filter import ChainFilter
+from kalscope.filtering.classic.rescaling import rescaled_chain
 from kalscope.filtering.params import MAX_MOMENTUM, NO_GATE, FilterParams
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.tuning.fusion import FusionTuning
@@ -159,9 +160,10 @@ class Tuning:
 
         A random walk gains variance in proportion to time, so q per sample becomes q·T_new/T_old; momentum lasts
         as long in s, so it becomes τ·T_old/T_new; r and p0 are properties of one sample and of the start, and stay.
+        A chain keeps its cut-offs in hertz and its windows in seconds.
 
         Raises:
-            BadSetting: Either period is unknown or not positive, or q or the momentum leaves its range.
+            BadSetting: Either period is unknown or not positive, or q, the momentum or a chain leaves its range.
         """
         period = above_zero("sample_period", sample_period)
         if self.sample_period is None:
@@ -194,7 +196,16 @@ def _rescaled(one: Tuned, ratio: float, period: float) -> Tuned:
             f" {number(one.momentum / ratio)}): set momentum = {shorter:g} and"
             f" q = {one.q * (shorter / one.momentum) ** 2:.4g} in the tuning, which filters alike"
         )
-    return replace(one, q=one.q * ratio, momentum=one.momentum / ratio)
+    moved = replace(one, q=one.q * ratio, momentum=one.momentum / ratio)
+    if not isinstance(moved, ChannelTuning) or moved.chain is None:
+        return moved
+    try:
+        return replace(moved, chain=rescaled_chain(moved.chain, ratio))
+    except BadSetting as error:
+        raise BadSetting(
+            f"{one.name} cannot be filtered alike every {duration(period)}: {error}. Sample more often, or choose"
+            " another filter"
+        ) from None
 
 
 def same_period(a: float, b: float) -> bool:

@@ -32,12 +32,12 @@ def whole(name: str, value: Any, least: int, most: int) -> int:
     return found
 
 
-def number(name: str, value: Any, least: float, most: float) -> float:
+def number(name: str, value: Any, least: float, most: float, unit: str = "") -> float:
     """`value` as a float from `least` to `most`."""
     try:
         found = math.nan if isinstance(value, bool | str) else float(value)
     except (TypeError, ValueError, OverflowError):
         found = math.nan
     if not least <= found <= most:
-        raise BadSetting(f"{name} must be a number from {least:.3g} to {most:.3g} (got {value!r})")
+        raise BadSetting(f"{name} must be a number from {least:.3g} to {most:.3g}{unit} (got {value!r})")
     return found

@@ -20,6 +20,7 @@ MIN_CUTOFF, MAX_CUTOFF = 1e-6, 0.499
 """Cut-offs of the Butterworth filter, cycles a sample."""
 MIN_EURO_CUTOFF, MAX_EURO_CUTOFF = 1e-12, 1e9
 """Cut-offs of the one-euro filter, cycles a sample; it may let pass whatever comes."""
+PER_SAMPLE = " cycles per sample"
 MAX_BETA = 1e300
 """Largest growth of a cut-off accepted: the unit of the signal may be anything."""
 SETTLED = 0.01
@@ -180,7 +181,7 @@ class Butterworth:
     name: ClassVar[str] = "2nd-order Butterworth"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cutoff", number("cutoff", self.cutoff, MIN_CUTOFF, MAX_CUTOFF))
+        object.__setattr__(self, "cutoff", number("cutoff", self.cutoff, MIN_CUTOFF, MAX_CUTOFF, PER_SAMPLE))
 
     @property
     def words(self) -> str:
@@ -241,7 +242,7 @@ class OneEuro:
 
     def __post_init__(self) -> None:
         for name in ("cutoff", "speed_cutoff"):
-            object.__setattr__(self, name, number(name, getattr(self, name), MIN_EURO_CUTOFF, MAX_EURO_CUTOFF))
+            object.__setattr__(self, name, number(name, getattr(self, name), MIN_EURO_CUTOFF, MAX_EURO_CUTOFF, PER_SAMPLE))
         object.__setattr__(self, "beta", number("beta", self.beta, 0.0, MAX_BETA))
 
     @property
