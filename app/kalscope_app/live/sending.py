@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from kalscope.errors import BadSetting
-from kalscope.export.board.commands import commands
+from kalscope.export.board.chain import float32_tuning, runs_kalman
+from kalscope.export.board.commands import BoardAnswer, FixedFilter, commands
 from kalscope.export.board.connected import board_filter, values_in_use
 from kalscope.export.float32 import float32_params
 from kalscope.sources.live.live_samples import Snapshot
@@ -14,9 +15,9 @@ from kalscope_app.session.state import State
 
 def takes_no_values(state: State) -> str:
     """Why the board can take no values of what is on screen while it runs; "" where it can."""
-    if state.fusion is None and state.tuning.chain is None:
+    if state.fusion is None and runs_kalman(state.tuning):
         return ""
-    what = "a chain of filters" if state.fusion is None else "fused sensors"
+    what = "a classic filter" if state.fusion is None else "fused sensors"
     return f"the sketch of {what} takes no values while it runs: export it again and flash it"
 
 
@@ -24,24 +25,42 @@ def send_setting(state: State, source: LiveSource) -> Sent:
     """Bring q, r, momentum and p0 of the channel on screen onto the board, one command at a time, each answered.
 
     Raises:
-        BadSetting: the values do not fit float32, the board has no such filter or does not know momentum, or no
-            standard filter of one channel is on screen.
+        BadSetting: the values do not fit float32, the board has no such filter, another median or no momentum, or
+            no Kalman filter of one channel is on screen.
         BadDevice: the board did not answer, or did not take a value.
     """
     state.require_exportable([state.channel])
     if why := takes_no_values(state):
         raise BadSetting(why)
-    wanted = float32_params(state.params)
+    wanted = float32_tuning(state.tuning) or float32_params(state.params)
     names = state.recording.names
     said = values_in_use(source)
     its = board_filter(names, state.channel, len(said))
-    *values, restart = commands(wanted, its.number, knows_momentum=said[0].momentum is not None)
+    used = _used(said[(its.number or 1) - 1], wanted.median)
+    *values, restart = commands(wanted, its.number, knows_momentum=used.momentum is not None)
     for line in values:
         values_in_use(source, line)
     row = _rows(source.snapshot())
-    answer = values_in_use(source, restart)[-1]
+    answer = _used(values_in_use(source, restart)[-1], wanted.median)
     # x0 and gate stay those of the export; the settled gain belonged to the values before.
     return Sent(state.record_key, state.channel, its.filtered, state.params, answer.applied_to(wanted), row)
+
+
+def _used(said: BoardAnswer | FixedFilter, median: int) -> BoardAnswer:
+    """What a Kalman filter of the board uses.
+
+    Raises:
+        BadSetting: it is another filter, or behind a median of other than `median` samples.
+    """
+    again = "export the sketch with this tuning and flash it"
+    if isinstance(said, FixedFilter):
+        raise BadSetting(f"the filter of {said.name} on this board is not Kalman's and takes no values: {again}")
+    if said.median != median:
+        raise BadSetting(
+            f"the median must be that of the board, {said.median} samples, which no command changes"
+            f" (got {median}): {again}"
+        )
+    return said
 
 
 def _rows(snapshot: Snapshot | None) -> int:

@@ -59,15 +59,15 @@ UNO_FUSION_PREDICT_US = 124
 UNO_GAIN_US = 29
 """Time for each sensor where one has a gain, µs."""
 UNO_CLASSIC_US: dict[type[Stage], float] = {
-    MovingAverage: 83,
-    Exponential: 77,
-    PowerOfTwo: 77,
+    MovingAverage: 88,
+    Exponential: 80,
+    PowerOfTwo: 80,
     Median: 2,
-    Butterworth: 157,
-    OneEuro: 236,
+    Butterworth: 163,
+    OneEuro: 240,
 }
-"""Time of one update of a classic filter in floats (a power of two as well), µs; of a median without its window."""
-UNO_MEDIAN_US, UNO_MEDIAN_SAMPLE_US = 25, 4.0
+"""Time of one update of a classic filter to 10 %, in floats (a power of two too), µs; a median without its window."""
+UNO_MEDIAN_US, UNO_MEDIAN_SAMPLE_US = 30, 4.0
 """Time that a median takes, and about that of each sample of its window, µs."""
 UNO_READ_US = 112
 """Time of one analogRead() on an Uno, µs."""

@@ -14,6 +14,8 @@ from kalscope.errors import BadDevice
 from kalscope.export.board.connected import BoardFilter, board_filter
 from kalscope.export.board.momentum import momentum_on_board
 from kalscope.export.float32 import Float32Params, filter_float32
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.stages import PowerOfTwo
 from kalscope.sources.live.live_samples import Snapshot
 from kalscope_app.live.connection import BoardConnection
 from kalscope_app.live.sending import send_setting
@@ -89,6 +91,39 @@ def test_fused_sensors_cannot_be_sent_to_a_running_board_and_the_folder_says_so(
     ):
         view.show(SimpleNamespace(state=shown))
         assert (button.visible, words in how.content) == (shown is state, True)
+
+
+MEDIAN_ANSWER = "# light q=0 r=0 p=0 m=5 bits=3F800000,3F800000,7F800000"
+
+
+@pytest.mark.parametrize(
+    ("chain", "answer", "words"),
+    [
+        (
+            Chain(then=PowerOfTwo(3)),
+            "",
+            "sketch of a classic filter takes no values while it runs: export",
+        ),
+        (None, "# light takes no values while it runs: …", "filter of light on this board is not Kalman's"),
+        (
+            None,
+            MEDIAN_ANSWER,
+            r"that of the board, 5 samples, which no command changes \(got 1\): export",
+        ),
+        (Chain(3), MEDIAN_ANSWER, r"5 samples, which no command changes \(got 3\)"),
+    ],
+)
+def test_another_filter_than_the_boards_is_not_sent_and_the_board_left_as_it_is(state, chain, answer, words):
+    board = Board({"?": answer})
+    with pytest.raises(BadSetting, match=words):
+        send_setting(state.with_tuning(chain=chain), board)
+    assert board.asked == (["?"] if answer else [])
+
+
+def test_values_go_to_a_kalman_filter_behind_the_median_of_the_board(state):
+    board = Board(dict.fromkeys(("?", "q", "r", "p"), MEDIAN_ANSWER))
+    sent = send_setting(state.with_tuning(chain=Chain(5)), board)
+    assert (sent.params.median, sent.params.q) == (5, np.float32(1.0))
 
 
 UNNAMED = ("value 1", "value 2", "value 3", "value 4")

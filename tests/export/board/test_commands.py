@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams
-from kalscope.export.board.commands import BoardAnswer, commands, is_refusal, read_answer
+from kalscope.export.board.commands import BoardAnswer, FixedFilter, commands, is_refusal, read_answer
 from kalscope.export.board.momentum import momentum_on_board
 from kalscope.export.float32 import Float32Params, float32_params, without_momentum
 
@@ -60,6 +60,18 @@ def test_an_answer_is_read_from_its_bits():
     line = "# light q=1.000000e-2 r=4.000000 p=inf bits=3C23D70A,40800000,7F800000\r\n"
     expected = BoardAnswer("light", np.float32(0.01), np.float32(4.0), np.float32(np.inf))
     assert read_answer(line) == expected
+
+
+def test_an_answer_may_name_a_median_and_a_filter_that_takes_no_values():
+    line = "# light q=1.000000e-2 r=4.000000 p=inf m=5 bits=3C23D70A,40800000,7F800000\r\n"
+    answer = read_answer(line)
+    assert answer == BoardAnswer("light", F(0.01), F(4.0), F(np.inf), median=5)
+    assert answer.applied_to(float32_params(FilterParams(0.5, 4.0))).median == 5
+    both = line.replace("m=5", "t=20.000000 m=5").replace("7F800000", "7F800000,41A00000")
+    assert read_answer(both) == BoardAnswer("light", F(0.01), F(4.0), F(np.inf), F(20.0), 5)
+    assert read_answer(
+        "# tilt takes no values while it runs: export the sketch again to change it\r\n"
+    ) == FixedFilter("tilt")
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,8 @@ def compared(state: State) -> str:
         )
     if float32_params(sent.asked).settled_gain > 0.0:
         text += " The board's gain stays larger than on screen: only the exported code can use so small a q/r."
-    if state.params != sent.asked:
+    chain = state.tuning.chain
+    if state.params != sent.asked or sent.params.median != (1 if chain is None else chain.median):
         text += " The current values have not been sent."
     return text
 

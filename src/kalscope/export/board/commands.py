@@ -18,7 +18,10 @@ MIN_MOMENTUM = 1e-3
 """Shortest momentum that a board takes, sample periods; shorter ones are as good as none."""
 
 _BITS = "([0-9A-F]{8})"
-_ANSWER = re.compile(rf"# (\w+) q=\S+ r=\S+ p=\S+ (?:t=\S+ )?bits={_BITS},{_BITS},{_BITS}(?:,{_BITS})?\s*")
+_ANSWER = re.compile(
+    rf"# (\w+) q=\S+ r=\S+ p=\S+ (?:t=\S+ )?(?:m=(\d+) )?bits={_BITS},{_BITS},{_BITS}(?:,{_BITS})?\s*"
+)
+_FIXED = re.compile(r"# (\w+) takes no values while it runs.*\s*")
 
 
 @dataclass(frozen=True)
@@ -35,11 +38,22 @@ class BoardAnswer:
     """Start variance, unit²; inf = the first sample is the start."""
     momentum: np.float32 | None = None
     """Momentum τ, sample periods; None = the sketch was exported without momentum and cannot take one."""
+    median: int = 1
+    """Samples whose median goes into the filter, which no command changes; 1 = each sample itself."""
 
     def applied_to(self, params: Float32Params) -> Float32Params:
         """`params` as the board computes with them: its own q, r, p0 and momentum, and the gain that follows."""
         momentum = None if self.momentum is None else momentum_on_board(self.q, self.momentum)
-        return replace(params, q=self.q, r=self.r, p0=self.p0, momentum=momentum, settled_gain=np.float32(0.0))
+        used = replace(params, q=self.q, r=self.r, p0=self.p0, momentum=momentum, median=self.median)
+        return replace(used, settled_gain=np.float32(0.0))
+
+
+@dataclass(frozen=True)
+class FixedFilter:
+    """A filter of a board that takes no values while it runs: it is not Kalman's."""
+
+    name: str
+    """Identifier of the channel."""
 
 
 def commands(params: Float32Params, channel: int | None = None, *, knows_momentum: bool = False) -> tuple[str, ...]:
@@ -71,13 +85,16 @@ def commands(params: Float32Params, channel: int | None = None, *, knows_momentu
     return tuple(f"{which}{name} {float(value):.9g}" for name, value in (*pair, *between, ("p", params.p0)))
 
 
-def read_answer(line: str) -> BoardAnswer | None:
+def read_answer(line: str) -> BoardAnswer | FixedFilter | None:
     """The answer to a command, or None for any other line: a sample, another remark."""
-    found = _ANSWER.fullmatch(line)
+    fixed, found = _FIXED.fullmatch(line), _ANSWER.fullmatch(line)
+    if fixed is not None:
+        return FixedFilter(fixed[1])
     if found is None:
         return None
-    held = (np.uint32(int(bits, 16)).view(np.float32) for bits in found.groups()[1:] if bits is not None)
-    return BoardAnswer(found[1], *held)
+    name, median, *all_bits = found.groups()
+    held = (np.uint32(int(bits, 16)).view(np.float32) for bits in all_bits if bits is not None)
+    return BoardAnswer(name, *held, median=int(median or 1))
 
 
 def is_refusal(line: str) -> bool:

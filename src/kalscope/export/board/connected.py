@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from kalscope.errors import BadDevice, BadSetting
-from kalscope.export.board.commands import BoardAnswer, is_refusal, read_answer
+from kalscope.export.board.commands import BoardAnswer, FixedFilter, is_refusal, read_answer
 
 if TYPE_CHECKING:
     from kalscope.sources.live.live_source import LiveSource
@@ -61,8 +61,8 @@ def is_unnamed(names: tuple[str, ...]) -> bool:
     return names == tuple(f"value {i + 1}" for i in range(len(names)))
 
 
-def values_in_use(source: LiveSource, line: str = "?") -> list[BoardAnswer]:
-    """What the filters of a board use, after a command if one is given.
+def values_in_use(source: LiveSource, line: str = "?") -> list[BoardAnswer | FixedFilter]:
+    """What the filters of a board use, in its order, after a command if one is given.
 
     Raises:
         BadDevice: the board did not answer, or did not take the value.

@@ -1,0 +1,159 @@
+"""Chains and classic filters in the exported sketch, in a simulated Uno: the host's bits, and what they cost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import serial
+from board import FLAT_OUT, read_lines
+from waiting import PATIENCE
+
+from kalscope.export.board.chain import filter_channel_float32, float32_tuning
+from kalscope.export.board.check import check_board
+from kalscope.export.board.commands import FixedFilter, is_refusal, read_answer
+from kalscope.export.device_limits import update_us
+from kalscope.export.job import ExportJob
+from kalscope.export.targets.arduino import files
+from kalscope.export.targets.stages import channel_bytes
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.stages import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.tuning.tuning import ChannelTuning
+
+pytestmark = pytest.mark.device
+
+FAST = ((r"(?<=BAUD = )115200", "1000000"), (r"(?<=PERIOD_US = )\d+", "1000"))
+MISSING = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
+CHANNELS = (
+    ChannelTuning("flex", "", 0.3, 40.0, gate=9.0, momentum=30.0, chain=Chain(5)),
+    ChannelTuning("tilt", "", 1.0, 1.0, chain=Chain(3, OneEuro(0.004, 2e-4, 0.05))),
+    ChannelTuning("hum", "", 1.0, 1.0, chain=Chain(then=Butterworth(0.02))),
+    ChannelTuning("light", "", 0.01, 40.0, 1000.0),
+)
+
+
+def saved(folder, channels):
+    """The sketch of an export, as it leaves."""
+    for name, text in files(ExportJob(channels, sample_period=0.005)).items():
+        (folder / name).write_text(text, encoding="ascii")
+    return folder / "kalscope_filter.ino"
+
+
+def counts(n, channels):
+    rng = np.random.default_rng(5)
+    z = np.clip(np.rint(512 + 300 * np.sin(np.arange(n) / 90) + rng.normal(0, 15, (channels, n))), 1, 1023).T
+    z[rng.random(z.shape) < 0.03] = 1023  # for gate and median
+    z[rng.random(z.shape) < 0.03] = 0  # no sample
+    z[:4, :2] = 0
+    return z.astype(int)
+
+
+class Heard:
+    """What a board says: rows of numbers, and answers."""
+
+    def __init__(self, port):
+        self._port, self.rows, self.answers = port, [], []
+
+    def follow(self, rows=0, answers=0):
+        """Read so many more of both."""
+        goal = len(self.rows) + rows, len(self.answers) + answers
+        while len(self.rows) < goal[0] or len(self.answers) < goal[1]:
+            line = self._port.readline().decode()
+            if (answer := read_answer(line)) is not None:
+                self.answers.append(answer)
+            elif not line.startswith("#"):
+                self.rows.append([float(cell) for cell in line.split(",")])
+        return self.answers[goal[1] - answers :]
+
+    def ask(self, text):
+        self._port.write(text.encode() + b"\n")
+        return self.follow(answers=len(CHANNELS))
+
+
+def test_four_channels_with_different_filters_print_the_bits_of_the_host_and_say_what_obeys(
+    start_board, workshop, tmp_path
+):
+    z = counts(1200, len(CHANNELS))
+    firmware = workshop.sketch(saved(tmp_path, CHANNELS), *FAST, MISSING)
+    assert firmware.ram == pytest.approx(257 + len(CHANNELS) * channel_bytes(ExportJob(CHANNELS)), abs=40)
+    board = start_board(firmware, z, *FLAT_OUT)
+    with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
+        heard = Heard(port)
+        heard.follow(rows=300)
+        first = heard.ask("?")
+        before = len(heard.rows)
+        heard.ask("q 0.7")
+        restarted = len(heard.rows)
+        last = heard.ask("p inf")
+        heard.follow(rows=200)
+    assert [one.name for one in first] == [channel.name for channel in CHANNELS]
+    assert [type(one) is FixedFilter for one in first] == [False, True, True, False]
+    assert [one.median for one in (first[0], first[3])] == [5, 1]
+    printed = np.array(heard.rows, dtype=np.float32)
+    samples = np.where(z == 0, np.nan, z)[: len(printed)].astype(np.float32)
+    np.testing.assert_array_equal(printed[:, ::2], samples)
+    for c, channel in enumerate(CHANNELS):
+        rows = len(printed) if isinstance(first[c], FixedFilter) else before
+        expected = filter_channel_float32(samples[:rows, c], channel)
+        np.testing.assert_array_equal(printed[:rows, 2 * c + 1], expected, err_msg=channel.name)
+    for c in (0, 3):
+        params = last[c].applied_to(float32_tuning(CHANNELS[c]))
+        check = check_board(samples[restarted:, c], printed[restarted:, 2 * c + 1], params)
+        assert (check.different, check.rows > 150, params.q) == (0, True, np.float32(0.7))
+
+
+def test_a_sketch_without_a_kalman_filter_says_that_it_takes_no_values(start_board, workshop, tmp_path):
+    channels = (ChannelTuning("a", "", 1.0, 1.0, chain=Chain(3, MovingAverage(60))),)
+    z = counts(200, 1)
+    board = start_board(workshop.sketch(saved(tmp_path, channels), *FAST, MISSING), z, *FLAT_OUT)
+    with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
+        port.write(b"q 0.5\r\n")
+        lines = [port.readline().decode() for _ in range(150)]
+    assert sum(map(is_refusal, lines)) == 1
+    printed = np.array([[float(c) for c in line.split(",")] for line in lines if line[0] != "#"], np.float32)
+    np.testing.assert_array_equal(printed[:, 1], filter_channel_float32(printed[:, 0], channels[0]))
+
+
+TIMED = {
+    "plain": None,
+    "spiky": Chain(5),
+    "mean": Chain(then=MovingAverage(25)),
+    "smooth": Chain(then=Exponential(0.1)),
+    "power": Chain(3, PowerOfTwo(3)),
+    "middle": Chain(then=Median(21)),
+    "steep": Chain(then=Butterworth(0.02)),
+    "euro": Chain(then=OneEuro(0.01, 0.02, 0.05)),
+}
+TIMING = r"""
+#include "KalscopeFilter.h"
+volatile float z, x;
+unsigned long spent(KalscopeFilter *filter) {
+  const unsigned long start = micros();
+  for (unsigned i = 0; i < 500; i++) {
+    z = 500 + (i * 29u & 127);
+    x = filter != nullptr ? filter->update(z) : (float)z;
+  }
+  return micros() - start;
+}
+void setup() {
+  static const KalscopeTuning tunings[] = {TUNINGS};
+  Serial.begin(115200);
+  for (const KalscopeTuning &tuning : tunings) {
+    KalscopeFilter filter(tuning);
+    Serial.println(spent(&filter) - spent(nullptr));
+  }
+}
+void loop() {}
+"""
+
+
+def test_the_time_of_each_filter_is_about_what_we_say(start_board, workshop, tmp_path, monkeypatch):
+    monkeypatch.setattr("kalscope.export.targets.arduino.ANALOGUE_PINS", len(TIMED))
+    monkeypatch.setattr("kalscope.export.targets.arduino.UNO_FREE", 10**4)
+    channels = tuple(ChannelTuning(name, "", 0.01, 4.0, chain=chain) for name, chain in TIMED.items())
+    saved(tmp_path, channels)
+    names = ", ".join(f"KALSCOPE_TUNING_{channel.name.upper()}" for channel in channels)
+    (tmp_path / "timing.ino").write_text(TIMING.replace("TUNINGS", names))
+    board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
+    found = [int(line) / 500 for line in read_lines(board.port, len(channels))]
+    said = [update_us(channel) for channel in channels]
+    np.testing.assert_allclose(found, said, rtol=0.1, err_msg=str(dict(zip(TIMED, found, strict=True))))
