@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
 
@@ -17,6 +18,12 @@ def not_here(reason: str) -> NoReturn:
     if REQUIRE_ALL:
         pytest.fail(f"{reason}, and KALSCOPE_REQUIRE=all")
     pytest.skip(reason, allow_module_level=True)
+
+
+def needs(*libraries: str) -> None:
+    """Skip the module where a library is not installed; none is imported, which every worker would do."""
+    if lacking := [name for name in libraries if find_spec(name) is None]:
+        not_here(f"{', '.join(lacking)} is not installed")
 
 
 def node() -> Path | str:

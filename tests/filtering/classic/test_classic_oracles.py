@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.ndimage import median_filter
-from scipy.signal import butter, lfilter, sosfilt
 
 from kalscope.filtering.classic import running
 from kalscope.filtering.classic.running import RunningStage
@@ -54,6 +52,9 @@ def mean_of(seen, window):
 
 
 def test_each_is_what_scipy_and_numpy_compute():
+    from scipy.ndimage import median_filter
+    from scipy.signal import butter, lfilter, sosfilt
+
     z = walk()
 
     def low_pass(cutoff):

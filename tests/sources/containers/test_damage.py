@@ -5,12 +5,12 @@ import random
 import numpy as np
 import pytest
 from effort import FUZZ
+from required import needs
 
 from kalscope.errors import BadFile
 from kalscope.sources.readers.recording_file import read_recording
 
-for module in ("h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog"):
-    pytest.importorskip(module)
+needs("h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog")
 
 from made_containers import CONTAINERS  # noqa: E402
 

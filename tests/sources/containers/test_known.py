@@ -5,13 +5,13 @@ import sys
 
 import numpy as np
 import pytest
+from required import needs
 
 from kalscope.errors import BadFile, BadSetting, Cancelled
 from kalscope.sources.containers.parts import Part, choose_part
 from kalscope.sources.readers.recording_file import read_recording
 
-for module in ("h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog"):
-    pytest.importorskip(module)
+needs("h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog")
 
 from made_containers import CONTAINERS  # noqa: E402
 

@@ -5,14 +5,14 @@ import zipfile
 
 import numpy as np
 import pytest
+from required import needs
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, BadSetting, Cancelled
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
 
-openpyxl = pytest.importorskip("openpyxl")
-pytest.importorskip("python_calamine")
+needs("openpyxl", "python_calamine")
 
 START = datetime.datetime(2024, 3, 1, 12, 0, 0)
 
@@ -21,6 +21,8 @@ START = datetime.datetime(2024, 3, 1, 12, 0, 0)
 def book(tmp_path):
     def write(**sheets):
         path = tmp_path / "log.xlsx"
+        import openpyxl
+
         workbook = openpyxl.Workbook()
         workbook.remove(workbook.active)
         for title, rows in sheets.items():
@@ -68,6 +70,8 @@ def test_a_sheet_without_numbers_is_refused(book):
 
 
 def test_two_cells_at_the_ends_of_a_sheet_are_refused_before_they_fill_the_memory(tmp_path):
+    import openpyxl
+
     workbook = openpyxl.Workbook()
     workbook.active["A1"], workbook.active["XFD1048576"] = 1, 2
     workbook.save(tmp_path / "log.xlsx")

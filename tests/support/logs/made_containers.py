@@ -6,7 +6,6 @@ import struct
 import h5py
 import nptdms
 import numpy as np
-import openpyxl
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
@@ -130,6 +129,8 @@ def write_tdms(path):
 
 
 def write_xlsx(path):
+    import openpyxl
+
     workbook = openpyxl.Workbook()
     workbook.active.append(["t", "x (V)"])
     for i, x in enumerate(X):
