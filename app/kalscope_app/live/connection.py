@@ -49,6 +49,17 @@ class BoardConnection:
         """Whether this is the board that is connected."""
         return self._connected is board
 
+    def source_of(self, state: State) -> LiveSource:
+        """The board on screen.
+
+        Raises:
+            BadSetting: it is not connected.
+        """
+        source = self.source
+        if source is None or state.live is None or not self.is_connected(state.live.board):
+            raise BadSetting("no board is connected: connect one in the Source tab first")
+        return source
+
     def open(self, session: Session, port: PortSpec, *, reconnect: bool) -> None:
         """Connect another board and show it; waits for the port, so run it as a job."""
         self.close()

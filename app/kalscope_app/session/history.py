@@ -70,8 +70,9 @@ def _seen_as(present: State, other: State) -> State:
     if not (same_record and present.channel == other.channel):
         view = replace(view, resets=view.resets + 1)
     live = present.live if same_record else other.live  # following and pausing belong to the view
-    # What a board has taken stays taken.
-    return replace(other, view=view, live=live, sent=present.sent, fleet=present.fleet).with_answers(note="")
+    # What a board has taken stays taken, and what it measured stays measured.
+    now = replace(other, sent=present.sent, calibration=present.calibration, fleet=present.fleet)
+    return replace(now, view=view, live=live).with_answers(note="")
 
 
 def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from kalscope.export.board.calibration import Calibrated
+from kalscope.export.board.measuring import Measurement
 from kalscope.export.float32 import Float32Params
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.params import FilterParams
@@ -92,3 +94,25 @@ class Sent:
     """What the board says it uses, exact."""
     row: int
     """Number of the first sample after the board restarted its filter, counted since it began to send."""
+
+
+@dataclass(frozen=True)
+class BoardCalibration:
+    """What came of letting a board measure its own noise."""
+
+    record: tuple[int, int]
+    """The live record that it belongs to."""
+    channel: str
+    """The channel that was measured."""
+    found: Measurement | None = None
+    """What the board says, and the figure here; None where there was no answer."""
+    failed: str = ""
+    """Why there was none."""
+    kept: bool = False
+    """Whether the board keeps its values for its next start."""
+
+    @property
+    def values(self) -> Calibrated | None:
+        """What the board measured; None where it could not."""
+        answer = None if self.found is None else self.found.answer
+        return answer if isinstance(answer, Calibrated) else None

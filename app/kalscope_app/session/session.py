@@ -34,6 +34,8 @@ class Failed(StrEnum):
     SAVE = "Cannot save"
     EXPORT = "Cannot export"
     SEND = "Cannot send to the board"
+    MEASURE = "The board cannot measure"
+    KEEP = "Cannot keep on the board"
     OTHER = "Not possible"
 
 

@@ -22,7 +22,7 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.fleet import OpenFleet
 from kalscope_app.session.fusion import Fusion
 from kalscope_app.session.linked_channels import UNLINKED, apply_to_linked
-from kalscope_app.session.live_state import Live, Sent
+from kalscope_app.session.live_state import BoardCalibration, Live, Sent
 from kalscope_app.session.variants import Variant
 from kalscope_app.session.view import AS_OPENED, View
 
@@ -105,6 +105,8 @@ class State:
     answers: Answers = Answers()
     sent: Sent | None = None
     """What was last sent to the live board; None = nothing yet."""
+    calibration: BoardCalibration | None = None
+    """What the live board measured of its own noise; None = nothing yet."""
     live: Live | None = None
     """The live board that the recording grows from; None for a finished recording."""
     fleet: OpenFleet | None = None

@@ -145,7 +145,9 @@ def test_both_figures_are_of_the_same_samples_and_each_channel_has_its_own(conne
 def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(connected, monkeypatch):
     board, source = connected()
     board.knows = False
-    with pytest.raises(BadDevice, match=r"cannot measure: export it with self-calibration \(kalscope export"):
+    with pytest.raises(
+        BadDevice, match=r"cannot measure by itself: export it with self-calibration \(kalscope export"
+    ):
         measure(source, "raw", 2.0, Progress())
     board.knows = True
     with pytest.raises(BadSetting, match="sends no filtered column for filtered"):
@@ -191,9 +193,9 @@ def test_the_words_name_both_figures_and_what_to_do():
     r = np.float32(here.r * 1.005)
     answer = Calibrated("light", r, np.float32(1e-5), np.float32(0.0), 1997, 1, 2)
     text = compared_text(Measurement("raw", answer, here), "°C")
-    assert text.startswith("Board 0.04")
-    assert text.endswith(" °C: equal within 0.3 %.")
-    assert "from 1\u202f997 samples; 1 spike left out; 2 missing." in found_text(answer, "°C")
+    assert text.startswith("σ = 0.04")
+    assert text.endswith(" °C here from the same samples: equal within 0.3 %.")
+    assert "q = 1.000e-5 °C²; from 1\u202f997 samples, 1 spike left out, 2 missing." in found_text(answer, "°C")
     lost = Measurement("raw", replace(answer, r=np.float32(1.2 * here.r)), here, 40)
     assert "they differ by 9.5 %. 40 samples of the board did not arrive here" in compared_text(lost, "")
     assert "did not all arrive here" in compared_text(Measurement("raw", answer, None, 2000), "")

@@ -17,7 +17,7 @@ from kalscope.sources.live.live_samples import Snapshot
 from kalscope.tuning.paper_tuning import PaperTuning
 from kalscope.tuning.tuning import Tuning
 from kalscope_app.session.changes.channels import channel_named, select_channel
-from kalscope_app.session.live_state import BoardId, Deferred, Live, Sent, Setting
+from kalscope_app.session.live_state import BoardCalibration, BoardId, Deferred, Live, Sent, Setting
 from kalscope_app.session.opening import adapted, opened
 from kalscope_app.session.state import Change, State
 
@@ -219,3 +219,40 @@ def set_sent(sent: Sent | None) -> Change:
         return replace(state, sent=sent)
 
     return change
+
+
+def set_calibration(calibration: BoardCalibration | None) -> Change:
+    """The board has measured its noise, or could not; None: it begins to."""
+
+    def change(state: State) -> State:
+        # Its filter went on with what it measured: there is no restart from which to compare it.
+        sent = state.sent if calibration is None or calibration.values is None else None
+        return replace(state, calibration=calibration, sent=sent)
+
+    return change
+
+
+def set_kept(kept: bool) -> Change:
+    """The board keeps its values for its next start, or those of its export."""
+
+    def change(state: State) -> State:
+        known = state.calibration
+        return state if known is None else replace(state, calibration=replace(known, kept=kept))
+
+    return change
+
+
+def calibration_here(state: State) -> BoardCalibration | None:
+    """What came of letting the board measure the channel on screen."""
+    known = state.calibration
+    return known if known and (known.record, known.channel) == (state.record_key, state.channel) else None
+
+
+def use_calibration(state: State) -> State:
+    """Filter the channel on screen with the r and q that its board measured."""
+    known = calibration_here(state)
+    if known is None or known.values is None:
+        raise BadSetting("the board must have measured this channel first (got none)")
+    q, r = (float(str(value)) for value in (known.values.q, known.values.r))  # few digits, the same float32
+    state = state if state.uses_parameters else state.with_standard_filter()
+    return state.with_tuning(q=q, r=r, how="measured by the board")

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import viser
 
 from kalscope.common.text import count, number
-from kalscope.errors import BadSetting
 from kalscope.export.float32 import float32_params
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
@@ -19,6 +18,7 @@ from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.board import compare_with_board
 from kalscope_app.views.binding import on_user
+from kalscope_app.views.export.calibration import CalibrationView
 from kalscope_app.views.text import capitalised
 
 HOW = (
@@ -45,12 +45,11 @@ class BoardView:
                 "Send q, r and p0", hint="And the momentum, where the sketch has it. The board confirms each value."
             )
             self._text = gui.add_markdown("")
+        self._calibration = CalibrationView(gui, session, tell, connection)
         on_user(self._button.on_click, lambda _client: jobs.run_with_state(session, self._send, Failed.SEND))
 
     def _send(self, state: State) -> None:
-        source = self._connection.source
-        if source is None or state.live is None or not self._connection.is_connected(state.live.board):
-            raise BadSetting("no board is connected: connect one in the Source tab first")
+        source = self._connection.source_of(state)
         self._session.request(set_sent(None))  # of three values some may arrive and some not
         sent = send_setting(state, source)
         self._session.request(set_sent(sent))
@@ -58,6 +57,7 @@ class BoardView:
 
     def show(self, frame: Frame) -> None:
         """Only a live board can be sent to, and only the filter of one channel."""
+        self._calibration.show(frame)
         self._folder.visible = frame.state.live is not None
         why = takes_no_values(frame.state)
         self._button.visible = self._text.visible = not why

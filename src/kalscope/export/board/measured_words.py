@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from kalscope.common.text import count, number, percent, plural, squared
 from kalscope.export.board.calibration import Calibrated, NotCalibrated
 from kalscope.export.board.measuring import Measurement
@@ -38,18 +40,14 @@ _ADVICE = (
 
 
 def found_text(answer: Calibrated, unit: str) -> str:
-    """What a board found, in a sentence."""
-    r, q, squares = float(answer.r), float(answer.q), squared(unit)
-    left = [plural(answer.spikes, "spike") + " left out"] if answer.spikes else []
-    left += [f"{count(answer.missing)} missing"] if answer.missing else []
-    used = "; ".join([f"from {_samples(answer.samples)}", *left])
-    text = (
-        f"σ = {number(math.sqrt(r), 4)}{_unit(unit)}, so r = {number(r, 4)} {squares}, and with the lag of the"
-        f" export q = {number(q, 4)} {squares}; {used}."
-    )
+    """What a board found and uses now, in a sentence."""
+    r, q = (f"{number(float(value), 4)} {squared(unit)}" for value in (answer.r, answer.q))
+    used = [f"from {_samples(answer.samples)}"]
+    used += [plural(answer.spikes, "spike") + " left out"] if answer.spikes else []
+    used += [f"{count(answer.missing)} missing"] if answer.missing else []
+    text = f"r = {r}, and for the lag of the export q = {q}; {', '.join(used)}."
     if answer.is_rounding:
-        step = f"{number(float(answer.step), 4)}{_unit(unit)}"
-        text += f" This is the rounding to steps of {step}: the readings hardly change."
+        text += f" This is the rounding to steps of {_value(answer.step, unit)}: the readings hardly change."
     return text
 
 
@@ -58,14 +56,18 @@ def compared_text(measured: Measurement, unit: str) -> str:
     answer, here = measured.answer, measured.here
     if isinstance(answer, NotCalibrated):
         return ""
+    board = math.sqrt(answer.r)
     if here is None:
-        return "The samples that the board used did not all arrive here, so there is no figure to compare it with."
-    board, ours = math.sqrt(answer.r), math.sqrt(here.r)
+        return (
+            f"σ = {_value(board, unit)} on the board; the samples that it used did not all arrive here, so there is"
+            " no figure to compare it with."
+        )
+    ours = math.sqrt(here.r)
     share = abs(board / ours - 1.0)
     how = f"equal within {_rounded_up(share)}" if share <= EQUAL_WITHIN else f"they differ by {percent(share)}"
-    text = f"Board {number(board, 4)}{_unit(unit)}, here {number(ours, 4)}{_unit(unit)}: {how}."
+    text = f"σ = {_value(board, unit)} on the board, {_value(ours, unit)} here from the same samples: {how}."
     if measured.lost:
-        text += f" {_samples(measured.lost)} of the board did not arrive here, so these are not the same."
+        text += f" {_samples(measured.lost)} of the board did not arrive here, so these are not quite the same."
     return text
 
 
@@ -78,8 +80,8 @@ def refusal_text(answer: NotCalibrated) -> str:
     return f"The board keeps its values: {reason}. {advice}".rstrip()
 
 
-def _unit(unit: str) -> str:
-    return f" {unit}" if unit else ""
+def _value(value: float | np.float32, unit: str) -> str:
+    return f"{number(float(value), 4)}{' ' if unit else ''}{unit}"
 
 
 def _samples(n: int) -> str:

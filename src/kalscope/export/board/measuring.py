@@ -12,7 +12,16 @@ from kalscope.common.progress import Progress
 from kalscope.errors import BadDevice, BadSetting, Cancelled
 from kalscope.estimation.sensor.noise import StillNoise, noise_from_still
 from kalscope.export.board import calibration
-from kalscope.export.board.calibration import Calibrated, Calibrating, KeptAtStart, NotCalibrated, NotUnderstood
+from kalscope.export.board.calibration import (
+    Calibrated,
+    Calibrating,
+    Forgotten,
+    Kept,
+    KeptAtStart,
+    NotCalibrated,
+    NotKept,
+    NotUnderstood,
+)
 from kalscope.export.board.connected import board_filter, filtered_channels, values_in_use
 
 if TYPE_CHECKING:
@@ -23,11 +32,13 @@ MAX_SILENCE_S, MAX_SILENT_PERIODS = 5.0, 5.0
 """Time without a sample after which a board is taken to have stopped: the longer of both, s and sample periods."""
 MAX_LATE_ROWS = 200
 """Samples after the end within which the answer must have come: those missing at the start make it later."""
+_ANSWER_S = 2.0
+"""Seconds within which a board obeys."""
 _TICK = 0.1
 """Seconds between two reports of the progress."""
 
 CANNOT = (
-    "the sketch on this board cannot measure: export it with self-calibration"
+    "the sketch on this board cannot measure by itself: export it with self-calibration"
     " (kalscope export TUNING --to arduino --calibration) and flash it"
 )
 """What an older sketch, or one that was exported without it, leads to."""
@@ -90,6 +101,27 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
             with suppress(BadDevice):
                 source.send(calibration.cancel(number))
             raise Cancelled("the measurement was cancelled: the board keeps its values") from None
+
+
+def set_kept(source: LiveSource, *, kept: bool) -> None:
+    """Let a board start with its present values from now on, or with those of its export.
+
+    Raises:
+        BadDevice: it cannot, did not answer, or its memory is worn.
+    """
+    with source.commands.listen() as heard:
+        source.send(calibration.KEEP if kept else calibration.FORGET)
+        end = time.monotonic() + _ANSWER_S
+        while (left := end - time.monotonic()) > 0.0:
+            with suppress(Empty):
+                answer = calibration.read_answer(heard.get(timeout=left).text)
+                if isinstance(answer, Kept if kept else Forgotten):
+                    return
+                if isinstance(answer, NotUnderstood):
+                    raise BadDevice(CANNOT)
+                if isinstance(answer, NotKept):
+                    raise BadDevice(f"the board could not store its values: {answer.reason}")
+    raise BadDevice(f"the board did not say within {_ANSWER_S:g} s that it did so")
 
 
 class _Run:

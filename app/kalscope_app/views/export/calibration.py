@@ -1,0 +1,136 @@
+"""The folder "Noise measured by the board" of the Export tab, for a board that runs the exported sketch."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import viser
+
+from kalscope.common.progress import Progress
+from kalscope.common.text import duration, typed_number
+from kalscope.export.board.calibration import Calibrated
+from kalscope.export.board.measured_words import compared_text, found_text, refusal_text
+from kalscope.export.board.measuring import set_kept
+from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.live.connection import BoardConnection
+from kalscope_app.live.measuring import measured_by_board
+from kalscope_app.session.changes import live as changes
+from kalscope_app.session.live_state import BoardCalibration
+from kalscope_app.session.session import Failed, Session
+from kalscope_app.session.state import State
+from kalscope_app.views.binding import on_user, put
+from kalscope_app.views.text import escape_markdown
+
+KEEP, FORGET = "Keep on the board", "Forget what the board keeps"
+MAX_SHOWN = 1000
+"""Letters of what a board said that are shown."""
+
+
+class CalibrationView:
+    """Measures as a job of its own; what came back is filed in the session."""
+
+    def __init__(
+        self, gui: viser.GuiApi, session: Session, tell: Callable[..., None], connection: BoardConnection
+    ) -> None:
+        self._session, self._tell, self._connection = session, tell, connection
+        self._jobs = Jobs(tell)  # a measurement takes minutes: no search may wait for it
+        self._stop, self._ended = threading.Event(), 0.0
+        self._running: float | None = None  # for so many seconds
+        with gui.add_folder("Noise measured by the board", visible=False) as self._folder:
+            self._seconds = gui.add_text(
+                "measure for (s)", "10", hint="Keep what the sensor measures constant for so long."
+            )
+            self._start = gui.add_button(
+                "Let the board measure r",
+                hint="It then uses that r, and the q that keeps the lag of its export. Its filter goes on.",
+            )
+            self._progress = gui.add_progress_bar(0.0, visible=False)
+            self._text = gui.add_markdown("", visible=False)
+            self._cancel = gui.add_button("Cancel", visible=False, hint="The board keeps its values.")
+            self._use = gui.add_button(
+                "Use its r and q here", visible=False, hint="In the tuning of this channel. Undo reverts it."
+            )
+            self._keep = gui.add_button(
+                KEEP,
+                visible=False,
+                hint="In its EEPROM, for all channels: else a reset brings those of the export.",
+            )
+        on_user(self._start.on_click, lambda _client: self._on_start())
+        on_user(self._cancel.on_click, lambda _client: self._stop.set())
+        on_user(self._use.on_click, lambda _client: session.request(changes.use_calibration))
+        on_user(
+            self._keep.on_click,
+            lambda _client: self._jobs.run_with_state(session, self._keep_or_forget, Failed.KEEP),
+        )
+
+    def _on_start(self) -> None:
+        clicked = time.monotonic()
+
+        def work(state: State) -> None:
+            if clicked > self._ended:  # a second click during a measurement asks for no other one
+                self._measure(state)
+
+        self._jobs.run_with_state(self._session, work, Failed.MEASURE)
+
+    def _measure(self, state: State) -> None:
+        source = self._connection.source_of(state)
+        seconds = typed_number("the time to measure for", self._seconds.value)
+        stop = self._stop = threading.Event()
+        self._running, self._progress.value = seconds, 0.0
+        self._session.request(changes.set_calibration(None))  # its frame shows the progress
+        try:
+            measured = measured_by_board(state, source, seconds, Progress(self._on_progress, stop.is_set))
+        finally:
+            self._ended, self._running = time.monotonic(), None
+            self._session.request(lambda state: state)  # and that of this one takes it away
+        self._session.request(changes.set_calibration(measured))
+        good = measured.values is not None
+        self._tell(texts_of(measured, state.tuning.unit)[0], good=good, failed=Failed.MEASURE)
+
+    def _on_progress(self, fraction: float, _text: str) -> None:
+        put(self._progress, value=round(100.0 * fraction, 1))
+
+    def _keep_or_forget(self, state: State) -> None:
+        kept = not (state.calibration is not None and state.calibration.kept)
+        set_kept(self._connection.source_of(state), kept=kept)
+        self._session.request(changes.set_kept(kept))
+        starts = "these values" if kept else "the values of its export"
+        self._tell(f"From its next start on the board uses {starts}.", good=True)
+
+    def show(self, frame: Frame) -> None:
+        """Only a live board can measure, and only the noise of one channel."""
+        state = frame.state
+        put(self._folder, visible=state.live is not None and state.fusion is None)
+        running, known = self._running, changes.calibration_here(state)
+        for shown in self._seconds, self._start:
+            put(shown, visible=running is None)
+        for shown in self._progress, self._cancel:
+            put(shown, visible=running is not None)
+        if running is not None:
+            texts: tuple[str, ...] = (
+                f"Measuring for {duration(running)}: keep what the sensor measures constant.",
+            )
+        else:
+            texts = () if known is None else texts_of(known, state.tuning.unit)
+        put(self._text, content="\n\n".join(map(_as_markdown, texts)), visible=bool(texts))
+        for shown in self._use, self._keep:
+            put(shown, visible=running is None and known is not None and known.values is not None)
+        put(self._keep, label=FORGET if known is not None and known.kept else KEEP)
+
+
+def texts_of(calibration: BoardCalibration, unit: str) -> tuple[str, ...]:
+    """What came of a measurement, in a sentence or two."""
+    found = calibration.found
+    if found is None:
+        return (calibration.failed,)
+    if isinstance(found.answer, Calibrated):
+        return f"The board measured {found_text(found.answer, unit)}", compared_text(found, unit)
+    return (refusal_text(found.answer),)
+
+
+def _as_markdown(text: str) -> str:
+    """Escaped, and without a line break at an equals sign."""
+    return escape_markdown(text.replace(" = ", "\xa0=\xa0"), MAX_SHOWN)

@@ -1,0 +1,180 @@
+"""A live board measures its own noise on request: what the folder shows, uses and keeps, and what goes wrong."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+from measuring_board import MeasuringBoard
+from waiting import wait_until
+
+from kalscope.sources.live.live_source import LiveSource
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.live.connection import BoardConnection
+from kalscope_app.session.changes.live import opened_live, set_paused
+from kalscope_app.session.live_state import BoardId
+from kalscope_app.session.opening import opened
+from kalscope_app.session.session import Failed, Session, undo
+from kalscope_app.views.export.calibration import FORGET, KEEP, CalibrationView
+
+
+class Widgets:
+    """Widgets by their labels, whose properties can be read and which can be clicked."""
+
+    def __init__(self):
+        self.made = {}
+
+    def __getattr__(self, kind):
+        def make(label, value=None, **properties):
+            widget = MagicMock(label=label, value=value, content="", **properties)
+            self.made[label if kind != "add_markdown" else "text"] = widget
+            return widget
+
+        return make
+
+
+class Desk:
+    """A board, the session that shows it, and the folder."""
+
+    def __init__(self, board):
+        self.board, self.told, self.widgets = board, [], Widgets()
+        source, self.id = LiveSource(board.port), BoardId()
+        self.connection = BoardConnection(Jobs(self.tell))
+        self.connection.adopt(self.id, source)
+        self.session = Session(opened_live(self.id, "board"), self.connection)
+        self.view = CalibrationView(self.widgets, self.session, self.tell, self.connection)
+        self.connection.start()
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._draw)
+        self._thread.start()
+        wait_until(lambda: self.state.live.settled)
+
+    def tell(self, text, **how):
+        self.told.append((str(text), how))
+
+    def _draw(self):
+        while not self._end.wait(0.005):
+            self.state, _, failures = self.session.apply_requests()
+            self.told.extend(failures)
+            self.view.show(SimpleNamespace(state=self.state))
+
+    @property
+    def state(self):
+        return self._state
+
+    @state.setter
+    def state(self, state):
+        self._state = state
+
+    _state = opened_live(BoardId(), "none")
+
+    def shown(self, label):
+        return self.widgets.made[label].visible
+
+    @property
+    def text(self):
+        text = self.widgets.made["text"]
+        return text.content.replace("\\", "").replace("\xa0", " ") if text.visible else ""
+
+    def click(self, label):
+        widget = self.widgets.made[label]
+        callback = widget.on_click.call_args[0][0]
+        with pytest.raises(StopIteration):
+            callback(SimpleNamespace(client=object())).send(None)
+
+    def measure(self, seconds):
+        self.widgets.made["measure for (s)"].value = seconds
+        self.click("Let the board measure r")
+
+    def close(self):
+        self._end.set()
+        self._thread.join()
+        self.connection.close()
+
+
+@pytest.fixture
+def desk():
+    with MeasuringBoard() as board:
+        desk = Desk(board)
+        yield desk
+        desk.close()
+
+
+def test_a_board_measures_and_its_values_are_compared_used_and_kept(desk):
+    desk.session.request(set_paused(True))  # the screen stands still, the samples go on
+    desk.measure("4")
+    desk.click("Let the board measure r")  # twice: one measurement
+    wait_until(lambda: desk.shown("Cancel"))
+    assert desk.text == "Measuring for 4 s: keep what the sensor measures constant."
+    assert not desk.shown("Let the board measure r")
+    wait_until(lambda: desk.shown("Use its r and q here"))
+    assert desk.shown("Let the board measure r")
+    assert not desk.shown("Cancel")
+    values = desk.state.calibration.values
+    assert desk.text.startswith(f"The board measured r = {values.r:.3f} unit², and for the lag of the export q = ")
+    assert "here from the same samples: equal within 0.001 %." in desk.text
+    assert "; from 800 samples" in desk.text
+    ((said, how),) = desk.told
+    assert (said[:21], how["good"]) == ("The board measured r ", True)
+    before = desk.state.tuning
+    desk.click("Use its r and q here")
+    wait_until(lambda: desk.state.tuning.how == "measured by the board")
+    assert (np.float32(desk.state.tuning.q), np.float32(desk.state.tuning.r)) == (values.q, values.r)
+    desk.session.request(undo)
+    wait_until(lambda: desk.state.tuning == before)
+    assert desk.shown("Use its r and q here")  # what was measured stays so
+    keep = desk.widgets.made[KEEP]
+    for label, kept in ((FORGET, True), (KEEP, False)):
+        desk.click(KEEP)
+        wait_until(lambda label=label: keep.label == label)
+        assert desk.board.kept == kept
+    assert [line for line in desk.board.asked if line != "?"] == ["c 4", "k", "f"]
+
+
+def test_what_went_wrong_is_said_and_stays_on_screen_and_nothing_is_stuck(desk):
+    button = "Let the board measure r"
+
+    def fails(words, seconds="4", act=lambda: None):
+        told = len(desk.told)
+        desk.measure(seconds)
+        act()
+        wait_until(lambda: len(desk.told) > told and desk.shown(button))
+        text, how = desk.told[-1]
+        assert words in text
+        return how
+
+    assert fails("must be a number such as", "soon")["failed"] is Failed.MEASURE
+    desk.board.refuses = "the level moves"
+    assert fails("the level moves. Keep what the sensor measures constant")["failed"] is Failed.MEASURE
+    wait_until(lambda: desk.text.startswith("The board keeps its values: the level moves."))
+    desk.board.knows = False
+    fails("the sketch on this board cannot measure by itself: export it with self-calibration")
+    wait_until(lambda: "(kalscope export TUNING --to arduino --calibration)" in desk.text)
+    desk.board.knows = True
+
+    def cancel():
+        wait_until(lambda: desk.shown("Cancel") and "c 1000" in desk.board.asked)
+        desk.click("Cancel")
+
+    assert fails("cancelled: the board keeps its values", "1000", cancel)["good"]
+    wait_until(lambda: desk.text == "")
+
+    def open_a_file():
+        wait_until(lambda: desk.shown("Cancel") and desk.board.asked[-1] == "c 1000")
+        desk.session.request(lambda state: opened(state.recording, state))
+
+    fails("the board was disconnected while it measured", "1000", open_a_file)
+    assert not desk.view._folder.visible
+    desk.session.request(undo)
+    wait_until(lambda: desk.view._folder.visible and desk.connection.source.status().word == "connected")
+    desk.board.refuses = ""
+
+    def unplug():
+        wait_until(lambda: desk.shown("Cancel") and desk.board.asked[-1] == "c 1000")
+        desk.board.unplug()
+
+    fails("the board was unplugged while it measured", "1000", unplug)
+    fails("is not connected", "4")
