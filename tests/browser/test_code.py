@@ -7,7 +7,6 @@ import zipfile
 
 import numpy as np
 import pytest
-from screen import Screen, dashboard
 from waiting import wait_until
 
 from kalscope.export.registry import export_tuning
@@ -20,16 +19,13 @@ HOSTILE = "*/ #define <img src=x>"
 
 
 @pytest.fixture
-def screen(browser, tmp_path):
+def screen(start, tmp_path):
     z = 512 + np.cumsum(np.random.default_rng(3).normal(0, 0.5, 600))
     rows = "".join(f"{i * 0.005:.3f},{value:.3f},{value / 100:.3f}\n" for i, value in enumerate(z))
     (tmp_path / "log.csv").write_text(f"t,{HOSTILE},volts\n{rows}")
-    with (
-        dashboard("log.csv", cwd=tmp_path) as url,
-        Screen(browser, url, width=1280, height=720) as screen,
-    ):
-        screen.tab("Export")
-        yield screen
+    screen = start("log.csv", width=1280, height=720)
+    screen.tab("Export")
+    return screen
 
 
 def button(screen, name):
@@ -97,7 +93,8 @@ def test_a_second_save_asks_before_it_overwrites(screen, tmp_path):
     screen.page.get_by_role("dialog").wait_for(state="detached")
     wait_until(lambda: without_date(header.read_text()) == whole)
 
-    path = tmp_path / "tuning.toml"
+    path = tmp_path / "kept.toml"
+    screen.type("tuning file", path.name)
     other = Tuning((ChannelTuning("other", "", 1.0, 2.0),))
     save_tuning(other, path)
     button(screen, "Save tuning file").click()

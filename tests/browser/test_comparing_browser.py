@@ -7,7 +7,7 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
-from screen import FIND, Screen, dashboard
+from screen import FIND, PICTURES
 
 from kalscope import open_source, starting_params
 from kalscope.analysis.alternatives.comparison import compare_alternatives
@@ -16,13 +16,8 @@ from kalscope.analysis.noise.allan import allan_deviation
 pytestmark = pytest.mark.browser
 
 
-@pytest.fixture(scope="module")
-def screen(browser, tmp_path_factory):
-    with dashboard("demo", cwd=tmp_path_factory.mktemp("comparing")) as url, Screen(browser, url) as shown:
-        yield shown
-
-
-def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(screen):
+def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(start):
+    screen = start("demo")
     demo = open_source("demo")
     z = demo.values[:, 0]
     params = starting_params(z)
@@ -56,14 +51,15 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(screen):
     screen.tab("View")
     screen.page.get_by_text("dark theme").first.click()
     screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
-    screen.page.wait_for_timeout(2500)  # the studies follow after a pause, with the colours of the dark theme
+    screen.page.wait_for_timeout(2500 if PICTURES else 0)  # the studies follow after a pause, with dark colours
     for name in ("Noise", "Compare"):
         screen.tab(name)
-        screen.page.wait_for_timeout(300)
+        screen.page.wait_for_timeout(300 if PICTURES else 0)
         screen.shot(f"{name.lower()}-dark")
 
 
-def test_the_report_is_one_sheet_of_paper_and_a_picture_of_it(screen):
+def test_the_report_is_one_sheet_of_paper_and_a_picture_of_it(start):
+    screen = start("demo")
     screen.tab("Export")
     with screen.page.expect_download() as page:
         screen.page.get_by_role("button", name="Download report (HTML)").click()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import statistics
 
 import numpy as np
 import pytest
-from screen import FIND, Screen, dashboard, pixels
+from screen import FIND, pixels
 from waiting import wait_until
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, starting_params
@@ -19,7 +18,7 @@ from kalscope_app.views.map.view import SIZE
 from kalscope_app.views.window.layout import LEFT_WIDTH
 
 pytestmark = pytest.mark.browser
-LONG = "synthetic:random_walk?n=100000&sample_period=0.001"
+LONG = "synthetic:random_walk?n=40000&sample_period=0.001"
 
 CANVAS = """() => { const box = [...document.querySelectorAll('canvas')]
     .filter(canvas => !canvas.closest('.uplot'))
@@ -35,11 +34,11 @@ WATCH = f"""() => {{ const chart = ({FIND})('filtered'); window.drawn = []; wind
     window.addEventListener('pointermove', () => window.moved.push(performance.now()), true); }}"""
 
 
-class MapScreen(Screen):
+class MapScreen:
     """A page whose canvas holds the map of `source`."""
 
-    def __init__(self, browser, url, source, **size):
-        super().__init__(browser, url, **size)
+    def __init__(self, screen, source):
+        self.screen = screen
         self.state = opened(open_source(source))
         self.map = MapMaker()(self.state)
         self.frame = frame_for(*SIZE, self.map.q, self.map.r)
@@ -47,6 +46,10 @@ class MapScreen(Screen):
             self.page.get_by_role("button", name="Map", exact=True).click()
         self.wait(f"() => ({CANVAS})()[2] > 200")
         self.wait_for_map()
+
+    def __getattr__(self, name):
+        """What the page has."""
+        return getattr(self.screen, name)
 
     def wait_for_map(self):
         """Until the map is drawn and fits its canvas: the picture comes after the charts."""
@@ -112,23 +115,17 @@ class MapScreen(Screen):
 
 
 @pytest.fixture
-def start(browser, tmp_path):
-    """Start the program and open a page on it."""
-    with contextlib.ExitStack() as running:
-
-        def begin(source, **size):
-            url = running.enter_context(dashboard(source, cwd=tmp_path))
-            return running.enter_context(MapScreen(browser, url, source, **size))
-
-        yield begin
+def start_map(start):
+    """Open a page on a source, with its map."""
+    return lambda source, **size: MapScreen(start(source, **size), source)
 
 
 def filtered(z, q, r):
     return kalman_filter(z, FilterParams(q=q, r=r)).x
 
 
-def test_dragging_the_point_tunes_live_and_is_one_gesture(start, capsys):
-    screen = start(LONG)
+def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map, capsys):
+    screen = start_map(LONG)
     z = open_source(LONG).values[:, 0]
     time, _ = screen.line("filtered")
     drawn = np.rint(time / time[-1] * (len(z) - 1)).astype(int)
@@ -142,9 +139,9 @@ def test_dragging_the_point_tunes_live_and_is_one_gesture(start, capsys):
     to_x, to_y = screen.at(100 * q, r / 30) + beside
     screen.page.mouse.move(x, y)
     screen.page.mouse.down()
-    for step in range(1, 25):
-        screen.page.mouse.move(x + (to_x - x) * step / 24, y + (to_y - y) * step / 24)
-        if step == 12:
+    for step in range(1, 17):
+        screen.page.mouse.move(x + (to_x - x) * step / 16, y + (to_y - y) * step / 16)
+        if step == 8:
             screen.page.wait_for_timeout(1500)  # a rest with the button held does not end the gesture
             during = screen.values()
             screen.wait_for_line("filtered", filtered(z, *during)[drawn], tolerance=1e-12)
@@ -163,8 +160,8 @@ def test_dragging_the_point_tunes_live_and_is_one_gesture(start, capsys):
     screen.wait_for_line("filtered", filtered(z, q, r)[drawn])
 
 
-def test_a_click_on_the_best_pair_gives_the_estimate_within_a_cell(start):
-    screen = start("demo")
+def test_a_click_on_the_best_pair_gives_the_estimate_within_a_cell(start_map):
+    screen = start_map("demo")
     z = open_source("demo").values[:, 0]
     best = estimate(z)
     before = screen.values()
@@ -174,27 +171,26 @@ def test_a_click_on_the_best_pair_gives_the_estimate_within_a_cell(start):
     screen.wait_for_line("filtered", filtered(z, *new), tolerance=1e-12)
 
 
-def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes(start):
-    screen = start("demo", width=1920, height=1080)
-    for theme in ("light", "dark"):
+def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes(start_map):
+    screen = start_map("demo", width=1920, height=1080)
+    for theme, width, height in (("light", 1920, 1080), ("light", 1280, 720), ("dark", 1600, 900)):
         if theme == "dark":
             screen.tab("View")
             screen.page.get_by_text("dark theme").click()
             screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
             screen.tab("Tune")
-        for width, height in ((1920, 1080), (1600, 900), (1280, 720)):
-            screen.page.set_viewport_size({"width": width, "height": height})
-            screen.wait_for_map()
-            left, _, across, _ = screen.page.evaluate(CANVAS)
-            assert 335 <= across <= 545
-            assert left == pytest.approx(LEFT_WIDTH, abs=8)
-            chart = screen.page.locator(".uplot").first.bounding_box()
-            assert chart["width"] >= across - 25
-            screen.shot(f"map-{width}-{theme}")
+        screen.page.set_viewport_size({"width": width, "height": height})
+        screen.wait_for_map()
+        left, _, across, _ = screen.page.evaluate(CANVAS)
+        assert 335 <= across <= 545
+        assert left == pytest.approx(LEFT_WIDTH, abs=8)
+        chart = screen.page.locator(".uplot").first.bounding_box()
+        assert chart["width"] >= across - 25
+        screen.shot(f"map-{width}-{theme}")
 
 
-def test_the_map_can_be_hidden_coloured_by_lag_and_magnified(start):
-    screen = start("demo")
+def test_the_map_can_be_hidden_coloured_by_lag_and_magnified(start_map):
+    screen = start_map("demo")
     screen.tab("View")
     wide = screen.page.evaluate(CANVAS)[2]
     screen.page.get_by_role("button", name="Hide map").click()
@@ -236,22 +232,24 @@ def test_the_map_can_be_hidden_coloured_by_lag_and_magnified(start):
     screen.shot("map-whole-again")
 
 
-def test_the_map_stays_as_it_was_left_and_a_narrow_window_has_none(browser, tmp_path):
-    with dashboard("demo", cwd=tmp_path) as url, Screen(browser, url, width=1280) as screen:
-        screen.wait_for_fit()
-        assert screen.page.evaluate(CANVAS)[2] < 200
-        screen.page.get_by_role("button", name="Map", exact=True).click()
-        screen.page.get_by_role("button", name="Hide map").wait_for()
-        screen.wait(f"() => ({CANVAS})()[2] > 200")
-        wait_until(lambda: UserSettings(tmp_path / "config").map_shown, "the setting in its file")
-    with dashboard("demo", cwd=tmp_path) as url, Screen(browser, url, width=1280) as screen:
-        screen.wait(f"() => ({CANVAS})()[2] > 200")
-        screen.wait_for_fit()
-        screen.page.set_viewport_size({"width": 1090, "height": 800})
-        screen.wait(f"() => ({CANVAS})()[2] < 200")
-        screen.wait_for_fit()
-        screen.page.get_by_role("button", name="Hide map").wait_for(state="hidden")
-        screen.shot("narrow-without-map")
+def test_the_map_stays_as_it_was_left_and_a_narrow_window_has_none(start, tmp_path):
+    screen = start("demo", width=1280)
+    screen.settings.keep(map_shown=False)
+    screen.wait_for_fit()
+    assert screen.page.evaluate(CANVAS)[2] < 200
+    screen.page.get_by_role("button", name="Map", exact=True).click()
+    screen.page.get_by_role("button", name="Hide map").wait_for()
+    screen.wait(f"() => ({CANVAS})()[2] > 200")
+    wait_until(lambda: screen.settings.map_shown, "the setting in its file")
+    UserSettings(tmp_path / "config").keep(map_shown=True)
+    screen = start("demo", own=True, width=1280)
+    screen.wait(f"() => ({CANVAS})()[2] > 200")
+    screen.wait_for_fit()
+    screen.page.set_viewport_size({"width": 1090, "height": 800})
+    screen.wait(f"() => ({CANVAS})()[2] < 200")
+    screen.wait_for_fit()
+    screen.page.get_by_role("button", name="Hide map").wait_for(state="hidden")
+    screen.shot("narrow-without-map")
 
 
 def differ(one, other):

@@ -9,6 +9,8 @@ from program import end, running
 from reopening import SOURCE
 from screen import Screen, settings_in
 
+from kalscope_app.program.user_settings import UserSettings
+
 PUT_BACK = """([mark, closed]) => {
     if (!document.getElementById(mark)) return false;
     for (const button of document.querySelectorAll('.mantine-Notification-closeButton')) button.click();
@@ -19,12 +21,13 @@ PUT_BACK = """([mark, closed]) => {
 
 
 class SharedPage(Screen):
-    """A page that shows what `kalscope open SOURCE` shows first, as often as asked: a tenth of the work of a new one."""
+    """A page that shows what `kalscope open SOURCE` shows first, as often as asked."""
 
-    def __init__(self, browser, url, program):
-        """Args: the browser; the link; the connection to `reopening.serve` in the program."""
+    def __init__(self, browser, url, program, settings):
+        """Args: the browser; the link; the connection to `reopening.serve`; the settings of the program."""
         super().__init__(browser, url)
         self._program, self._sections = program, program.recv()
+        self.settings = settings
 
     def open(self, source, width=1600, height=900):
         """Begin with a source in a window of this size."""
@@ -50,7 +53,7 @@ def shared_page(browser, folder, own):
         Listener(address) as sources,
         running(folder, "open", SOURCE, source=None, env=env, change=change) as (program, url),
         sources.accept() as connection,
-        SharedPage(browser, url, connection) as page,
+        SharedPage(browser, url, connection, UserSettings(own)) as page,
     ):
         yield page
         code, _, err = end(program)
