@@ -70,11 +70,11 @@ class Talk:
 
 @pytest.fixture
 def talk(start_board):
-    """talk(firmware, counts) -> the open port of a board and the board."""
+    """talk(firmware, counts, *options) -> the open port of a board, and the board."""
     opened = []
 
-    def begin(firmware, counts):
-        board = start_board(firmware, counts, *FLAT_OUT)
+    def begin(firmware, counts, *options):
+        board = start_board(firmware, counts, *FLAT_OUT, *options)
         opened.append(serial.Serial(board.port, 1_000_000, timeout=PATIENCE))
         return Talk(opened[-1]), board
 
@@ -163,7 +163,7 @@ def test_a_refusal_says_why_and_keeps_the_old_values_while_the_filter_goes_on(ta
 
 
 BY_ITSELF = (
-    (r"(?<=KALSCOPE_CALIBRATE_AT_START) 0", " 1"),
+    (r"(?<=KALSCOPE_CALIBRATE_PIN) -1", " 2"),
     (r"(?<=KALSCOPE_CALIBRATE_S) 10", f" {SECONDS}"),
     (r"(?<=KALSCOPE_CALIBRATE_KEEP) 0", " 1"),
 )
@@ -178,7 +178,9 @@ SPOILED = (
 
 def test_kept_values_survive_a_reset_unless_they_are_forgotten_damaged_or_anothers(talk, workshop):
     channel = ChannelTuning("light", "", 0.25, 4.0, momentum=20.0)
-    board, uno = talk(measuring(workshop, channel, edits=(*FAST, *BY_ITSELF, *SPOILED)), as_counts(noise(3.0)))
+    board, uno = talk(
+        measuring(workshop, channel, edits=(*FAST, *BY_ITSELF, *SPOILED)), as_counts(noise(3.0)), "--low", 2
+    )
 
     def started():
         """What it says from a reset to the names of its columns."""

@@ -6,6 +6,7 @@
  *   --link PATH       symbolic link to the port, removed at the end
  *   --adc FILE        a line holds one count 0..1023 for each of A0, A1, ...; the n-th conversion of a pin gets
  *                     the n-th line, and after the last line the first one again
+ *   --low PIN         digital pin 0..7 is connected to ground
  *   --adc-times FILE  writes the simulated second of every conversion of A0
  *   --speed 1|0       1: as fast as the wall clock (default); 0: flat out, waiting for the reader, losing nothing
  *   --wait-open       the board is powered when the port is first opened, so that no byte is missed
@@ -34,6 +35,7 @@
 #include <unistd.h>
 
 #include "avr_adc.h"
+#include "avr_ioport.h"
 #include "avr_uart.h"
 #include "sim_avr.h"
 #include "sim_elf.h"
@@ -43,7 +45,7 @@ enum { HZ = 16000000, SLICE = HZ / 1000, VREF_MV = 5000, PINS = 6, QUEUE = 1 << 
 static struct {
     const char *link, *adc, *adc_times;
     double speed, hold, seconds;
-    int wait_open, reset_on_open, check_baud;
+    int wait_open, reset_on_open, check_baud, low;
 } option = {.speed = 1};
 
 static avr_t *avr;
@@ -271,6 +273,8 @@ static void power_up(const char *firmware)
     for (avr_io_t *io = avr->io_port; io; io = io->next)
         if (!strcmp(io->kind, "uart")) uart = (avr_uart_t *)io;
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &no_flags);
+    avr_ioport_external_t to_ground = {.name = 'D', .mask = option.low};
+    avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('D'), &to_ground);
     to_board = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_byte, 0);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUT_XON), on_xon, 0);
@@ -319,7 +323,7 @@ static const char *read_options(int argc, char **argv)
     static const struct option known[] = {
         {"link", 1, 0, 'l'}, {"adc", 1, 0, 'a'}, {"adc-times", 1, 0, 't'}, {"speed", 1, 0, 'x'},
         {"wait-open", 0, 0, 'w'}, {"reset-on-open", 0, 0, 'r'}, {"hold", 1, 0, 'h'}, {"check-baud", 0, 0, 'b'},
-        {"seconds", 1, 0, 's'}, {0, 0, 0, 0}};
+        {"seconds", 1, 0, 's'}, {"low", 1, 0, 'g'}, {0, 0, 0, 0}};
     for (int c; (c = getopt_long(argc, argv, "", known, 0)) != -1;) {
         switch (c) {
         case 'l': option.link = optarg; break;
@@ -330,6 +334,7 @@ static const char *read_options(int argc, char **argv)
         case 'r': option.reset_on_open = 1; break;
         case 'h': option.hold = atof(optarg); break;
         case 'b': option.check_baud = 1; break;
+        case 'g': option.low |= 1 << atoi(optarg); break;
         case 's': option.seconds = atof(optarg); break;
         default: exit(2);
         }
