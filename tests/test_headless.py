@@ -19,29 +19,27 @@ def python(code, **kwargs):
     return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, **kwargs).stdout
 
 
-def test_importing_the_core_imports_neither_the_dashboard_nor_the_serial_port():
-    use = "import sys, kalscope; [getattr(kalscope, name) for name in kalscope.__all__]; print(*sys.modules)"
-    loaded = python(use).split()
-    assert "kalscope.filtering.kernels" in loaded
+def test_the_core_imports_what_is_used_and_no_more():
+    """At its import nothing that takes long, for a parameter no compiler, with every public name no dashboard."""
+    first, parameter, whole = python(
+        "import sys, kalscope; print(*sys.modules)\n"
+        "kalscope.FilterParams(1.0, 2.0); print(*sys.modules)\n"
+        "[getattr(kalscope, name) for name in kalscope.__all__]; print(*sys.modules)"
+    ).splitlines()
+    assert "kalscope" in first.split()
+    assert not {"numpy", "numba", "scipy", "tomlkit", "dataclasses"} & set(first.split())
+    assert "numpy" in parameter.split()
+    assert not {"numba", "scipy"} & set(parameter.split())
+    assert "kalscope.filtering.kernels" in whole.split()
     heavy = {"viser", "serial", "typer", "duckdb", "matplotlib", "kalscope_app", "numba", "scipy"}
-    assert not heavy & set(loaded)
-
-
-def test_importing_the_core_imports_nothing_that_takes_long():
-    loaded = python("import sys, kalscope; print(*sys.modules)").split()
-    assert "kalscope" in loaded
-    assert not {"numpy", "numba", "scipy", "tomlkit", "dataclasses"} & set(loaded)
-
-
-def test_a_parameter_does_not_load_the_compiler():
-    loaded = python("import sys, kalscope; kalscope.FilterParams(1.0, 2.0); print(*sys.modules)").split()
-    assert "numpy" in loaded
-    assert not {"numba", "scipy"} & set(loaded)
+    assert not heavy & set(whole.split())
 
 
 FIRST_PICTURE = """
 import sys
-import kalscope_app.dashboard, kalscope_app.guard.server
+import kalscope_app.dashboard
+print(*sys.modules)
+import kalscope_app.guard.server
 from kalscope.catalogue import open_source
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.frame import compute_frame
@@ -52,10 +50,11 @@ print(*sys.modules)
 """
 
 
-def test_the_first_picture_does_not_load_the_compiler():
-    loaded = python(FIRST_PICTURE).split()
-    assert "viser" in loaded
-    assert "numba" not in loaded
+def test_the_dashboard_does_not_load_matplotlib_and_its_first_picture_not_the_compiler():
+    dashboard, picture = python(FIRST_PICTURE).splitlines()
+    assert "matplotlib" not in dashboard.split()
+    assert "viser" in picture.split()
+    assert "numba" not in picture.split()
 
 
 def test_filtering_a_small_file_does_not_load_the_compiler():
@@ -66,10 +65,6 @@ def test_filtering_a_small_file_does_not_load_the_compiler():
     loaded = python(code).splitlines()
     assert len(loaded) > 100  # a line a sample
     assert "numba" not in loaded[-1].split()
-
-
-def test_importing_the_dashboard_does_not_import_matplotlib():
-    assert "matplotlib" not in python("import sys, kalscope_app.dashboard; print(*sys.modules)").split()
 
 
 def test_the_core_never_names_the_dashboard():

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from program import command
 from waiting import PATIENCE
 
 from kalscope.catalogue import open_source
@@ -28,7 +29,6 @@ from kalscope.sources.readers.recording_file import read_recording
 from kalscope.tuning.tuning_file import load_tuning
 
 SHARED_DATA = Path(__file__).parents[3] / "shared" / "data"
-PROGRAM = [sys.executable, "-m", "kalscope.cli"]
 Captured = pytest.CaptureFixture[str]
 
 
@@ -660,21 +660,17 @@ def test_ctrl_c_is_status_130_and_says_nothing(monkeypatch: pytest.MonkeyPatch, 
 
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 def test_ctrl_c_ends_the_program_in_the_middle_of_a_search() -> None:
-    probe = (
-        "import os, signal, sys; from kalscope.cli import app as cli; from kalscope.cli.tune import answer\n"
+    change = (
+        "import os, signal; from kalscope.cli.tune import answer\n"
         "answer.compare_methods = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
-        "sys.exit(cli.run(['tune', 'demo']))"
     )
-    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+    with command("tune", "demo", change=change) as program:
+        said = program.communicate(timeout=PATIENCE)
+        assert (program.returncode, *said) == (130, "", "")
 
 
 def test_a_reader_that_leaves_is_no_error() -> None:
-    with subprocess.Popen(
-        [*PROGRAM, "tune", "demo"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as program:
-        assert program.stdout is not None
-        assert program.stderr is not None
+    with command("tune", "demo") as program:
         program.stdout.close()
         assert program.stderr.read() == ""
         assert program.wait(PATIENCE) == 0
