@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from fleet_folder import NOISY, FleetRun, finished_fleet, write_logs
 from required import not_here
-from screen import Screen, dashboard
 from waiting import wait_until
 
 from kalscope.tuning.fleet.results.fleet import FleetReader
@@ -27,14 +26,13 @@ except ImportError:
 pytestmark = pytest.mark.browser
 
 
-@pytest.fixture(scope="module")
-def screen(browser, tmp_path_factory):
-    """One page for all tests of this file."""
-    folder = tmp_path_factory.mktemp("page")
-    with dashboard("demo", cwd=folder) as url, Screen(browser, url) as page:
-        page.tab("Source")
-        page.page.get_by_text("Fleet", exact=True).click()
-        yield page
+@pytest.fixture
+def screen(start):
+    """The page where a fleet is opened."""
+    page = start("demo")
+    page.tab("Source")
+    page.page.get_by_text("Fleet", exact=True).click()
+    return page
 
 
 def open_folder(screen, folder):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.server
 import queue
 import threading
@@ -53,14 +54,37 @@ def visitor(browser: Browser) -> Iterator[BrowserContext]:
 
 
 @pytest.fixture(scope="module")
-def user(browser: Browser, dashboard: SimpleNamespace) -> Iterator[Page]:
-    """The page of a user who is in. No test leaves it: to load it is most of the work of these tests."""
-    with new_context(browser) as context:
-        yield log_in(context, dashboard.running)
+def arrival(browser: Browser, dashboard: SimpleNamespace) -> Iterator[SimpleNamespace]:
+    """The page of a user who came by a link on another site's page, and what it complained about until then.
+
+    No test leaves it: to load it is most of the work of these tests. `localhost` is another site than 127.0.0.1.
+    """
+    with another_program() as site, new_context(browser) as context:
+        site.pages["/mail"] = f'<a href="{dashboard.running.url}">the link</a>'
+        page = context.new_page()
+        page.goto(f"http://localhost:{site.port}/mail")
+        complaints = complaints_of(page)
+        page.get_by_text("the link").click()
+        page.wait_for_url(home(dashboard.running))
+        page.get_by_text(LABEL).wait_for()
+        yield SimpleNamespace(page=page, complaints=tuple(complaints))
+
+
+@pytest.fixture
+def user(arrival: SimpleNamespace) -> Page:
+    """The page of a user who is in."""
+    return arrival.page
 
 
 @pytest.fixture
 def hostile() -> Iterator[SimpleNamespace]:
+    """Another program of this machine that serves pages."""
+    with another_program() as served:
+        yield served
+
+
+@contextlib.contextmanager
+def another_program() -> Iterator[SimpleNamespace]:
     """Another program of this machine that serves pages: same site, so even Strict cookies go along."""
     pages: dict[str, str] = {}
     cookies: list[str] = []
@@ -98,27 +122,14 @@ def complaints_of(page: Page) -> list[str]:
     return found
 
 
-def log_in(context: BrowserContext, running: GuardedServer) -> Page:
-    page = context.new_page()
-    page.goto(running.url)
-    page.wait_for_url(home(running))
-    page.get_by_text(LABEL).wait_for()
-    return page
-
-
 # --- the user ---------------------------------------------------------------------------------------------
 
 
-def test_the_link_opens_a_live_dashboard_without_complaint(dashboard, visitor, tmp_path):
-    page = visitor.new_page()
-    complaints = complaints_of(page)
-    page.goto(dashboard.running.url)
-    page.wait_for_url(home(dashboard.running))
-    page.get_by_text(LABEL).wait_for()
-    page.get_by_role("textbox").first.fill("2")
+def test_the_link_on_another_sites_page_opens_a_live_dashboard_without_complaint(dashboard, arrival, tmp_path):
+    arrival.page.get_by_role("textbox").first.fill("2")
     assert dashboard.changed.get(timeout=PATIENCE) == 2
-    page.screenshot(path=tmp_path / "dashboard.png")
-    assert [text for text in complaints if HARMLESS not in text] == []
+    arrival.page.screenshot(path=tmp_path / "dashboard.png")
+    assert [text for text in arrival.complaints if HARMLESS not in text] == []
 
 
 def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites(dashboard, user):
@@ -129,7 +140,9 @@ def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites(dashboard, user):
     assert user.evaluate("document.cookie") == ""
 
 
-def test_another_server_of_this_machine_is_not_handed_the_cookie(dashboard, user, hostile):
+def test_the_address_without_the_token_keeps_the_user_in_and_no_other_server_is_handed_the_cookie(
+    dashboard, user, hostile
+):
     """Browsers do not keep cookies of one port from another: its path does."""
     page = user.context.new_page()
     hostile.pages["/"] = "<img src='/d/'><script>fetch('/x/y/', {credentials: 'include'})</script>hello"
@@ -139,24 +152,6 @@ def test_another_server_of_this_machine_is_not_handed_the_cookie(dashboard, user
     page.get_by_text(LABEL).wait_for()
     page.close()
     assert hostile.cookies == []
-
-
-def test_a_reload_and_the_address_without_the_token_keep_the_user_in(dashboard, user):
-    second_tab = user.context.new_page()
-    second_tab.goto(home(dashboard.running))
-    second_tab.get_by_text(LABEL).wait_for()
-    second_tab.reload()
-    second_tab.get_by_text(LABEL).wait_for()
-    second_tab.close()
-
-
-def test_the_link_works_from_another_sites_page(dashboard, visitor, hostile):
-    """A chat or mail page in the browser. `localhost` is another site than 127.0.0.1."""
-    hostile.pages["/mail"] = f'<a href="{dashboard.running.url}">the link</a>'
-    page = visitor.new_page()
-    page.goto(f"http://localhost:{hostile.port}/mail")
-    page.get_by_text("the link").click()
-    page.get_by_text(LABEL).wait_for()
 
 
 def test_a_page_without_the_token_says_what_to_do(dashboard, visitor, browser, tmp_path):

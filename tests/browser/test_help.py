@@ -1,77 +1,59 @@
-"""The tour on the first run, put off and put away; the key card; hints under the mouse."""
+"""The tour shown again, the key card, hints, commands and keys; the first run is in `test_journey.py`."""
 
 from __future__ import annotations
 
 import re
 
 import pytest
-from screen import Screen, dashboard
 
-from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.views.tour import STEPS
 
 pytestmark = pytest.mark.browser
 
 
-def button(screen, name):
-    return screen.page.get_by_role("dialog").get_by_role("button", name=name, exact=True)
+def test_the_help_tab_shows_the_tour_again_and_hints_stand_under_the_mouse(start):
+    screen = start("demo")
+    screen.tab("Help")
+    screen.page.get_by_text("Ctrl+Shift+Z, Ctrl+Y").wait_for()
+    screen.shot("help")
+    dialog = screen.page.get_by_role("dialog")
+    assert dialog.count() == 0
+    screen.page.get_by_role("button", name="Show the tour").click()
+    screen.page.get_by_text(re.compile(rf"^{STEPS[0][0]}")).wait_for()
+    dialog.get_by_role("button", name="Later", exact=True).click()
+    dialog.wait_for(state="detached")
+    screen.tab("Tune")
+    screen.slider("q").hover()
+    screen.page.get_by_text("Drag, or click and use the arrow keys").wait_for()
 
 
-def test_the_tour_is_shown_on_the_first_run_and_never_again_once_it_is_done(browser, tmp_path):
-    with (
-        dashboard("demo", cwd=tmp_path, first_run=True) as url,
-        Screen(browser, url, width=1280, height=720) as screen,
-    ):
-        for number, (title, _) in enumerate(STEPS, 1):
-            screen.page.get_by_text(f"{title} ({number} of {len(STEPS)})").wait_for()
-            screen.shot(f"tour-{number}")
-            button(screen, "Next" if number < len(STEPS) else "Done").click()
-        screen.page.get_by_role("dialog").wait_for(state="detached")
-        screen.page.reload()
-        screen.ready()
-        assert screen.page.get_by_role("dialog").count() == 0
-    assert UserSettings(tmp_path / "config").tour_seen
-    with dashboard("demo", cwd=tmp_path, first_run=True) as url, Screen(browser, url) as screen:
-        screen.tab("Help")
-        screen.page.get_by_text("Ctrl+Shift+Z, Ctrl+Y").wait_for()
-        assert screen.page.get_by_role("dialog").count() == 0
-        screen.shot("help")
-        screen.page.get_by_role("button", name="Show the tour").click()
-        screen.page.get_by_text(re.compile(rf"^{STEPS[0][0]}")).wait_for()
-        button(screen, "Later").click()
-        screen.page.get_by_role("dialog").wait_for(state="detached")
-        screen.tab("Tune")
-        screen.slider("q").hover()
-        screen.page.get_by_text("Drag, or click and use the arrow keys").wait_for()
-
-
-def test_every_action_is_a_command_and_every_heading_a_button_for_keys(browser, tmp_path):
-    with dashboard("demo", cwd=tmp_path) as url, Screen(browser, url, width=1280, height=720) as screen:
-        actions = screen.page.locator(".mantine-Spotlight-action")
-        for name in ("Map", "Reset view", "Connect", "Preview code", "Reset", "Undo", "Show the tour"):
-            screen.page.keyboard.press("Control+k")
-            actions.get_by_text(name, exact=True).wait_for()
-            screen.page.keyboard.press("Escape")
-            actions.first.wait_for(state="detached")
+def test_every_action_is_a_command_and_every_heading_a_button_for_keys(start):
+    screen = start("demo", width=1280, height=720)
+    actions = screen.page.locator(".mantine-Spotlight-action")
+    for name in ("Map", "Reset view", "Connect", "Preview code", "Reset", "Undo", "Show the tour"):
         screen.page.keyboard.press("Control+k")
-        screen.page.locator("input.mantine-Spotlight-search").fill("dark theme")
-        actions.get_by_text("Reset view", exact=True).wait_for(state="detached")  # only what was typed is listed
-        screen.shot("commands")
-        screen.page.keyboard.press("Enter")
-        screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+        actions.get_by_text(name, exact=True).wait_for()
+        screen.page.keyboard.press("Escape")
         actions.first.wait_for(state="detached")
-        screen.page.keyboard.press("Control+k")
-        actions.get_by_text("Map", exact=True).click()
-        actions.first.wait_for(state="detached")  # the palette lists "Hide map" too, until it is closed
-        screen.page.get_by_role("button", name="Hide map").wait_for()
-        heading = screen.page.get_by_role("button", name="Presets")
-        heading.focus()
-        assert heading.get_attribute("aria-expanded") == "false"
-        for key, opened in (("Enter", "true"), (" ", "false")):
-            screen.page.keyboard.press(key)
-            screen.wait("([at, value]) => at.ariaExpanded === value", [heading.element_handle(), opened])
-        assert arrows_that_leave(screen, screen.slider("q")) == []
-        assert screen.slider("q").get_attribute("aria-label")
+    screen.page.keyboard.press("Control+k")
+    screen.page.locator("input.mantine-Spotlight-search").fill("dark theme")
+    actions.get_by_text("Reset view", exact=True).wait_for(state="detached")  # only what was typed is listed
+    screen.shot("commands")
+    screen.page.keyboard.press("Enter")
+    screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+    actions.first.wait_for(state="detached")
+    screen.page.keyboard.press("Control+k")
+    actions.get_by_text("Map", exact=True).click()
+    actions.first.wait_for(state="detached")  # the palette lists "Hide map" too, until it is closed
+    screen.page.get_by_role("button", name="Hide map").wait_for()
+    heading = screen.page.get_by_role("button", name="Presets")
+    heading.focus()
+    assert heading.get_attribute("aria-expanded") == "false"
+    for key, opened in (("Enter", "true"), (" ", "false")):
+        screen.page.keyboard.press(key)
+        screen.wait("([at, value]) => at.ariaExpanded === value", [heading.element_handle(), opened])
+    assert arrows_that_leave(screen, screen.slider("q")) == []
+    assert screen.slider("q").get_attribute("aria-label")
 
 
 def arrows_that_leave(screen, slider):

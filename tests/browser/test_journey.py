@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +13,9 @@ from waiting import wait_until
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for
 from kalscope.papers.experiments import list_experiments, open_experiment
+from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.views.source.samples import experiment_label
+from kalscope_app.views.tour import STEPS
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo")
@@ -44,9 +45,10 @@ def in_window(screen, *places):
 @pytest.mark.device
 def test_a_maximum_lag_becomes_a_sketch_that_compiles_in_at_most_eight_clicks(first_run, workshop, tmp_path):
     screen, hand, page = first_run, Hand(first_run), first_run.page
-    for name in ("Next", "Next", "Done"):
-        screen.shot(f"journey-a-1-tour-{hand.clicks + 1}")
-        hand.press(name)
+    for number, (title, _) in enumerate(STEPS, 1):
+        page.get_by_text(f"{title} ({number} of {len(STEPS)})").wait_for()
+        screen.shot(f"journey-a-1-tour-{number}")
+        hand.press("Next" if number < len(STEPS) else "Done")
     page.get_by_role("dialog").wait_for(state="detached")
     assert screen.text_box("goal").input_value() == "maximum lag"
     assert screen.text_box("lag (ms)").input_value() == "50"
@@ -74,51 +76,54 @@ def test_a_maximum_lag_becomes_a_sketch_that_compiles_in_at_most_eight_clicks(fi
     assert hand.clicks <= 8
     assert hand.seconds <= 60
 
+    wait_until(lambda: UserSettings(tmp_path / "config").tour_seen, "the tour put away")
+    page.reload()
+    screen.ready()
+    assert page.get_by_role("dialog").count() == 0
+
 
 @pytest.mark.device
 def test_a_board_is_tuned_and_recorded_and_the_recording_keeps_the_tuning(
-    browser, start_board, stream_sketch, tmp_path
+    start, start_board, stream_sketch, tmp_path
 ):
     counts = np.rint(512 + 200 * np.sin(np.arange(1024) / 40)).astype(int)
     board = start_board(stream_sketch, counts)
-    with contextlib.ExitStack() as running:
-        url = running.enter_context(dashboard("demo", cwd=tmp_path))
-        screen = running.enter_context(Screen(browser, url, width=1440, height=900))
-        hand, page = Hand(screen), screen.page
-        hand.press("Source", "tab")
-        hand.choose("port", "Other address …")
-        hand.type("address", board.port)
-        hand.press("Connect")
-        page.get_by_role("button", name="Disconnect", exact=True).wait_for()
-        screen.wait(f"() => ({FIND})('raw')?.data[1].filter(value => value > 1).length > 200")
-        screen.shot("journey-b-1-connected")
+    screen = start("demo", width=1440, height=900)
+    hand, page = Hand(screen), screen.page
+    hand.press("Source", "tab")
+    hand.choose("port", "Other address …")
+    hand.type("address", board.port)
+    hand.press("Connect")
+    page.get_by_role("button", name="Disconnect", exact=True).wait_for()
+    screen.wait(f"() => ({FIND})('raw')?.data[1].filter(value => value > 1).length > 200")
+    screen.shot("journey-b-1-connected")
 
-        hand.press("Tune", "tab")
-        hand.type("lag (ms)", "20")
-        page.get_by_text("of the noise").first.wait_for()
-        hand.press("Pin")
-        screen.wait(f"() => !!({FIND})('A')")
-        hand.type("measurement noise r", "50")
-        screen.shot("journey-b-2-tuned-and-pinned")
-        kept = [screen.text_box(box).input_value() for box in ("process noise q", "measurement noise r")]
-        assert kept[1] == "50"
+    hand.press("Tune", "tab")
+    hand.type("lag (ms)", "20")
+    page.get_by_text("of the noise").first.wait_for()
+    hand.press("Pin")
+    screen.wait(f"() => !!({FIND})('A')")
+    hand.type("measurement noise r", "50")
+    screen.shot("journey-b-2-tuned-and-pinned")
+    kept = [screen.text_box(box).input_value() for box in ("process noise q", "measurement noise r")]
+    assert kept[1] == "50"
 
-        hand.press("Source", "tab")
-        hand.press("Record")
-        stop = page.get_by_role("button", name="Stop recording", exact=True)
-        stop.wait_for()
-        wait_until(lambda: recorded(tmp_path) > 200, "a recording of 200 lines")
-        hand.press("Stop recording")
-        hand.press("Open the recording")
-        page.get_by_text("recording.csv").first.wait_for()
-        screen.wait(f"(count) => ({FIND})('raw').data[0].length === count", len(opened(tmp_path)))
-        hand.press("Tune", "tab")
-        assert [screen.text_box(box).input_value() for box in ("process noise q", "measurement noise r")] == kept
-        z = opened(tmp_path).values[:, 0]
-        screen.wait_for_line("filtered", kalman_filter(z, FilterParams(*map(float, kept))).x, 1e-5)
-        screen.wait(f"() => !!({FIND})('A')")
-        screen.shot("journey-b-3-the-recording-keeps-them")
-        assert hand.clicks <= 16
+    hand.press("Source", "tab")
+    hand.press("Record")
+    stop = page.get_by_role("button", name="Stop recording", exact=True)
+    stop.wait_for()
+    wait_until(lambda: recorded(tmp_path) > 200, "a recording of 200 lines")
+    hand.press("Stop recording")
+    hand.press("Open the recording")
+    page.get_by_text("recording.csv").first.wait_for()
+    screen.wait(f"(count) => ({FIND})('raw').data[0].length === count", len(opened(tmp_path)))
+    hand.press("Tune", "tab")
+    assert [screen.text_box(box).input_value() for box in ("process noise q", "measurement noise r")] == kept
+    z = opened(tmp_path).values[:, 0]
+    screen.wait_for_line("filtered", kalman_filter(z, FilterParams(*map(float, kept))).x, 1e-5)
+    screen.wait(f"() => !!({FIND})('A')")
+    screen.shot("journey-b-3-the-recording-keeps-them")
+    assert hand.clicks <= 16
 
 
 def recorded(folder: Path) -> int:
@@ -131,40 +136,37 @@ def opened(folder: Path):
     return open_source(str(folder / "recording.csv"))
 
 
-def test_a_student_sees_a_figure_and_table_1_tries_p0_and_takes_a_report(browser, tmp_path):
+def test_a_student_sees_a_figure_and_table_1_tries_p0_and_takes_a_report(start, tmp_path):
     figure = next(one for one in list_experiments() if one.name == "noise_reducer_figure_6")
-    with (
-        dashboard("demo", cwd=tmp_path) as url,
-        Screen(browser, url, width=1440, height=900) as screen,
-    ):
-        hand, page = Hand(screen), screen.page
-        hand.press("Source", "tab")
-        hand.choose("re-created figure", experiment_label(figure))
-        recording, filters = open_experiment(figure.name)
-        printed = filters["signal"].params
-        screen.wait_for_line("raw", recording.values[:, 0])
-        screen.shot("journey-c-1-a-figure")
-        hand.press("Open the paper page")
-        page.get_by_role("dialog").get_by_role("columnheader", name="printed").wait_for()
-        screen.shot("journey-c-2-table-1")
-        hand.press("Close")
-        page.get_by_role("dialog").wait_for(state="detached")
+    screen = start("demo", width=1440, height=900)
+    hand, page = Hand(screen), screen.page
+    hand.press("Source", "tab")
+    hand.choose("re-created figure", experiment_label(figure))
+    recording, filters = open_experiment(figure.name)
+    printed = filters["signal"].params
+    screen.wait_for_line("raw", recording.values[:, 0])
+    screen.shot("journey-c-1-a-figure")
+    hand.press("Open the paper page")
+    page.get_by_role("dialog").get_by_role("columnheader", name="printed").wait_for()
+    screen.shot("journey-c-2-table-1")
+    hand.press("Close")
+    page.get_by_role("dialog").wait_for(state="detached")
 
-        hand.press("Tune", "tab")
-        assert float(screen.text_box("process noise q").input_value()) == printed.q
-        hand.press("Pin")
-        screen.wait(f"() => !!({FIND})('A')")
-        hand.type("initial variance p0", "1")
-        screen.wait_for_line("filtered", kalman_filter(recording.values[:, 0], replace(printed, p0=1.0)).x, 1e-9)
-        screen.shot("journey-c-3-p0-is-1")
-        hand.press("Compare", "tab")
-        page.get_by_role("row").filter(has_text="A").first.wait_for()
-        hand.press("Export", "tab")
-        with page.expect_download() as report:
-            hand.press("Download report (HTML)")
-        report.value.save_as(tmp_path / "report.html")
-        screen.shot("journey-c-4-report")
-        text = (tmp_path / "report.html").read_text()
-        assert "initial variance p0" in text
-        assert figure.title.split(":")[0] in text
-        assert hand.clicks <= 25
+    hand.press("Tune", "tab")
+    assert float(screen.text_box("process noise q").input_value()) == printed.q
+    hand.press("Pin")
+    screen.wait(f"() => !!({FIND})('A')")
+    hand.type("initial variance p0", "1")
+    screen.wait_for_line("filtered", kalman_filter(recording.values[:, 0], replace(printed, p0=1.0)).x, 1e-9)
+    screen.shot("journey-c-3-p0-is-1")
+    hand.press("Compare", "tab")
+    page.get_by_role("row").filter(has_text="A").first.wait_for()
+    hand.press("Export", "tab")
+    with page.expect_download() as report:
+        hand.press("Download report (HTML)")
+    report.value.save_as(tmp_path / "report.html")
+    screen.shot("journey-c-4-report")
+    text = (tmp_path / "report.html").read_text()
+    assert "initial variance p0" in text
+    assert figure.title.split(":")[0] in text
+    assert hand.clicks <= 25

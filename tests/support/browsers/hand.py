@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from screen import Screen
 
-LISTEN = """() => { window.__hand = {clicks: 0, keys: 0};
+LISTEN = """() => { const first = !window.__hand;
+    window.__hand = {clicks: 0, keys: 0};
+    if (!first) return;
     addEventListener('pointerdown', (event) => { window.__hand.clicks += event.isTrusted; }, true);
     addEventListener('keydown', (event) => { window.__hand.keys += event.isTrusted; }, true); }"""
 
