@@ -11,9 +11,14 @@ import pytest
 from processor import PROCESSORS, Processor
 from required import not_here
 
+from kalscope import FusionTuning
+from kalscope.export.board.chain import filter_channel_float32
+from kalscope.export.board.fusion import fuse_float32
 from kalscope.export.float32 import filter_float32
-from kalscope.export.job import ExportJob
+from kalscope.export.job import ExportJob, FusionJob
 from kalscope.export.targets import arduino, c, fixed_gains
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.stages import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
 from kalscope.tuning.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device
@@ -24,6 +29,20 @@ CHANNELS = (
     ChannelTuning("slow", "V", 3e-15, 30.0, 1.2e-6, 0.5),
 )
 WITH_MOMENTUM = (*(replace(channel, momentum=20.0) for channel in CHANNELS), CHANNELS[0])
+CHAINS = (
+    ChannelTuning("flex", "V", 0.3, 20.0, gate=9.0, momentum=20.0, chain=Chain(5)),
+    ChannelTuning("tilt", "V", 1.0, 1.0, chain=Chain(3, OneEuro(0.004, 0.02, 0.05))),
+    ChannelTuning("hum", "V", 1.0, 1.0, chain=Chain(then=Butterworth(0.02))),
+    ChannelTuning("mean", "V", 1.0, 1.0, chain=Chain(then=MovingAverage(25))),
+    ChannelTuning("middle", "V", 1.0, 1.0, chain=Chain(3, Median(9))),
+    ChannelTuning("power", "V", 1.0, 1.0, chain=Chain(then=PowerOfTwo(4))),
+    ChannelTuning("smooth", "V", 1.0, 1.0, chain=Chain(5, Exponential(0.1))),
+    CHANNELS[1],
+)
+FUSION = FusionTuning(
+    "level", "V", ("a", "b", "c"), 4.0, (90.0, 25.0, 400.0), (0.0, 12.5, -30.0), (1.0, 1.05, 0.9),
+    gate=9.0, momentum=20.0,
+)  # fmt: skip
 DOCS = Path(__file__).parents[2] / "docs/devices.md"
 
 
@@ -59,6 +78,27 @@ def test_the_c_filter_compiles_without_a_warning_and_answers_the_same_bits(proce
         answers, _ = processor.emulate(made, tuple(f"kalscope_tuning_{name}" for name in job.identifiers), z)
         for answer, channel in zip(answers, channels, strict=True):
             np.testing.assert_array_equal(answer, filter_float32(z, channel.params), err_msg=channel.name)
+
+
+def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(processor, tmp_path):
+    job, z = ExportJob(CHAINS), samples()[600:1200]
+    made = compiled(processor, tmp_path, c.files(job))
+    fusion = FusionJob(FUSION)
+    for name, text in c.fused_files(fusion).items():
+        (tmp_path / name).write_text(text, encoding="ascii")
+    fused = processor.compile(tmp_path / "kalscope_fusion.c", "-DKALSCOPE_FLOAT")
+    sketch = tmp_path / "sketch.cpp"
+    (tmp_path / "KalscopeFilter.h").write_text(arduino.files(ExportJob(CHAINS[:4]))["KalscopeFilter.h"])
+    sketch.write_text('#include "KalscopeFilter.h"\nKalscopeFilter filter(KALSCOPE_TUNING_FLEX);\n')
+    processor.compile(sketch)
+    if processor.machine:
+        names = tuple(f"kalscope_tuning_{name}" for name in job.identifiers)
+        constant = f"kalscope_fusion_tuning_{fusion.identifier}"
+        answers, _ = processor.emulate(made, names, z, (fused, constant))
+        for answer, channel in zip(answers[:-1], CHAINS, strict=True):
+            np.testing.assert_array_equal(answer, filter_channel_float32(z, channel), err_msg=channel.name)
+        rows = np.column_stack([np.roll(z, -sensor) for sensor in range(len(FUSION.sensors))])
+        np.testing.assert_array_equal(answers[-1], fuse_float32(rows, FUSION.params))
 
 
 @pytest.mark.parametrize("channels", [CHANNELS, WITH_MOMENTUM], ids=["five lines", "momentum"])

@@ -66,7 +66,7 @@ UNO_CLASSIC_US: dict[type[Stage], float] = {
     Butterworth: 163,
     OneEuro: 240,
 }
-"""Time of one update of a classic filter to 10 %, in floats (a power of two too), µs; a median without its window."""
+"""Time of one update of a classic filter to 10 %, in floats (a power of two too), µs; a median takes more."""
 UNO_MEDIAN_US, UNO_MEDIAN_SAMPLE_US = 30, 4.0
 """Time that a median takes, and about that of each sample of its window, µs."""
 UNO_READ_US = 112

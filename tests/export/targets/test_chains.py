@@ -251,6 +251,10 @@ def test_an_uno_refuses_windows_that_its_memory_cannot_hold_and_says_what_fits()
         for one, chain in zip(long, (Chain(5), Chain(29, MovingAverage(30)), Chain(1, Median(11))), strict=True)
     )
     assert arduino.files(ExportJob(fits))
+    moving = ChannelTuning("moving", "", 1.0, 1.0, momentum=9.0)
+    several = (moving, *(replace(moving, name=f"{i}", chain=Chain(3, STAGES[i])) for i in (1, 4, 8, 10, 12)))
+    with pytest.raises(BadSetting, match=r"longest windows\). Choose fewer channels; or export c"):
+        arduino.files(ExportJob(several))
     assert c.files(ExportJob(long))
 
 

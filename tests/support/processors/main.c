@@ -1,9 +1,13 @@
-/* Filters samples.bin with every tuning into filtered.bin, and prints what each took in ticks of a 25 MHz timer. */
+/* Filters samples.bin with every tuning into filtered.bin, and prints what each took in ticks of a 25 MHz timer.
+   With FUSION it then fuses the samples with those that follow them, as if several sensors read them. */
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "kalscope_filter.h"
+#ifdef FUSION
+#include "kalscope_fusion.h"
+#endif
 
 enum { MAX_SAMPLES = 10000 };
 static kalscope_real z[MAX_SAMPLES], x[MAX_SAMPLES];
@@ -25,6 +29,16 @@ int main(void)
         printf("%lu\n", (unsigned long)(before - timer[1]));
         if (fwrite(x, sizeof x[0], n, filtered) != n) return EXIT_FAILURE;
     }
+#ifdef FUSION
+    kalscope_fusion fusion;
+    kalscope_fusion_start(&fusion, &FUSION);
+    for (size_t i = 0; i < n; i++) {
+        kalscope_fusion_real readings[KALSCOPE_SENSORS];
+        for (size_t j = 0; j < KALSCOPE_SENSORS; j++) readings[j] = z[(i + j) % n];
+        x[i] = kalscope_fusion_update(&fusion, readings, KALSCOPE_ALL_VALID);
+    }
+    if (fwrite(x, sizeof x[0], n, filtered) != n) return EXIT_FAILURE;
+#endif
     fclose(filtered);
     return EXIT_SUCCESS;
 }

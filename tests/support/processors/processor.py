@@ -48,7 +48,7 @@ class Processor:
         return int(run(f"{self.compiler}-size", made).splitlines()[1].split()[0])
 
     def emulate(
-        self, made: Path, tunings: tuple[str, ...], z: NDArray[np.float32]
+        self, made: Path, tunings: tuple[str, ...], z: NDArray[np.float32], fused: tuple[Path, str] | None = None
     ) -> tuple[NDArray[np.float32], list[float]]:
         """Run the exported C filter on samples.
 
@@ -56,22 +56,27 @@ class Processor:
             made: `kalscope_filter.o`, compiled for float, beside its header.
             tunings: Names of its constants.
             z: Samples, shape (n,), n ≤ 10,000.
+            fused: `kalscope_fusion.o` in the same folder and the name of its constant: its sensor j reads z rolled
+                back by j samples.
 
         Returns:
-            The filtered values, shape (tunings, n), and the instructions of a sample for each tuning.
+            The filtered values, shape (tunings, n), the fused ones below them, and the instructions of a sample for
+            each tuning.
         """
         folder = made.parent
         z.tofile(folder / "samples.bin")
         names = ", ".join(f"&{name}" for name in tunings)
         (folder / "main.c").write_text((HERE / "main.c").read_text().replace("TUNINGS", names))
-        sources = (folder / "main.c", HERE / "vectors.c", made)
+        sources = [folder / "main.c", HERE / "vectors.c", made]
+        if fused is not None:
+            sources += [fused[0], f"-DFUSION={fused[1]}"]
         linking = ("--specs=rdimon.specs", "-T", str(HERE / "board.ld"), "-DKALSCOPE_FLOAT", "-lm")
         command = [f"{self.compiler}-gcc", *self.flags, "-std=gnu99", "-Os"]
         run(*command, *sources, *linking, "-o", folder / "filter.elf")
         quiet = ("-nographic", "-monitor", "none", "-serial", "none")
         counted = ("-icount", "shift=0", "-semihosting-config", "enable=on,target=native")
         said = run("qemu-system-arm", "-M", self.machine, *quiet, *counted, "-kernel", "filter.elf", folder=folder)
-        answers = np.fromfile(folder / "filtered.bin", dtype=np.float32).reshape(len(tunings), len(z))
+        answers = np.fromfile(folder / "filtered.bin", dtype=np.float32).reshape(-1, len(z))
         return answers, [int(ticks) * TICK / len(z) for ticks in said.split()]
 
 

@@ -248,10 +248,11 @@ def _check_memory(job: ExportJob) -> None:
         return
     fitting = range(max(windows.values()), 0, -1)
     most = next((n for n in fitting if count * channel_bytes(job, n) <= UNO_FREE), 0)
+    fits = f"Windows of up to {most} samples fit" if most else "Choose fewer channels"
     raise BadSetting(
         f"the filters must fit {UNO_FREE:,} bytes of an Uno's memory (got {count * channel_bytes(job):,}: each of"
-        f" {plural(count, 'channel')} has room for the longest windows). Windows of up to {most} samples fit; or"
-        " export c, for a board with more"
+        f" {plural(count, 'channel')} has room for every filter and the longest windows). {fits}; or export c,"
+        " for a board with more"
     )
 
 

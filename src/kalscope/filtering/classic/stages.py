@@ -242,7 +242,9 @@ class OneEuro:
 
     def __post_init__(self) -> None:
         for name in ("cutoff", "speed_cutoff"):
-            object.__setattr__(self, name, number(name, getattr(self, name), MIN_EURO_CUTOFF, MAX_EURO_CUTOFF, PER_SAMPLE))
+            object.__setattr__(
+                self, name, number(name, getattr(self, name), MIN_EURO_CUTOFF, MAX_EURO_CUTOFF, PER_SAMPLE)
+            )
         object.__setattr__(self, "beta", number("beta", self.beta, 0.0, MAX_BETA))
 
     @property
