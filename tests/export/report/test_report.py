@@ -44,8 +44,8 @@ class Page(HTMLParser):
         self.text.append(data)
 
 
-def recording(n=3000, name="ax", unit="g", **changes):
-    values = np.cumsum(0.05 * RNG.normal(size=(n, 1)), axis=0) + RNG.normal(size=(n, 1))
+def recording(n=3000, name="ax", unit="g", rng=RNG, **changes):
+    values = np.cumsum(0.05 * rng.normal(size=(n, 1)), axis=0) + rng.normal(size=(n, 1))
     made = Recording(np.arange(float(n)) / 100, (name,), (unit,), values, 0.01, source="log.csv", title="log.csv")
     return replace(made, **changes)
 
@@ -55,9 +55,17 @@ def tuned(rec, **changes):
     return Tuning(channels=(replace(own, **changes),), tool="kalscope 1", date="then", sample_period=0.01)
 
 
-def test_the_page_has_the_numbers_of_the_filter():
-    rec = recording()
-    text = " ".join(Page(as_html(make_report(rec, tuned(rec), now=NOON))).text)
+@pytest.fixture(scope="module")
+def plain():
+    """A recording, and the page and the picture of it at noon."""
+    rec = recording(rng=np.random.default_rng(22))
+    report = make_report(rec, tuned(rec), now=NOON)
+    return rec, as_html(report), as_png(report)
+
+
+def test_the_page_has_the_numbers_of_the_filter(plain):
+    rec, page, _ = plain
+    text = " ".join(Page(page).text)
     steady = steady_state(FilterParams(0.0025, 1.0), 0.01)
     for words in (
         "0.0025 g² per sample",
@@ -73,26 +81,28 @@ def test_the_page_has_the_numbers_of_the_filter():
         assert words in text
 
 
-def test_momentum_and_its_overshoot_stand_on_the_page():
-    rec = recording()
-    text = " ".join(Page(as_html(make_report(rec, tuned(rec, momentum=24.0), now=NOON))).text)
+def test_momentum_and_its_overshoot_stand_on_the_page(plain):
+    rec, page, _ = plain
+    report = make_report(rec, tuned(rec, momentum=24.0), now=NOON)
+    text = " ".join(Page(as_html(report)).text)
     steady = steady_state(FilterParams(0.0025, 1.0, momentum=24.0), 0.01)
     for words in ("momentum τ", "240 ms (24 samples)", "overshoot on a step", percent(float(steady.overshoot))):
         assert words in text
-    *_, table, _ = make_report(rec, tuned(rec, momentum=24.0)).tables
+    *_, table, _ = report.tables
     shares = {name: overshoot for name, _, _, overshoot, _ in table.rows}
     assert table.columns[3] == "overshoot"
     assert shares["Kalman (present)"] == percent(float(steady.overshoot))
     assert (shares["Exponential"], shares["Smoother (offline bound)"]) == ("0 %", "–")
-    plain = " ".join(Page(as_html(make_report(rec, tuned(rec), now=NOON))).text)
-    assert "momentum" not in plain
-    assert "overshoot" not in plain
+    without = " ".join(Page(page).text)
+    assert "momentum" not in without
+    assert "overshoot" not in without
 
 
 def test_nothing_from_outside_becomes_markup():
     rec = recording(name=HOSTILE, unit=HOSTILE, title=HOSTILE, source=HOSTILE, sha256=HOSTILE)
     tuning = replace(tuned(rec, how=HOSTILE), tool=HOSTILE, date=HOSTILE)
-    text = as_html(make_report(rec, tuning, config=HOSTILE, now=NOON))
+    report = make_report(rec, tuning, config=HOSTILE, now=NOON)
+    text = as_html(report)
     page = Page(text)
     assert page.tags.isdisjoint({"script", "img", "iframe", "link", "object", "a", "form"})
     assert not any(name.startswith("on") for name in page.attributes)
@@ -101,7 +111,7 @@ def test_nothing_from_outside_becomes_markup():
     assert "default-src 'none'" in text
     assert page.attributes.isdisjoint({"src", "href", "srcset", "action"})
     assert "url(" not in text.split("</style>")[0]
-    assert as_png(make_report(rec, tuning, now=NOON)).startswith(b"\x89PNG")
+    assert as_png(report).startswith(b"\x89PNG")
 
 
 def test_the_command_is_one_word_for_the_shell_whatever_the_name():
@@ -147,16 +157,16 @@ def test_pinned_settings_stand_beside_the_present_one(knows_truth):
     assert make_report(rec, tuned(rec), now=NOON).tables[-1].rows == ()
 
 
-def test_only_the_date_differs_between_two_runs():
-    rec = recording()
-    first, second = (as_html(make_report(rec, tuned(rec), now=now)) for now in (NOON, NOON.replace(year=2025)))
-    assert first.replace("2024-05-06", "2025-05-06") == second
-    assert as_png(make_report(rec, tuned(rec), now=NOON)) == as_png(make_report(rec, tuned(rec), now=NOON))
+def test_only_the_date_differs_between_two_runs(plain):
+    rec, page, picture = plain
+    assert page.replace("2024-05-06", "2025-05-06") == as_html(
+        make_report(rec, tuned(rec), now=NOON.replace(year=2025))
+    )
+    assert picture == as_png(make_report(rec, tuned(rec), now=NOON))
 
 
-def test_the_picture_is_a_sheet_of_a4_with_the_filtered_curve_on_it():
-    rec = recording()
-    image = Image.open(io.BytesIO(as_png(make_report(rec, tuned(rec), now=NOON))))
+def test_the_picture_is_a_sheet_of_a4_with_the_filtered_curve_on_it(plain):
+    image = Image.open(io.BytesIO(plain[2]))
     assert image.size == SIZE
     assert SIZE[1] / SIZE[0] == pytest.approx(297 / 210, rel=1e-3)
     pixels = np.asarray(image.convert("RGB")).astype(int)
