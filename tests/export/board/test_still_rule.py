@@ -9,6 +9,7 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.sensor.noise import noise_from_still
 from kalscope.export.board.still_rule import GROUPS, LEARNING, BoardRange, measure_on_board, rows_of
 from kalscope.export.registry import export_tuning
+from kalscope.filtering.classic.chain import Chain
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
@@ -100,11 +101,15 @@ def test_a_sketch_that_measures_is_for_filters_with_an_r_on_an_arduino():
     assert "calibrat" not in "".join(plain.values()).lower()
     assert "const float KALSCOPE_RATIO_LIGHT = 0.00249999994f;" in measuring["KalscopeCalibration.h"]
     exact = Tuning((ChannelTuning("light", "", 0.01, 0.0, 1.0),))
+    six = Tuning(tuple(ChannelTuning(f"c{i}", "", 0.1, 1.0, momentum=5.0) for i in range(6)))
+    behind = Tuning((ChannelTuning("light", "", 0.01, 4.0, chain=Chain(5)),))
     fused = Tuning(tuning.channels, fusion=FusionTuning("level", "", ("a", "b"), 0.1, (1.0, 1.0)))
     for other, target, options, refusal in (
         (tuning, "c", {}, "target must be arduino for calibration"),
         (tuning, "arduino", {"fixed_gains": True}, "must be without fixed gains"),
         (exact, "arduino", {}, "r of light must be above 0"),
+        (six, "arduino", {}, "1 to 5 channels with momentum that measure r, for which an Uno has memory .got 6."),
+        (behind, "arduino", {}, "light must have the Kalman filter alone .* .got median of 5"),
         (fused, "arduino", {}, "calibration must be of channels"),
     ):
         with pytest.raises(BadSetting, match=refusal):

@@ -32,6 +32,9 @@ from kalscope.tuning.tuning import ChannelTuning
 ANALOGUE_PINS = 6
 """Of an Uno: A0 … A5."""
 
+MAX_MEASURED_WITH_MOMENTUM = 5
+"""Channels with momentum in a sketch that measures r: 1,820 of the 2,048 bytes of an Uno."""
+
 DEFAULT_PERIOD_US = 5000
 """Where the tuning does not know its sample period: 200 samples a second."""
 
@@ -66,9 +69,12 @@ def calibrated_files(job: ExportJob) -> dict[str, str]:
     """The same with a sketch that measures r itself, and `KalscopeCalibration.h`.
 
     Raises:
-        BadSetting: As `files`; r of a channel is 0, so that q has no ratio to it.
+        BadSetting: As `files`; r of a channel is 0, so that q has no ratio to it; an Uno has not the memory.
     """
     _check_pins(len(job.channels), "channels", "choose one")
+    if job.has_momentum:
+        words = "with momentum that measure r, for which an Uno has memory"
+        _check_pins(len(job.channels), f"channels {words}", "choose one", MAX_MEASURED_WITH_MOMENTUM)
     ratios = _ratios(job)
     values = [_constant(job, "", channel, _held(channel)) for channel in job.channels]
     stamp = zlib.crc32(repr((job.identifiers, values, _period(job)[0])).encode()) & 0x7FFFFFFF
@@ -236,9 +242,9 @@ def _fusion_constant(job: FusionJob) -> str:
     return f"KALSCOPE_FUSION_{job.identifier.upper()}"
 
 
-def _check_pins(count: int, what: str, instead: str) -> None:
-    if count > ANALOGUE_PINS:
-        raise BadSetting(f"the sketch must read 1 to {ANALOGUE_PINS} {what} (got {count}): {instead}")
+def _check_pins(count: int, what: str, instead: str, most: int = ANALOGUE_PINS) -> None:
+    if count > most:
+        raise BadSetting(f"the sketch must read 1 to {most} {what} (got {count}): {instead}")
 
 
 def _check_memory(job: ExportJob) -> None:
