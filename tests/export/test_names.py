@@ -270,3 +270,17 @@ def test_a_refusal_is_one_line_whatever_the_names():
             export_tuning(tuning_of(hostile, text=hostile), "gyverfilters")
         assert str(caught.value).isascii()
         assert str(caught.value).isprintable()
+
+
+def test_hostile_names_and_texts_do_no_more_in_a_sketch_that_measures():
+    for names in SIXES:
+        found, calm = (
+            export_tuning(tuning_of(*words, text=text), "arduino", calibration=True)
+            for words, text in ((names, names[0]), (identifiers(names), "calm"))
+        )
+        assert list(found) == list(calm)
+        for file, text in found.items():
+            assert text.isascii()
+            assert without_names(code_of("arduino", file, text)) == without_names(
+                code_of("arduino", file, calm[file])
+            )
