@@ -102,7 +102,7 @@ def test_four_channels_with_different_filters_print_the_bits_of_the_host_and_say
 
 
 def test_a_sketch_without_a_kalman_filter_says_that_it_takes_no_values(start_board, workshop, tmp_path):
-    channels = (ChannelTuning("a", "", 1.0, 1.0, chain=Chain(3, MovingAverage(60))),)
+    channels = (ChannelTuning("a", "", 1.0, 1.0, chain=Chain(3, MovingAverage(330))),)
     z = counts(200, 1)
     board = start_board(workshop.sketch(saved(tmp_path, channels), *FAST, MISSING), z, *FLAT_OUT)
     with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:

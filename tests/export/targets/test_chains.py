@@ -242,13 +242,13 @@ def test_an_uno_refuses_windows_that_its_memory_cannot_hold_and_says_what_fits()
         ChannelTuning(name, "", 1.0, 1.0, chain=chain)
         for name, chain in {"a": Chain(5), "b": Chain(31, MovingAverage(300)), "c": Chain(1, Median(11))}.items()
     )
-    memory = r"must fit 1,500 bytes of an Uno's memory \(got 4,764: .* up to 30 samples"
+    memory = r"must fit 1,400 bytes of an Uno's memory \(got 4,764: .* up to 27 samples"
     with pytest.raises(BadSetting, match=memory) as refused:
         arduino.files(ExportJob(long))
     assert str(refused.value).endswith("or export c, for a board with more")
     fits = tuple(
         replace(one, chain=chain)
-        for one, chain in zip(long, (Chain(5), Chain(29, MovingAverage(30)), Chain(1, Median(11))), strict=True)
+        for one, chain in zip(long, (Chain(5), Chain(27, MovingAverage(27)), Chain(1, Median(11))), strict=True)
     )
     assert arduino.files(ExportJob(fits))
     moving = ChannelTuning("moving", "", 1.0, 1.0, momentum=9.0)
