@@ -10,9 +10,12 @@ import pytest
 from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
 from kalscope.analysis.alternatives import filters
 from kalscope.analysis.alternatives.candidates import at_lag, at_noise
-from kalscope.analysis.alternatives.comparison import MAX_SAMPLES, compare_alternatives, is_matched, stretch_of
+from kalscope.analysis.alternatives.comparison import MAX_SAMPLES, compare_alternatives, stretch_of
+from kalscope.analysis.alternatives.rows import is_matched
 from kalscope.analysis.alternatives.verdict import difference, verdict
 from kalscope.filtering.classic.bench import Bench, bench_of
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.chain_filter import ChainFilter
 from kalscope.filtering.classic.stages import Exponential
 
 RNG = np.random.default_rng(20)
@@ -113,6 +116,8 @@ def test_missing_samples_leave_no_hole_and_no_future_in_a_causal_filter():
         curve = one.run(z)
         assert np.isnan(curve[:5]).all(), one.name
         assert np.isfinite(curve[5 + (one.name == "Delayed Savitzky-Golay") * 4 :]).all(), one.name
+        if one.chain is not None:  # the curve is that of the chain, to the last bit
+            assert curve.tobytes() == ChainFilter(one.chain, FilterParams(1.0, 1.0)).run(z).x.tobytes()
         if one.causal:
             changed = z.copy()
             changed[300:] += 1e6
@@ -138,6 +143,7 @@ def test_on_a_random_walk_under_white_noise_nothing_beats_the_true_kalman_filter
         words = {"lag": "lag", "noise": "noise reduction"}[match]
         assert found.verdict.startswith(f"At equal {words}, nothing simpler does better")
         assert "No significant difference: exponential." in found.verdict
+        assert not any("then" in one.name for one in found.others)
         least = min(one.rmse for one in found.others if one.causal)
         assert found.present.rmse <= least * (1 + 1e-4)
         offline = found.others[-1]
@@ -158,6 +164,15 @@ def test_on_rare_spikes_the_median_wins_and_the_verdict_says_so():
     )
     assert found.verdict.startswith("At equal lag, median does better than your filter here")
     assert "The difference is significant" in found.verdict
+    # A median before the Kalman filter does better still, and is there only because it does.
+    one = found.others[-2]
+    assert (one.name, one.chain) == ("Median, then Kalman", Chain(5))
+    own = ChainFilter(one.chain, FilterParams(q=ratio_for(lag_samples=4.0), r=1.0))
+    assert one.curve.tobytes() == own.denoise(z).tobytes()
+    assert one.lag_samples == pytest.approx(6.0, abs=0.05)
+    assert one.rmse < 0.7 * found.present.rmse
+    assert " With a median of 5 before your filter its error against the truth is 9" in found.verdict
+    assert found.verdict.endswith("for 2 samples more lag.")
 
 
 def test_chance_is_not_called_a_difference():

@@ -10,7 +10,7 @@ import pytest
 from each import each
 
 from kalscope import FilterParams, kalman_filter, params_for_specification, steady_state
-from kalscope.analysis.alternatives import comparison, filters
+from kalscope.analysis.alternatives import filters, rows
 from kalscope.analysis.alternatives.candidates import at_lag
 from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.alternatives.verdict import difference, overshoot_words
@@ -164,7 +164,7 @@ def test_errors_are_compared_in_blocks_as_long_as_the_filter_settles(monkeypatch
         lengths.append(lag)
         return difference(error, present, lag, comparisons)
 
-    monkeypatch.setattr(comparison, "difference", seen)
+    monkeypatch.setattr(rows, "difference", seen)
     _, z, _ = moving(20_000)
     params = params_for_specification(1.0, lag_samples=0.5, overshoot=0.18)
     compare_alternatives(z, params)

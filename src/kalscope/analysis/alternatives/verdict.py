@@ -133,7 +133,7 @@ def verdict(
         others = f" (so {'does' if len(rest) == 1 else 'do'} {_listed(rest)})" if rest else ""
         parts.append(
             f"At equal {equal}, {_lower(name)} does better than your filter here: its {what} is "
-            f"{_percent(ratio)} smaller ({_interval(d)}){others}. The difference is significant."
+            f"{percent_of(ratio)} smaller ({interval_words(d)}){others}. The difference is significant."
         )
     else:
         parts.append(f"At equal {equal}, nothing simpler does better than your filter here.")
@@ -172,17 +172,18 @@ def overshoot_words(own: float, others: Sequence[tuple[str, float]]) -> str:
 
 def _worst(judged: Sequence[tuple[Difference, str]]) -> str:
     d, name = max((pair for pair in judged if pair[0].worse), key=lambda pair: pair[0].ratio)
-    return f"{_lower(name)}, by {_percent(d.ratio)} ({_interval(d)})"
+    return f"{_lower(name)}, by {percent_of(d.ratio)} ({interval_words(d)})"
 
 
-def _percent(ratio: float) -> str:
+def percent_of(ratio: float) -> str:
     """How far from 1: "12 %", "0.40 %"."""
     return percent(abs(ratio - 1.0))
 
 
-def _interval(d: Difference) -> str:
+def interval_words(d: Difference) -> str:
+    """The interval: "95 %: 3.3 % to 5.3 %"."""
     ends = sorted((d.low, d.high), key=lambda end: abs(end - 1.0))
-    return f"95 %: {_percent(ends[0])} to {_percent(ends[1])}"
+    return f"95 %: {percent_of(ends[0])} to {percent_of(ends[1])}"
 
 
 def _listed(names: Sequence[str]) -> str:
