@@ -9,6 +9,7 @@ import sys
 import threading
 
 from kalscope.cli.app import app, run
+from kalscope.cli.console import end_when_interrupted
 from kalscope.cli.offers import Function, offers
 
 __all__ = ["app", "main", "run"]
@@ -29,6 +30,7 @@ others takes a seventh of the time in which `kalscope tune` answers."""
 def main() -> None:
     """Entry point: without a command the dashboard opens on the demo recording."""
     gc.set_threshold(MIN_NEW_OBJECTS)
+    end_when_interrupted()
     arguments = sys.argv[1:]
     leave(run(arguments or ["open", "demo"]))
 
@@ -36,7 +38,7 @@ def main() -> None:
 def leave(status: int) -> None:
     """End the program, even while something hangs that nothing can interrupt (a device, a network file)."""
     gc.freeze()  # before it drops all objects Python would look for garbage among them: 0.3 s
-    if threading.active_count() > 1:
+    if threading.active_count() > 2:  # the main one, and the one that watches for Ctrl+C
         with contextlib.suppress(OSError):  # the terminal is gone
             sys.stdout.flush()
             sys.stderr.flush()

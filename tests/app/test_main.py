@@ -8,7 +8,7 @@ import signal
 import socket
 
 import pytest
-from program import end, is_free, link_of, running, start
+from program import end, is_free, link_of, next_line, running, start
 from wire import PATIENCE
 
 from kalscope_app.main import run
@@ -22,6 +22,14 @@ def refusal(arguments, capsys):
     (line,) = err.splitlines()
     assert line.startswith("kalscope: ")
     return line
+
+
+def test_ctrl_c_ends_a_command_within_a_loop_that_nothing_can_interrupt(tmp_path):
+    busy = "print('busy', flush=True) or hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)"  # minutes
+    change = f"import hashlib, kalscope.catalogue as c\nc.open_source = lambda *_, **__: {busy}"
+    with start(tmp_path, "filter", "demo", "--q", "1", "--r", "1", source=None, change=change) as program:
+        assert next_line(program) == "busy\n"
+        assert end(program, signal.SIGINT) == (130, "", "")
 
 
 FILES = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
 import threading
 import time
@@ -29,6 +30,8 @@ PROGRESS_DELAY_S = 1.0
 """Work that takes longer than this shows its progress, s."""
 PROGRESS_INTERVAL_S = 0.1
 """Least time between two updates of the progress, s."""
+MAX_STOP_S = 1.5
+"""Longest time from Ctrl+C to the end of a command, s."""
 STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 
 
@@ -133,6 +136,26 @@ def tell_compiling() -> None:
 
     if line.visible:
         watch_compiling(show)
+
+
+def end_when_interrupted() -> None:
+    """End the program MAX_STOP_S after Ctrl+C, even within a loop that Python cannot interrupt.
+
+    A command that handles Ctrl+C itself (`stop_signals`) ends in its own time. What a command writes is whole or
+    not there, whenever it ends (`atomic_file`).
+    """
+    heard, woken = socket.socketpair()
+    woken.setblocking(False)
+    signal.set_wakeup_fd(woken.fileno(), warn_on_full_buffer=False)
+
+    def watch(_kept_open: socket.socket) -> None:
+        while heard.recv(1) != bytes([signal.SIGINT]):  # written by the system before Python can handle the signal
+            pass
+        time.sleep(MAX_STOP_S)
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            os._exit(INTERRUPTED)
+
+    threading.Thread(target=watch, args=(woken,), daemon=True).start()
 
 
 @contextmanager

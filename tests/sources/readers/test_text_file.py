@@ -6,7 +6,7 @@ from each import each
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled
-from kalscope.sources.readers import recording_file, text_file
+from kalscope.sources.readers import csv_rows, recording_file, text_file
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.sources.readers.text_file import open_raw
 
@@ -92,3 +92,18 @@ def test_a_drive_that_is_pulled_out_is_a_refusal(tmp_path, monkeypatch, at):
     monkeypatch.setattr(text_file if at == "_sha256" else recording_file, at, fail)
     with pytest.raises(BadFile, match=r"reading .* failed midway: .*Input/output error"):
         read_recording(path)
+
+
+@pytest.mark.parametrize(
+    "middle", [b"9" * 5000, b"\0" * 5000, b"1," * 2500, b"1.5"], ids=["digits", "nul", "cells", "row"]
+)
+def test_an_endless_line_costs_its_beginning_and_nothing_else(tmp_path, monkeypatch, middle):
+    monkeypatch.setattr(text_file, "MAX_LINE", 1000)
+    monkeypatch.setattr(csv_rows, "BLOCK_SIZE", 100)
+    rows = b"".join(b"%d,%d\n" % (i, i * i % 7) for i in range(300))
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"t,x\n" + rows + b"300," + middle + b"\n" + rows.replace(b",", b"00,"))
+    recording = read_recording(path)
+    assert np.count_nonzero(np.isfinite(recording.channel("x"))) == 600 + (middle == b"1.5")
+    report = recording.report
+    assert report.rejected + report.bad_cells == (middle != b"1.5")

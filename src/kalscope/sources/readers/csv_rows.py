@@ -20,7 +20,7 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_reader import TAIL_LINES, Kind, LineEvent, LineReader
 from kalscope.sources.readers.plain_block import block_parser
-from kalscope.sources.readers.text_file import open_text
+from kalscope.sources.readers.text_file import open_text, read_line
 
 MAX_WORDS = 8
 """Words that say "no sample" of which the report gives the count."""
@@ -100,7 +100,7 @@ def read_rows(
 
 def _read_block(text: TextIO) -> bytes:
     """The next whole lines, of which only the last of the file may lack its newline; b"" at the end."""
-    return (text.read(BLOCK_SIZE) + text.readline()).encode()
+    return (text.read(BLOCK_SIZE) + read_line(text)).encode()
 
 
 class _TableReader:

@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event
-from typing import BinaryIO
+from typing import BinaryIO, TextIO
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled
@@ -47,6 +47,9 @@ _FORTRAN_EXPONENT = re.compile(r"(?<=[0-9.])[dD](?=[-+][0-9]{2,3}(?![0-9A-Za-z])
 _MAX_CONTROL = 0.1
 """Share of control bytes in a text file whose wire was noisy."""
 
+
+MAX_LINE, CUT = 1 << 20, "\ufffd"
+"""Characters of a line that are read, and what its last cell ends with where it is longer: it is no number then."""
 
 SAMPLE_BYTES = 16384
 """Bytes of each of the places further down where the form is checked."""
@@ -218,7 +221,7 @@ def unusual_marks(raw: RawFile) -> tuple[str, ...]:
 def plain_lines(raw: RawFile, encoding: str) -> Iterator[str]:
     """The lines without the control sequences of a terminal, with Fortran's exponents as others write them."""
     with raw.path.open("rb") as file, open_text(file, encoding) as lines:
-        for line in lines:
+        for line in iter(lambda: read_line(lines), ""):
             yield _FORTRAN_EXPONENT.sub("e", without_escapes(line))
 
 
@@ -233,6 +236,16 @@ def sample_lines(raw: RawFile, encoding: str) -> list[list[str]]:
             lines = list(open_text(io.BytesIO(file.read(SAMPLE_BYTES)), encoding))
             samples.append([line.rstrip("\n") for line in lines[1:-1]])  # the others may be cut
     return samples
+
+
+def read_line(text: TextIO) -> str:
+    """The next line with its newline, "" at the end; what is beyond MAX_LINE is left out and marked with CUT."""
+    line = text.readline(MAX_LINE)
+    if len(line) < MAX_LINE or line.endswith("\n"):
+        return line
+    while (rest := text.readline(MAX_LINE)) and not rest.endswith("\n"):
+        pass
+    return f"{line}{CUT}\n"
 
 
 def open_text(file: BinaryIO, encoding: str) -> io.TextIOWrapper:
