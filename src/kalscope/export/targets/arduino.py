@@ -59,7 +59,7 @@ def files(job: ExportJob) -> dict[str, str]:
         BadSetting: float32 cannot hold a value, an Uno has not enough analogue pins, or the period is out of
             the range that it can count.
     """
-    _check_pins(len(job.channels), "channels", "choose one")
+    _check_pins(len(job.channels), "channels", "choose one", ANALOGUE_PINS)
     if job.has_chain:
         _check_memory(job)
     return {"KalscopeFilter.h": _header(job), "kalscope_filter.ino": _sketch(job)}
@@ -71,7 +71,7 @@ def calibrated_files(job: ExportJob) -> dict[str, str]:
     Raises:
         BadSetting: As `files`; r of a channel is 0, so that q has no ratio to it; an Uno has not the memory.
     """
-    _check_pins(len(job.channels), "channels", "choose one")
+    _check_pins(len(job.channels), "channels", "choose one", ANALOGUE_PINS)
     if job.has_momentum:
         words = "with momentum that measure r, for which an Uno has memory"
         _check_pins(len(job.channels), f"channels {words}", "choose one", MAX_MEASURED_WITH_MOMENTUM)
@@ -189,7 +189,7 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
 
 def fused_files(job: FusionJob) -> dict[str, str]:
     """`KalscopeFusion.h` and `kalscope_fusion.ino`; errors as `files`."""
-    _check_pins(len(job.fusion.sensors), "sensors", "fuse fewer, or export c")
+    _check_pins(len(job.fusion.sensors), "sensors", "fuse fewer, or export c", ANALOGUE_PINS)
     return {"KalscopeFusion.h": _fused_header(job), "kalscope_fusion.ino": _fused_sketch(job)}
 
 
@@ -242,7 +242,7 @@ def _fusion_constant(job: FusionJob) -> str:
     return f"KALSCOPE_FUSION_{job.identifier.upper()}"
 
 
-def _check_pins(count: int, what: str, instead: str, most: int = ANALOGUE_PINS) -> None:
+def _check_pins(count: int, what: str, instead: str, most: int) -> None:
     if count > most:
         raise BadSetting(f"the sketch must read 1 to {most} {what} (got {count}): {instead}")
 
