@@ -150,6 +150,7 @@ def test_every_status_has_its_words():
 PARAMS = [(0.01, 1.0), (1e-3, 1.0), (0.1, 1.0), (0.01, 0.1), (0.1, 10.0), (0.0, 1.0), (1.0, 0.0)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RECORDS)
 def test_no_filter_of_any_record_is_judged_by_two_voices(name):
     z = RECORDS[name]

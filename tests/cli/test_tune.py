@@ -82,6 +82,7 @@ def test_spikes_are_set_aside_counted_and_gated(bare: Path, capsys: Captured) ->
     assert "--no-robust keeps them" in " ".join(out.split())  # heartbeats look like spikes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [[], ["--lag-ms", "50"]])
 def test_spikes_are_kept_out_of_the_second_opinions_and_of_the_range(
     options: list[str], tmp_path: Path, capsys: Captured

@@ -178,6 +178,7 @@ def settled_gain(held, samples):
     return float(filter_float32(z, held)[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("momentum", [0.0, 2.0, 300.0])
 def test_above_the_stalling_gain_float32_settles_within_one_percent_and_below_it_is_told_the_gain(momentum):
     for gain, samples in ((1e-3, 20_000), (1e-5, 1_000_000), (1.1 * STALLING_GAIN, 2_000_000)):

@@ -166,6 +166,7 @@ def test_hostile_channel_names_are_only_identifiers(target):
             assert without_names(code_of(target, file, text)) == without_names(code_of(target, file, calm[file]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", WITH_MOMENTUM)
 def test_hostile_names_and_texts_do_no_more_with_momentum(target):
     for names in SIXES:

@@ -36,6 +36,7 @@ def test_no_momentum_gives_the_ratio_of_before_and_a_short_one_comes_close(targe
     assert ratio_for(**{target: value}, sample_period=T, momentum=1e-9) == pytest.approx(plain, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("momentum", MOMENTA)
 def test_noise_and_cutoff_rise_with_the_gain_so_that_halving_finds_them(momentum):
     gains = [*np.geomspace(1e-6, 0.5, 100), *(1.0 - np.geomspace(0.49, 1e-6, 100))]

@@ -41,6 +41,7 @@ def noise_left(run, n=400_000):
     return float(np.mean(left**2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", [1.0, 3.0, 9.512, 40.0, 400.0])
 def test_each_alternative_has_the_lag_it_is_said_to_have_and_the_one_asked_or_its_nearest(lag):
     bench = bench_for(lag)

@@ -129,6 +129,7 @@ def test_the_identity_is_the_settled_recursion():
     assert "There is 1 gap" in found.identity
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("momentum", [1e-6, 5.0, 1e5])
 @pytest.mark.parametrize("match", ["lag", "noise"])
 def test_every_momentum_can_be_compared(momentum, match):

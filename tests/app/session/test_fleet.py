@@ -57,6 +57,7 @@ def test_a_fleet_opens_with_the_map_and_closes(fleet, state):
     assert close_fleet(state).fleet is None
 
 
+@pytest.mark.slow
 def test_a_device_opens_at_its_own_filter_or_at_the_one_for_all(fleet, state):
     own = at(fleet, state, NOISY)
     assert (own.tuning.q, own.tuning.r) == (fleet.devices.q[NOISY], fleet.devices.r[NOISY])

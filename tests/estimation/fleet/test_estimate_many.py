@@ -157,6 +157,7 @@ def test_spikes_are_set_aside_where_estimate_does_it(options):
         assert table.gate[row] == (np.inf if one.gate is None else one.gate)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"r": 1.0}, {"ratio": 0.05}])
 def test_intervals_are_of_one_kind_alone_or_in_a_table(options):
     series = list(with_spikes(45))

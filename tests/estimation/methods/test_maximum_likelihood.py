@@ -124,6 +124,7 @@ def test_fitted_pair_is_the_peak_of_the_likelihood():
 # --- the unit ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nile", "gappy", "short", "unemployment"])
 def test_another_unit_gives_the_same_answer(nile, name):
     """statsmodels 0.15 gives (17040, 10156) for s = 1e3 with converged=True."""

@@ -98,6 +98,7 @@ def test_time_steps_are_taken_along():
 # --- none -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.1, 1e6])
 def test_a_random_walk_has_none(ratio):
     found = [find_still_stretch(walk(800, ratio, seed)) for seed in range(60)]

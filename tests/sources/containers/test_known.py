@@ -32,6 +32,7 @@ def container(request, tmp_path):
     return CONTAINERS[request.param](tmp_path / request.param)
 
 
+@pytest.mark.slow
 def test_a_container_is_known_by_its_content_also_when_packed(container, tmp_path):
     recording = read_recording(container)
     packed = tmp_path / f"{container.name}.gz"

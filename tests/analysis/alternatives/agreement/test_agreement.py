@@ -56,6 +56,7 @@ def opinions(z):
 # --- where the model does not hold ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_seasons_of_the_uk_drivers_make_the_methods_disagree(drivers):
     """q/r is 5.34 by maximum likelihood, 0.387 by Allan variance, and no simulated record gives so little."""
     allan = drivers[-1]
