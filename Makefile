@@ -60,7 +60,7 @@ bench: .venv/bench.stamp
 	$(BIN)/kalscope bench
 	for script in start_up slider_latency drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
 
-# Half an hour of a live board (MINUTES=2 for a look), then every random test at 25 times its usual effort.
+# Half an hour of a live board (MINUTES=2 for a look), then every random test at 25 times its usual effort or more.
 MINUTES ?= 30
 RANDOM_TESTS := $(shell grep -rlE "hypothesis|effort import" tests --include="test_*.py")
 soak: .venv/test.stamp
