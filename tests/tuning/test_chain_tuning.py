@@ -153,6 +153,6 @@ def test_the_user_is_told_what_a_chain_became_and_which_cannot():
     with pytest.raises(BadSetting) as refused:
         with_chain(Chain(1, Butterworth(0.3))).rescaled(0.02)
     assert str(refused.value) == (
-        "a cannot be filtered alike every 20 ms: cutoff must be a number from 1e-06 to 0.499 cycles per sample (got 0.6). Sample more"
-        " often, or choose another filter"
+        "a cannot be filtered alike every 20 ms: cutoff must be a number from 1e-06 to 0.499 cycles per sample"
+        " (got 0.6). Sample more often, or choose another filter"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import get_args
 
 from kalscope.errors import BadSetting
 from kalscope.filtering.classic.checks import odd_window
@@ -25,6 +26,8 @@ class Chain:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "median", odd_window("median", self.median))
+        if self.then is not None and type(self.then) not in get_args(Stage):
+            raise BadSetting(f"then must be a classic filter, or None for the Kalman filter (got {self.then!r})")
         if self.median == 1 and self.then is None:
             raise BadSetting("a chain must have a median of at least 3 samples, or a filter in place of Kalman's")
 
