@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import serial
 from board import EEPROM, FLAT_OUT, read_lines
 from waiting import PATIENCE
 
+from kalscope.cli.app import run
 from kalscope.estimation.sensor.noise import noise_from_still
 from kalscope.export.board.calibration import Calibrated, Calibrating, NotCalibrated, read_answer
 from kalscope.export.board.commands import read_answer as read_values
@@ -91,17 +94,26 @@ def as_counts(*columns):
     return np.clip(np.rint(np.column_stack(columns)), 0, 1023).astype(int)
 
 
-def test_what_it_measures_is_the_model_to_the_last_bit_and_the_hosts_figure_within_one_percent(talk, workshop):
-    """Noise of a fifth of a step to 80 steps, drift, spikes and missing samples; the others keep their values."""
+FOUR = tuple(
+    ChannelTuning(name, "", 0.01 * (i + 1), 4.0) for i, name in enumerate(("slow", "drifts", "spiky", "loud"))
+)
+
+
+@pytest.fixture
+def four_channels(workshop):
+    """A sketch of four channels, and what its pins read."""
     spiky = noise(7.0, seed=3)
     spiky[200::97], spiky[150::61] = 900.0, 0.0
     counts = as_counts(noise(0.2, 500.45), noise(2.0) + np.arange(2000) / 800, spiky, noise(80.0, seed=4))
-    names = ("slow", "drifts", "spiky", "loud")
-    channels = [ChannelTuning(name, "", 0.01 * (i + 1), 4.0) for i, name in enumerate(names)]
-    board, _ = talk(measuring(workshop, *channels, edits=(*FAST, MISSING)), counts)
+    return measuring(workshop, *FOUR, edits=(*FAST, MISSING)), counts
+
+
+def test_what_it_measures_is_the_model_to_the_last_bit_and_the_hosts_figure_within_one_percent(talk, four_channels):
+    """Noise of a fifth of a step to 80 steps, drift, spikes and missing samples; the others keep their values."""
+    board, _ = talk(*four_channels)
     board.ask(f"c {SECONDS}", "calibrating rows=", 4)
     begun = [read_answer(text) for _, text in board.said[-4:]]
-    assert begun == [Calibrating(name, ROWS) for name in names]
+    assert begun == [Calibrating(channel.name, ROWS) for channel in FOUR]
     first = board.said[-1][0]
     board.until(" calibrated r=", 4)
     answers = {
@@ -110,7 +122,8 @@ def test_what_it_measures_is_the_model_to_the_last_bit_and_the_hosts_figure_with
         if isinstance(answer := read_answer(text), Calibrated)
     }
     z = np.array(board.rows)[:, ::2]
-    for i, (name, channel) in enumerate(zip(names, channels, strict=True)):
+    for i, channel in enumerate(FOUR):
+        name = channel.name
         row, found = answers[name]
         expected = measure_on_board(z[first:row, i], COUNTS)
         assert found.r.view(np.uint32) == expected.r.view(np.uint32), name
@@ -122,6 +135,16 @@ def test_what_it_measures_is_the_model_to_the_last_bit_and_the_hosts_figure_with
     assert any("slow hardly changes" in text for _, text in board.said) == answers["slow"][1].is_rounding
     for used, (_, found) in zip(board.values(4), answers.values(), strict=True):
         assert (used.q, used.r, used.p0) == (found.q, found.r, np.inf)
+
+
+def test_the_command_lets_it_measure_and_compares_the_same_samples(start_board, four_channels, capsys):
+    board = start_board(*four_channels, *FLAT_OUT)
+    assert run(["calibrate", f"{board.port}@1000000", "--seconds", f"{SECONDS}", "--keep"]) == 0
+    said = capsys.readouterr().out
+    assert re.findall(r"^(\w+): r = .* from ", said, re.M) == ["slow", "drifts", "spiky", "loud"]
+    assert len(re.findall(r" here from the same samples: equal within (0\.\d+|1) %\.", said)) == 4
+    assert re.search(r"spiky: .* spikes left out, \d+ missing", said)
+    assert said.endswith("Kept: from its next start on the board uses these values.\n")
 
 
 def test_a_refusal_says_why_and_keeps_the_old_values_while_the_filter_goes_on(talk, workshop):

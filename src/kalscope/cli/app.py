@@ -78,6 +78,13 @@ def _ports() -> Function:
     return ports_command
 
 
+@offers("calibrate", "Let a board measure r while its input is still, and compare with the same samples here.")
+def _calibrate() -> Function:
+    from kalscope.cli.board.calibrate import calibrate_command
+
+    return calibrate_command
+
+
 @offers("demo-board", "Pretend to be a board: send a recording over a port, at its true rate, until Ctrl-C.")
 def _demo_board() -> Function:
     from kalscope.cli.board.demo_board import demo_board_command

@@ -152,7 +152,7 @@ def test_what_went_wrong_is_said_and_stays_on_screen_and_nothing_is_stuck(desk):
     wait_until(lambda: desk.text.startswith("The board keeps its values: the level moves."))
     desk.board.knows = False
     fails("the sketch on this board cannot measure by itself: export it with self-calibration")
-    wait_until(lambda: "(kalscope export TUNING --to arduino --calibration)" in desk.text)
+    wait_until(lambda: "kalscope export TUNING --to arduino --calibration" in desk.text)
     desk.board.knows = True
 
     def cancel():

@@ -28,6 +28,7 @@ from kalscope_app.views.export.choice import (
     device_tuning,
     files_of,
     goal_of,
+    has_calibration,
     has_fixed_gains,
     limits_text,
     packed,
@@ -213,3 +214,12 @@ def test_undo_brings_no_earlier_sending_back(state):
     before, present = replace(state, sent="first"), replace(set_text("q", "0.5")(state), sent="second")
     history = record(History(), before, present, "", 0.0)
     assert step_back(history, present)[1].sent == "second"
+
+
+def test_a_sketch_that_measures_is_that_of_the_command_line(state):
+    choice = Choice("arduino", calibration=True)
+    expected = export_tuning(state.as_tuning(), "arduino", channel="a", calibration=True)
+    assert undated(files_of(state, choice)) == undated(expected)
+    assert "KalscopeCalibration.h" in expected
+    assert [name for name in TARGETS if has_calibration(name)] == ["arduino"]
+    assert "r of a must be above 0 for a sketch that measures it" in limits_text(state.with_tuning(r=0.0), choice)

@@ -73,6 +73,7 @@ def test_what_is_no_answer_or_a_damaged_one_is_not_read():
         "# light calibrating rows=" + "9" * 40,
         "#light calibrating rows=2016",
         "# light not calibrated:",
+        "# light not calibrated: \x1b[31mred",
         "# li-ght calibrating rows=2016",
         good.replace("n=1997 ", ""),
         good.replace("spikes=3", "spikes=³"),
@@ -145,9 +146,7 @@ def test_both_figures_are_of_the_same_samples_and_each_channel_has_its_own(conne
 def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(connected, monkeypatch):
     board, source = connected()
     board.knows = False
-    with pytest.raises(
-        BadDevice, match=r"cannot measure by itself: export it with self-calibration \(kalscope export"
-    ):
+    with pytest.raises(BadDevice, match=r"cannot measure by itself: export it with self-calibration \(Export code"):
         measure(source, "raw", 2.0, Progress())
     board.knows = True
     with pytest.raises(BadSetting, match="sends no filtered column for filtered"):

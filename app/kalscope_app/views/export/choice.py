@@ -51,6 +51,8 @@ class Choice:
     """Sample period of the device as it was typed, s; empty = that of the recording."""
     fixed_gains: bool = False
     """Only the settled filter, where the target has that choice."""
+    calibration: bool = False
+    """With a sketch that measures r itself, where the target has that choice."""
     goal: Request | None = None
     """What the channel on screen must meet at that period too, while that is its goal; None = q is converted."""
 
@@ -70,6 +72,11 @@ class DeviceNotes:
 def has_fixed_gains(target: str) -> bool:
     """Whether the settled filter alone can be exported to a target."""
     return TARGETS[target].fixed_gains is not None
+
+
+def has_calibration(target: str) -> bool:
+    """Whether a target has code that measures r itself."""
+    return TARGETS[target].calibration is not None
 
 
 def device_notes(state: State, choice: Choice = Choice()) -> DeviceNotes:
@@ -164,7 +171,11 @@ def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str
     """
     recording = state.recording if vectors else None
     return export_tuning(
-        device_tuning(state, choice), choice.target, vectors=recording, fixed_gains=choice.fixed_gains
+        device_tuning(state, choice),
+        choice.target,
+        vectors=recording,
+        fixed_gains=choice.fixed_gains,
+        calibration=choice.calibration,
     )
 
 

@@ -24,6 +24,7 @@ from kalscope_app.views.export.choice import (
     DeviceNotes,
     device_notes,
     files_of,
+    has_calibration,
     has_fixed_gains,
     packed,
     toggled,
@@ -66,7 +67,8 @@ class CodeView:
         on_user(self._target.on_update, lambda _client: self._show_target())
         for box in (self._channels, self._period):
             on_user(box.on_update, lambda _client: self._ask_notes())
-        on_user(self._fixed.on_update, lambda _client: self._show_target())
+        for box in (self._fixed, self._calibration):
+            on_user(box.on_update, lambda _client: self._show_target())
         on_user(self._meet.on_click, lambda _client: jobs.run_with_state(session, self._toggle_goal, Failed.EXPORT))
         on_user(
             look.on_click, lambda client: self._with_files(client, lambda _target, files: show_files(client, files))
@@ -88,6 +90,9 @@ class CodeView:
             self._fixed = gui.add_checkbox(
                 "fixed gains", False, hint="Only the settled filter: one to three multiplications per sample."
             )
+            self._calibration = gui.add_checkbox(
+                "self-calibration", False, hint="The board measures r itself when it is asked to."
+            )
 
     def _show_target(self) -> None:
         if self._target.value == MORE:
@@ -96,6 +101,7 @@ class CodeView:
         name = TITLES[self._title]
         self._what.content = TARGETS[name].what
         self._fixed.visible = has_fixed_gains(name)
+        self._calibration.visible = has_calibration(name) and not self.choice.fixed_gains
         self._vectors.visible = not self.choice.fixed_gains  # they are those of the whole filter
         self._ask_notes()
 
@@ -111,7 +117,9 @@ class CodeView:
         """What is chosen now."""
         target = TITLES[self._title]
         fixed = self._fixed.value and has_fixed_gains(target)
-        return Choice(target, self._channels.value == ALL, self._period.value, fixed, self._goal)
+        calibration = self._calibration.value and has_calibration(target) and not fixed
+        everything = self._channels.value == ALL
+        return Choice(target, everything, self._period.value, fixed, calibration, self._goal)
 
     def _save(self, client: viser.ClientHandle) -> None:
         name = self._name.value.strip()

@@ -141,7 +141,7 @@ def _for(channel: int | None, command: str) -> str:
 
 def read_answer(line: str) -> CalibrationAnswer | None:
     """What a line says of a calibration; None for any other line: a sample, another remark, a damaged answer."""
-    if len(line) > MAX_LETTERS or not line.startswith("# ") or not line.isascii():
+    if len(line) > MAX_LETTERS or not line.startswith("# ") or not (line.isascii() and line.isprintable()):
         return None
     words = line[2:].split()
     found = _of_all(words)

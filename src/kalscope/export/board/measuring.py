@@ -38,8 +38,8 @@ _TICK = 0.1
 """Seconds between two reports of the progress."""
 
 CANNOT = (
-    "the sketch on this board cannot measure by itself: export it with self-calibration"
-    " (kalscope export TUNING --to arduino --calibration) and flash it"
+    "the sketch on this board cannot measure by itself: export it with self-calibration (Export code, Options; or"
+    " kalscope export TUNING --to arduino --calibration) and flash it"
 )
 """What an older sketch, or one that was exported without it, leads to."""
 _STARTS_WITH = "It starts again with the values of its export, or with those that it keeps: measure again"
@@ -64,7 +64,7 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
 
     Args:
         source: The board, which runs the exported sketch and is sending.
-        channel: The measured channel, as the live record calls it; None = all.
+        channel: The measured channel, as the live record or the board itself calls it; None = all.
         seconds: For how long.
         progress: What is told how far it is, and whether to stop: the board then keeps its values.
 
@@ -81,7 +81,9 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
         raise BadDevice("the board has not sent a sample yet")
     names, said = snapshot.recording.names, values_in_use(source)
     channels = list(filtered_channels(names, len(said)))
-    number = None
+    number, own = None, [answer.name for answer in said]
+    if channel in own and channel not in names:
+        channel = channels[own.index(channel)] if len(own) == len(channels) else channel
     if channel is not None:
         number = board_filter(names, channel, len(said)).number
         at = 0 if number is None else number - 1

@@ -1,0 +1,107 @@
+"""`kalscope calibrate`: let a board that runs the exported sketch measure its own noise."""
+
+from __future__ import annotations
+
+import time
+from contextlib import closing
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kalscope.cli.console import CHECK_FAILED, INTERRUPTED, progress_line, say, stop_signals
+from kalscope.cli.options import number_option
+from kalscope.common.progress import Progress
+from kalscope.errors import BadDevice, Cancelled
+
+if TYPE_CHECKING:
+    from kalscope.export.board.measuring import Measurement
+    from kalscope.sources.live.live_source import LiveSource
+
+MIN_SAMPLES = 3
+"""Samples that have come from a board that has started."""
+START_S = 10.0
+"""Seconds within which a board must have sent them, or as long as it measures."""
+
+
+def calibrate_command(
+    port: Annotated[
+        str,
+        typer.Argument(
+            metavar="PORT", help='"/dev/ttyACM0", "COM3@9600", "socket://host:port"; default 115200 baud.'
+        ),
+    ],
+    seconds: Annotated[float, number_option("Measure for this many seconds.")] = 10.0,
+    channel: Annotated[
+        str | None, typer.Option("--channel", metavar="NAME", help="Measure only this channel; default: all.")
+    ] = None,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Store what was measured on the board: it starts with it from then on.")
+    ] = False,
+    no_reset: Annotated[
+        bool, typer.Option("--no-reset", help="Keep DTR and RTS low, so that an Arduino does not restart.")
+    ] = False,
+) -> None:
+    """Let a board measure r while its input is still, and compare with the same samples here.
+
+    The sketch on it must be exported with --calibration. Status 1 where the board refused, and keeps its values.
+    """
+    from kalscope.export.board.measuring import measure, set_kept
+    from kalscope.sources.live.live_source import LiveSource
+    from kalscope.sources.port.port_spec import port_of
+
+    live = LiveSource(port_of(port, reset=not no_reset), reconnect=False)
+    with stop_signals() as stop, closing(live), progress_line() as report:
+        progress = Progress(report, stop.is_set)
+        try:
+            live.start(require=True)
+            _wait_for_samples(live, progress, max(START_S, seconds))
+            found = measure(live, channel, seconds, progress)
+        except Cancelled as error:
+            say(f"{error}")
+            raise typer.Exit(INTERRUPTED) from None
+        refused = [one for one in found if not _is_measured(one)]
+        kept = keep and not refused
+        if kept:
+            set_kept(live, kept=True)
+    for one in found:
+        print(*_lines(one), sep="\n")
+    if len(refused) < len(found):
+        print(_afterwards(kept=kept, wanted=keep))
+    if refused:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _wait_for_samples(live: LiveSource, progress: Progress, seconds: float) -> None:
+    """Wait until the board has started."""
+    end = time.monotonic() + seconds
+    while (snapshot := live.snapshot()) is None or len(snapshot.recording) < MIN_SAMPLES:
+        progress(0.0, "the board starts")
+        status = live.status()
+        if status.word == "closed" or time.monotonic() > end:
+            why = f": {status.hint}" if status.hint else ". Does it run the exported sketch at this baud rate?"
+            raise BadDevice(f"no sample came from {live.spec.text} within {seconds:g} s{why}")
+        time.sleep(0.05)
+
+
+def _is_measured(one: Measurement) -> bool:
+    from kalscope.export.board.calibration import Calibrated
+
+    return isinstance(one.answer, Calibrated)
+
+
+def _lines(one: Measurement) -> list[str]:
+    """What a board found of one channel, under the name that it has there; the remark has been checked."""
+    from kalscope.export.board.calibration import Calibrated
+    from kalscope.export.board.measured_words import compared_text, found_text, refusal_text
+
+    if isinstance(one.answer, Calibrated):
+        return [f"{one.answer.name}: {found_text(one.answer, '')}", f"  {compared_text(one, '')}"]
+    return [f"{one.answer.name}: {refusal_text(one.answer)}"]
+
+
+def _afterwards(*, kept: bool, wanted: bool) -> str:
+    if kept:
+        return "Kept: from its next start on the board uses these values."
+    if wanted:
+        return "Not kept, because not all channels were measured."
+    return "Not kept: after a reset the board uses the values of its export. --keep stores these."

@@ -1,0 +1,66 @@
+"""`kalscope calibrate` on a board that measures: its words, what it keeps, and how it ends."""
+
+from __future__ import annotations
+
+import re
+import signal
+
+import pytest
+from measuring_board import MeasuringBoard
+from program import command
+from waiting import PATIENCE, wait_until
+
+from kalscope.cli.app import run
+from kalscope.cli.board import calibrate
+
+
+@pytest.fixture
+def board():
+    with MeasuringBoard(("light", "temp")) as board:
+        yield board
+
+
+def test_it_prints_both_figures_of_each_channel_and_keeps_them_where_that_was_asked_for(board, capsys):
+    assert run(["calibrate", board.port, "--seconds", "2"]) == 0
+    said = capsys.readouterr().out
+    assert re.findall(r"^(\w+): r = \d+\.\d+ unit².*; from 400 samples\.$", said, re.M) == ["light", "temp"]
+    assert said.count("here from the same samples: equal within 0.001 %.") == 2
+    assert said.endswith("after a reset the board uses the values of its export. --keep stores these.\n")
+    assert not board.kept
+    assert run(["calibrate", board.port, "--seconds", "2", "--channel", "temp", "--keep"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("temp: r = ")
+    assert said.endswith("Kept: from its next start on the board uses these values.\n")
+    assert [line for line in board.asked if line != "?"] == ["c 2", "2 c 2", "k"]
+    assert board.kept
+
+
+def test_a_refusal_is_status_1_and_what_cannot_be_is_status_2_in_one_line(board, capsys, monkeypatch):
+    board.refuses = "the level moves"
+    assert run(["calibrate", board.port, "--seconds", "1", "--keep"]) == 1
+    assert capsys.readouterr().out.startswith(
+        "light: The board keeps its values: the level moves. Keep what the sensor measures constant"
+    )
+    assert not board.kept
+    board.knows = False
+    monkeypatch.setattr(calibrate, "START_S", 0.1)
+    for options, words in (
+        ([], "cannot measure by itself: export it with self-calibration"),
+        (["--channel", "other"], "sends no filtered column for other"),
+        (["--seconds", "0"], "--seconds must be a number above 0"),
+    ):
+        assert run(["calibrate", board.port, "--seconds", "1", *options]) == 2
+        assert words in capsys.readouterr().err
+    board.halted = True
+    assert run(["calibrate", board.port, "--seconds", "0.1"]) == 2
+    assert "no sample came from serial:" in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_it_and_the_board_keeps_its_values(board):
+    with command("calibrate", board.port, "--seconds", "1000") as process:
+        wait_until(lambda: "c 1000" in board.asked)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(PATIENCE)
+    assert process.returncode == 130
+    assert err == "kalscope: the measurement was cancelled: the board keeps its values\n"
+    wait_until(lambda: board.asked[-1] == "c 0")
