@@ -47,11 +47,11 @@ def noise(n=20_000):
         (lambda: Exponential(None), "alpha must be a number from 9.31e-10 to 1 (got None)"),
         (lambda: PowerOfTwo(-1), "shift must be a whole number from 0 to 30 (got -1)"),
         (lambda: Butterworth(0.5), "cutoff must be a number from 1e-06 to 0.499 cycles per sample (got 0.5)"),
-        (lambda: OneEuro(1.0, 1.0, 0.0), "speed_cutoff must be a number from 1e-12 to 1e+09 cycles per sample (got 0.0)"),
+        (lambda: OneEuro(1.0, 1.0, 0.0), "speed_cutoff must be a number from 1e-12 to 1e+09 cycles per sample"),
         (lambda: OneEuro(1.0, 10**400, 1.0), "beta must be a number from 0 to 1e+300 (got 1000"),
         (lambda: Chain(2), "median must be an odd number of samples, such as 3 (got 2)"),
-        (lambda: Chain(), "a chain must have a median of at least 3 samples, or a filter in place of Kalman's"),
-        (lambda: Chain(3, "one-euro"), "then must be a classic filter, or None for the Kalman filter (got 'one-euro')"),
+        (Chain, "a chain must have a median of at least 3 samples, or a filter in place of Kalman's"),
+        (lambda: Chain(3, "one-euro"), "then must be a classic filter, or None for the Kalman filter (got"),
     ],
 )  # fmt: skip
 def test_what_is_no_setting_is_refused_in_words(make, says):
@@ -93,9 +93,8 @@ def test_a_linear_filter_settles_by_formula_as_its_answer_to_a_step_and_to_a_wav
         assert found.lag_samples == pytest.approx(np.sum(np.arange(n) * h), rel=1e-9)
         assert found.lag_s == pytest.approx(0.01 * found.lag_samples)
         assert found.noise_reduction_db == pytest.approx(-10 * np.log10(np.sum(h**2)), rel=1e-9)
-        assert abs(freqz(h, worN=[2 * np.pi * 0.01 * found.cutoff_hz])[1][0]) == pytest.approx(
-            math.sqrt(0.5), rel=1e-9
-        )
+        at_cutoff = freqz(h, worN=[2 * np.pi * 0.01 * found.cutoff_hz])[1][0]
+        assert abs(at_cutoff) == pytest.approx(math.sqrt(0.5), rel=1e-9)
         assert found.settle_samples == pytest.approx(np.flatnonzero(np.abs(s - 1) > 0.01)[-1] + 2, abs=2)
         assert found.time_constant_s / 0.01 == pytest.approx(np.argmax(s > 1 - math.exp(-1)) + 1, abs=1)
         assert found.overshoot == pytest.approx(s.max() - 1, abs=1e-3)
