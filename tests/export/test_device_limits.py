@@ -9,9 +9,19 @@ import pytest
 
 from kalscope import ChannelTuning, FilterParams, FusionTuning, Tuning
 from kalscope.errors import BadSetting
-from kalscope.export.device_limits import UNO, UNO_READ_US, UNO_WITH_MOMENTUM, device_limits, fusion_limits
+from kalscope.export.device_limits import (
+    UNO,
+    UNO_READ_US,
+    UNO_WITH_MOMENTUM,
+    device_limits,
+    fusion_limits,
+    tuning_limits,
+    update_us,
+)
 from kalscope.export.float32 import filter_float32
 from kalscope.export.write import limits_of
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.stages import Butterworth, OneEuro
 
 
 def kinds(*args, **settings):
@@ -92,6 +102,23 @@ def test_the_limits_of_a_fusion_are_those_of_the_filter_it_settles_into_and_its_
         assert fusion_limits(one, levels=(1023.0, 1023.0), sample_period=1.001 * needed) == ()
         (limit,) = fusion_limits(one, levels=(1023.0, 1023.0), sample_period=0.999 * needed)
         assert (limit.kind, "to read and fuse 2 sensors" in limit.message) == ("time", True)
+
+
+def test_chains_are_told_their_own_time_and_what_float32_cannot_hold_of_them():
+    kalman, steep = ChannelTuning("a", "", 0.01, 4.0, chain=Chain(5)), OneEuro(0.01, 1e60, 0.05)
+    channels = (kalman, ChannelTuning("b", "", 1e-60, 1.0, chain=Chain(then=Butterworth(0.02))))
+    needed = 1e-6 * (sum(update_us(one) for one in channels) + 2 * UNO_READ_US)
+    assert update_us(kalman) > UNO.update_us + 40
+    assert update_us(kalman, (replace(kalman, momentum=9.0),)) > UNO_WITH_MOMENTUM.update_us
+    assert tuning_limits(channels, levels=(1023.0, 1023.0), sample_period=1.001 * needed) == ()
+    (limit,) = tuning_limits(channels, levels=(1023.0, 1023.0), sample_period=0.999 * needed)
+    assert limit.message.endswith("Take fewer samples, and export for that period.")
+    (limit,) = tuning_limits((replace(kalman, chain=Chain(3, steep)),), levels=(1023.0,))
+    assert (limit.kind, "One-euro must compute with numbers that float32 holds" in limit.message) == (
+        "refused",
+        True,
+    )
+    assert [one.kind for one in tuning_limits((replace(kalman, q=1e-60),), levels=(1.0,))] == ["refused"]
 
 
 def test_the_notes_of_a_fusion_take_the_level_of_each_sensor_and_its_own_unit():

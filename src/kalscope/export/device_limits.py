@@ -152,7 +152,8 @@ def tuning_limits(
             float32_tuning(channel)
         except BadSetting as error:
             found.append(_refusal(error))
-    time = _time(sum(update_us(one, channels) for one in channels), sample_period, len(channels))
+    again = "" if all(one.chain is None for one in channels) else "and export for that period"
+    time = _time(sum(update_us(one, channels) for one in channels), sample_period, len(channels), again)
     return tuple(found) if time is None else (*found, time)
 
 
@@ -263,9 +264,9 @@ def _settled(params: FilterParams) -> tuple[float, float]:
     return gain, math.sqrt(q if gain == 1.0 else r / (1.0 - gain))
 
 
-def _time(filtering_us: float, sample_period: float | None, channels: int) -> DeviceLimit | None:
+def _time(filtering_us: float, sample_period: float | None, channels: int, then: str = "") -> DeviceLimit | None:
     all_of_them = "one channel" if channels == 1 else f"{channels} channels"
-    return _too_slow(filtering_us + channels * UNO_READ_US, f"filter {all_of_them}", sample_period)
+    return _too_slow(filtering_us + channels * UNO_READ_US, f"filter {all_of_them}", sample_period, then)
 
 
 def _fusion_time(fusion: FusionTuning, sample_period: float | None) -> DeviceLimit | None:
@@ -273,11 +274,13 @@ def _fusion_time(fusion: FusionTuning, sample_period: float | None) -> DeviceLim
     return _too_slow(fusion_us(fusion) + sensors * UNO_READ_US, f"fuse {sensors} sensors", sample_period)
 
 
-def _too_slow(needed_us: float, work: str, sample_period: float | None) -> DeviceLimit | None:
+def _too_slow(needed_us: float, work: str, sample_period: float | None, then: str = "") -> DeviceLimit | None:
+    """The time that is missing; `then` says what fewer samples need, "" = another q."""
     if sample_period is None or needed_us <= sample_period * 1e6:
         return None
+    then = then or "with q multiplied by as much"
     return DeviceLimit(
         "time",
         f"an Uno needs {needed_us:g} µs to read and {work}, more than "
-        f"the sample period of {sample_period * 1e6:.4g} µs. Take fewer samples, with q multiplied by as much.",
+        f"the sample period of {sample_period * 1e6:.4g} µs. Take fewer samples, {then}.",
     )

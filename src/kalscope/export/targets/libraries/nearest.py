@@ -68,8 +68,8 @@ def refusal_of_chain(job: ExportJob, target: str, able: Iterable[str]) -> BadSet
     channel, chain = next((one, one.chain) for one in job.channels if one.chain is not None)
     native = _in_esphome(chain) if target == "esphome" else ""
     return BadSetting(
-        f"target must run {chain_words(chain)} for {comment_text(channel.name)} (got {target}, which runs the"
-        f" Kalman filter alone). Export {', '.join(able)}; or go back to Kalman in that channel{native}"
+        f"target must run the filter of {comment_text(channel.name)}, {chain_words(chain)} (got {target}, which"
+        f" does not). Export {', '.join(able)}; or use the Kalman filter alone in that channel{native}"
     )
 
 
