@@ -23,8 +23,9 @@ _ADVICE = (
         "The input is saturated: change its level or amplification until the readings lie inside.",
     ),
     (
-        "all readings are equal",
-        "The input is stuck, or its noise is smaller than a step of the converter. Check it, or enter r by hand.",
+        "nearly all readings are equal",
+        "The input is stuck, or its noise is smaller than a step of the converter. Check it, write that step into"
+        " KALSCOPE_READINGS of the sketch, or enter r by hand.",
     ),
     ("the level moves", "Keep what the sensor measures constant, let it warm up, and measure again."),
     ("the noise is uneven", "Something was moved or switched for a part of the time: measure again undisturbed."),

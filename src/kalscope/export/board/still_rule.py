@@ -28,6 +28,8 @@ MIN_EACH, MAX_EACH = 8, 8000
 """Samples of a group."""
 MIN_READINGS = MIN_SAMPLES
 """Readings that must be left at the end."""
+MIN_CHANGES = 16
+"""Changes of the reading that an unknown step must show, where the noise is smaller than the step."""
 MAX_MISSING, MAX_SPIKES, MAX_AT_END = 10, 20, 100
 """One of so many samples may be missing, a spike, at an end of the range; more are refused."""
 DEPENDENT, UNEVEN, WANDER = 0.1, 0.4, 100
@@ -117,7 +119,7 @@ class _Measurement:
     """The same of all groups before it."""
     level = centre = spread = step = jumps = F(0)
     before = F(np.nan)
-    judged = place = group = counted = used = pairs = spikes = missing = cut_off = 0
+    judged = place = group = counted = used = pairs = spikes = missing = cut_off = changes = 0
 
     def take(self, z: np.float32) -> BoardNoise | str | None:
         """One sample; at the end what is said."""
@@ -175,6 +177,7 @@ class _Measurement:
         if not np.isnan(self.before):
             jump = z - self.before
             self._saw_step(jump)
+            self.changes += bool(jump != 0)
             self.jumps = self.jumps + jump * jump
             self.pairs += 1
         self.before = z
@@ -185,7 +188,7 @@ class _Measurement:
 
     def _end_group(self) -> BoardNoise | str | None:
         if self.group == 0:  # it has only told how far the readings spread
-            self.spikes = self.missing = self.cut_off = self.pairs = 0
+            self.spikes = self.missing = self.cut_off = self.pairs = self.changes = 0
             self.jumps = F(0)
         elif self.counted < 2:
             return "too few readings"
@@ -206,6 +209,7 @@ class _Measurement:
         variance = (ee - te / tt * te) / (n - F(2))
         floor = self.step * self.step / F(12)
         r = variance if variance > floor else floor
+        rounding = variance <= floor and self.known.step == 0
         reasons = (
             (self.used < MIN_READINGS, "too few readings"),
             (
@@ -213,7 +217,7 @@ class _Measurement:
                 f"{self.cut_off} of {self.used} readings at an end of the range",
             ),
             (not np.isfinite(r), "float32 cannot hold r and q"),
-            (r == 0, "all readings are equal"),
+            (r == 0 or (rounding and self.changes < MIN_CHANGES), "nearly all readings are equal"),
             (self._is_moving(n, r), "the level moves"),
             (variance > floor and self._is_uneven(n, variance), "the noise is uneven"),
             (variance > floor and self._is_dependent(n, variance), "neighbouring readings depend on each other"),
@@ -255,6 +259,7 @@ def template_texts() -> dict[str, str]:
         "min_each": MIN_EACH,
         "max_each": MAX_EACH,
         "min_readings": MIN_READINGS,
+        "min_changes": MIN_CHANGES,
         "most_missing": MAX_MISSING,
         "most_spikes": MAX_SPIKES,
         "most_cut_off": MAX_AT_END,

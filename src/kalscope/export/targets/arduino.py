@@ -33,7 +33,7 @@ ANALOGUE_PINS = 6
 """Of an Uno: A0 … A5."""
 
 MAX_MEASURED_WITH_MOMENTUM = 5
-"""Channels with momentum in a sketch that measures r: 1,820 of the 2,048 bytes of an Uno."""
+"""Channels with momentum in a sketch that measures r: 1,838 of the 2,048 bytes of an Uno."""
 
 DEFAULT_PERIOD_US = 5000
 """Where the tuning does not know its sample period: 200 samples a second."""

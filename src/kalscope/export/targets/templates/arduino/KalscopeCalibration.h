@@ -48,7 +48,7 @@ class KalscopeCalibration {
     if (length < MIN_EACH || length > MAX_EACH) return false;
     memset((void *)this, 0, sizeof(*this));
     each = length;
-    step = readings.step;
+    step = known_step = readings.step;
     lowest = readings.lowest;
     highest = readings.highest;
     before = NAN;
@@ -126,6 +126,7 @@ class KalscopeCalibration {
     if (before == before) {
       const float jump = z - before;
       sawStep(jump);
+      if (jump != 0.0f) changes++;
       jumps = jumps + jump * jump;
       pairs++;
     }
@@ -140,7 +141,7 @@ class KalscopeCalibration {
   // Groups are added up by themselves first, so that a sum of thousands keeps its last digits.
   void endGroup() {
     if (group == 0) {  // it has only told how far the readings spread
-      spikes = missing = cut_off = pairs = 0;
+      spikes = missing = cut_off = pairs = changes = 0;
       jumps = 0.0f;
     } else if (counted < 2) {
       state = TOO_FEW;
@@ -167,7 +168,7 @@ class KalscopeCalibration {
     if (used < $min_readings) state = TOO_FEW;
     else if (cut_off > used / $most_cut_off) state = CUT_OFF;
     else if (!(r - r == 0.0f)) state = TOO_LARGE;
-    else if (r == 0.0f) state = EQUAL;
+    else if (r == 0.0f || (variance <= floor && known_step == 0.0f && changes < $min_changes)) state = EQUAL;
     else if (isMoving(n)) state = MOVING;
     else if (variance > floor && isUneven(n)) state = UNEVEN;
     else if (variance > floor && isDependent(n)) state = DEPENDENT;
@@ -212,9 +213,9 @@ class KalscopeCalibration {
   static float larger(float a, float b) { return a > b ? a : b; }
 
   float held[LEARNING];  // the first readings; then the means and the variances of the groups
-  float level, centre, spread, lowest, highest, before, jumps, sums[5], total[5];
+  float known_step, level, centre, spread, lowest, highest, before, jumps, sums[5], total[5];
   uint32_t judged;
-  uint16_t each, place, counted, pairs;
+  uint16_t each, place, counted, pairs, changes;
   uint8_t learned, group;
 };
 

@@ -45,7 +45,7 @@ void sayWhyNot(uint8_t channel) {
   if (one.state == Why::SPIKES) return sayShare(F("spikes in "), one.spikes, one.measured(), F(" samples"));
   if (one.state == Why::CUT_OFF) return sayShare(F(""), one.cut_off, one.used, F(" readings at an end of the range"));
   Serial.println(one.state == Why::TOO_FEW  ? F("too few readings")
-                 : one.state == Why::EQUAL  ? F("all readings are equal")
+                 : one.state == Why::EQUAL  ? F("nearly all readings are equal")
                  : one.state == Why::MOVING ? F("the level moves")
                  : one.state == Why::UNEVEN ? F("the noise is uneven")
                  : one.state == Why::DEPENDENT
