@@ -1,4 +1,4 @@
-"""How much the random tests try: little in the ordinary run, at least `KALSCOPE_FUZZ` times as much in `make soak`."""
+"""How much random tests try: little in the ordinary run, `KALSCOPE_FUZZ` times as much or more in `make soak`."""
 
 from __future__ import annotations
 
