@@ -176,6 +176,15 @@ def test_on_rare_spikes_the_median_wins_and_the_verdict_says_so():
     assert found.verdict.endswith("for 2 samples more lag.")
 
 
+def test_a_median_that_only_slows_a_filter_that_is_too_quick_has_no_row():
+    z = np.cumsum(0.1 * RNG.normal(size=20_000)) + RNG.normal(size=20_000)
+    found = compare_alternatives(z, FilterParams(q=ratio_for(lag_samples=1.0), r=1.0))
+    slower = kalman_filter(z, FilterParams(q=ratio_for(lag_samples=3.0), r=1.0)).x
+    assert np.mean((z[1:] - slower[:-1]) ** 2) < 0.9 * found.present.prediction**2  # a smaller q does it
+    assert found.others[-2].name == "One-euro"
+    assert "With a median" not in found.verdict
+
+
 def test_chance_is_not_called_a_difference():
     a, b = RNG.normal(size=(2, 20_000)) ** 2
     assert not difference(a, b, lag=5.0, comparisons=7).real

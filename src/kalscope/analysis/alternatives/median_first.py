@@ -1,7 +1,7 @@
 """A median of a few samples before the present filter, or before the best other one, where that lowers the error.
 
 It takes out spikes before a filter smears them, for a sample or two more lag. So it is compared as it is, not at
-equal lag, and only where the recording has something for it to take out.
+equal lag, and only where it does more than a smaller q would, which costs the same lag.
 """
 
 from __future__ import annotations
@@ -9,13 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from kalscope.analysis.alternatives.rows import Alternative, Stretch, decibels_of
-from kalscope.analysis.alternatives.verdict import difference, interval_words, percent_of
+from kalscope.analysis.alternatives.verdict import Difference, difference, interval_words, percent_of
 from kalscope.common.array import Array
 from kalscope.common.text import plural
+from kalscope.filtering.arrays import scalar
+from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.classic.bench import Bench
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.chain_filter import ChainFilter
 from kalscope.filtering.classic.stages import Median
+from kalscope.filtering.steady_state import ratio_for
 
 WINDOWS = (3, 5)
 """Windows of the median that are tried, samples."""
@@ -59,34 +62,54 @@ def _median_before(name: str, base: Alternative, stretch: Stretch, bench: Bench)
     own = errors.squared(base.curve)
     for chain in () if isinstance(then, Median) else (Chain(window, then) for window in WINDOWS):
         curve = stretch.run(chain)
-        found = difference(errors.squared(curve), own, stretch.memory, 2 * len(WINDOWS))
-        if found.better and found.ratio < (best[0].ratio if best else 1.0 - MIN_GAIN):
-            best = found, chain, curve
+        found = _better(errors.squared(curve), own, stretch)
+        if found is None or (best and best[0].ratio < found.ratio):
+            continue
+        lag = bench.lag(ChainFilter(chain, stretch.params).denoise)
+        if _better(errors.squared(curve), errors.squared(_as_slow(lag, stretch)), stretch):
+            best = found, chain, curve, lag
     if best is None:
         return None
-    found, chain, curve = best
-    row = _row(name, base, chain, curve, stretch, bench)
+    found, chain, curve, lag = best
+    later = plural(float(f"{lag - base.lag_samples:.2g}"), "sample")
+    row = replace(
+        _row(base, chain, curve, stretch, bench), name=name, lag_samples=lag, sentence=_sentence(chain, later)
+    )
     less = f"{percent_of(found.ratio)} smaller ({interval_words(found)})"
-    later = added_lag(row, base)
     said = (
         f" With a median of {chain.median} before your filter its {errors.words} is {less}, for {later} more lag."
     )
     return HelpfulMedian(row, said if base is stretch.present else "")
 
 
-def _row(name: str, base: Alternative, chain: Chain, curve: Array, stretch: Stretch, bench: Bench) -> Alternative:
+def _better(error: Array, than: Array, stretch: Stretch) -> Difference | None:
+    """The difference of squared errors where it is significantly for the better and worth a row."""
+    found = difference(error, than, stretch.memory, 2 * len(WINDOWS))
+    return found if found.better and found.ratio < 1.0 - MIN_GAIN else None
+
+
+def _as_slow(lag: float, stretch: Stretch) -> Array:
+    """The present filter with a smaller q, so that it lags as much: a median must do more than slow it down."""
+    params = stretch.params
+    ratio = ratio_for(lag_samples=lag, momentum=scalar(params.momentum))
+    return kalman_filter(stretch.errors.z, replace(params, q=ratio * scalar(params.r)), stretch.steps).x
+
+
+def _sentence(chain: Chain, later: str) -> str:
+    spikes = "one sample" if chain.median == WINDOWS[0] else f"up to {chain.median // 2} samples"
+    return f"The median takes out spikes of {spikes} before the filter sees them, for {later} more lag."
+
+
+def _row(base: Alternative, chain: Chain, curve: Array, stretch: Stretch, bench: Bench) -> Alternative:
+    """What the median changes of the row of `base`."""
     errors, window, then = stretch.errors, chain.median, chain.then
-    run = ChainFilter(chain, stretch.params).denoise
-    spikes = "one sample" if window == WINDOWS[0] else f"up to {window // 2} samples"
-    row = replace(
+    return replace(
         base,
-        name=name,
         parameters=f"window of {window}"
         + (f", {then.name[:1].lower()}{then.name[1:]}: {then.words}" if then else ""),
         chain=chain,
         curve=curve,
-        lag_samples=bench.lag(run),
-        noise_reduction_db=decibels_of(bench.noise_gain(run)),
+        noise_reduction_db=decibels_of(bench.noise_gain(ChainFilter(chain, stretch.params).denoise)),
         rmse=errors.rmse(curve),
         prediction=errors.prediction(curve),
         roughness=errors.roughness(curve),
@@ -96,12 +119,3 @@ def _row(name: str, base: Alternative, chain: Chain, curve: Array, stretch: Stre
             errors.squared(curve), errors.squared(stretch.present.curve), stretch.memory, 2 * len(WINDOWS)
         ),
     )
-    sentence = (
-        f"The median takes out spikes of {spikes} before the filter sees them, for {added_lag(row, base)} more lag."
-    )
-    return replace(row, sentence=sentence)
-
-
-def added_lag(row: Alternative, base: Alternative) -> str:
-    """How much the median adds, in words."""
-    return plural(float(f"{row.lag_samples - base.lag_samples:.2g}"), "sample")
