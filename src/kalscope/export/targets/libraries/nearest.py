@@ -82,7 +82,7 @@ def _in_esphome(chain: Chain) -> str:
         code = f"sliding_window_moving_average: {{window_size: {last.window}, send_every: 1}}"
     else:
         code = f"exponential_moving_average: {{alpha: {last.constants[0]!r}, send_every: 1}}"
-    return f"; or give the sensor ESPHome's own filter, equal while no sample is missing: {code}"
+    return f"; or give the sensor ESPHome's own filter, equal but for rounding while no sample is missing: {code}"
 
 
 def _mean_text(fusion: FusionTuning) -> str:
