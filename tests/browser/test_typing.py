@@ -46,15 +46,15 @@ def opened_here(source, browser, folder):
 
 
 @pytest.fixture(scope="module")
-def one_page(browser, tmp_path_factory):
+def typing_page(browser, tmp_path_factory):
     with opened_here("demo", browser, tmp_path_factory.mktemp("typing")) as page:
         yield page
 
 
 @pytest.fixture
-def demo_page(one_page):
+def demo_page(typing_page):
     """The session and the page of the demo, as they begin: all tests of this file share them."""
-    session, screen, state = one_page
+    session, screen, state = typing_page
     session.request(lambda _: state)
     wait_until(lambda: tuning_of(session) == state.tuning, "the state at the beginning")
     screen.tab("Tune")
@@ -101,10 +101,7 @@ def type_and_compare(session, screen, count):
         value = float(text.replace(",", "."))
         name = "q" if label == Q else "r"
         wait_until(lambda name=name, value=value: getattr(tuning_of(session), name) == value, f"{name} = {text}")
-        wait_until(
-            lambda label=label, value=value: screen.text_box(label).input_value() == typed(value),
-            f"{text} in its box",
-        )
+        screen.wait_for_value(label, typed(value))
     tuning = tuning_of(session)  # and so it stays
     assert [float(screen.text_box(label).input_value()) for label in (Q, R)] == [tuning.q, tuning.r]
 

@@ -132,7 +132,9 @@ class Screen:
 
     def wait_for_value(self, label, value):
         """Until a text box shows `value`: a chart may be drawn before the boxes follow."""
-        wait_until(lambda: self.text_box(label).input_value() == value, f"{label} {value}")
+        from playwright.sync_api import expect  # absent where these tests are skipped
+
+        expect(self.text_box(label)).to_have_value(value, timeout=1000 * PATIENCE)
 
     def slider(self, name):
         """The slider of q, r or p0, by the row that bears its label."""

@@ -11,13 +11,15 @@ from screen import Screen, settings_in
 
 from kalscope_app.program.user_settings import UserSettings
 
-PUT_BACK = """([mark, closed]) => {
-    if (!document.getElementById(mark)) return false;
-    for (const button of document.querySelectorAll('.mantine-Notification-closeButton')) button.click();
+CLOSE_SECTIONS = """(closed) => {
     for (const heading of document.querySelectorAll('[role=button]:has(.tabler-icon-chevron-up)'))
-        if (closed.includes(heading.textContent)) heading.click();
+        if (closed.includes(heading.textContent)) heading.click(); }"""
+"""Closes the sections of these names that are open; to be asked once, because a click more opens them again."""
+
+NO_NOTIFICATION = """() => {
+    for (const button of document.querySelectorAll('.mantine-Notification-closeButton')) button.click();
     return !document.querySelector('.mantine-Notification-root'); }"""
-"""Once a page has an element: closes its sections, and its notifications until there is none."""
+"""Closes notifications; whether there is none."""
 
 
 class SharedPage(Screen):
@@ -37,7 +39,9 @@ class SharedPage(Screen):
         mark = self._program.recv()
         if isinstance(mark, Exception):
             raise mark
-        self.wait(PUT_BACK, [mark, self._sections])
+        self.wait("(mark) => !!document.getElementById(mark)", mark)
+        self.page.evaluate(CLOSE_SECTIONS, self._sections)
+        self.wait(NO_NOTIFICATION)
         for tab in self.page.query_selector_all("[data-dock-tab][aria-selected=false]:first-child"):
             tab.click()
         self._program.send("seen")
