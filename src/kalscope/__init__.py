@@ -29,6 +29,15 @@ if TYPE_CHECKING:
     from kalscope.estimation.sensor.starting import starting_params
     from kalscope.export.registry import export_tuning
     from kalscope.filtering.batch import FilterResult, SmootherResult, denoise, kalman_filter, smooth
+    from kalscope.filtering.classic.chain import Chain
+    from kalscope.filtering.classic.stages import (
+        Butterworth,
+        Exponential,
+        Median,
+        MovingAverage,
+        OneEuro,
+        PowerOfTwo,
+    )
     from kalscope.filtering.fusion.batch import FusionResult, fuse
     from kalscope.filtering.fusion.params import FusionParams
     from kalscope.filtering.fusion.smoothing import smooth_fusion
@@ -49,11 +58,14 @@ __all__ = [
     "BadDevice",
     "BadFile",
     "BadSetting",
+    "Butterworth",
     "Cancelled",
+    "Chain",
     "ChannelTuning",
     "Diagnostics",
     "Estimate",
     "EstimateTable",
+    "Exponential",
     "FilterParams",
     "FilterResult",
     "FusionEstimate",
@@ -65,6 +77,10 @@ __all__ = [
     "KalmanFilter",
     "KalscopeError",
     "LineIssue",
+    "Median",
+    "MovingAverage",
+    "OneEuro",
+    "PowerOfTwo",
     "ReadOptions",
     "ReadReport",
     "Recording",
@@ -144,6 +160,15 @@ _NAMES = {
         "denoise",
         "kalman_filter",
         "smooth",
+    ),
+    "filtering.classic.chain": ("Chain",),
+    "filtering.classic.stages": (
+        "Butterworth",
+        "Exponential",
+        "Median",
+        "MovingAverage",
+        "OneEuro",
+        "PowerOfTwo",
     ),
     "filtering.fusion.batch": (
         "FusionResult",
