@@ -11,7 +11,7 @@ from waiting import PATIENCE
 from kalscope.export.board.chain import filter_channel_float32, float32_tuning
 from kalscope.export.board.check import check_board
 from kalscope.export.board.commands import FixedFilter, is_refusal, read_answer
-from kalscope.export.device_limits import update_us
+from kalscope.export.device_limits import UNO_CLASSIC, update_us
 from kalscope.export.job import ExportJob
 from kalscope.export.targets.arduino import files
 from kalscope.export.targets.stages import channel_bytes
@@ -102,9 +102,14 @@ def test_four_channels_with_different_filters_print_the_bits_of_the_host_and_say
 
 
 def test_a_sketch_without_a_kalman_filter_says_that_it_takes_no_values(start_board, workshop, tmp_path):
-    channels = (ChannelTuning("a", "", 1.0, 1.0, chain=Chain(3, MovingAverage(330))),)
-    z = counts(200, 1)
-    board = start_board(workshop.sketch(saved(tmp_path, channels), *FAST, MISSING), z, *FLAT_OUT)
+    channels = (
+        ChannelTuning("light", "", 1.0, 1.0, chain=Chain(then=MovingAverage(342))),
+    )  # the longest that fits
+    z, cost = counts(200, 1), UNO_CLASSIC[MovingAverage]
+    firmware = workshop.sketch(saved(tmp_path, channels), *FAST, MISSING)
+    assert firmware.flash == pytest.approx(cost.flash, rel=0.05)
+    assert firmware.ram == pytest.approx(cost.ram + 4 * 342, abs=20)
+    board = start_board(firmware, z, *FLAT_OUT)
     with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
         port.write(b"q 0.5\r\n")
         lines = [port.readline().decode() for _ in range(80)]

@@ -58,15 +58,16 @@ UNO_FUSION_PREDICT_US = 124
 """Time that momentum takes once a row, µs."""
 UNO_GAIN_US = 29
 """Time for each sensor where one has a gain, µs."""
-UNO_CLASSIC_US: dict[type[Stage], float] = {
-    MovingAverage: 88,
-    Exponential: 80,
-    PowerOfTwo: 80,
-    Median: 2,
-    Butterworth: 163,
-    OneEuro: 240,
+_EXPONENTIAL = Cost(update_us=80, flash=4388, ram=232)
+UNO_CLASSIC: dict[type[Stage], Cost] = {
+    MovingAverage: Cost(update_us=88, flash=4972, ram=244),
+    Exponential: _EXPONENTIAL,
+    PowerOfTwo: _EXPONENTIAL,
+    Median: Cost(update_us=2, flash=4640, ram=226),
+    Butterworth: Cost(update_us=163, flash=4690, ram=256),
+    OneEuro: Cost(update_us=240, flash=5064, ram=256),
 }
-"""Time of one update of a classic filter to 10 %, in floats (a power of two too), µs; a median takes more."""
+"""Classic filters, a power of two in floats as well: time to 10 %. Windows and the time of a median come on top."""
 UNO_MEDIAN_US, UNO_MEDIAN_SAMPLE_US = 30, 4.0
 """Time that a median takes, and about that of each sample of its window, µs."""
 UNO_READ_US = 112
@@ -163,7 +164,7 @@ def update_us(channel: ChannelTuning, beside: Iterable[ChannelTuning] = ()) -> f
     windows = [stage.window for stage in stages if isinstance(stage, Median) and stage.window > 1]
     medians = sum(UNO_MEDIAN_US + UNO_MEDIAN_SAMPLE_US * window for window in windows)
     if channel.chain is not None and channel.chain.then is not None:
-        return medians + UNO_CLASSIC_US[type(channel.chain.then)]
+        return medians + UNO_CLASSIC[type(channel.chain.then)].update_us
     momentum = any(one.momentum and runs_kalman(one) for one in (channel, *beside))
     return medians + (UNO_WITH_MOMENTUM if momentum else UNO).update_us
 
