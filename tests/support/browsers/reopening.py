@@ -33,15 +33,19 @@ def connect(address: str) -> None:
 
 
 def serve(dashboard: Dashboard, address: str) -> None:
-    """Answer each source with the id of an element that a page has once it shows it; the next word removes that."""
+    """Answer each source with the id of an element that a page has once it shows it, until the next source."""
     server, gui = dashboard._server, dashboard._server.gui
     first = first_state(SOURCE, DEFAULTS, None)[0]
     chosen = [(handle, choice_of(handle)) for handle in gui._gui_input_handle_from_uuid.values()]
     folders = gui._container_handle_from_uuid.values()
+    mark: viser.GuiHtmlHandle | None = None
     with contextlib.suppress(EOFError), Client(address) as tests:
         tests.send([one.label for one in folders if getattr(one, "expand_by_default", None) is False])
         for number in itertools.count():
             source = tests.recv()
+            if mark is not None:
+                mark.remove()
+                mark = None
             try:
                 show(dashboard, first)
                 for handle, values in chosen:  # what no frame has put back
@@ -55,8 +59,6 @@ def serve(dashboard: Dashboard, address: str) -> None:
             mark = gui.add_html(f'<i id="reopened-{number}"></i>')
             server.flush()
             tests.send(f"reopened-{number}")
-            tests.recv()
-            mark.remove()
 
 
 def choice_of(handle: Any) -> dict[str, object]:

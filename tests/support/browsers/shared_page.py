@@ -44,7 +44,6 @@ class SharedPage(Screen):
         self.wait(NO_NOTIFICATION)
         for tab in self.page.query_selector_all("[data-dock-tab][aria-selected=false]:first-child"):
             tab.click()
-        self._program.send("seen")
 
 
 @contextlib.contextmanager
