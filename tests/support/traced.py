@@ -29,6 +29,8 @@ def trace(config: pytest.Config) -> None:
     if controller is None:
         return
     controller.cov.stop()
+    while (started_with_the_process := Coverage.current()) is not None:  # by coverage's own start, as in any child
+        started_with_the_process.stop()
     if config.getoption("numprocesses", None) is None or hasattr(config, "workerinput"):
         traced = Traced(controller.cov)
         AFTER_A_CASE.append(traced.after_a_case)
